@@ -1,0 +1,1 @@
+"""Path Diffuser Editor: traffic scenarios on real and perturbed roads."""

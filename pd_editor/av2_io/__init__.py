@@ -1,0 +1,1 @@
+"""The only door to Argoverse 2 files."""

@@ -1,0 +1,50 @@
+"""Every error raised on purpose, as one tree.
+
+PdEditorError
+├── InputError              a file or folder that the user gave cannot be used
+│   ├── ScenarioFileError   tracks (parquet)
+│   ├── MapFileError        map (JSON)
+│   └── ArchiveError        zip upload
+├── EditError               an edit that makes no sense on this scenario
+├── RecipeError             a recipe or journal that cannot be replayed
+├── GenerationError         a generator refused, or answered nonsense
+└── ExportError             a result that cannot be written
+
+Each message is one sentence for the user: what was wrong, where, what was expected.
+"""
+
+
+class PdEditorError(Exception):
+    """Root of all errors that a user, a file or a browser can cause."""
+
+
+class InputError(PdEditorError):
+    """A file or folder that the user gave cannot be used."""
+
+
+class ScenarioFileError(InputError):
+    """A track file is missing, damaged, or not an Argoverse 2 scenario."""
+
+
+class MapFileError(InputError):
+    """A map file is missing, damaged, or not an Argoverse 2 map."""
+
+
+class ArchiveError(InputError):
+    """An uploaded archive is too large, unsafe, or lacks what is needed."""
+
+
+class EditError(PdEditorError):
+    """An edit that makes no sense on the scenario it was applied to."""
+
+
+class RecipeError(PdEditorError):
+    """A recipe or journal that cannot be read or replayed."""
+
+
+class GenerationError(PdEditorError):
+    """A generator refused a request, or its answer cannot be used."""
+
+
+class ExportError(PdEditorError):
+    """A result that cannot be written where it was asked for."""

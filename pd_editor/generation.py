@@ -1,0 +1,113 @@
+"""The port through which traffic is generated; plain values, NumPy only.
+
+A generator is an iterator of progress that returns its result, so a caller shows
+progress, and cancels, simply by iterating or not.
+"""
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.errors import GenerationError
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidanceTerm:
+    """One wish about the result: what, how strongly, for whom."""
+
+    name: str
+    weight: float = 1.0
+    agent_ids: tuple[str, ...] = ()
+    """Empty means all generated agents."""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerationRequest:
+    """What to generate, on which scenario."""
+
+    scenario: Scenario
+    agent_ids: tuple[str, ...]
+    """Agents whose futures are redrawn; the rest is kept."""
+    num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
+    """How many agents of each kind to add with states of the model's choosing."""
+    num_samples: int = 1
+    num_denoising_steps: int | None = None
+    """None: the generator's own default."""
+    guidance: tuple[GuidanceTerm, ...] = ()
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrafficSample:
+    """Generated states of G agents at the current step and all F later ones."""
+
+    ids: tuple[str, ...]
+    kinds: tuple[AgentKind, ...]
+    size_m: Float[np.ndarray, "G 2"]
+    position_m: Float[np.ndarray, "G F+1 2"]
+    heading_rad: Float[np.ndarray, "G F+1"]
+    velocity_mps: Float[np.ndarray, "G F+1 2"]
+
+    def __post_init__(self) -> None:
+        for name in ("position_m", "heading_rad", "velocity_mps"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise GenerationError(f"The generated {name} holds NaN or infinity.")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GeneratedTraffic:
+    """A generator's answer."""
+
+    samples: tuple[TrafficSample, ...]
+    generator: str
+    """Name of the generator or model."""
+    model_sha256: str = ""
+    """Hash of the weights; empty for rule-based generators."""
+    seed: int = 0
+    elapsed_s: float = 0.0
+    notes: tuple[str, ...] = ()
+    """What the user should know, such as agents that found no lane."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerationProgress:
+    """A step done."""
+
+    fraction: float
+    message: str
+
+
+class ScenarioGenerator(Protocol):
+    """Anything that can draw traffic for a scenario."""
+
+    @property
+    def name(self) -> str:
+        """Name shown to users and written into provenance."""
+        ...
+
+    def generate(
+        self, request: GenerationRequest
+    ) -> Generator[GenerationProgress, None, GeneratedTraffic]:
+        """Yield progress, return the traffic.
+
+        Raises:
+            GenerationError: the request cannot be met.
+        """
+        ...
+
+
+def run_to_end(
+    steps: Generator[GenerationProgress, None, GeneratedTraffic],
+) -> GeneratedTraffic:
+    """The result of a generation whose progress nobody watches."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stop:
+            return stop.value

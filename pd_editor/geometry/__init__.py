@@ -1,0 +1,1 @@
+"""Plane geometry on plain arrays; knows nothing of traffic."""

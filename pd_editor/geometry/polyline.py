@@ -1,0 +1,81 @@
+"""Polylines as arrays of points, shape [N 2], in metres."""
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.geometry.angles import heading_of
+
+
+def arc_length(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N"]:
+    """Distance along the line from its first point to each of its points."""
+    step = np.linalg.norm(np.diff(points_m, axis=0), axis=-1)
+    return np.concatenate([[0.0], np.cumsum(step)])
+
+
+def without_repeats(
+    points_m: Float[np.ndarray, "N 2"], tolerance_m: float = 1e-6
+) -> Float[np.ndarray, "M 2"]:
+    """The line without points that repeat the one before; at least one point stays."""
+    step = np.linalg.norm(np.diff(points_m, axis=0), axis=-1)
+    return points_m[np.concatenate([[True], step > tolerance_m])]
+
+
+def point_at(
+    points_m: Float[np.ndarray, "N 2"], distance_m: Float[np.ndarray, "*shape"]
+) -> Float[np.ndarray, "*shape 2"]:
+    """Points at distances along the line; clamped to its two ends."""
+    along = arc_length(points_m)
+    return np.stack(
+        [np.interp(distance_m, along, points_m[:, axis]) for axis in (0, 1)], axis=-1
+    )
+
+
+def resample(
+    points_m: Float[np.ndarray, "N 2"], num_points: int
+) -> Float[np.ndarray, "num_points 2"]:
+    """The line with ``num_points`` points equally spaced along it."""
+    length = arc_length(points_m)[-1]
+    return point_at(points_m, np.linspace(0.0, length, num_points))
+
+
+def densify(
+    points: Float[np.ndarray, "N D"], max_spacing_m: float
+) -> Float[np.ndarray, "M D"]:
+    """The line with points added so that no two are further apart than asked.
+
+    All given points are kept exactly. Distances are measured in the first two
+    coordinates; further ones (elevation) are interpolated.
+    """
+    step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=-1)
+    pieces = np.maximum(np.ceil(step / max_spacing_m).astype(int), 1)
+    segment = np.repeat(np.arange(len(pieces)), pieces)
+    first = np.repeat(np.cumsum(pieces) - pieces, pieces)
+    fraction = ((np.arange(len(segment)) - first) / pieces[segment])[:, None]
+    start, end = points[:-1][segment], points[1:][segment]
+    return np.concatenate([start + fraction * (end - start), points[-1:]])
+
+
+def segment_headings(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N"]:
+    """Heading of the segment that starts at each point; the last one is repeated."""
+    if len(points_m) < 2:
+        return np.zeros(len(points_m))
+    heading = heading_of(np.diff(points_m, axis=0))
+    return np.concatenate([heading, heading[-1:]])
+
+
+def offset_line(
+    points_m: Float[np.ndarray, "N 2"], distance_m: float
+) -> Float[np.ndarray, "N 2"]:
+    """The line shifted to its left by a distance, with mitred corners.
+
+    The mitre is cut at twice the distance, so sharp corners do not shoot out.
+    """
+    direction = np.diff(points_m, axis=0)
+    norm = np.linalg.norm(direction, axis=-1, keepdims=True)
+    direction = direction / np.maximum(norm, 1e-12)
+    normal = np.stack([-direction[:, 1], direction[:, 0]], axis=-1)
+    before = np.concatenate([normal[:1], normal])
+    after = np.concatenate([normal, normal[-1:]])
+    middle = before + after
+    scale = np.sum(middle * middle, axis=-1, keepdims=True) / 2
+    return points_m + distance_m * middle / np.maximum(scale, 0.5)

@@ -1,0 +1,1 @@
+"""The rule-based baseline generator: follow a lane, keep a gap."""

@@ -1,0 +1,1 @@
+"""Making a road harder on purpose."""

@@ -1,0 +1,131 @@
+"""All agents of a scenario over time, as one struct of arrays."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pd_editor.errors import EditError
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AgentTracks:
+    """A agents over T steps; where ``is_valid`` is false the other rows are zero.
+
+    Arrays are float64 and read-only. Positions are box centres in the scene frame.
+    """
+
+    ids: tuple[str, ...]
+    """Track ids, unique."""
+    kinds: tuple[AgentKind, ...]
+    """Kind of each agent."""
+    categories: tuple[AgentCategory, ...]
+    """Benchmark category of each agent."""
+    size_m: Float[np.ndarray, "A 2"]
+    """Length and width."""
+    has_known_size: Bool[np.ndarray, "A"]
+    """False where the size is the default of the kind."""
+    position_m: Float[np.ndarray, "A T 2"]
+    heading_rad: Float[np.ndarray, "A T"]
+    velocity_mps: Float[np.ndarray, "A T 2"]
+    is_valid: Bool[np.ndarray, "A T"]
+    """Whether the agent exists at a step."""
+    observed: Bool[np.ndarray, "A T"]
+    """Argoverse 2's ``observed``: whether the step belongs to the given past."""
+
+    def __post_init__(self) -> None:
+        num_agents = len(self.ids)
+        assert len(self.kinds) == len(self.categories) == num_agents
+        assert len(set(self.ids)) == num_agents, "agent ids must be unique"
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                assert len(value) == num_agents, field.name
+                value.flags.writeable = False
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def num_steps(self) -> int:
+        """Number of time steps T."""
+        return self.is_valid.shape[1]
+
+    @cached_property
+    def row_of(self) -> dict[str, int]:
+        """Row of each agent id."""
+        return {agent_id: row for row, agent_id in enumerate(self.ids)}
+
+    def rows(self, agent_ids: Iterable[str]) -> np.ndarray:
+        """Rows of agents, in the order asked for.
+
+        Raises:
+            EditError: an id is not in the scenario.
+        """
+        try:
+            return np.array([self.row_of[agent_id] for agent_id in agent_ids], int)
+        except KeyError as error:
+            raise EditError(f"There is no agent {error.args[0]!r} here.") from error
+
+    def speed_mps(self) -> Float[np.ndarray, "A T"]:
+        """Length of the velocity."""
+        return np.hypot(self.velocity_mps[..., 0], self.velocity_mps[..., 1])
+
+    def kind_mask(self, kinds: Iterable[AgentKind]) -> Bool[np.ndarray, "A"]:
+        """Whether each agent is of one of the kinds."""
+        wanted = set(kinds)
+        return np.array([kind in wanted for kind in self.kinds], bool)
+
+    def taken(self, rows: Sequence[int] | np.ndarray) -> "AgentTracks":
+        """Only the agents at ``rows``, in that order."""
+        index = np.asarray(rows, int)
+        values: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            values[field.name] = (
+                value[index]
+                if isinstance(value, np.ndarray)
+                else tuple(value[row] for row in index)
+            )
+        return AgentTracks(**values)
+
+    def joined(self, other: "AgentTracks") -> "AgentTracks":
+        """These agents, then the other ones."""
+        values: dict[str, Any] = {}
+        for field in fields(self):
+            mine, theirs = getattr(self, field.name), getattr(other, field.name)
+            values[field.name] = (
+                np.concatenate([mine, theirs])
+                if isinstance(mine, np.ndarray)
+                else mine + theirs
+            )
+        return AgentTracks(**values)
+
+    def with_rows(self, rows: np.ndarray, **arrays: np.ndarray) -> "AgentTracks":
+        """A copy in which some arrays have new values at ``rows``."""
+        changed: dict[str, Any] = {}
+        for name, values in arrays.items():
+            array = getattr(self, name).copy()
+            array[rows] = values
+            changed[name] = array
+        return replace(self, **changed)
+
+
+def empty_tracks(num_steps: int) -> AgentTracks:
+    """Tracks of no agent."""
+    return AgentTracks(
+        ids=(),
+        kinds=(),
+        categories=(),
+        size_m=np.zeros((0, 2)),
+        has_known_size=np.zeros(0, bool),
+        position_m=np.zeros((0, num_steps, 2)),
+        heading_rad=np.zeros((0, num_steps)),
+        velocity_mps=np.zeros((0, num_steps, 2)),
+        is_valid=np.zeros((0, num_steps), bool),
+        observed=np.zeros((0, num_steps), bool),
+    )

@@ -1,0 +1,189 @@
+"""The static road: lanes, crosswalks, drivable areas."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.geometry.polyline import densify
+
+DENSE_SPACING_M = 2.0
+"""Spacing at which a polyline follows the sharpest allowed bend within 0.1 m."""
+
+
+class LaneKind(StrEnum):
+    """Who may use a lane; Argoverse 2's ``lane_type``."""
+
+    VEHICLE = "VEHICLE"
+    BIKE = "BIKE"
+    BUS = "BUS"
+
+
+class LaneMark(StrEnum):
+    """Paint on a lane boundary; Argoverse 2's ``LaneMarkType``."""
+
+    DASH_SOLID_YELLOW = "DASH_SOLID_YELLOW"
+    DASH_SOLID_WHITE = "DASH_SOLID_WHITE"
+    DASHED_WHITE = "DASHED_WHITE"
+    DASHED_YELLOW = "DASHED_YELLOW"
+    DOUBLE_SOLID_YELLOW = "DOUBLE_SOLID_YELLOW"
+    DOUBLE_SOLID_WHITE = "DOUBLE_SOLID_WHITE"
+    DOUBLE_DASH_YELLOW = "DOUBLE_DASH_YELLOW"
+    DOUBLE_DASH_WHITE = "DOUBLE_DASH_WHITE"
+    SOLID_YELLOW = "SOLID_YELLOW"
+    SOLID_WHITE = "SOLID_WHITE"
+    SOLID_DASH_WHITE = "SOLID_DASH_WHITE"
+    SOLID_DASH_YELLOW = "SOLID_DASH_YELLOW"
+    SOLID_BLUE = "SOLID_BLUE"
+    NONE = "NONE"
+    UNKNOWN = "UNKNOWN"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lane:
+    """A lane segment.
+
+    Points are [x, y, z]: scene frame in the plane, z the elevation as the source
+    has it. Boundaries run in driving direction. Ids of successors, predecessors and
+    neighbours may name lanes that are not in the map.
+    """
+
+    lane_id: int
+    kind: LaneKind
+    is_intersection: bool
+    centerline: Float[np.ndarray, "N 3"]
+    left: Float[np.ndarray, "L 3"]
+    right: Float[np.ndarray, "R 3"]
+    left_mark: LaneMark
+    right_mark: LaneMark
+    successors: tuple[int, ...]
+    predecessors: tuple[int, ...]
+    left_neighbor: int | None
+    right_neighbor: int | None
+    source_fields: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of the source file that mean nothing here; written back unchanged."""
+
+    def __post_init__(self) -> None:
+        for points in (self.centerline, self.left, self.right):
+            points.flags.writeable = False
+
+    @property
+    def centerline_m(self) -> Float[np.ndarray, "N 2"]:
+        """Centre line in the plane."""
+        return self.centerline[:, :2]
+
+    @property
+    def left_m(self) -> Float[np.ndarray, "L 2"]:
+        """Left boundary in the plane."""
+        return self.left[:, :2]
+
+    @property
+    def right_m(self) -> Float[np.ndarray, "R 2"]:
+        """Right boundary in the plane."""
+        return self.right[:, :2]
+
+    def outline_m(self) -> Float[np.ndarray, "M 2"]:
+        """The lane's area as an open ring: left boundary, then right one backwards."""
+        return np.concatenate([self.left_m, self.right_m[::-1]])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Crosswalk:
+    """A pedestrian crossing between two edges, points [x, y, z]."""
+
+    crosswalk_id: int
+    edge1: Float[np.ndarray, "N 3"]
+    edge2: Float[np.ndarray, "M 3"]
+    source_fields: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.edge1.flags.writeable = False
+        self.edge2.flags.writeable = False
+
+    def outline_m(self) -> Float[np.ndarray, "K 2"]:
+        """The crossing's area as an open ring, with the edges joined straight."""
+        one, two = self.edge1[:, :2], self.edge2[:, :2]
+        crossed = np.linalg.norm(one[-1] - two[-1]) > np.linalg.norm(one[-1] - two[0])
+        return np.concatenate([one, two if crossed else two[::-1]])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivableArea:
+    """A ring of points [x, y, z] around paved ground."""
+
+    area_id: int
+    boundary: Float[np.ndarray, "N 3"]
+    source_fields: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.boundary.flags.writeable = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RoadMap:
+    """All lanes, crosswalks and drivable areas of a scenario."""
+
+    lanes: tuple[Lane, ...]
+    crosswalks: tuple[Crosswalk, ...] = ()
+    drivable_areas: tuple[DrivableArea, ...] = ()
+    source_fields: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def lane_of(self) -> dict[int, Lane]:
+        """Lane of each lane id."""
+        return {lane.lane_id: lane for lane in self.lanes}
+
+    @cached_property
+    def polylines(self) -> tuple[Float[np.ndarray, "_ 3"], ...]:
+        """Every polyline of the map, in the order ``with_polylines`` takes them."""
+        lines: list[np.ndarray] = []
+        for lane in self.lanes:
+            lines += (lane.centerline, lane.left, lane.right)
+        for crosswalk in self.crosswalks:
+            lines += (crosswalk.edge1, crosswalk.edge2)
+        lines += [area.boundary for area in self.drivable_areas]
+        return tuple(lines)
+
+    def with_polylines(self, lines: tuple[Float[np.ndarray, "_ 3"], ...]) -> "RoadMap":
+        """The same map with other geometry; inverse of ``polylines``."""
+        take = iter(lines)
+        return RoadMap(
+            lanes=tuple(
+                replace(lane, centerline=next(take), left=next(take), right=next(take))
+                for lane in self.lanes
+            ),
+            crosswalks=tuple(
+                replace(crosswalk, edge1=next(take), edge2=next(take))
+                for crosswalk in self.crosswalks
+            ),
+            drivable_areas=tuple(
+                replace(area, boundary=next(take)) for area in self.drivable_areas
+            ),
+            source_fields=self.source_fields,
+        )
+
+    @cached_property
+    def dense(self) -> "RoadMap":
+        """The same map with points at most ``DENSE_SPACING_M`` apart.
+
+        Bending a road bends its points only, so its lines need enough of them.
+        """
+        return self.with_polylines(
+            tuple(densify(line, DENSE_SPACING_M) for line in self.polylines)
+        )
+
+    def moved(
+        self, motion: Callable[[Float[np.ndarray, "P 2"]], Float[np.ndarray, "P 2"]]
+    ) -> "RoadMap":
+        """The map after a motion of the plane; elevations stay."""
+        points = np.concatenate(self.polylines)
+        points = np.column_stack([motion(points[:, :2]), points[:, 2]])
+        ends = np.cumsum([len(line) for line in self.polylines])
+        starts = np.concatenate([[0], ends[:-1]])
+        return self.with_polylines(
+            tuple(points[a:b] for a, b in zip(starts, ends, strict=True))
+        )

@@ -1,0 +1,84 @@
+"""A traffic scenario: road map, agents, time axis, provenance."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.road_warp import RoadWarp
+from pd_editor.scene.time_axis import TimeAxis
+
+EGO_ID: Final = "AV"
+"""Track id of the recording vehicle in Argoverse 2."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Where a scenario came from and what in it was made up."""
+
+    source: str = ""
+    """How to open it again: ``demo:NAME``, or a folder's path."""
+    content_sha256: str = ""
+    """Hash of the source's bytes."""
+    notes: tuple[str, ...] = ()
+    """One sentence per invention, for example a past that was back-cast."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AppliedWarp:
+    """A warp in force, with what it was applied to, so that it can be taken back."""
+
+    warp: RoadWarp
+    friction_coefficient: float | None
+    """mu of the speed limit that agents were slowed to; None if they were not."""
+    original_road_map: RoadMap
+    original_agents: AgentTracks
+    """Agents before the warp."""
+    warped_agents: AgentTracks
+    """The same agents right after it; whoever still equals them was not edited."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scenario:
+    """The value that the editor edits, the model fills and the exports write."""
+
+    scenario_id: str
+    city: str
+    origin_city_m: Float[np.ndarray, "2"]
+    """Origin of the scene frame in the city frame."""
+    road_map: RoadMap
+    agents: AgentTracks
+    time_axis: TimeAxis
+    focal_id: str
+    """Track id of the agent that a benchmark predicts."""
+    applied_warp: AppliedWarp | None = None
+    provenance: Provenance = Provenance()
+    source_fields: Mapping[str, Any] = field(default_factory=dict)
+    """Scenario-wide fields of the source that mean nothing here; written back."""
+
+    def __post_init__(self) -> None:
+        assert self.agents.num_steps == self.time_axis.num_steps
+        self.origin_city_m.flags.writeable = False
+
+    @property
+    def original_road_map(self) -> RoadMap:
+        """The road as it was before any warp."""
+        if self.applied_warp is None:
+            return self.road_map
+        return self.applied_warp.original_road_map
+
+    @property
+    def current_step(self) -> int:
+        """Step of the state that edits act on."""
+        return self.time_axis.current_step
+
+    def with_agents(self, agents: AgentTracks, note: str | None = None) -> "Scenario":
+        """The scenario with other agents, and a word about what was made up."""
+        provenance = self.provenance
+        if note is not None:
+            provenance = replace(provenance, notes=(*provenance.notes, note))
+        return replace(self, agents=agents, provenance=provenance)

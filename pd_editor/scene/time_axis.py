@@ -1,0 +1,40 @@
+"""The time steps of a scenario."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeAxis:
+    """Equally spaced time steps with one of them marked as the current state."""
+
+    num_steps: int = 110
+    """Number of steps T."""
+    current_step: int = 50
+    """Step of the state that edits act on; later steps are the future."""
+    step_s: float = 0.1
+    """Time between two steps."""
+    start_timestamp_ns: float = 0.0
+    """Time of the first step, as the source file has it."""
+    end_timestamp_ns: float = 10.9e9
+    """Time of the last step, as the source file has it."""
+
+    def __post_init__(self) -> None:
+        assert 0 <= self.current_step < self.num_steps
+        assert self.step_s > 0
+
+    @property
+    def num_future_steps(self) -> int:
+        """Steps after the current one."""
+        return self.num_steps - self.current_step - 1
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last step."""
+        return (self.num_steps - 1) * self.step_s
+
+    def times_s(self) -> Float[np.ndarray, "T"]:
+        """Time of each step, zero at the current one."""
+        return (np.arange(self.num_steps) - self.current_step) * self.step_s

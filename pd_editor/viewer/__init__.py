@@ -1,0 +1,1 @@
+"""The browser view; viser is used only here."""

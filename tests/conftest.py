@@ -1,0 +1,29 @@
+"""Checks array shapes at run time in every test, and finds the real data."""
+
+import os
+from pathlib import Path
+
+import pytest
+from jaxtyping import install_import_hook
+
+_hook = install_import_hook("pd_editor", "tests.shape_checker.check")
+_hook.__enter__()
+
+
+@pytest.fixture(scope="session")
+def av2_root() -> Path:
+    """Root of real Argoverse 2 scenarios; skips aloud where there is none."""
+    root = os.environ.get("PD_EDITOR_AV2")
+    if not root or not Path(root).is_dir():
+        pytest.skip("PD_EDITOR_AV2 names no folder of Argoverse 2 scenarios")
+    return Path(root)
+
+
+@pytest.fixture(scope="session")
+def av2_scenario_folders(av2_root: Path) -> list[Path]:
+    """Every real scenario folder (train, val and test50), sorted."""
+    return sorted(
+        path.parent
+        for split in ("train", "val", "test50")
+        for path in (av2_root / split).glob("*/scenario_*.parquet")
+    )
