@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from jaxtyping import install_import_hook
 
+import tests.shape_checker  # noqa: F401  (named by the hook below)
+
 _hook = install_import_hook("pd_editor", "tests.shape_checker.check")
 _hook.__enter__()
 
