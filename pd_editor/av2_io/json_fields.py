@@ -1,0 +1,151 @@
+"""Typed access to the fields of a parsed JSON map; every complaint names its place."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.errors import MapFileError
+
+MAX_COORDINATE_M: Final = 1e6
+"""Largest coordinate that is believed."""
+
+_Choice = TypeVar("_Choice", bound=StrEnum)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JsonObject:
+    """A JSON object and where it stands, for example ``x.json: lane 5``."""
+
+    place: str
+    fields: Mapping[str, Any]
+
+    def error(self, what: str) -> MapFileError:
+        """An error about this object."""
+        return MapFileError(f"{self.place}: {what}")
+
+    def get(self, name: str) -> Any:
+        """A field that must be there.
+
+        Raises:
+            MapFileError: it is not.
+        """
+        if name not in self.fields:
+            raise self.error(f"field {name!r} is missing.")
+        return self.fields[name]
+
+    def section(self, name: str) -> list["JsonObject"]:
+        """The objects in a section of the map; none if it is missing."""
+        entries = self.fields.get(name, {})
+        if not isinstance(entries, dict):
+            raise self.error(f"section {name!r} is not a JSON object.")
+        found = []
+        for key, entry in entries.items():
+            place = f"{self.place}: {name}, {key[:40]}"
+            if not isinstance(entry, dict):
+                raise MapFileError(f"{place}: expected a JSON object.")
+            found.append(JsonObject(place=place, fields=entry))
+        return found
+
+    def integer(self, name: str) -> int:
+        """A whole number."""
+        value = self.get(name)
+        if not _is_id(value):
+            raise self.error(f"field {name!r} is {_short(value)}, not a whole number.")
+        return value
+
+    def optional_integer(self, name: str) -> int | None:
+        """A whole number, or None where the field is null or missing."""
+        return None if self.fields.get(name) is None else self.integer(name)
+
+    def integers(self, name: str) -> tuple[int, ...]:
+        """A list of whole numbers."""
+        values = self.get(name)
+        if not isinstance(values, list) or not all(_is_id(value) for value in values):
+            raise self.error(f"field {name!r} is not a list of whole numbers.")
+        return tuple(values)
+
+    def flag(self, name: str) -> bool:
+        """True or false."""
+        value = self.get(name)
+        if not isinstance(value, bool):
+            raise self.error(f"field {name!r} is {_short(value)}, not true or false.")
+        return value
+
+    def choice(self, name: str, choices: type[_Choice]) -> _Choice:
+        """One of an enumeration's values."""
+        value = self.get(name)
+        try:
+            return choices(value)
+        except ValueError as error:
+            expected = ", ".join(choices)
+            raise self.error(
+                f"field {name!r} is {_short(value)}; expected one of {expected}."
+            ) from error
+
+    def points(
+        self, name: str, min_points: int, origin_m: Float[np.ndarray, "2"]
+    ) -> Float[np.ndarray, "N 3"]:
+        """A list of points {x, y, z}, relative to an origin in the plane."""
+        listed = self.get(name)
+        try:
+            flat = [
+                value
+                for point in listed
+                for value in (point["x"], point["y"], point["z"])
+            ]
+            values = np.array(flat)
+        except (TypeError, KeyError, ValueError, OverflowError) as error:
+            raise self.error(
+                f"field {name!r} is not a list of points with x, y and z."
+            ) from error
+        if len(values) < 3 * min_points:
+            raise self.error(
+                f"field {name!r} has {len(values) // 3} point(s); "
+                f"expected at least {min_points}."
+            )
+        if values.dtype.kind not in "if":
+            raise self.error(f"field {name!r} holds coordinates that are not numbers.")
+        points = values.astype(float).reshape(-1, 3)
+        # The comparison is also false for NaN.
+        if not (np.abs(points) <= MAX_COORDINATE_M).all():
+            raise self.error(
+                f"field {name!r} holds a coordinate that is not finite, or beyond "
+                f"{MAX_COORDINATE_M:g} m."
+            )
+        points[:, :2] -= origin_m
+        return points
+
+    def others(self, known: frozenset[str]) -> dict[str, Any]:
+        """The fields with other names than the known ones."""
+        return {name: self.fields[name] for name in self.fields if name not in known}
+
+
+def parse_json_object(data: bytes, file_name: str) -> JsonObject:
+    """The object that a JSON file holds.
+
+    Raises:
+        MapFileError: it is no JSON object.
+    """
+    try:
+        fields = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise MapFileError(
+            f"{file_name}: this is not readable JSON; it may be cut off or damaged."
+        ) from error
+    if not isinstance(fields, dict):
+        raise MapFileError(f"{file_name}: expected an Argoverse 2 map, a JSON object.")
+    return JsonObject(place=file_name, fields=fields)
+
+
+def _is_id(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,124 @@
+"""An Argoverse 2 scenario folder, read."""
+
+import hashlib
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pd_editor.av2_io.file_names import (
+    MAP_PREFIX,
+    TRACKS_PREFIX,
+    is_map_name,
+    is_scenario_id,
+    is_tracks_name,
+    map_name,
+)
+from pd_editor.av2_io.map_file import read_map
+from pd_editor.av2_io.tracks_file import read_tracks
+from pd_editor.errors import InputError, MapFileError, ScenarioFileError
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.scenario import Provenance, Scenario
+
+MAX_GAP_M: Final = 500.0
+"""Largest distance between a map and its tracks."""
+MAX_FILE_BYTES: Final = 256 * 2**20
+
+
+def read_scenario(folder: Path) -> Scenario:
+    """The scenario in a folder with one track file and one map.
+
+    Raises:
+        InputError: a file is missing, damaged, or does not belong to the other one.
+    """
+    folder = Path(folder)
+    try:
+        if not folder.is_dir():
+            raise InputError(f"{folder}: there is no such folder.")
+        names = sorted(entry.name for entry in folder.iterdir() if entry.is_file())
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be listed ({error.strerror}).") from error
+    tracks = [name for name in names if is_tracks_name(name)]
+    maps = [name for name in names if is_map_name(name)]
+    if len(tracks) != 1:
+        found = "no" if not tracks else str(len(tracks))
+        raise ScenarioFileError(
+            f"{folder}: found {found} track files; "
+            f"expected one named {TRACKS_PREFIX}<id>.parquet."
+        )
+    scenario_id = tracks[0].removeprefix(TRACKS_PREFIX).removesuffix(".parquet")
+    expected = map_name(scenario_id)
+    if not maps:
+        raise MapFileError(f"{folder}: the map {expected} is missing.")
+    if expected not in maps:
+        raise MapFileError(
+            f"{folder}: the map {maps[0]} belongs to another scenario; "
+            f"expected {expected}."
+        )
+    return read_scenario_bytes(
+        _content(folder / tracks[0]),
+        _content(folder / expected),
+        name=scenario_id,
+        source=str(folder.resolve()),
+    )
+
+
+def read_scenario_bytes(
+    parquet: bytes, map_json: bytes, *, name: str, source: str = ""
+) -> Scenario:
+    """The scenario in the bytes of a track file and a map.
+
+    ``name`` is how errors call the scenario; ``source`` is how to open it again.
+
+    Raises:
+        InputError: a file is damaged or does not belong to the other one.
+    """
+    tracks_name = f"{TRACKS_PREFIX}{name}.parquet"
+    tracks = read_tracks(parquet, tracks_name)
+    if not is_scenario_id(tracks.scenario_id):
+        raise ScenarioFileError(
+            f"{tracks_name}: scenario_id is {tracks.scenario_id[:60]!r}; "
+            f"expected up to 128 letters, digits, dots, dashes and underscores."
+        )
+    origin = tracks.origin_city_m
+    road_map = read_map(map_json, f"{MAP_PREFIX}{name}.json", origin)
+    _check_nearness(road_map, tracks.agents, name)
+    digest = hashlib.sha256(parquet)
+    digest.update(map_json)
+    return Scenario(
+        scenario_id=tracks.scenario_id,
+        city=tracks.city,
+        origin_city_m=origin,
+        road_map=road_map,
+        agents=tracks.agents,
+        time_axis=tracks.time_axis,
+        focal_id=tracks.focal_id,
+        provenance=Provenance(
+            source=source, content_sha256=digest.hexdigest(), notes=tracks.notes
+        ),
+        source_fields=tracks.source_fields,
+    )
+
+
+def _content(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise InputError(f"{path}: is larger than {MAX_FILE_BYTES >> 20} MiB.")
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+
+
+def _check_nearness(road_map: RoadMap, agents: AgentTracks, name: str) -> None:
+    """Refuse a map that lies nowhere near the tracks."""
+    road = np.concatenate(road_map.polylines)[:, :2]
+    tracks = agents.position_m[agents.is_valid]
+    gap = np.maximum(
+        road.min(axis=0) - tracks.max(axis=0), tracks.min(axis=0) - road.max(axis=0)
+    ).max()
+    if gap > MAX_GAP_M:
+        raise MapFileError(
+            f"{MAP_PREFIX}{name}.json: the map lies {gap / 1000:.1f} km from the "
+            "tracks; expected the map of this scenario."
+        )

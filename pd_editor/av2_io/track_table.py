@@ -1,0 +1,209 @@
+"""A track file's parquet table: typed columns, each checked row by row."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.errors import ScenarioFileError
+
+MAX_ROWS: Final = 1_000_000
+MAX_UNPACKED_BYTES: Final = 256 * 2**20
+MAX_MAGNITUDE: Final = 1e6
+"""Largest coordinate (m) or speed (m/s) that is believed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrackTable:
+    """The rows of a track file; every method raises ScenarioFileError."""
+
+    file_name: str
+    table: pa.Table
+
+    def __len__(self) -> int:
+        return self.table.num_rows
+
+    def error(self, what: str) -> ScenarioFileError:
+        """An error about this file."""
+        return ScenarioFileError(f"{self.file_name}: {what}")
+
+    def row_error(
+        self, column: str, is_bad: Bool[np.ndarray, "R"], expected: str
+    ) -> ScenarioFileError:
+        """An error about the first bad row of a column."""
+        row = int(np.argmax(is_bad))
+        found = _python_value(self.table[column], row)
+        track = _python_value(self.table["track_id"], row)
+        return self.error(
+            f"column {column!r}, row {row} (track {track!r}): expected {expected}, "
+            f"found {_short(found)}."
+        )
+
+    def column(self, name: str, expected: str) -> pa.ChunkedArray:
+        """A column that must be there and complete."""
+        if self.table.schema.get_field_index(name) < 0:
+            raise self.error(
+                f"column {name!r} is missing; expected an Argoverse 2 motion "
+                "forecasting file with one row per track and step."
+            )
+        column = self.table[name]
+        if column.null_count:
+            is_null = np.asarray(column.is_null())
+            raise self.row_error(name, is_null, expected)
+        return column
+
+    def numbers(self, name: str, expected: str = "a number") -> Float[np.ndarray, "R"]:
+        """A column of finite numbers."""
+        column = self.column(name, expected)
+        if not _is_numeric(column.type):
+            raise self.type_error(name, "numbers")
+        values = np.asarray(column.to_numpy(), float)
+        is_bad = ~np.isfinite(values)
+        if is_bad.any():
+            raise self.row_error(name, is_bad, f"{expected} that is finite")
+        return values
+
+    def bounded_numbers(self, name: str) -> Float[np.ndarray, "R"]:
+        """A column of coordinates or speeds of believable magnitude."""
+        values = self.numbers(name)
+        is_bad = np.abs(values) > MAX_MAGNITUDE
+        if is_bad.any():
+            expected = f"a value between -{MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}"
+            raise self.row_error(name, is_bad, expected)
+        return values
+
+    def integers(self, name: str) -> Int[np.ndarray, "R"]:
+        """A column of whole numbers; some official files store them as floats."""
+        values = self.numbers(name, "a whole number")
+        is_bad = (values != np.rint(values)) | (np.abs(values) > 2**53)
+        if is_bad.any():
+            raise self.row_error(name, is_bad, "a whole number")
+        return values.astype(np.int64)
+
+    def flags(self, name: str) -> Bool[np.ndarray, "R"]:
+        """A column of booleans; some official files store them as 0.0 and 1.0."""
+        column = self.column(name, "true or false")
+        if pa.types.is_boolean(column.type):
+            return np.asarray(column).astype(bool)
+        values = self.numbers(name, "true or false")
+        is_bad = (values != 0) & (values != 1)
+        if is_bad.any():
+            raise self.row_error(name, is_bad, "true or false")
+        return values == 1
+
+    def texts(self, name: str) -> tuple[Int[np.ndarray, "R"], tuple[str, ...]]:
+        """Codes per row and the texts that they stand for, by first appearance."""
+        column = self.column(name, "a text")
+        if not _is_text(column.type):
+            raise self.type_error(name, "texts")
+        encoded = column.combine_chunks()
+        if isinstance(encoded, pa.ChunkedArray):
+            encoded = encoded.unify_dictionaries().combine_chunks()
+        if not isinstance(encoded, pa.DictionaryArray):
+            encoded = encoded.dictionary_encode()
+        codes = encoded.indices.to_numpy()
+        try:
+            names = encoded.dictionary.to_pylist()
+        except UnicodeDecodeError as error:
+            raise self.error(
+                f"column {name!r} holds text that is not UTF-8."
+            ) from error
+        used, first_row, codes = np.unique(
+            codes, return_index=True, return_inverse=True
+        )
+        order = np.argsort(first_row)
+        texts = tuple(names[used[index]] for index in order)
+        if len(set(texts)) != len(texts):
+            raise self.error(f"column {name!r} has a damaged dictionary.")
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        return rank[codes], texts
+
+    def one_text(self, name: str) -> str:
+        """The text that all rows share."""
+        _, (first, *others) = self.texts(name)
+        if others:
+            raise self.error(
+                f"column {name!r} holds both {_short(first)} and "
+                f"{_short(others[0])}; expected one scenario per file."
+            )
+        return first
+
+    def one_number(self, name: str) -> float:
+        """The number that all rows share."""
+        values = self.numbers(name)
+        is_bad = values != values[0]
+        if is_bad.any():
+            raise self.row_error(name, is_bad, f"{values[0]:g} as in the rows before")
+        return float(values[0])
+
+    def type_error(self, name: str, expected: str) -> ScenarioFileError:
+        """An error about a column's type."""
+        found = self.table.schema.field(name).type
+        return self.error(f"column {name!r} is of type {found}; expected {expected}.")
+
+
+def open_track_table(data: bytes, file_name: str) -> TrackTable:
+    """The table in a parquet file's bytes.
+
+    Texts stay dictionary-encoded, so that a small file cannot unpack to gigabytes.
+
+    Raises:
+        ScenarioFileError: damaged, empty, or beyond the limits.
+    """
+    where = f"{file_name}:"
+    try:
+        file = pq.ParquetFile(pa.BufferReader(data))
+        metadata, schema = file.metadata, file.schema_arrow
+        if metadata.num_rows > MAX_ROWS:
+            raise ScenarioFileError(
+                f"{where} {metadata.num_rows} rows; at most {MAX_ROWS} are read."
+            )
+        unpacked = sum(
+            metadata.row_group(index).total_byte_size
+            for index in range(metadata.num_row_groups)
+        )
+        if unpacked > MAX_UNPACKED_BYTES:
+            raise ScenarioFileError(
+                f"{where} unpacks to {unpacked} bytes; "
+                f"at most {MAX_UNPACKED_BYTES} are read."
+            )
+        if len(set(schema.names)) != len(schema.names):
+            raise ScenarioFileError(f"{where} two columns have the same name.")
+        texts = [field.name for field in schema if _is_text(field.type)]
+        file = pq.ParquetFile(pa.BufferReader(data), read_dictionary=texts)
+        table = file.read(use_threads=False)
+    except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
+        raise ScenarioFileError(
+            f"{where} this is not a readable parquet file; it may be cut off or damaged."
+        ) from error
+    if table.num_rows == 0:
+        raise ScenarioFileError(f"{where} it has no rows; expected at least one track.")
+    result = TrackTable(file_name=file_name, table=table)
+    result.column("track_id", "a text")
+    return result
+
+
+def _is_text(data_type: pa.DataType) -> bool:
+    if pa.types.is_dictionary(data_type):
+        data_type = data_type.value_type
+    return pa.types.is_string(data_type) or pa.types.is_large_string(data_type)
+
+
+def _is_numeric(data_type: pa.DataType) -> bool:
+    return pa.types.is_floating(data_type) or pa.types.is_integer(data_type)
+
+
+def _python_value(column: pa.ChunkedArray, row: int) -> object:
+    try:
+        return column[row].as_py()
+    except UnicodeDecodeError:
+        return "text that is not UTF-8"
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,352 @@
+"""Argoverse 2 motion forecasting tracks (parquet), read and written.
+
+One row per track and valid step. Besides the official columns there are ours, which
+``av2`` ignores: ``length_m``, ``width_m``, ``has_known_size`` (always written), and
+``current_step`` (written where it does not follow from the rows).
+"""
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.av2_io.track_table import TrackTable, open_track_table
+from pd_editor.geometry.angles import wrap_angle
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
+
+FIRST_FUTURE_STEP: Final = 50
+"""Argoverse 2: steps 0..49 are observed; the state at 50 is where a forecast starts."""
+MAX_STEPS: Final = 10_000
+MAX_CELLS: Final = 5_000_000
+"""Largest number of agents times steps that is read."""
+NOMINAL_STEP_S: Final = 0.1
+
+_SCENARIO_COLUMNS: Final = (
+    "scenario_id",
+    "start_timestamp",
+    "end_timestamp",
+    "num_timestamps",
+    "focal_track_id",
+    "city",
+)
+_OWN_COLUMNS: Final = ("length_m", "width_m", "has_known_size", "current_step")
+_ROW_COLUMNS: Final = (
+    "observed",
+    "track_id",
+    "object_type",
+    "object_category",
+    "timestep",
+    "position_x",
+    "position_y",
+    "heading",
+    "velocity_x",
+    "velocity_y",
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TracksFile:
+    """What a track file says."""
+
+    scenario_id: str
+    city: str
+    focal_id: str
+    origin_city_m: Float[np.ndarray, "2"]
+    agents: AgentTracks
+    """In the scene frame."""
+    time_axis: TimeAxis
+    source_fields: Mapping[str, Any]
+    """Unknown columns that hold the same value in every row."""
+    notes: tuple[str, ...]
+
+
+def read_tracks(data: bytes, file_name: str) -> TracksFile:
+    """The tracks in a parquet file's bytes.
+
+    Agents come in the order of their first rows. The scene's origin is the focal
+    agent's position at the current step in whole metres, so that the change of frame
+    loses nothing.
+
+    Raises:
+        ScenarioFileError: the file is damaged or not an Argoverse 2 scenario.
+    """
+    table = open_track_table(data, file_name)
+    track, ids = table.texts("track_id")
+    time_axis, step = _time_axis(table)
+    _check_cells(table, track, step, len(ids), time_axis.num_steps)
+    focal_id = table.one_text("focal_track_id")
+    position = np.stack(
+        [table.bounded_numbers("position_x"), table.bounded_numbers("position_y")],
+        axis=-1,
+    )
+    is_focal = track == (ids.index(focal_id) if focal_id in ids else -1)
+    origin = _origin(position, step, is_focal, time_axis.current_step)
+    agents = _agents(table, track, ids, step, position - origin, time_axis.num_steps)
+    source_fields, notes = _other_columns(table)
+    return TracksFile(
+        scenario_id=table.one_text("scenario_id"),
+        city=table.one_text("city"),
+        focal_id=focal_id,
+        origin_city_m=origin,
+        agents=agents,
+        time_axis=time_axis,
+        source_fields=source_fields,
+        notes=notes,
+    )
+
+
+def _time_axis(table: TrackTable) -> tuple[TimeAxis, Int[np.ndarray, "R"]]:
+    """The time axis, and the step of each row."""
+    num_steps = table.one_number("num_timestamps")
+    if not (1 <= num_steps <= MAX_STEPS and num_steps == int(num_steps)):
+        raise table.error(
+            f"column 'num_timestamps' says {num_steps:g}; "
+            f"expected a whole number from 1 to {MAX_STEPS}."
+        )
+    step = table.integers("timestep")
+    is_bad = (step < 0) | (step >= num_steps)
+    if is_bad.any():
+        expected = f"a step from 0 to {num_steps - 1:g}"
+        raise table.row_error("timestep", is_bad, expected)
+    start = table.one_number("start_timestamp")
+    end = table.one_number("end_timestamp")
+    step_s = NOMINAL_STEP_S
+    if num_steps > 1:
+        step_s = (end - start) / (num_steps - 1) * 1e-9
+        if not 1e-3 <= step_s <= 10:
+            raise table.error(
+                f"its timestamps are {step_s:g} s apart; expected 0.1 s between steps."
+            )
+        if abs(step_s - NOMINAL_STEP_S) < 0.02 * NOMINAL_STEP_S:
+            step_s = NOMINAL_STEP_S
+    axis = TimeAxis(
+        num_steps=int(num_steps),
+        current_step=_current_step(table, step, int(num_steps)),
+        step_s=step_s,
+        start_timestamp_ns=start,
+        end_timestamp_ns=end,
+    )
+    return axis, step
+
+
+def _current_step(table: TrackTable, step: Int[np.ndarray, "R"], num_steps: int) -> int:
+    if "current_step" not in table.table.column_names:
+        return _default_current_step(step, table.flags("observed"))
+    current = table.one_number("current_step")
+    if not (0 <= current < num_steps and current == int(current)):
+        raise table.error(
+            f"column 'current_step' says {current:g}; "
+            f"expected a step from 0 to {num_steps - 1}."
+        )
+    return int(current)
+
+
+def _default_current_step(
+    step: Int[np.ndarray, "R"], observed: Bool[np.ndarray, "R"]
+) -> int:
+    """The current step where a file does not name one."""
+    if step.max() >= FIRST_FUTURE_STEP:
+        return FIRST_FUTURE_STEP
+    return int(step[observed].max() if observed.any() else step.max())
+
+
+def _check_cells(
+    table: TrackTable,
+    track: Int[np.ndarray, "R"],
+    step: Int[np.ndarray, "R"],
+    num_agents: int,
+    num_steps: int,
+) -> None:
+    """Refuse two rows of a track at one step, and tables too large to unfold."""
+    if num_agents * num_steps > MAX_CELLS:
+        raise table.error(
+            f"{num_agents} tracks over {num_steps} steps are too many to open."
+        )
+    cell = track * num_steps + step
+    order = np.argsort(cell, kind="stable")
+    is_repeat = np.zeros(len(cell), bool)
+    is_repeat[order[1:]] = np.diff(cell[order]) == 0
+    if is_repeat.any():
+        expected = "each step of a track once"
+        raise table.row_error("timestep", is_repeat, expected)
+
+
+def _origin(
+    position: Float[np.ndarray, "R 2"],
+    step: Int[np.ndarray, "R"],
+    is_focal: Bool[np.ndarray, "R"],
+    current_step: int,
+) -> Float[np.ndarray, "2"]:
+    """The focal agent's position nearest to the current step, in whole metres."""
+    if not is_focal.any():
+        return np.rint(np.median(position, axis=0))
+    rows = np.flatnonzero(is_focal)
+    return np.rint(position[rows[np.argmin(np.abs(step[rows] - current_step))]])
+
+
+def _agents(
+    table: TrackTable,
+    track: Int[np.ndarray, "R"],
+    ids: tuple[str, ...],
+    step: Int[np.ndarray, "R"],
+    position_m: Float[np.ndarray, "R 2"],
+    num_steps: int,
+) -> AgentTracks:
+    kinds, categories = _kinds(table, track), _categories(table, track)
+    heading = table.numbers("heading")
+    outside = (heading <= -np.pi) | (heading > np.pi)
+    heading = np.where(outside, wrap_angle(heading), heading)
+    velocity = np.stack(
+        [table.bounded_numbers("velocity_x"), table.bounded_numbers("velocity_y")],
+        axis=-1,
+    )
+    size, has_known_size = _sizes(table, track, kinds)
+
+    def unfolded(values: np.ndarray) -> np.ndarray:
+        shape = (len(ids), num_steps, *values.shape[1:])
+        full = np.zeros(shape, values.dtype)
+        full[track, step] = values
+        return full
+
+    return AgentTracks(
+        ids=ids,
+        kinds=kinds,
+        categories=categories,
+        size_m=size,
+        has_known_size=has_known_size,
+        position_m=unfolded(position_m),
+        heading_rad=unfolded(heading),
+        velocity_mps=unfolded(velocity),
+        is_valid=unfolded(np.ones(len(table), bool)),
+        observed=unfolded(table.flags("observed")),
+    )
+
+
+def _per_track(
+    table: TrackTable,
+    column: str,
+    track: Int[np.ndarray, "R"],
+    values: Float[np.ndarray, "R"] | Int[np.ndarray, "R"] | Bool[np.ndarray, "R"],
+) -> np.ndarray:
+    """The value of each track, which all rows of the track must share."""
+    _, first_row = np.unique(track, return_index=True)
+    per_track = values[first_row]
+    is_bad = values != per_track[track]
+    if is_bad.any():
+        expected = "the same value in all rows of the track"
+        raise table.row_error(column, is_bad, expected)
+    return per_track
+
+
+def _kinds(table: TrackTable, track: Int[np.ndarray, "R"]) -> tuple[AgentKind, ...]:
+    codes, names = table.texts("object_type")
+    known = {kind.value: kind for kind in AgentKind}
+    is_bad = ~np.array([name in known for name in names])[codes]
+    if is_bad.any():
+        expected = f"one of {', '.join(known)}"
+        raise table.row_error("object_type", is_bad, expected)
+    per_track = _per_track(table, "object_type", track, codes)
+    return tuple(known[names[code]] for code in per_track)
+
+
+def _categories(
+    table: TrackTable, track: Int[np.ndarray, "R"]
+) -> tuple[AgentCategory, ...]:
+    values = table.integers("object_category")
+    is_bad = ~np.isin(values, list(AgentCategory))
+    if is_bad.any():
+        raise table.row_error("object_category", is_bad, "one of 0, 1, 2, 3")
+    per_track = _per_track(table, "object_category", track, values)
+    return tuple(AgentCategory(int(value)) for value in per_track)
+
+
+def _sizes(
+    table: TrackTable, track: Int[np.ndarray, "R"], kinds: tuple[AgentKind, ...]
+) -> tuple[Float[np.ndarray, "A 2"], Bool[np.ndarray, "A"]]:
+    columns = table.table.column_names
+    if "length_m" not in columns and "width_m" not in columns:
+        return default_sizes_m(kinds), np.zeros(len(kinds), bool)
+    sizes = []
+    for name in ("length_m", "width_m"):
+        values = table.numbers(name)
+        is_bad = (values <= 0) | (values > 100)
+        if is_bad.any():
+            raise table.row_error(name, is_bad, "a size above 0 and up to 100 m")
+        sizes.append(_per_track(table, name, track, values))
+    has_known_size = np.ones(len(kinds), bool)
+    if "has_known_size" in columns:
+        flags = table.flags("has_known_size")
+        has_known_size = _per_track(table, "has_known_size", track, flags)
+    return np.stack(sizes, axis=-1), has_known_size
+
+
+def _other_columns(table: TrackTable) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Unknown scenario-wide columns, and a note on each column that is not kept."""
+    known = {*_ROW_COLUMNS, *_SCENARIO_COLUMNS, *_OWN_COLUMNS}
+    fields: dict[str, Any] = {}
+    notes = []
+    for name in table.table.column_names:
+        if name in known or name.startswith("__index_level_"):
+            continue
+        column = table.table[name].combine_chunks()
+        is_plain = not pa.types.is_nested(column.type)
+        if is_plain and len(column.unique()) == 1:
+            fields[name] = column[0].as_py()
+        else:
+            notes.append(f"Column {name!r} of the track file is not kept.")
+    return fields, tuple(notes)
+
+
+def tracks_bytes(scenario: Scenario) -> bytes:
+    """The scenario's tracks as a parquet file's bytes."""
+    agents, axis = scenario.agents, scenario.time_axis
+    row, step = np.nonzero(agents.is_valid)
+    position = agents.position_m[row, step] + scenario.origin_city_m
+    velocity = agents.velocity_mps[row, step]
+    observed = agents.observed[row, step]
+    kinds = pa.array([kind.value for kind in agents.kinds], pa.string())
+    columns: dict[str, pa.Array] = {
+        "observed": pa.array(observed),
+        "track_id": pa.array(agents.ids, pa.string()).take(pa.array(row)),
+        "object_type": kinds.take(pa.array(row)),
+        "object_category": pa.array(np.array(agents.categories, np.int64)[row]),
+        "timestep": pa.array(step.astype(np.int64)),
+        "position_x": pa.array(position[:, 0]),
+        "position_y": pa.array(position[:, 1]),
+        "heading": pa.array(agents.heading_rad[row, step]),
+        "velocity_x": pa.array(velocity[:, 0]),
+        "velocity_y": pa.array(velocity[:, 1]),
+    }
+    same: dict[str, pa.Scalar] = {
+        "scenario_id": pa.scalar(scenario.scenario_id),
+        "start_timestamp": pa.scalar(float(axis.start_timestamp_ns)),
+        "end_timestamp": pa.scalar(float(axis.end_timestamp_ns)),
+        "num_timestamps": pa.scalar(axis.num_steps, pa.int64()),
+        "focal_track_id": pa.scalar(scenario.focal_id),
+        "city": pa.scalar(scenario.city),
+    }
+    if _default_current_step(step, observed) != axis.current_step:
+        same["current_step"] = pa.scalar(axis.current_step, pa.int64())
+    for name, value in scenario.source_fields.items():
+        same.setdefault(name, _source_scalar(value))
+    columns |= {name: pa.repeat(value, len(row)) for name, value in same.items()}
+    columns["length_m"] = pa.array(agents.size_m[row, 0])
+    columns["width_m"] = pa.array(agents.size_m[row, 1])
+    columns["has_known_size"] = pa.array(agents.has_known_size[row])
+    sink = io.BytesIO()
+    pq.write_table(pa.table(columns), sink)
+    return sink.getvalue()
+
+
+def _source_scalar(value: Any) -> pa.Scalar:
+    if isinstance(value, int) and value >= 2**63:
+        return pa.scalar(value, pa.uint64())
+    return pa.scalar(value)

@@ -1,0 +1,29 @@
+"""A scenario as the two files of an Argoverse 2 scenario folder."""
+
+from pd_editor.av2_io.file_names import is_scenario_id, map_name, tracks_name
+from pd_editor.av2_io.map_file import map_bytes
+from pd_editor.av2_io.tracks_file import tracks_bytes
+from pd_editor.errors import ExportError
+from pd_editor.scene.scenario import Scenario
+
+
+def scenario_files(scenario: Scenario) -> dict[str, bytes]:
+    """File names and contents: tracks (parquet), then map (JSON).
+
+    Raises:
+        ExportError: no agent exists at any step, or the id cannot be a file's name.
+    """
+    if not scenario.agents.is_valid.any():
+        raise ExportError(
+            "A scenario without agents cannot be written as Argoverse 2 files; "
+            "place at least one."
+        )
+    scenario_id = scenario.scenario_id
+    if not is_scenario_id(scenario_id):
+        raise ExportError(
+            f"The scenario id {scenario_id[:60]!r} cannot be part of a file's name."
+        )
+    return {
+        tracks_name(scenario_id): tracks_bytes(scenario),
+        map_name(scenario_id): map_bytes(scenario.road_map, scenario.origin_city_m),
+    }
