@@ -172,9 +172,12 @@ class RoadMap:
 
         Bending a road bends its points only, so its lines need enough of them.
         """
-        return self.with_polylines(
-            tuple(densify(line, DENSE_SPACING_M) for line in self.polylines)
-        )
+        num_open = len(self.polylines) - len(self.drivable_areas)
+        lines = [densify(line, DENSE_SPACING_M) for line in self.polylines[:num_open]]
+        for ring in self.polylines[num_open:]:
+            closed = np.concatenate([ring, ring[:1]])
+            lines.append(densify(closed, DENSE_SPACING_M)[:-1])
+        return self.with_polylines(tuple(lines))
 
     def moved(
         self, motion: Callable[[Float[np.ndarray, "P 2"]], Float[np.ndarray, "P 2"]]

@@ -161,6 +161,10 @@ class RoadWarp:
         """Curvature f'' / (1 + f'^2)^1.5 of a road that ran straight ahead, 1/m."""
         return self.derivative(x_m, 2) / (1 + self.derivative(x_m, 1) ** 2) ** 1.5
 
+    def border_m(self) -> float:
+        """Distance ahead of the anchor up to which nothing moves."""
+        return min((t.border_m for t in self.terms if t.power != 0), default=np.inf)
+
     def extent_m(self) -> float:
         """Distance ahead of the anchor after which no new bend begins."""
         ends = [
