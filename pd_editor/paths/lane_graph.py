@@ -1,0 +1,165 @@
+"""Lanes as arrays: their segments, links and gaps; cached per road map."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.geometry.angles import heading_of
+from pd_editor.geometry.polyline import without_repeats
+from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
+
+MAX_GAP_M: Final = 3.0
+"""Widest gap between the end of a lane and the start of its successor."""
+_REPEAT_M: Final = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LaneGraph:
+    """The L lanes of a map that have a direction; rows count only these.
+
+    A lane of one point, or with numbers that are not finite, has none.
+    """
+
+    lane_ids: tuple[int, ...]
+    kinds: tuple[LaneKind, ...]
+    centerlines_m: tuple[Float[np.ndarray, "_ 2"], ...]
+    """Centre lines without repeated points."""
+    successors: tuple[tuple[int, ...], ...]
+    """Rows of the lanes that follow within ``MAX_GAP_M``, straightest first."""
+    neighbors: tuple[tuple[int, ...], ...]
+    """Rows of the lanes beside each lane, left one first; direction not checked."""
+
+    @cached_property
+    def row_of(self) -> dict[int, int]:
+        """Row of each lane id."""
+        return {lane_id: row for row, lane_id in enumerate(self.lane_ids)}
+
+    @cached_property
+    def segments(self) -> "LaneSegments":
+        """Every segment of every centre line."""
+        counts = np.array([len(line) for line in self.centerlines_m], int)
+        if not len(counts):
+            none = np.zeros((0, 2))
+            return LaneSegments(
+                start_m=none, end_m=none, lane=counts, along_m=np.zeros(0)
+            )
+        points = np.concatenate(self.centerlines_m)
+        lane = np.repeat(np.arange(len(counts)), counts)
+        keep = lane[:-1] == lane[1:]
+        start, end = points[:-1][keep], points[1:][keep]
+        before = np.cumsum(np.hypot(*(end - start).T)) - np.hypot(*(end - start).T)
+        lane = lane[:-1][keep]
+        first = np.concatenate([[0], np.cumsum(counts - 1)[:-1]])
+        return LaneSegments(
+            start_m=start, end_m=end, lane=lane, along_m=before - before[first][lane]
+        )
+
+    def allowed(self, kinds: tuple[LaneKind, ...]) -> Bool[np.ndarray, "L"]:
+        """Whether each lane is of one of the kinds."""
+        return np.array([kind in kinds for kind in self.kinds], bool)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LaneSegments:
+    """S straight pieces of centre lines, lane after lane."""
+
+    start_m: Float[np.ndarray, "S 2"]
+    end_m: Float[np.ndarray, "S 2"]
+    lane: Int[np.ndarray, "S"]
+    """Row of the lane in the graph."""
+    along_m: Float[np.ndarray, "S"]
+    """Arc length of the lane where the segment starts."""
+
+    @cached_property
+    def length_m(self) -> Float[np.ndarray, "S"]:
+        """Length of each segment."""
+        return np.hypot(*(self.end_m - self.start_m).T)
+
+    @cached_property
+    def direction(self) -> Float[np.ndarray, "S 2"]:
+        """Unit vector along each segment."""
+        return (self.end_m - self.start_m) / self.length_m[:, None]
+
+    @cached_property
+    def heading_rad(self) -> Float[np.ndarray, "S"]:
+        """Direction of each segment."""
+        return heading_of(self.direction)
+
+    @cached_property
+    def first_of_lane(self) -> Int[np.ndarray, "L"]:
+        """Index of each lane's first segment."""
+        return np.flatnonzero(np.diff(self.lane, prepend=-1))
+
+
+_graphs: WeakKeyDictionary[RoadMap, LaneGraph] = WeakKeyDictionary()
+
+
+def lane_graph(road_map: RoadMap) -> LaneGraph:
+    """The graph of a map, built once per map value."""
+    graph = _graphs.get(road_map)
+    if graph is None:
+        graph = _graphs[road_map] = _build(road_map)
+    return graph
+
+
+def _build(road_map: RoadMap) -> LaneGraph:
+    lanes: list[Lane] = []
+    lines: list[np.ndarray] = []
+    for lane in road_map.lanes:
+        line = lane.centerline_m
+        if len(line) < 2 or not np.isfinite(line).all():
+            continue
+        line = without_repeats(line, _REPEAT_M)
+        if len(line) >= 2:
+            lanes.append(lane)
+            lines.append(line)
+    row_of = {lane.lane_id: row for row, lane in enumerate(lanes)}
+    return LaneGraph(
+        lane_ids=tuple(lane.lane_id for lane in lanes),
+        kinds=tuple(lane.kind for lane in lanes),
+        centerlines_m=tuple(lines),
+        successors=_near_successors(lanes, lines, row_of),
+        neighbors=tuple(
+            tuple(
+                row_of[side]
+                for side in (lane.left_neighbor, lane.right_neighbor)
+                if side is not None and side in row_of and side != lane.lane_id
+            )
+            for lane in lanes
+        ),
+    )
+
+
+def _near_successors(
+    lanes: list[Lane], lines: list[np.ndarray], row_of: dict[int, int]
+) -> tuple[tuple[int, ...], ...]:
+    links = {
+        (row, row_of[other])
+        for row, lane in enumerate(lanes)
+        for other in lane.successors
+        if other in row_of
+    } | {
+        (row_of[other], row)
+        for row, lane in enumerate(lanes)
+        for other in lane.predecessors
+        if other in row_of
+    }
+    found: list[list[tuple[float, int, int]]] = [[] for _ in lanes]
+    if links:
+        pairs = np.array(sorted(links))
+        firsts = np.array([[line[0], line[1]] for line in lines])
+        lasts = np.array([[line[-2], line[-1]] for line in lines])
+        here, there = lasts[pairs[:, 0]], firsts[pairs[:, 1]]
+        gap = np.linalg.norm(there[:, 0] - here[:, 1], axis=-1)
+        turn = heading_of(there[:, 1] - there[:, 0]) - heading_of(here[:, 1] - here[:, 0])
+        bend = np.abs((turn + np.pi) % (2 * np.pi) - np.pi).round(6)
+        for (row, other), is_near, angle in zip(
+            pairs.tolist(), (gap <= MAX_GAP_M).tolist(), bend.tolist(), strict=True
+        ):
+            if is_near:
+                found[row].append((angle, lanes[other].lane_id, other))
+    return tuple(tuple(other for *_, other in sorted(item)) for item in found)

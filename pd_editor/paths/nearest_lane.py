@@ -1,0 +1,108 @@
+"""Which lane points lie on, and where on it."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.geometry.angles import unit_vector
+from pd_editor.paths.lane_graph import LaneGraph, LaneSegments, lane_graph
+from pd_editor.scene.road_map import LaneKind, RoadMap
+
+DRIVING_LANES: Final = (LaneKind.VEHICLE, LaneKind.BUS)
+WRONG_WAY_M: Final = 5.0
+"""How much further away a lane may be to win over one that runs the other way."""
+_CHUNK: Final = 100_000
+"""Pairs of point and segment looked at in one go; their arrays fit in the cache."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LaneMatch:
+    """The lane nearest to each of N points; other fields are 0 where not valid."""
+
+    lane_id: Int[np.ndarray, "N"]
+    distance_m: Float[np.ndarray, "N"]
+    """Distance to the centre line."""
+    offset_m: Float[np.ndarray, "N"]
+    """The same with the sign of the side: positive to the left of the lane."""
+    along_m: Float[np.ndarray, "N"]
+    """Arc length from the lane's start to the foot of the point."""
+    heading_rad: Float[np.ndarray, "N"]
+    """Direction of the lane there."""
+    is_valid: Bool[np.ndarray, "N"]
+    """False where the map has no lane of the kinds."""
+
+
+def nearest_lanes(
+    road_map: RoadMap,
+    points_m: Float[np.ndarray, "N 2"],
+    *,
+    heading_rad: Float[np.ndarray, "N"] | None = None,
+    kinds: tuple[LaneKind, ...] = DRIVING_LANES,
+) -> LaneMatch:
+    """The nearest centre line for each point.
+
+    Given headings, a lane within 90 degrees of the heading is preferred to one that
+    runs the other way unless it is ``WRONG_WAY_M`` further away.
+    """
+    graph = lane_graph(road_map)
+    segments, usable = graph.segments, graph.allowed(kinds)[graph.segments.lane]
+    count = len(points_m)
+    if not usable.any():
+        return LaneMatch(
+            lane_id=np.zeros(count, int),
+            distance_m=np.zeros(count),
+            offset_m=np.zeros(count),
+            along_m=np.zeros(count),
+            heading_rad=np.zeros(count),
+            is_valid=np.zeros(count, bool),
+        )
+    chunk = max(1, _CHUNK // len(usable))
+    best = np.zeros(count, int)
+    for start in range(0, count, chunk):
+        part = slice(start, start + chunk)
+        cost = segment_distances(segments, points_m[part])
+        if heading_rad is not None:
+            cosine = unit_vector(heading_rad[part]) @ segments.direction.T
+            cost = cost + np.where(cosine > 0, 0.0, WRONG_WAY_M)
+        best[part] = np.where(usable, cost, np.inf).argmin(1)
+    return _match(graph, points_m, best)
+
+
+def segment_distances(
+    segments: LaneSegments, points_m: Float[np.ndarray, "N 2"]
+) -> Float[np.ndarray, "N S"]:
+    """Distance of every point to every segment."""
+    dx = points_m[:, :1] - segments.start_m[:, 0]
+    dy = points_m[:, 1:] - segments.start_m[:, 1]
+    ux, uy = segments.direction.T
+    along = dx * ux
+    along += dy * uy
+    np.clip(along, 0.0, segments.length_m, out=along)
+    dx -= along * ux
+    dy -= along * uy
+    dx *= dx
+    dy *= dy
+    dx += dy
+    return np.sqrt(dx, out=dx)
+
+
+def _match(
+    graph: LaneGraph, points_m: Float[np.ndarray, "N 2"], segment: np.ndarray
+) -> LaneMatch:
+    segments = graph.segments
+    direction, length = segments.direction[segment], segments.length_m[segment]
+    rel = points_m - segments.start_m[segment]
+    ahead = np.clip((rel * direction).sum(-1), 0.0, length)
+    gap = rel - ahead[:, None] * direction
+    distance = np.hypot(gap[:, 0], gap[:, 1])
+    side = direction[:, 0] * rel[:, 1] - direction[:, 1] * rel[:, 0]
+    return LaneMatch(
+        lane_id=np.array(graph.lane_ids, int)[segments.lane[segment]],
+        distance_m=distance,
+        offset_m=np.copysign(distance, side),
+        along_m=segments.along_m[segment] + ahead,
+        heading_rad=segments.heading_rad[segment],
+        is_valid=np.ones(len(points_m), bool),
+    )
