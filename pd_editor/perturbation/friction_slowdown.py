@@ -1,20 +1,20 @@
 """Slowing agents to the friction limit of the curves that they drive."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from pd_editor.geometry.angles import left_of, unit_vector
+from pd_editor.geometry.angles import left_of, unit_vector, wrap_angle
 from pd_editor.paths.retiming import (
     fill_gaps,
     fill_heading_gaps,
     interpolate_rows,
-    retime,
     travelled_m,
 )
 from pd_editor.perturbation.friction_limit import friction_limited_speed
+from pd_editor.perturbation.warped_agents import warped_agents
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_warp import RoadWarp
@@ -30,9 +30,11 @@ CHORD_M: Final = 4.0
 Tracks jitter by centimetres; shorter chords would turn that into bends.
 """
 _NODES_PER_STEP: Final = 4
-_TOLERANCE: Final = 1.01
+_TOLERANCE: Final = 1.02
 """Ratio of speed to limit up to which an agent is left alone."""
 _SLOWEST_MPS: Final = 0.1
+_STRAIGHT_PER_M: Final = 1e-4
+"""Second derivative of a warp below which it does not bend the road."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,13 +42,29 @@ class _Nodes:
     """Places along each track, several per time step; G agents, K nodes."""
 
     time_s: Float[np.ndarray, "K"]
+    """Logged time, zero at the current step."""
     original_m: Float[np.ndarray, "G K 2"]
     heading_rad: Float[np.ndarray, "G K"]
+    """Heading before the warp, without jumps of a whole turn."""
+    logged_speed_mps: Float[np.ndarray, "G K"]
+    """Speed before the warp."""
     along_m: Float[np.ndarray, "G K"]
     """Distance along the warped track."""
     speed_mps: Float[np.ndarray, "G K"]
-    """Rate of that distance."""
+    """Rate of that distance; the warp stretches, so it may be above the logged one."""
     exists: Bool[np.ndarray, "G K"]
+
+    def taken(self, rows: Bool[np.ndarray, "G"]) -> "_Nodes":
+        """Only some of the agents."""
+        return _Nodes(
+            time_s=self.time_s,
+            original_m=self.original_m[rows],
+            heading_rad=self.heading_rad[rows],
+            logged_speed_mps=self.logged_speed_mps[rows],
+            along_m=self.along_m[rows],
+            speed_mps=self.speed_mps[rows],
+            exists=self.exists[rows],
+        )
 
 
 def slowed_to_friction_limit(
@@ -61,39 +79,32 @@ def slowed_to_friction_limit(
     An agent brakes ahead of a bend and picks up its logged speed after it. Its pose
     at the current step stays; if it could not brake in time from there, its current
     speed is lowered too and its past is re-timed backwards from the current pose,
-    just as far back as the braking needs. Standing times are kept.
+    just as far back as the braking needs. Standing times are kept. Only places where
+    the warp itself bends the road count, so a logged turn elsewhere is left alone.
     """
-    follows = original.kind_mask(LANE_FOLLOWER_KINDS) & original.is_valid.any(axis=1)
-    ahead = original.is_valid & (
-        warp.distance_ahead(original.position_m) > warp.border_m()
-    )
-    rows = np.flatnonzero(follows & ahead.any(axis=1))
+    follows = original.kind_mask(LANE_FOLLOWER_KINDS)
+    ahead = warp.distance_ahead(original.position_m) > warp.border_m()
+    rows = np.flatnonzero(follows & (ahead & original.is_valid).any(axis=1))
     if len(rows) == 0:
         return warped
-    nodes = _nodes(original, warped, rows, time_axis)
-    curvature = path_curvature(nodes.original_m, nodes.heading_rad, warp)
-    bends = nodes.exists & (warp.distance_ahead(nodes.original_m) > warp.border_m())
-    limit = friction_limited_speed(np.where(bends, curvature, 0), friction_coefficient)
-    too_fast = (bends & (nodes.speed_mps > _TOLERANCE * limit)).any(axis=1)
+    nodes = _nodes(original, rows, warp, time_axis)
+    limit = _limit(nodes, warp, friction_coefficient)
+    too_fast = np.any(nodes.speed_mps > _TOLERANCE * limit, axis=1)
     if not too_fast.any():
         return warped
-    rows = rows[too_fast]
-    distance = _slowed_distance(
-        nodes.time_s,
-        nodes.along_m[too_fast],
-        nodes.speed_mps[too_fast],
+    rows, nodes = rows[too_fast], nodes.taken(too_fast)
+    is_valid = original.is_valid[rows]
+    logged_time = _slowed_time(
+        nodes,
         limit[too_fast],
-        _anchor_step(original.is_valid[rows], time_axis.current_step),
+        _anchor_step(is_valid, time_axis.current_step),
     )
-    position, heading, velocity = retime(
-        warped.position_m[rows],
-        warped.heading_rad[rows],
-        warped.is_valid[rows],
-        distance,
-        time_axis.step_s,
-    )
+    slowed = _at_times(original.taken(rows), nodes, logged_time, warp, time_axis.step_s)
     return warped.with_rows(
-        rows, position_m=position, heading_rad=heading, velocity_mps=velocity
+        rows,
+        position_m=slowed.position_m,
+        heading_rad=slowed.heading_rad,
+        velocity_mps=slowed.velocity_mps,
     )
 
 
@@ -129,7 +140,7 @@ def path_curvature(
 
 
 def _nodes(
-    original: AgentTracks, warped: AgentTracks, rows: np.ndarray, time_axis: TimeAxis
+    original: AgentTracks, rows: np.ndarray, warp: RoadWarp, time_axis: TimeAxis
 ) -> _Nodes:
     """Tracks sampled finely enough for the bends of a warp."""
     is_valid = original.is_valid[rows]
@@ -142,53 +153,95 @@ def _nodes(
     def sampled(values: Float[np.ndarray, "G T D"]) -> Float[np.ndarray, "G K D"]:
         return values[:, before] + share * (values[:, after] - values[:, before])
 
-    along = travelled_m(fill_gaps(warped.position_m[rows], is_valid))
-    speed = np.gradient(along, time_axis.step_s, axis=1)
+    position = fill_gaps(original.position_m[rows], is_valid)
+
+    def rate(along_m: Float[np.ndarray, "G T"]) -> Float[np.ndarray, "G K"]:
+        speed = np.gradient(along_m, time_axis.step_s, axis=1)
+        return sampled(speed[..., None])[..., 0]
+
     heading = fill_heading_gaps(original.heading_rad[rows], is_valid)
+    original_m = sampled(position)
+    along = travelled_m(warp.apply(original_m))
     return _Nodes(
         time_s=(step - time_axis.current_step) * time_axis.step_s,
-        original_m=sampled(fill_gaps(original.position_m[rows], is_valid)),
+        original_m=original_m,
         heading_rad=sampled(heading[..., None])[..., 0],
-        along_m=sampled(along[..., None])[..., 0],
-        speed_mps=sampled(speed[..., None])[..., 0],
+        logged_speed_mps=rate(travelled_m(position)),
+        along_m=along,
+        speed_mps=rate(along[:, ::_NODES_PER_STEP]),
         exists=is_valid[:, before] & is_valid[:, after],
     )
 
 
+def _limit(
+    nodes: _Nodes, warp: RoadWarp, friction_coefficient: float
+) -> Float[np.ndarray, "G K"]:
+    """Friction-limited speed where the warp bends the road, elsewhere infinite."""
+    bend = np.abs(warp.derivative(warp.distance_ahead(nodes.original_m), 2))
+    bends = nodes.exists & (bend > _STRAIGHT_PER_M)
+    curvature = path_curvature(nodes.original_m, nodes.heading_rad, warp)
+    return friction_limited_speed(np.where(bends, curvature, 0.0), friction_coefficient)
+
+
 def _anchor_step(
     is_valid: Bool[np.ndarray, "G T"], current_step: int
-) -> Float[np.ndarray, "G"]:
+) -> Int[np.ndarray, "G"]:
     """The step whose pose stays: the current one, or the nearest in the track."""
     last = is_valid.shape[1] - 1 - is_valid[:, ::-1].argmax(axis=1)
-    return np.clip(current_step, is_valid.argmax(axis=1), last).astype(float)
+    return np.clip(current_step, is_valid.argmax(axis=1), last)
 
 
-def _slowed_distance(
-    time_s: Float[np.ndarray, "K"],
-    along_m: Float[np.ndarray, "G K"],
-    speed_mps: Float[np.ndarray, "G K"],
+def _slowed_time(
+    nodes: _Nodes,
     limit_mps: Float[np.ndarray, "G K"],
-    anchor_step: Float[np.ndarray, "G"],
+    anchor_step: Int[np.ndarray, "G"],
 ) -> Float[np.ndarray, "G T"]:
-    """Distance along each curve at each time step, under a limit of its speed.
+    """The logged time of the place that each agent has reached at each step.
 
     Speed is seen as a function of place. Where it is lowered, driving takes longer;
     those delays, summed, move everything after later, and everything before earlier.
     """
-    squared = np.minimum(speed_mps, limit_mps) ** 2
-    braking = 2 * BRAKING_MPS2 * along_m
+    along, speed = nodes.along_m, nodes.speed_mps
+    squared = np.where(limit_mps < speed, limit_mps, np.inf) ** 2
+    braking, gaining = 2 * BRAKING_MPS2 * along, 2 * ACCELERATION_MPS2 * along
     ahead = np.minimum.accumulate((squared + braking)[:, ::-1], axis=1)[:, ::-1]
-    gaining = 2 * ACCELERATION_MPS2 * along_m
     behind = np.minimum.accumulate(squared - gaining, axis=1)
     allowed = np.sqrt(np.maximum(np.minimum(ahead - braking, behind + gaining), 0.0))
-    allowed = np.maximum(allowed, np.minimum(speed_mps, _SLOWEST_MPS))
+    allowed = np.minimum(nodes.logged_speed_mps, allowed)
 
-    step_m = np.diff(along_m, axis=1)
-    old = np.maximum(speed_mps[:, 1:] + speed_mps[:, :-1], 2 * _SLOWEST_MPS) / 2
-    new = np.maximum(allowed[:, 1:] + allowed[:, :-1], 2 * _SLOWEST_MPS) / 2
-    delay = np.cumsum(step_m * np.maximum(1 / new - 1 / old, 0.0), axis=1)
+    def middle(values: Float[np.ndarray, "G K"]) -> Float[np.ndarray, "G K-1"]:
+        return np.maximum((values[:, 1:] + values[:, :-1]) / 2, _SLOWEST_MPS)
+
+    longer = np.maximum(1 / middle(allowed) - 1 / middle(speed), 0.0)
+    delay = np.cumsum(np.diff(along, axis=1) * longer, axis=1)
     delay = np.concatenate([np.zeros((len(delay), 1)), delay], axis=1)
-    anchor = (anchor_step * _NODES_PER_STEP).astype(int)[:, None]
-    delay = delay - np.take_along_axis(delay, anchor, axis=1)
-    steps_s = np.repeat(time_s[None, ::_NODES_PER_STEP], len(along_m), axis=0)
-    return interpolate_rows(steps_s, time_s + delay, along_m[..., None])[..., 0]
+    anchor = (anchor_step * _NODES_PER_STEP)[:, None]
+    time = nodes.time_s + delay - np.take_along_axis(delay, anchor, axis=1)
+    steps_s = np.repeat(nodes.time_s[None, ::_NODES_PER_STEP], len(along), axis=0)
+    logged = np.repeat(nodes.time_s[None], len(along), axis=0)
+    return interpolate_rows(steps_s, time, logged[..., None])[..., 0]
+
+
+def _at_times(
+    original: AgentTracks,
+    nodes: _Nodes,
+    logged_time_s: Float[np.ndarray, "G T"],
+    warp: RoadWarp,
+    step_s: float,
+) -> AgentTracks:
+    """Agents where they were at other times, warped, with the speeds that follow."""
+    known = np.concatenate([nodes.original_m, nodes.heading_rad[..., None]], axis=-1)
+    times = np.repeat(nodes.time_s[None], len(known), axis=0)
+    reached = interpolate_rows(logged_time_s, times, known)
+    mask = original.is_valid[..., None]
+    moved = warped_agents(
+        replace(
+            original,
+            position_m=np.where(mask, reached[..., :2], 0.0),
+            heading_rad=np.where(original.is_valid, wrap_angle(reached[..., 2]), 0.0),
+            velocity_mps=np.zeros_like(original.velocity_mps),
+        ),
+        warp,
+    )
+    velocity = np.gradient(warp.apply(reached[..., :2]), step_s, axis=1)
+    return replace(moved, velocity_mps=np.where(mask, velocity, 0.0))

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool
 
-from pd_editor.geometry.angles import heading_of, unit_vector
 from pd_editor.perturbation.friction_slowdown import slowed_to_friction_limit
+from pd_editor.perturbation.warped_agents import warped_agents
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
@@ -30,7 +30,7 @@ def warp_scenario(
     road_map, agents = _unwarped(scenario)
     if warp is None or warp.is_identity:
         return replace(scenario, road_map=road_map, agents=agents, applied_warp=None)
-    warped = _moved_agents(agents, warp, 1.0)
+    warped = warped_agents(agents, warp)
     if friction_coefficient is not None:
         warped = slowed_to_friction_limit(
             agents, warped, warp, friction_coefficient, scenario.time_axis
@@ -57,7 +57,7 @@ def _unwarped(scenario: Scenario) -> tuple[RoadMap, AgentTracks]:
         return scenario.road_map, agents
     if agents is applied.warped_agents:
         return applied.original_road_map, applied.original_agents
-    restored = _moved_agents(agents, applied.warp, -1.0)
+    restored = warped_agents(agents, applied.warp, sign=-1.0)
     known = [row for row, name in enumerate(agents.ids) if name in _rows(applied)]
     rows = np.array(known, int)
     theirs = applied.warped_agents.rows(agents.ids[row] for row in known)
@@ -86,31 +86,3 @@ def _same_motion(
         equal = getattr(agents, name)[rows] == getattr(other, name)[other_rows]
         same &= equal.reshape(len(rows), -1).all(axis=1)
     return same
-
-
-def _moved_agents(agents: AgentTracks, warp: RoadWarp, sign: float) -> AgentTracks:
-    """Agents after a warp (sign 1), or before it (sign -1)."""
-    ahead = warp.distance_ahead(agents.position_m)
-    touched = agents.is_valid & (ahead > warp.border_m())
-    before = agents.position_m[touched]
-    velocity_before = agents.velocity_mps[touched]
-    direction = unit_vector(agents.heading_rad[touched])
-
-    heading = agents.heading_rad.copy()
-    heading[touched] = heading_of(warp.turn(before, direction, sign))
-    velocity = agents.velocity_mps.copy()
-    velocity[touched] = _with_length_of(
-        warp.turn(before, velocity_before, sign), velocity_before
-    )
-    position = agents.position_m.copy()
-    position[touched] = warp.apply(before) if sign > 0 else warp.undo(before)
-    return replace(
-        agents, position_m=position, heading_rad=heading, velocity_mps=velocity
-    )
-
-
-def _with_length_of(vectors: np.ndarray, lengths_of: np.ndarray) -> np.ndarray:
-    """Vectors scaled to the lengths of others."""
-    length = np.hypot(vectors[:, 0], vectors[:, 1])
-    wanted = np.hypot(lengths_of[:, 0], lengths_of[:, 1])
-    return vectors * (wanted / np.where(length > 0, length, 1.0))[:, None]
