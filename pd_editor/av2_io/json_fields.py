@@ -14,6 +14,9 @@ from pd_editor.errors import MapFileError
 MAX_COORDINATE_M: Final = 1e6
 """Largest coordinate that is believed."""
 
+MAX_JSON_BYTES: Final = 32 * 2**20
+"""Largest map that is parsed; official ones have less than 1 MiB."""
+
 _Choice = TypeVar("_Choice", bound=StrEnum)
 
 
@@ -108,7 +111,7 @@ class JsonObject:
                 f"field {name!r} has {len(values) // 3} point(s); "
                 f"expected at least {min_points}."
             )
-        if values.dtype.kind not in "if":
+        if values.dtype.kind not in "if" or values.ndim != 1:
             raise self.error(f"field {name!r} holds coordinates that are not numbers.")
         points = values.astype(float).reshape(-1, 3)
         # The comparison is also false for NaN.
@@ -131,6 +134,11 @@ def parse_json_object(data: bytes, file_name: str) -> JsonObject:
     Raises:
         MapFileError: it is no JSON object.
     """
+    if len(data) > MAX_JSON_BYTES:
+        raise MapFileError(
+            f"{file_name}: is larger than {MAX_JSON_BYTES >> 20} MiB, the largest map "
+            "that is read."
+        )
     try:
         fields = json.loads(data)
     except (ValueError, RecursionError) as error:
@@ -143,7 +151,8 @@ def parse_json_object(data: bytes, file_name: str) -> JsonObject:
 
 
 def _is_id(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
+    is_integer = isinstance(value, int) and not isinstance(value, bool)
+    return is_integer and abs(value) < 2**63
 
 
 def _short(value: Any) -> str:

@@ -1,6 +1,8 @@
 """A track file's parquet table: typed columns, each checked row by row."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -146,45 +148,62 @@ class TrackTable:
         return self.error(f"column {name!r} is of type {found}; expected {expected}.")
 
 
-def open_track_table(data: bytes, file_name: str) -> TrackTable:
-    """The table in a parquet file's bytes.
+def open_track_table(
+    source: bytes | Path, file_name: str, columns: Sequence[str] | None = None
+) -> TrackTable:
+    """The table in a parquet file, or some of its columns.
 
     Texts stay dictionary-encoded, so that a small file cannot unpack to gigabytes.
 
     Raises:
         ScenarioFileError: damaged, empty, or beyond the limits.
     """
-    where = f"{file_name}:"
     try:
-        file = pq.ParquetFile(pa.BufferReader(data))
-        metadata, schema = file.metadata, file.schema_arrow
-        if metadata.num_rows > MAX_ROWS:
-            raise ScenarioFileError(
-                f"{where} {metadata.num_rows} rows; at most {MAX_ROWS} are read."
-            )
-        unpacked = sum(
-            metadata.row_group(index).total_byte_size
-            for index in range(metadata.num_row_groups)
-        )
-        if unpacked > MAX_UNPACKED_BYTES:
-            raise ScenarioFileError(
-                f"{where} unpacks to {unpacked} bytes; "
-                f"at most {MAX_UNPACKED_BYTES} are read."
-            )
-        if len(set(schema.names)) != len(schema.names):
-            raise ScenarioFileError(f"{where} two columns have the same name.")
-        texts = [field.name for field in schema if _is_text(field.type)]
-        file = pq.ParquetFile(pa.BufferReader(data), read_dictionary=texts)
-        table = file.read(use_threads=False)
+        with _opened(source) as stream:
+            table = _read_within_limits(stream, file_name, columns)
     except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
         raise ScenarioFileError(
-            f"{where} this is not a readable parquet file; it may be cut off or damaged."
+            f"{file_name}: this is not a readable parquet file; "
+            "it may be cut off or damaged."
         ) from error
     if table.num_rows == 0:
-        raise ScenarioFileError(f"{where} it has no rows; expected at least one track.")
+        raise ScenarioFileError(
+            f"{file_name}: it has no rows; expected at least one track."
+        )
     result = TrackTable(file_name=file_name, table=table)
     result.column("track_id", "a text")
     return result
+
+
+def _opened(source: bytes | Path) -> pa.NativeFile:
+    if isinstance(source, Path):
+        return pa.OSFile(str(source))
+    return pa.BufferReader(source)
+
+
+def _read_within_limits(
+    stream: pa.NativeFile, file_name: str, columns: Sequence[str] | None
+) -> pa.Table:
+    file = pq.ParquetFile(stream)
+    metadata, schema = file.metadata, file.schema_arrow
+    if metadata.num_rows > MAX_ROWS:
+        raise ScenarioFileError(
+            f"{file_name}: it has {metadata.num_rows} rows; at most {MAX_ROWS} are read."
+        )
+    unpacked = sum(
+        metadata.row_group(index).total_byte_size
+        for index in range(metadata.num_row_groups)
+    )
+    if unpacked > MAX_UNPACKED_BYTES:
+        raise ScenarioFileError(
+            f"{file_name}: it unpacks to {unpacked} bytes; "
+            f"at most {MAX_UNPACKED_BYTES} are read."
+        )
+    if len(set(schema.names)) != len(schema.names):
+        raise ScenarioFileError(f"{file_name}: two columns have the same name.")
+    texts = [field.name for field in schema if _is_text(field.type)]
+    file = pq.ParquetFile(stream, read_dictionary=texts)
+    return file.read(columns=columns, use_threads=False)
 
 
 def _is_text(data_type: pa.DataType) -> bool:

@@ -2,7 +2,7 @@
 
 from pd_editor.av2_io.file_names import is_scenario_id, map_name, tracks_name
 from pd_editor.av2_io.map_file import map_bytes
-from pd_editor.av2_io.tracks_file import tracks_bytes
+from pd_editor.av2_io.tracks_writer import tracks_bytes
 from pd_editor.errors import ExportError
 from pd_editor.scene.scenario import Scenario
 

@@ -1,0 +1,254 @@
+"""Browsing a folder tree of Argoverse 2 scenarios of any size, bit by bit.
+
+Nothing is read before it is asked for, and every call may come from another thread.
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from threading import RLock
+from typing import Final
+
+from pd_editor.av2_io.file_names import (
+    TRACKS_PREFIX,
+    is_map_name,
+    is_scenario_id,
+    is_tracks_name,
+)
+from pd_editor.av2_io.track_table import open_track_table
+from pd_editor.errors import InputError, ScenarioFileError
+
+MAX_DEPTH: Final = 4
+"""Levels of folders below the root that are looked into."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenarioCard:
+    """What a list shows of a scenario."""
+
+    scenario_id: str
+    folder: Path
+    city: str
+    num_agents: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class CardFilter:
+    """Which scenarios are wanted; None and the empty text want all."""
+
+    city: str | None = None
+    text: str | None = None
+    """Part of the id, in any case."""
+    min_agents: int | None = None
+    max_agents: int | None = None
+
+    def accepts_id(self, scenario_id: str) -> bool:
+        """Whether an id passes; costs no look into the file."""
+        return not self.text or self.text.strip().lower() in scenario_id.lower()
+
+    def accepts(self, card: ScenarioCard) -> bool:
+        """Whether a scenario passes."""
+        return (
+            self.accepts_id(card.scenario_id)
+            and (not self.city or self.city == card.city)
+            and (self.min_agents is None or card.num_agents >= self.min_agents)
+            and (self.max_agents is None or card.num_agents <= self.max_agents)
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchStep:
+    """The part of a search that was done."""
+
+    cards: tuple[ScenarioCard, ...]
+    next_start: int
+    """Where to go on."""
+    is_complete: bool
+    """Whether the whole dataset was looked at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    scenario_id: str
+    folder: Path
+
+
+class DatasetIndex:
+    """The scenarios below a root, in the order of their folders' names."""
+
+    def __init__(self, root: Path) -> None:
+        """Open a dataset; nothing is listed yet.
+
+        Raises:
+            InputError: there is no such folder.
+        """
+        self.root = Path(root)
+        if not self.root.is_dir():
+            raise InputError(f"{root}: there is no such dataset folder.")
+        self.is_complete = False
+        """Whether all folders were listed."""
+        self._walk = _scenario_folders(self.root, 0)
+        self._found: list[_Found] = []
+        self._position_of: dict[str, int] = {}
+        self._cards: dict[int, ScenarioCard | None] = {}
+        self._num_incomplete = 0
+        self._lock = RLock()
+
+    @property
+    def num_found(self) -> int:
+        """Scenario folders listed so far."""
+        return len(self._found)
+
+    @property
+    def num_skipped(self) -> int:
+        """Folders so far that lack a file, and scenarios that cannot be read."""
+        with self._lock:
+            damaged = sum(card is None for card in self._cards.values())
+            return self._num_incomplete + damaged
+
+    def cities(self) -> tuple[str, ...]:
+        """Cities of the scenarios read so far, sorted."""
+        with self._lock:
+            cards = list(self._cards.values())
+        return tuple(sorted({card.city for card in cards if card is not None}))
+
+    def scan(self, limit: int | None = None) -> int:
+        """List up to ``limit`` more scenario folders; 0 when there are no more."""
+        num_new = 0
+        while limit is None or num_new < limit:
+            with self._lock:
+                entry = next(self._walk, None)
+                if entry is None:
+                    self.is_complete = True
+                    break
+                if isinstance(entry, Path):
+                    self._num_incomplete += 1
+                    continue
+                self._position_of.setdefault(entry.scenario_id, len(self._found))
+                self._found.append(entry)
+            num_new += 1
+        return num_new
+
+    def search(
+        self, wanted: CardFilter, start: int = 0, max_folders: int = 100
+    ) -> SearchStep:
+        """The wanted scenarios among the next ``max_folders`` folders."""
+        missing = start + max_folders - self.num_found
+        if missing > 0:
+            self.scan(missing)
+        end = min(start + max_folders, self.num_found)
+        cards = [
+            card
+            for position in range(start, end)
+            if (card := self._card(position, wanted)) is not None
+        ]
+        is_complete = self.is_complete and end == self.num_found
+        return SearchStep(cards=tuple(cards), next_start=end, is_complete=is_complete)
+
+    def filter(
+        self,
+        *,
+        city: str | None = None,
+        text: str | None = None,
+        min_agents: int | None = None,
+        max_agents: int | None = None,
+    ) -> Iterator[ScenarioCard]:
+        """The wanted scenarios, each as soon as it is found."""
+        wanted = CardFilter(
+            city=city, text=text, min_agents=min_agents, max_agents=max_agents
+        )
+        position = 0
+        while position < self.num_found or self.scan(1):
+            card = self._card(position, wanted)
+            if card is not None:
+                yield card
+            position += 1
+
+    def after(
+        self, scenario_id: str, wanted: CardFilter | None = None
+    ) -> ScenarioCard | None:
+        """The next wanted scenario, None at the end.
+
+        Raises:
+            InputError: the given one is not in the dataset.
+        """
+        position = self._position(scenario_id) + 1
+        while position < self.num_found or self.scan(1):
+            card = self._card(position, wanted or CardFilter())
+            if card is not None:
+                return card
+            position += 1
+        return None
+
+    def before(
+        self, scenario_id: str, wanted: CardFilter | None = None
+    ) -> ScenarioCard | None:
+        """The previous wanted scenario, None at the start.
+
+        Raises:
+            InputError: the given one is not in the dataset.
+        """
+        for position in reversed(range(self._position(scenario_id))):
+            card = self._card(position, wanted or CardFilter())
+            if card is not None:
+                return card
+        return None
+
+    def _position(self, scenario_id: str) -> int:
+        while scenario_id not in self._position_of:
+            if not self.scan(1000):
+                raise InputError(f"{self.root}: has no scenario {scenario_id[:60]!r}.")
+        return self._position_of[scenario_id]
+
+    def _card(self, position: int, wanted: CardFilter) -> ScenarioCard | None:
+        """The scenario at a position if it is wanted and can be read."""
+        found = self._found[position]
+        if not wanted.accepts_id(found.scenario_id):
+            return None
+        if position not in self._cards:
+            card = _read_card(found)
+            with self._lock:
+                self._cards[position] = card
+        card = self._cards[position]
+        return card if card is not None and wanted.accepts(card) else None
+
+
+def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
+    """Scenario folders below a folder; plain paths where a file is missing."""
+    try:
+        with os.scandir(folder) as entries:
+            listed = [(entry.name, entry.is_dir()) for entry in entries]
+    except OSError:
+        yield folder
+        return
+    files = [name for name, is_folder in listed if not is_folder]
+    folders = sorted(name for name, is_folder in listed if is_folder)
+    tracks = [name for name in files if is_tracks_name(name)]
+    if tracks:
+        scenario_id = tracks[0].removeprefix(TRACKS_PREFIX).removesuffix(".parquet")
+        has_map = any(is_map_name(name) for name in files)
+        is_whole = len(tracks) == 1 and has_map and is_scenario_id(scenario_id)
+        yield _Found(scenario_id=scenario_id, folder=folder) if is_whole else folder
+    elif depth == MAX_DEPTH or not folders:
+        yield folder
+    else:
+        for name in folders:
+            yield from _scenario_folders(folder / name, depth + 1)
+
+
+def _read_card(found: _Found) -> ScenarioCard | None:
+    name = f"{TRACKS_PREFIX}{found.scenario_id}.parquet"
+    try:
+        columns = ("track_id", "city")
+        table = open_track_table(found.folder / name, name, columns)
+        _, ids = table.texts("track_id")
+        city = table.one_text("city")
+    except ScenarioFileError:
+        return None
+    return ScenarioCard(
+        scenario_id=found.scenario_id,
+        folder=found.folder,
+        city=city,
+        num_agents=len(ids),
+    )

@@ -1,0 +1,37 @@
+"""A check of written files with Argoverse's own loaders."""
+
+from pathlib import Path
+
+from pd_editor.av2_io.file_names import MAP_PREFIX, TRACKS_PREFIX
+from pd_editor.errors import ExportError
+
+
+def check_with_official_loaders(folder: Path) -> None:
+    """Load a scenario folder with the package ``av2``.
+
+    Raises:
+        ExportError: the folder lacks a file, or av2 refuses one.
+    """
+    from av2.datasets.motion_forecasting.scenario_serialization import (
+        load_argoverse_scenario_parquet,
+    )
+    from av2.map.map_api import ArgoverseStaticMap
+
+    tracks = sorted(folder.glob(f"{TRACKS_PREFIX}*.parquet"))
+    maps = sorted(folder.glob(f"{MAP_PREFIX}*.json"))
+    if len(tracks) != 1 or len(maps) != 1:
+        raise ExportError(
+            f"{folder}: found {len(tracks)} track files and {len(maps)} maps; "
+            "expected one of each."
+        )
+    try:
+        scenario = load_argoverse_scenario_parquet(tracks[0])
+        road_map = ArgoverseStaticMap.from_json(maps[0])
+        num_lanes = len(road_map.get_scenario_lane_segments())
+    # The loaders document no errors, so whatever they raise is their refusal.
+    except Exception as error:
+        raise ExportError(
+            f"{folder}: av2's own loader refused it ({type(error).__name__}: {error})."
+        ) from error
+    if not scenario.tracks or not num_lanes:
+        raise ExportError(f"{folder}: av2's own loader found no tracks or no lanes.")

@@ -1,0 +1,184 @@
+"""A scenario from files that came through the browser; nothing about them is trusted."""
+
+import io
+import re
+import stat
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+from typing import Final
+
+from pd_editor.av2_io.file_names import (
+    MAP_PREFIX,
+    TRACKS_PREFIX,
+    is_map_name,
+    is_scenario_id,
+    is_tracks_name,
+)
+from pd_editor.av2_io.read import read_scenario_bytes
+from pd_editor.errors import ArchiveError
+from pd_editor.scene.scenario import Scenario
+
+MAX_UPLOAD_BYTES: Final = 64 * 2**20
+MAX_UNPACKED_BYTES: Final = 256 * 2**20
+MAX_MEMBERS: Final = 1000
+MAX_RATIO: Final = 200
+"""Largest unpacked / packed size; map JSON reaches 20."""
+FREE_BYTES: Final = 2**20
+"""Unpacked size up to which the ratio does not matter."""
+
+_CHUNK_BYTES: Final = 2**18
+_CENTRAL_HEADER: Final = b"PK\x01\x02"
+_ZIP_STARTS: Final = (b"PK\x03\x04", b"PK\x05\x06")
+_METHODS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
+
+
+def scenario_from_upload(files: Mapping[str, bytes]) -> Scenario:
+    """The scenario in one zip, or in a track file and a map.
+
+    Raises:
+        ArchiveError: too large, unsafe, or not exactly one scenario.
+        InputError: a file in it is damaged.
+    """
+    total = sum(len(data) for data in files.values())
+    if total > MAX_UPLOAD_BYTES:
+        raise ArchiveError(
+            f"The upload has {total / 2**20:.0f} MiB; "
+            f"at most {MAX_UPLOAD_BYTES >> 20} MiB are taken."
+        )
+    zips = [name for name, data in files.items() if _is_zip(name, data)]
+    if zips:
+        if len(files) > 1:
+            raise ArchiveError(
+                "The upload has a zip and other files; expected one zip, "
+                "or one track file with its map."
+            )
+        return _scenario_from_zip(zips[0], files[zips[0]])
+    tracks, road_map = _choose(list(files), "The upload")
+    return _read(tracks, files[tracks], road_map, files[road_map])
+
+
+def _is_zip(name: str, data: bytes) -> bool:
+    return name.lower().endswith(".zip") or data.startswith(_ZIP_STARTS)
+
+
+def _scenario_from_zip(name: str, data: bytes) -> Scenario:
+    label = _shown(name)
+    # Counted before the directory is parsed, which may hold a million entries.
+    if data.count(_CENTRAL_HEADER) > MAX_MEMBERS:
+        raise ArchiveError(f"{label}: holds more than {MAX_MEMBERS} files.")
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {}
+            for member in archive.infolist():
+                _check_member(member, label)
+                if not member.is_dir():
+                    members[member.filename] = member
+            tracks, road_map = _choose(list(members), label)
+            parquet = _unpacked(archive, members[tracks], label, MAX_UNPACKED_BYTES)
+            room = MAX_UNPACKED_BYTES - len(parquet)
+            map_json = _unpacked(archive, members[road_map], label, room)
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        OSError,
+        ValueError,
+        NotImplementedError,
+    ) as error:
+        raise ArchiveError(
+            f"{label}: this is not a readable zip; it may be cut off or damaged."
+        ) from error
+    return _read(tracks, parquet, road_map, map_json)
+
+
+def _check_member(member: zipfile.ZipInfo, label: str) -> None:
+    """Refuse names that could lead out of a folder, links, and encryption."""
+    name = member.orig_filename
+    is_odd = (
+        not name
+        or name.startswith("/")
+        or "\\" in name
+        or ":" in name
+        or ".." in name.split("/")
+        or _CONTROL.search(name) is not None
+    )
+    if is_odd:
+        raise ArchiveError(f"{label}: holds a file with the odd path {name[:60]!r}.")
+    if stat.S_ISLNK(member.external_attr >> 16):
+        raise ArchiveError(f"{label}: holds a link, {_shown(name)}; expected files.")
+    if member.flag_bits & 1:
+        raise ArchiveError(f"{label}: is encrypted; expected a zip without password.")
+
+
+def _choose(names: list[str], label: str) -> tuple[str, str]:
+    """The one track file and the one map among files."""
+    parquets = [name for name in names if name.lower().endswith(".parquet")]
+    texts = [name for name in names if name.lower().endswith(".json")]
+    maps = [name for name in texts if is_map_name(_base(name))] or [
+        name for name in texts if _base(name) != "recipe.json"
+    ]
+    for found, what in ((parquets, "track file (.parquet)"), (maps, "map (.json)")):
+        if len(found) == 1:
+            continue
+        if not found:
+            held = _listed(names) if names else "nothing"
+            raise ArchiveError(f"{label}: holds no {what}; found {held}.")
+        raise ArchiveError(
+            f"{label}: holds {len(found)} files that could be the {what}, "
+            f"{_listed(found)}; expected exactly one scenario."
+        )
+    return parquets[0], maps[0]
+
+
+def _unpacked(
+    archive: zipfile.ZipFile, member: zipfile.ZipInfo, label: str, room: int
+) -> bytes:
+    """A member's content, read piece by piece whatever size its header claims."""
+    if member.compress_type not in _METHODS:
+        raise ArchiveError(
+            f"{label}: {_shown(member.filename)} is packed with an unusual method; "
+            "expected stored or deflated files."
+        )
+    allowed = min(room, max(FREE_BYTES, MAX_RATIO * member.compress_size))
+    pieces, size = [], 0
+    with archive.open(member) as stream:
+        while piece := stream.read(_CHUNK_BYTES):
+            pieces.append(piece)
+            size += len(piece)
+            if size > allowed:
+                raise ArchiveError(
+                    f"{label}: {_shown(member.filename)} unpacks to more than "
+                    f"{allowed >> 20} MiB, which looks like a zip bomb."
+                )
+    return b"".join(pieces)
+
+
+def _read(tracks: str, parquet: bytes, road_map: str, map_json: bytes) -> Scenario:
+    tracks, road_map = _base(tracks), _base(road_map)
+    name = tracks.removeprefix(TRACKS_PREFIX).removesuffix(".parquet")
+    map_id = road_map.removeprefix(MAP_PREFIX).removesuffix(".json")
+    both_official = is_tracks_name(tracks) and is_map_name(road_map)
+    if both_official and is_scenario_id(map_id) and map_id != name:
+        raise ArchiveError(
+            f"The map {_shown(road_map)} belongs to another scenario than "
+            f"{_shown(tracks)}."
+        )
+    label = name if is_scenario_id(name) else "upload"
+    return read_scenario_bytes(parquet, map_json, name=label)
+
+
+def _base(name: str) -> str:
+    return PurePosixPath(name.replace("\\", "/")).name
+
+
+def _shown(name: str) -> str:
+    """A name fit for a message: its last part, short, without control characters."""
+    return _CONTROL.sub("?", _base(name))[:60] or "The upload"
+
+
+def _listed(names: list[str]) -> str:
+    shown = ", ".join(_shown(name) for name in names[:3])
+    return shown if len(names) <= 3 else f"{shown} and {len(names) - 3} more"

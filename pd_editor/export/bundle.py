@@ -1,0 +1,117 @@
+"""Files in memory as a zip, or as a new folder on disk."""
+
+import io
+import os
+import re
+import secrets
+import shutil
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from pd_editor.errors import ExportError
+
+_ZIP_TIME: Final = (1980, 1, 1, 0, 0, 0)
+_FILE_MODE: Final = 0o644 << 16
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
+
+
+def zip_files(files: Mapping[str, bytes], folder_name: str) -> bytes:
+    """The files in one folder of a zip; equal files give equal bytes.
+
+    Raises:
+        ExportError: a name is not fit for a file.
+    """
+    _check_names([folder_name, *files])
+    sink = io.BytesIO()
+    with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            member = zipfile.ZipInfo(f"{folder_name}/{name}", _ZIP_TIME)
+            member.compress_type = zipfile.ZIP_DEFLATED
+            member.external_attr = _FILE_MODE
+            archive.writestr(member, data)
+    return sink.getvalue()
+
+
+def write_files(
+    files: Mapping[str, bytes],
+    out: Path,
+    *,
+    forbidden: Path | None,
+    overwrite: bool = False,
+) -> None:
+    """Write the files as the folder ``out``: all of them, or nothing.
+
+    ``overwrite`` replaces a folder that holds nothing but files of the same names.
+    ``forbidden`` is the folder that was read, which is never written to.
+
+    Raises:
+        ExportError: the place is taken, forbidden, or cannot be written to.
+    """
+    _check_names(list(files))
+    try:
+        target = Path(out).resolve()
+        _check_place(files, target, forbidden, overwrite)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _replace_folder(files, target)
+    except OSError as error:
+        raise ExportError(f"{out}: cannot be written ({error.strerror}).") from error
+
+
+def _check_names(names: list[str]) -> None:
+    for name in names:
+        if _NAME.fullmatch(name) is None:
+            raise ExportError(
+                f"{name[:60]!r} cannot be a file's name; expected letters, digits, "
+                "dots, dashes and underscores."
+            )
+
+
+def _check_place(
+    files: Mapping[str, bytes], target: Path, forbidden: Path | None, overwrite: bool
+) -> None:
+    if forbidden is not None:
+        source = Path(forbidden).resolve()
+        if target == source or source in target.parents:
+            raise ExportError(
+                f"{target}: is the folder that was opened; the input is never "
+                "written to, so choose another one."
+            )
+    if not target.exists():
+        return
+    if not target.is_dir():
+        raise ExportError(f"{target}: is a file; expected a new folder's name.")
+    present = sorted(os.listdir(target))
+    if not present:
+        return
+    if not overwrite:
+        raise ExportError(f"{target}: already holds files; choose a new folder.")
+    strange = [name for name in present if name not in files]
+    if strange or any((target / name).is_dir() for name in present):
+        raise ExportError(
+            f"{target}: holds {(strange or present)[0]!r}, which is not of this "
+            "export; choose a new folder."
+        )
+
+
+def _replace_folder(files: Mapping[str, bytes], target: Path) -> None:
+    """Write beside the target, then swap by renaming."""
+    token = secrets.token_hex(4)
+    new = target.parent / f".{target.name}.{token}.new"
+    old = target.parent / f".{target.name}.{token}.old"
+    new.mkdir()
+    try:
+        for name, data in files.items():
+            (new / name).write_bytes(data)
+        if target.exists():
+            target.rename(old)
+        try:
+            new.rename(target)
+        except OSError:
+            if old.exists():
+                old.rename(target)
+            raise
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+    shutil.rmtree(old, ignore_errors=True)
