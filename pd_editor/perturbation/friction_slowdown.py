@@ -229,19 +229,27 @@ def _at_times(
     warp: RoadWarp,
     step_s: float,
 ) -> AgentTracks:
-    """Agents where they were at other times, warped, with the speeds that follow."""
+    """Agents where they were at other times, warped, with their speeds scaled."""
+    is_valid, mask = original.is_valid, original.is_valid[..., None]
     known = np.concatenate([nodes.original_m, nodes.heading_rad[..., None]], axis=-1)
     times = np.repeat(nodes.time_s[None], len(known), axis=0)
     reached = interpolate_rows(logged_time_s, times, known)
-    mask = original.is_valid[..., None]
+    velocity = interpolate_rows(
+        logged_time_s,
+        times[:, ::_NODES_PER_STEP],
+        fill_gaps(original.velocity_mps, is_valid),
+    )
+    velocity *= np.gradient(logged_time_s, step_s, axis=1)[..., None]
+    position = np.where(mask, reached[..., :2], 0.0)
     moved = warped_agents(
         replace(
             original,
-            position_m=np.where(mask, reached[..., :2], 0.0),
-            heading_rad=np.where(original.is_valid, wrap_angle(reached[..., 2]), 0.0),
-            velocity_mps=np.zeros_like(original.velocity_mps),
+            position_m=position,
+            heading_rad=np.where(is_valid, wrap_angle(reached[..., 2]), 0.0),
+            velocity_mps=np.where(mask, velocity, 0.0),
         ),
         warp,
     )
-    velocity = np.gradient(warp.apply(reached[..., :2]), step_s, axis=1)
-    return replace(moved, velocity_mps=np.where(mask, velocity, 0.0))
+    # Where the warp stretches the curve, the time passed already makes up for it.
+    velocity = np.where(mask, warp.turn(position, velocity), 0.0)
+    return replace(moved, velocity_mps=velocity)
