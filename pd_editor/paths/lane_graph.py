@@ -39,6 +39,14 @@ class LaneGraph:
         return {lane_id: row for row, lane_id in enumerate(self.lane_ids)}
 
     @cached_property
+    def lengths_m(self) -> Float[np.ndarray, "L"]:
+        """Length of each centre line."""
+        segments = self.segments
+        return np.bincount(
+            segments.lane, weights=segments.length_m, minlength=len(self.lane_ids)
+        )
+
+    @cached_property
     def segments(self) -> "LaneSegments":
         """Every segment of every centre line."""
         counts = np.array([len(line) for line in self.centerlines_m], int)
@@ -155,7 +163,9 @@ def _near_successors(
         lasts = np.array([[line[-2], line[-1]] for line in lines])
         here, there = lasts[pairs[:, 0]], firsts[pairs[:, 1]]
         gap = np.linalg.norm(there[:, 0] - here[:, 1], axis=-1)
-        turn = heading_of(there[:, 1] - there[:, 0]) - heading_of(here[:, 1] - here[:, 0])
+        turn = heading_of(there[:, 1] - there[:, 0]) - heading_of(
+            here[:, 1] - here[:, 0]
+        )
         bend = np.abs((turn + np.pi) % (2 * np.pi) - np.pi).round(6)
         for (row, other), is_near, angle in zip(
             pairs.tolist(), (gap <= MAX_GAP_M).tolist(), bend.tolist(), strict=True

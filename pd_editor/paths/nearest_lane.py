@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.geometry.angles import unit_vector
+from pd_editor.geometry.angles import unit_vector, wrap_angle
 from pd_editor.paths.lane_graph import LaneGraph, LaneSegments, lane_graph
 from pd_editor.scene.road_map import LaneKind, RoadMap
 
@@ -68,6 +68,69 @@ def nearest_lanes(
             cost = cost + np.where(cosine > 0, 0.0, WRONG_WAY_M)
         best[part] = np.where(usable, cost, np.inf).argmin(1)
     return _match(graph, points_m, best)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NearbyLanes:
+    """All pairs of a point and a lane near it, sorted by point, then nearest first."""
+
+    point: Int[np.ndarray, "Q"]
+    lane: Int[np.ndarray, "Q"]
+    """Row of the lane in the lane graph."""
+    distance_m: Float[np.ndarray, "Q"]
+    offset_m: Float[np.ndarray, "Q"]
+    """Offset to the left of the lane."""
+    along_m: Float[np.ndarray, "Q"]
+    """Arc length of the foot; below 0 or above the lane's length past its ends."""
+    turn_rad: Float[np.ndarray, "Q"]
+    """Heading at the point minus the lane's direction, in (-pi, pi]."""
+    is_beside: Bool[np.ndarray, "Q"]
+    """False where the point is before the lane's start or past its end."""
+
+
+def lanes_near(
+    graph: LaneGraph,
+    points_m: Float[np.ndarray, "N 2"],
+    heading_rad: Float[np.ndarray, "N"],
+    *,
+    reach_m: float,
+    usable: Bool[np.ndarray, "N L"],
+) -> NearbyLanes:
+    """Every usable lane within reach of a point and within 90 degrees of its heading."""
+    segments = graph.segments
+    is_near = segment_distances(segments, points_m) <= reach_m
+    is_near &= unit_vector(heading_rad) @ segments.direction.T > 0
+    point, segment = np.nonzero(is_near)
+    lane = segments.lane[segment]
+    keep = usable[point, lane]
+    point, segment, lane = point[keep], segment[keep], lane[keep]
+    start, direction = segments.start_m[segment], segments.direction[segment]
+    length = segments.length_m[segment]
+    rel = points_m[point] - start
+    x = (rel * direction).sum(-1)
+    side = direction[:, 0] * rel[:, 1] - direction[:, 1] * rel[:, 0]
+    foot = np.clip(x, 0.0, length)
+    distance = np.hypot(x - foot, side)
+    order = np.lexsort((segment, distance.round(9), lane, point))
+    pair = point[order] * len(graph.lane_ids) + lane[order]
+    first = order[np.diff(pair, prepend=-1) != 0]
+    first = first[np.lexsort((lane[first], distance[first].round(9), point[first]))]
+    lane, segment, x = lane[first], segment[first], x[first]
+    last = np.append(segments.first_of_lane[1:], len(segments.lane)) - 1
+    is_before = (segment == segments.first_of_lane[lane]) & (x < 0)
+    is_past = (segment == last[lane]) & (x > length[first])
+    is_beside = ~(is_before | is_past)
+    return NearbyLanes(
+        point=point[first],
+        lane=lane,
+        distance_m=distance[first],
+        offset_m=np.where(
+            is_beside, np.copysign(distance[first], side[first]), side[first]
+        ),
+        along_m=segments.along_m[segment] + np.where(is_beside, foot[first], x),
+        turn_rad=wrap_angle(heading_rad[point[first]] - segments.heading_rad[segment]),
+        is_beside=is_beside,
+    )
 
 
 def segment_distances(

@@ -1,0 +1,191 @@
+"""Which routes each agent could take from where it is."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.paths.lane_graph import LaneGraph
+from pd_editor.paths.lane_routes import LaneRoutes, Route, lane_routes
+from pd_editor.paths.nearest_lane import DRIVING_LANES, NearbyLanes, lanes_near
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
+from pd_editor.scene.road_map import LaneKind, RoadMap
+
+ON_LANE_M: Final = 3.0
+"""An agent within this distance of a centre line can follow the lane."""
+CHANGE_REACH_M: Final = 6.0
+"""An agent within this distance of a neighbouring lane can change to it."""
+MAX_TURN_RAD: Final = np.pi / 3
+"""Lanes at a larger angle to the agent are followed only if there is no other."""
+METRES_PER_RADIAN: Final = 3.0
+"""What an angle to a lane weighs against a distance when lanes are ranked."""
+MAX_ROUTES: Final = 6
+MAX_CHANGES: Final = 2
+_CYCLIST_LANES: Final = (*DRIVING_LANES, LaneKind.BIKE)
+
+
+def lane_kinds_of(kind: AgentKind) -> tuple[LaneKind, ...]:
+    """Lanes that an agent of a kind may follow; none for pedestrians and things."""
+    if kind not in LANE_FOLLOWER_KINDS:
+        return ()
+    return _CYCLIST_LANES if kind is AgentKind.CYCLIST else DRIVING_LANES
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RouteChoice:
+    """Q pairs of an agent and a route, sorted by agent, most natural route first."""
+
+    agent: Int[np.ndarray, "Q"]
+    """Index into the agents asked about."""
+    routes: tuple[Route, ...]
+    along_m: Float[np.ndarray, "Q"]
+    """Where on its route the agent is."""
+    offset_m: Float[np.ndarray, "Q"]
+    """How far it is to the left of its route."""
+    turn_rad: Float[np.ndarray, "Q"]
+    """Its heading minus the route's."""
+    is_lane_change: Bool[np.ndarray, "Q"]
+
+
+def choose_routes(
+    road_map: RoadMap,
+    position_m: Float[np.ndarray, "A 2"],
+    heading_rad: Float[np.ndarray, "A"],
+    kinds: tuple[AgentKind, ...],
+    needed_m: Float[np.ndarray, "A"],
+) -> RouteChoice:
+    """Routes from the lanes an agent is on, and from their neighbours.
+
+    Routes of an agent differ within the ``needed_m`` ahead of it.
+    """
+    routes = lane_routes(road_map)
+    graph = routes.graph
+    lane_kinds = [lane_kinds_of(kind) for kind in kinds]
+    if not graph.lane_ids or not any(lane_kinds):
+        return _as_choice([], [], [], None)
+    allowed = {kind: graph.allowed(kind) for kind in set(lane_kinds)}
+    near = lanes_near(
+        graph,
+        position_m,
+        heading_rad,
+        reach_m=CHANGE_REACH_M,
+        usable=np.array([allowed[kind] for kind in lane_kinds]),
+    )
+    first = np.searchsorted(near.point, np.arange(len(kinds) + 1)).tolist()
+    rank = near.distance_m + METRES_PER_RADIAN * np.abs(near.turn_rad)
+    order = np.lexsort((near.lane, rank.round(6), near.point)).tolist()
+    table = _PairTable.of(near)
+    pairs: list[int] = []
+    chosen: list[Route] = []
+    changes: list[bool] = []
+    for agent, lanes_allowed in enumerate(lane_kinds):
+        starts, beside = _starts(table, order[first[agent] : first[agent + 1]], graph)
+        for pool, limit in ((starts, MAX_ROUTES), (beside, MAX_CHANGES)):
+            found = _routes_from(
+                pool, table, routes, float(needed_m[agent]), lanes_allowed
+            )
+            for pair, route in found[:limit]:
+                pairs.append(pair)
+                chosen.append(route)
+                changes.append(pool is beside)
+    return _as_choice(pairs, chosen, changes, near)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PairTable:
+    """``NearbyLanes`` as lists, which are quicker to walk one by one."""
+
+    lane: list[int]
+    distance_m: list[float]
+    along_m: list[float]
+    turn_rad: list[float]
+    is_beside: list[bool]
+
+    @classmethod
+    def of(cls, near: NearbyLanes) -> "_PairTable":
+        return cls(
+            lane=near.lane.tolist(),
+            distance_m=near.distance_m.tolist(),
+            along_m=near.along_m.tolist(),
+            turn_rad=np.abs(near.turn_rad).tolist(),
+            is_beside=near.is_beside.tolist(),
+        )
+
+
+def _starts(
+    table: _PairTable, pairs: list[int], graph: LaneGraph
+) -> tuple[list[int], list[int]]:
+    """Pairs to follow a lane from, and pairs to change lane to, best first."""
+    on_lane = [pair for pair in pairs if table.distance_m[pair] <= ON_LANE_M]
+    good = [
+        pair
+        for pair in on_lane
+        if table.is_beside[pair] and table.turn_rad[pair] <= MAX_TURN_RAD
+    ]
+    if not good:
+        good = [pair for pair in on_lane if table.is_beside[pair]] or on_lane
+        return good[:1], []
+    beside_first = graph.neighbors[table.lane[good[0]]]
+    starts = [pair for pair in good if table.lane[pair] not in beside_first]
+    followed = {table.lane[pair] for pair in starts}
+    neighbors = {row for pair in starts for row in graph.neighbors[table.lane[pair]]}
+    beside = [
+        pair
+        for pair in pairs
+        if table.lane[pair] in neighbors - followed
+        and table.is_beside[pair]
+        and table.turn_rad[pair] <= MAX_TURN_RAD
+    ]
+    return starts, beside
+
+
+def _routes_from(
+    pairs: list[int],
+    table: _PairTable,
+    routes: LaneRoutes,
+    needed_m: float,
+    kinds: tuple[LaneKind, ...],
+) -> list[tuple[int, Route]]:
+    """Routes that differ within what is needed, one of each start lane in turn."""
+    turns: list[list[tuple[int, Route]]] = []
+    seen: set[tuple[int, ...]] = set()
+    for pair in pairs:
+        length = table.along_m[pair] + needed_m
+        new: list[tuple[int, Route]] = []
+        lane_id = routes.graph.lane_ids[table.lane[pair]]
+        for route in routes.from_lane(lane_id, length, kinds):
+            lanes = route.lane_ids[: route.num_lanes_within(length)]
+            if lanes not in seen:
+                seen.add(lanes)
+                new.append((pair, route))
+        turns.append(new)
+    longest = max(map(len, turns), default=0)
+    return [new[index] for index in range(longest) for new in turns if index < len(new)]
+
+
+def _as_choice(
+    pairs: list[int],
+    chosen: list[Route],
+    changes: list[bool],
+    near: NearbyLanes | None,
+) -> RouteChoice:
+    if near is None:
+        empty = np.zeros(0)
+        return RouteChoice(
+            agent=np.zeros(0, int),
+            routes=(),
+            along_m=empty,
+            offset_m=empty,
+            turn_rad=empty,
+            is_lane_change=np.zeros(0, bool),
+        )
+    index = np.array(pairs, int)
+    return RouteChoice(
+        agent=near.point[index],
+        routes=tuple(chosen),
+        along_m=near.along_m[index],
+        offset_m=near.offset_m[index],
+        turn_rad=near.turn_rad[index],
+        is_lane_change=np.array(changes, bool),
+    )
