@@ -1,0 +1,91 @@
+"""Which agents overlap, now and later."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.geometry.oriented_box import box_corners, overlap_area
+from pd_editor.scene.agent_tracks import AgentTracks
+
+MIN_OVERLAP_M2: Final = 0.05
+"""Boxes that share no more than this merely touch."""
+
+
+def overlapping_pairs(agents: AgentTracks, step: int) -> Int[np.ndarray, "P 2"]:
+    """Pairs of rows, the lower one first, whose boxes overlap at a step."""
+    pairs, _ = first_overlap(agents, np.array([step]))
+    return pairs
+
+
+def first_overlap(
+    agents: AgentTracks, steps: Int[np.ndarray, "S"]
+) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P"]]:
+    """Pairs of rows that overlap at one of the steps, and the first such step.
+
+    ``steps`` must rise. Pairs are sorted by row, the lower one first.
+    """
+    position, heading = agents.position_m[:, steps], agents.heading_rad[:, steps]
+    is_valid = agents.is_valid[:, steps]
+    pairs = _pairs_that_meet(position, is_valid, agents.size_m)
+    pair, at = np.nonzero(is_valid[pairs[:, 0]] & is_valid[pairs[:, 1]])
+    a, b = pairs[pair, 0], pairs[pair, 1]
+    offset = position[b, at] - position[a, at]
+    near = np.einsum("nd,nd->n", offset, offset) < _reach_m(agents, a, b) ** 2
+    pair, at, a, b, offset = pair[near], at[near], a[near], b[near], offset[near]
+    touching = _boxes_touch(
+        offset, heading[a, at], heading[b, at], agents.size_m[a], agents.size_m[b]
+    )
+    pair, at, a, b = pair[touching], at[touching], a[touching], b[touching]
+    area = overlap_area(
+        box_corners(position[a, at], heading[a, at], agents.size_m[a]),
+        box_corners(position[b, at], heading[b, at], agents.size_m[b]),
+    )
+    pair, at = pair[area > MIN_OVERLAP_M2], at[area > MIN_OVERLAP_M2]
+    found, index = np.unique(pair, return_index=True)
+    return pairs[found], np.asarray(steps)[at[index]]
+
+
+def _reach_m(
+    agents: AgentTracks, a: Int[np.ndarray, "N"], b: Int[np.ndarray, "N"]
+) -> Float[np.ndarray, "N"]:
+    """Centre distance within which two boxes may touch."""
+    radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
+    return radius[a] + radius[b]
+
+
+def _pairs_that_meet(
+    position_m: Float[np.ndarray, "A S 2"],
+    is_valid: Bool[np.ndarray, "A S"],
+    size_m: Float[np.ndarray, "A 2"],
+) -> Int[np.ndarray, "P 2"]:
+    """Pairs whose swept areas, as upright rectangles, have a common point."""
+    radius = np.hypot(size_m[:, 0], size_m[:, 1])[:, None] / 2
+    mask = is_valid[..., None]
+    low = np.where(mask, position_m, np.inf).min(axis=1, initial=np.inf) - radius
+    high = np.where(mask, position_m, -np.inf).max(axis=1, initial=-np.inf) + radius
+    meet = (low[:, None] < high[None]).all(-1) & (low[None] < high[:, None]).all(-1)
+    return np.argwhere(np.triu(meet, 1))
+
+
+def _boxes_touch(
+    offset_m: Float[np.ndarray, "N 2"],
+    heading_a_rad: Float[np.ndarray, "N"],
+    heading_b_rad: Float[np.ndarray, "N"],
+    size_a_m: Float[np.ndarray, "N 2"],
+    size_b_m: Float[np.ndarray, "N 2"],
+) -> Bool[np.ndarray, "N"]:
+    """Separating axis test on centres, headings and half sizes."""
+    turn = heading_b_rad - heading_a_rad
+    cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    touch = np.ones(len(turn), bool)
+    for heading, own, other in (
+        (heading_a_rad, size_a_m, size_b_m),
+        (heading_b_rad, size_b_m, size_a_m),
+    ):
+        x, y = np.cos(heading), np.sin(heading)
+        along = np.abs(offset_m[:, 0] * x + offset_m[:, 1] * y)
+        aside = np.abs(offset_m[:, 1] * x - offset_m[:, 0] * y)
+        touch &= along < (own[:, 0] + other[:, 0] * cos + other[:, 1] * sin) / 2
+        touch &= aside < (own[:, 1] + other[:, 0] * sin + other[:, 1] * cos) / 2
+    return touch
