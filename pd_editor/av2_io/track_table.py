@@ -37,8 +37,8 @@ class TrackTable:
     ) -> ScenarioFileError:
         """An error about the first bad row of a column."""
         row = int(np.argmax(is_bad))
-        found = _python_value(self.table[column], row)
-        track = _python_value(self.table["track_id"], row)
+        found = self.table[column][row].as_py()
+        track = self.table["track_id"][row].as_py()
         return self.error(
             f"column {column!r}, row {row} (track {track!r}): expected {expected}, "
             f"found {_short(found)}."
@@ -203,7 +203,9 @@ def _read_within_limits(
         raise ScenarioFileError(f"{file_name}: two columns have the same name.")
     texts = [field.name for field in schema if _is_text(field.type)]
     file = pq.ParquetFile(stream, read_dictionary=texts)
-    return file.read(columns=columns, use_threads=False)
+    table = file.read(columns=columns, use_threads=False)
+    table.validate(full=True)
+    return table
 
 
 def _is_text(data_type: pa.DataType) -> bool:
@@ -214,13 +216,6 @@ def _is_text(data_type: pa.DataType) -> bool:
 
 def _is_numeric(data_type: pa.DataType) -> bool:
     return pa.types.is_floating(data_type) or pa.types.is_integer(data_type)
-
-
-def _python_value(column: pa.ChunkedArray, row: int) -> object:
-    try:
-        return column[row].as_py()
-    except UnicodeDecodeError:
-        return "text that is not UTF-8"
 
 
 def _short(value: object) -> str:

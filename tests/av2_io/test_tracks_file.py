@@ -1,0 +1,292 @@
+import contextlib
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pd_editor.av2_io.tracks_file import TracksFile, read_tracks
+from pd_editor.av2_io.tracks_writer import tracks_bytes
+from pd_editor.errors import ScenarioFileError
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
+from tests.av2_io.small_files import (
+    OFFICIAL_COLUMNS,
+    SCENARIO,
+    TRACKS,
+    parquet,
+    rows,
+    table,
+    with_cell,
+    with_column,
+    without_column,
+)
+
+FILE = "scenario_x.parquet"
+
+
+def read(data: bytes) -> TracksFile:
+    return read_tracks(data, FILE)
+
+
+def reread(scenario: Scenario) -> TracksFile:
+    return read(tracks_bytes(scenario))
+
+
+def assert_same_agents(found: TracksFile, scenario: Scenario) -> None:
+    expected, agents = scenario.agents, found.agents
+    assert agents.ids == expected.ids
+    assert agents.kinds == expected.kinds
+    assert agents.categories == expected.categories
+    np.testing.assert_array_equal(agents.is_valid, expected.is_valid)
+    valid = expected.is_valid
+    np.testing.assert_array_equal(agents.observed[valid], expected.observed[valid])
+    np.testing.assert_array_equal(agents.size_m, expected.size_m)
+    np.testing.assert_array_equal(agents.has_known_size, expected.has_known_size)
+    np.testing.assert_array_equal(
+        agents.heading_rad[valid], expected.heading_rad[valid]
+    )
+    np.testing.assert_array_equal(
+        agents.velocity_mps[valid], expected.velocity_mps[valid]
+    )
+    np.testing.assert_allclose(
+        agents.position_m[valid] + found.origin_city_m,
+        expected.position_m[valid] + scenario.origin_city_m,
+        rtol=0,
+        atol=1e-9,
+    )
+
+
+def scenario_of(seed: int, num_agents: int, num_steps: int) -> Scenario:
+    """Agents of random kinds that come and go at random steps."""
+    rng = np.random.default_rng(seed)
+    shape = (num_agents, num_steps)
+    valid = rng.random(shape) < 0.7
+    valid[:, rng.integers(num_steps)] = True
+    hide = valid.astype(float)
+    kinds, categories = list(AgentKind), list(AgentCategory)
+    ids = tuple(f"agent {row}" for row in range(num_agents))
+    agents = AgentTracks(
+        ids=ids,
+        kinds=tuple(kinds[rng.integers(len(kinds))] for _ in ids),
+        categories=tuple(categories[rng.integers(len(categories))] for _ in ids),
+        size_m=rng.uniform(0.3, 15, (num_agents, 2)),
+        has_known_size=rng.random(num_agents) < 0.5,
+        position_m=rng.uniform(-500, 500, (*shape, 2)) * hide[..., None],
+        heading_rad=rng.uniform(-3.1415, 3.1415, shape) * hide,
+        velocity_mps=rng.uniform(-30, 30, (*shape, 2)) * hide[..., None],
+        is_valid=valid,
+        observed=(rng.random(shape) < 0.5) & valid,
+    )
+    return replace(
+        SCENARIO,
+        agents=agents,
+        time_axis=TimeAxis(
+            num_steps=num_steps,
+            current_step=int(rng.integers(num_steps)),
+            end_timestamp_ns=1e8 * (num_steps - 1),
+        ),
+        focal_id=(*ids, "elsewhere")[rng.integers(num_agents + 1)],
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 5), st.integers(1, 60))
+def test_written_tracks_read_back_equal(
+    seed: int, num_agents: int, num_steps: int
+) -> None:
+    scenario = scenario_of(seed, num_agents, num_steps)
+    found = reread(scenario)
+    assert_same_agents(found, scenario)
+    assert found.time_axis == scenario.time_axis
+    assert found.focal_id == scenario.focal_id
+    assert (found.scenario_id, found.city) == (scenario.scenario_id, scenario.city)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.integers(0, len(TRACKS) - 1))
+def test_a_cut_off_file_is_refused(length: int) -> None:
+    with pytest.raises(ScenarioFileError, match=FILE):
+        read(TRACKS[:length])
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, len(TRACKS) - 1), st.integers(0, 255))))
+def test_damaged_bytes_are_refused_or_readable(
+    changes: list[tuple[int, int]],
+) -> None:
+    damaged = bytearray(TRACKS)
+    for position, value in changes:
+        damaged[position] = value
+    with contextlib.suppress(ScenarioFileError):
+        read(bytes(damaged))
+
+
+def test_columns_and_types_are_the_official_ones() -> None:
+    schema = table().schema
+    assert tuple(schema.names[:16]) == OFFICIAL_COLUMNS
+    types = [str(schema.field(name).type) for name in OFFICIAL_COLUMNS]
+    assert types == (
+        ["bool", "string", "string", "int64", "int64"]
+        + ["double"] * 5
+        + ["string", "double", "double", "int64", "string", "string"]
+    )
+    assert schema.names[16:] == ["length_m", "width_m", "has_known_size"]
+
+
+def test_origin_is_the_focal_agents_place_in_whole_metres() -> None:
+    found = read(TRACKS)
+    np.testing.assert_array_equal(found.origin_city_m, [1000.0, -2000.0])
+    np.testing.assert_allclose(found.agents.position_m[0, 50], 0, atol=1e-9)
+
+
+def test_observed_rows_only_make_the_last_observed_step_current() -> None:
+    step = np.array(table()["timestep"])
+    found = read(rows(np.flatnonzero(step < 50)))
+    assert found.time_axis.current_step == 49
+    assert found.time_axis.num_steps == 110
+
+
+def test_agents_come_in_the_order_of_their_first_rows() -> None:
+    step = np.array(table()["timestep"])
+    found = read(rows(np.argsort(-step, kind="stable")))
+    assert found.agents.ids == ("100", "101")
+    found = read(rows(np.arange(len(step))[::-1]))
+    assert found.agents.ids == ("101", "100")
+
+
+def test_whole_numbers_and_flags_may_be_stored_as_floats() -> None:
+    data = with_column("timestep", np.array(table()["timestep"], float))
+    data = with_column("observed", np.array(table()["observed"], float), data)
+    assert_same_agents(read(data), SCENARIO)
+
+
+def test_files_without_sizes_get_the_defaults() -> None:
+    data = parquet(table().select(list(OFFICIAL_COLUMNS)))
+    assert_same_agents(read(data), SCENARIO)
+
+
+def test_sizes_without_a_flag_are_known() -> None:
+    found = read(without_column("has_known_size"))
+    assert found.agents.has_known_size.all()
+
+
+def test_unknown_scenario_wide_columns_are_kept() -> None:
+    count = table().num_rows
+    data = with_column("map_id", pa.repeat(pa.scalar(2**63 + 1, pa.uint64()), count))
+    data = with_column("slice_id", ["abc"] * count, data)
+    data = with_column("row_number", np.arange(count), data)
+    found = read(data)
+    assert found.source_fields == {"map_id": 2**63 + 1, "slice_id": "abc"}
+    assert found.notes == ("Column 'row_number' of the track file is not kept.",)
+    again = reread(replace(SCENARIO, source_fields=found.source_fields))
+    assert again.source_fields == found.source_fields
+
+
+def test_headings_are_wrapped_only_where_needed() -> None:
+    found = read(with_cell("heading", 0, 7.0))
+    assert found.agents.heading_rad[0, 0] == pytest.approx(7.0 - 2 * np.pi)
+
+
+LAST = table().num_rows - 1
+BAD_FILES = {
+    "no parquet": (b"not parquet", "not a readable parquet file"),
+    "nothing": (b"", "not a readable parquet file"),
+    "no rows": (rows([]), "no rows"),
+    "NaN position": (
+        with_cell("position_x", 3, float("nan")),
+        r"'position_x', row 3 \(track '100'\): .* finite, found nan",
+    ),
+    "infinite speed": (with_cell("velocity_y", 0, float("inf")), "'velocity_y', row 0"),
+    "far away": (with_cell("position_y", 5, 1e9), "'position_y', row 5 .* 1e\\+06"),
+    "null": (with_cell("heading", 4, None), "'heading', row 4 .* found None"),
+    "text as number": (with_column("heading", ["x"] * (LAST + 1)), "'heading' .* type"),
+    "number as text": (with_column("city", [1] * (LAST + 1)), "'city' .* type int64"),
+    "kind": (
+        with_cell("object_type", 2, "horse"),
+        "'object_type', row 2 .* one of vehicle, .* 'horse'",
+    ),
+    "kind changes": (
+        with_cell("object_type", 2, "bus"),
+        "'object_type', row 2 .* the same value in all rows",
+    ),
+    "category": (with_cell("object_category", 0, 9), "one of 0, 1, 2, 3, found 9"),
+    "category changes": (
+        with_cell("object_category", LAST, 0),
+        rf"'object_category', row {LAST} \(track '101'\)",
+    ),
+    "fractional step": (
+        with_column("timestep", np.array(table()["timestep"]) + 0.5),
+        "'timestep', row 0 .* a whole number, found 0.5",
+    ),
+    "late step": (with_cell("timestep", 9, 110), "step from 0 to 109, found 110"),
+    "negative step": (with_cell("timestep", 9, -1), "step from 0 to 109, found -1"),
+    "repeated row": (rows([0, 1, 2, 1]), "'timestep', row 3 .* each step .* once"),
+    "two scenarios": (
+        with_cell("scenario_id", 7, "other"),
+        "'two-lane-road' and 'other'; expected one scenario per file",
+    ),
+    "two cities": (with_cell("city", 7, "other"), "'city' holds both"),
+    "step count": (
+        with_column("num_timestamps", [10**9] * (LAST + 1)),
+        "'num_timestamps' says 1e\\+09; expected a whole number from 1",
+    ),
+    "step count changes": (with_cell("num_timestamps", 1, 50), "'num_timestamps', row"),
+    "time runs backwards": (
+        with_column("end_timestamp", [-1e9] * (LAST + 1)),
+        "expected 0.1 s between steps",
+    ),
+    "size": (with_column("length_m", [-1.0] * (LAST + 1)), "'length_m', row 0"),
+    "size changes": (with_cell("width_m", 1, 2.5), "'width_m', row 1 .* all rows"),
+    "current step": (
+        with_column("current_step", [110] * (LAST + 1)),
+        "'current_step' says 110; expected a step from 0 to 109",
+    ),
+    "flag": (with_column("observed", [2] * (LAST + 1)), "expected true or false"),
+    "two columns of a name": (
+        parquet(
+            table().rename_columns(
+                [name.replace("city", "heading") for name in table().column_names]
+            )
+        ),
+        "two columns have the same name",
+    ),
+}
+
+
+@pytest.mark.parametrize(("data", "message"), BAD_FILES.values(), ids=BAD_FILES)
+def test_bad_files_are_refused_in_one_sentence(data: bytes, message: str) -> None:
+    with pytest.raises(ScenarioFileError, match=message) as refusal:
+        read(data)
+    text = str(refusal.value)
+    assert text.startswith(f"{FILE}: ")
+    assert text.endswith(".")
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize("column", OFFICIAL_COLUMNS)
+def test_each_official_column_must_be_there(column: str) -> None:
+    with pytest.raises(ScenarioFileError, match=f"column '{column}' is missing"):
+        read(without_column(column))
+
+
+def test_too_many_cells_are_refused_before_they_are_allocated() -> None:
+    count = 600
+    data = parquet(
+        pa.table(
+            {
+                "track_id": [str(row) for row in range(count)],
+                "timestep": [0] * count,
+                "observed": [True] * count,
+                "num_timestamps": [10_000] * count,
+                "start_timestamp": [0.0] * count,
+                "end_timestamp": [1e12] * count,
+            }
+        )
+    )
+    with pytest.raises(ScenarioFileError, match="too many to open"):
+        read(data)
