@@ -1,13 +1,12 @@
 """Paths that agents could drive, smooth from their pose, sampled alike."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from pd_editor.geometry.angles import left_of, unit_vector
-from pd_editor.geometry.frenet import mitred_normals
+from pd_editor.geometry.angles import unit_vector
 from pd_editor.paths.lane_routes import SAMPLE_SPACING_M, SAMPLED_BEHIND_M
 from pd_editor.paths.route_choice import RouteChoice
 
@@ -18,6 +17,7 @@ LATERAL_ACCELERATION_MPS2: Final = 3.5
 CURVE_BRAKING_MPS2: Final = 2.0
 """Deceleration with which curves ahead are prepared for."""
 _LEAST_LIMIT_MPS: Final = 1.5
+_GAP_FADES_M: Final = 10.0
 _MAX_START_TURN_RAD: Final = np.pi / 3
 
 
@@ -29,7 +29,8 @@ class DrivingPaths:
     straight on.
     """
 
-    position_m: Float[np.ndarray, "P M 2"]
+    x_m: Float[np.ndarray, "P M"]
+    y_m: Float[np.ndarray, "P M"]
     heading_rad: Float[np.ndarray, "P M"]
     """Agent's heading at each point, without jumps of a whole turn."""
     speed_limit_mps: Float[np.ndarray, "P M"]
@@ -41,28 +42,42 @@ class DrivingPaths:
         self, path: Int[np.ndarray, "K"], parameter_m: Float[np.ndarray, "K H"]
     ) -> Float[np.ndarray, "K H 2"]:
         """Points on paths."""
-        index, fraction = self._cell(path, parameter_m)
-        both = [
-            _between(self.position_m[..., axis], index, fraction) for axis in (0, 1)
-        ]
-        return np.stack(both, axis=-1)
+        return self._points(*self._cell(path, parameter_m))
 
-    def heading_at(
+    def pose_at(
         self, path: Int[np.ndarray, "K"], parameter_m: Float[np.ndarray, "K H"]
-    ) -> Float[np.ndarray, "K H"]:
-        """Headings on paths, in (-pi, pi]."""
+    ) -> tuple[Float[np.ndarray, "K H 2"], Float[np.ndarray, "K H"]]:
+        """Points on paths, and headings in (-pi, pi]."""
         index, fraction = self._cell(path, parameter_m)
-        heading = _between(self.heading_rad, index, np.minimum(fraction, 1.0))
-        return heading - 2 * np.pi * np.ceil(heading / (2 * np.pi) - 0.5)
+        points = self._points(index, fraction)
+        np.minimum(fraction, 1.0, out=fraction)
+        heading = _between(self.heading_rad, index, fraction)
+        turns = heading * (0.5 / np.pi)
+        turns -= 0.5
+        np.ceil(turns, out=turns)
+        turns *= 2 * np.pi
+        heading -= turns
+        return points, heading
+
+    def _points(
+        self, index: Int[np.ndarray, "K H"], fraction: Float[np.ndarray, "K H"]
+    ) -> Float[np.ndarray, "K H 2"]:
+        points = np.empty((*index.shape, 2))
+        points[..., 0] = _between(self.x_m, index, fraction)
+        points[..., 1] = _between(self.y_m, index, fraction)
+        return points
 
     def _cell(
         self, path: Int[np.ndarray, "K"], parameter_m: Float[np.ndarray, "K H"]
     ) -> tuple[Int[np.ndarray, "K H"], Float[np.ndarray, "K H"]]:
         """Flat index of the point before, and the part of the way to the next."""
         num_points = self.heading_rad.shape[1]
-        scaled = parameter_m * (1 / SPACING_M)
-        cell = np.minimum(scaled.astype(np.int64), num_points - 2)
-        return path[:, None] * num_points + cell, scaled - cell
+        fraction = parameter_m * (1 / SPACING_M)
+        cell = fraction.astype(np.int64)
+        np.minimum(cell, num_points - 2, out=cell)
+        fraction -= cell
+        cell += (path * num_points)[:, None]
+        return cell, fraction
 
 
 def _between(
@@ -72,7 +87,7 @@ def _between(
 ) -> Float[np.ndarray, "K H"]:
     flat = values.ravel()
     first = flat.take(index)
-    step = flat.take(index + 1)
+    step = flat[1:].take(index)
     step -= first
     step *= fraction
     step += first
@@ -100,56 +115,85 @@ def paths_along_routes(
     stands does not slide sideways; it also takes up the agent's heading.
     """
     agent = choice.agent[route]
-    line = _route_points(choice, route, num_points)
-    normal = mitred_normals(line)[:, 1:-1]
-    line = line[:, 1:-1]
-    parameter = np.arange(num_points) * SPACING_M
-    speed = speed_mps[agent]
-    start_offset = choice.offset_m[route]
-    shift = final_offset_m - start_offset
-    shift_length = np.maximum(np.maximum(12.0, 3.5 * speed), 9 * np.sqrt(np.abs(shift)))
-    turn_length = np.maximum(8.0, 2.5 * speed)
-    u = np.minimum(parameter / shift_length[:, None], 1.0)
-    blend = u**3 * (10 - 15 * u + 6 * u**2)
-    turn = np.clip(choice.turn_rad[route], -_MAX_START_TURN_RAD, _MAX_START_TURN_RAD)
-    w = np.minimum(parameter / turn_length[:, None], 1.0)
-    swing = (
-        w * (1 - w**2 * (6 - 8 * w + 3 * w**2)) * (np.tan(turn) * turn_length)[:, None]
-    )
-    offset = start_offset[:, None] + shift[:, None] * blend + swing
-    points = line + offset[..., None] * normal
+    x, y = _route_points(choice, route, num_points)
+    along_x, along_y = x[:, 2:] - x[:, :-2], y[:, 2:] - y[:, :-2]
+    inverse = 1 / np.sqrt(along_x**2 + along_y**2)
+    offset = _lateral_profile(choice, route, speed_mps, final_offset_m, num_points)
+    offset *= inverse
+    x = x[:, 1:-1] - offset * along_y
+    y = y[:, 1:-1] + offset * along_x
+    agent = choice.agent[route]
     # The foot on the sampled line differs a little from the foot on the lane.
-    gap = position_m[agent] - points[:, 0]
-    points += (1 - blend)[..., None] * gap[:, None]
-    points[:, 0] = position_m[agent]
-    return _with_limits(points, heading_rad[agent], heading_rad[agent])
+    gap = position_m[agent] - np.stack([x[:, 0], y[:, 0]], axis=-1)
+    fade = np.maximum(1 - np.arange(num_points) * (SPACING_M / _GAP_FADES_M), 0.0)
+    fade = fade**2 * (3 - 2 * fade)
+    x += gap[:, :1] * fade
+    y += gap[:, 1:] * fade
+    x[:, 0], y[:, 0] = position_m[agent].T
+    return _with_limits(x, y, heading_rad[agent], heading_rad[agent])
+
+
+def _lateral_profile(
+    choice: RouteChoice,
+    route: Int[np.ndarray, "P"],
+    speed_mps: Float[np.ndarray, "A"],
+    final_offset_m: Float[np.ndarray, "P"],
+    num_points: int,
+) -> Float[np.ndarray, "P M"]:
+    """Lateral offset: a quintic for the shift, another one for the start's slope."""
+    parameter = np.arange(num_points) * SPACING_M
+    speed = speed_mps[choice.agent[route]]
+    start = choice.offset_m[route]
+    shift = final_offset_m - start
+    shift_length = np.maximum(np.maximum(12.0, 3.5 * speed), 9 * np.sqrt(np.abs(shift)))
+    u = np.minimum(parameter * (1 / shift_length)[:, None], 1.0)
+    offset = u * (6 * u - 15)
+    offset += 10
+    offset *= shift[:, None]
+    offset *= u * u * u
+    offset += start[:, None]
+    turn = np.clip(choice.turn_rad[route], -_MAX_START_TURN_RAD, _MAX_START_TURN_RAD)
+    turn_length = np.maximum(8.0, 2.5 * speed)
+    w = np.minimum(parameter * (1 / turn_length)[:, None], 1.0)
+    swing = w * (8 - 3 * w)
+    swing -= 6
+    swing *= w * w
+    swing += 1
+    swing *= w
+    swing *= (np.tan(turn) * turn_length)[:, None]
+    offset += swing
+    return offset
 
 
 def _route_points(
     choice: RouteChoice, route: Int[np.ndarray, "P"], num_points: int
-) -> Float[np.ndarray, "P M+2 2"]:
-    """Points of routes from one spacing behind each agent onwards."""
+) -> tuple[Float[np.ndarray, "P M+2"], Float[np.ndarray, "P M+2"]]:
+    """Points of routes from one spacing behind each agent onwards, x and y."""
+    if not len(route):
+        return np.zeros((0, num_points + 2)), np.zeros((0, num_points + 2))
     unique: dict[int, int] = {}
     pool: list[np.ndarray] = []
-    slot = np.array(
-        [unique.setdefault(id(one), len(unique)) for one in choice.routes], int
-    )
+    slot: list[int] = []
     for one in choice.routes:
-        if unique[id(one)] == len(pool):
+        if id(one) not in unique:
+            unique[id(one)] = len(pool)
             pool.append(one.samples_m)
-    if not pool:
-        return np.zeros((0, num_points + 2, 2))
+        slot.append(unique[id(one)])
     counts = np.array([len(samples) for samples in pool])
-    offset = (np.cumsum(counts) - counts)[slot][route]
-    last = counts[slot][route] - 2
-    grid = np.arange(-1, num_points + 1) * SPACING_M
-    scaled = (choice.along_m[route, None] + grid + SAMPLED_BEHIND_M) / SAMPLE_SPACING_M
-    cell = np.clip(scaled.astype(np.int64), 0, last[:, None])
-    fraction = (scaled - cell)[..., None]
+    picked = np.array(slot)[route]
+    grid = np.arange(-1, num_points + 1) * (SPACING_M / SAMPLE_SPACING_M)
+    start = (choice.along_m[route] + SAMPLED_BEHIND_M) / SAMPLE_SPACING_M
+    fraction = start[:, None] + grid
+    cell = fraction.astype(np.int64)
+    np.minimum(cell, (counts[picked] - 2)[:, None], out=cell)
+    np.maximum(cell, 0, out=cell)
+    fraction -= cell
+    cell += (np.cumsum(counts) - counts)[picked][:, None]
     samples = np.concatenate(pool)
-    index = offset[:, None] + cell
-    first = samples.take(index, axis=0)
-    return first + fraction * (samples.take(index + 1, axis=0) - first)
+    return (
+        _between(samples[None, :, 0], cell, fraction),
+        _between(samples[None, :, 1], cell, fraction),
+    )
 
 
 def free_paths(
@@ -168,53 +212,62 @@ def free_paths(
     step = SPACING_M * unit_vector(
         direction_rad[:, None] + np.clip(bend, -np.pi, np.pi)
     )
-    points = position_m[:, None] + np.concatenate(
-        [np.zeros((len(step), 1, 2)), np.cumsum(step, axis=1)], axis=1
-    )
-    return _with_limits(points, heading_rad, direction_rad)
+    points = np.cumsum(np.concatenate([position_m[:, None], step], axis=1), axis=1)
+    return _with_limits(points[..., 0], points[..., 1], heading_rad, direction_rad)
 
 
 def joined_paths(first: DrivingPaths, second: DrivingPaths) -> DrivingPaths:
     """These paths, then the others."""
     return DrivingPaths(
-        position_m=np.concatenate([first.position_m, second.position_m]),
-        heading_rad=np.concatenate([first.heading_rad, second.heading_rad]),
-        speed_limit_mps=np.concatenate([first.speed_limit_mps, second.speed_limit_mps]),
-        metres_per_parameter=np.concatenate(
-            [first.metres_per_parameter, second.metres_per_parameter]
-        ),
+        **{
+            field.name: np.concatenate(
+                [getattr(first, field.name), getattr(second, field.name)]
+            )
+            for field in fields(DrivingPaths)
+        }
     )
 
 
 def _with_limits(
-    points_m: Float[np.ndarray, "P M 2"],
+    x_m: Float[np.ndarray, "P M"],
+    y_m: Float[np.ndarray, "P M"],
     heading_rad: Float[np.ndarray, "P"],
     direction_rad: Float[np.ndarray, "P"],
 ) -> DrivingPaths:
     """Headings and speed limits of paths whose agents face and start as given."""
-    step = np.diff(points_m, axis=1)
-    length = np.sqrt(step[..., 0] ** 2 + step[..., 1] ** 2)
-    before = np.concatenate([unit_vector(direction_rad)[:, None], step[:, :-1]], axis=1)
-    turn = np.arctan2((left_of(before) * step).sum(-1), (before * step).sum(-1))
-    segment = heading_rad[:, None] + np.cumsum(turn, axis=1)
-    middle = (segment[:, 1:] + segment[:, :-1]) / 2
-    heading = np.concatenate([heading_rad[:, None], middle, segment[:, -1:]], axis=1)
-    along = np.concatenate(
-        [np.zeros((len(step), 1)), np.cumsum(length, axis=1)], axis=1
-    )
-    # Over two points to each side, so that kinks where lanes join do not count.
-    bend = np.abs(heading[:, 4:] - heading[:, :-4]) / (along[:, 4:] - along[:, :-4])
-    bend = np.concatenate(
-        [bend[:, :1], bend[:, :1], bend, bend[:, -1:], bend[:, -1:]], 1
-    )
-    limit = np.maximum(
-        LATERAL_ACCELERATION_MPS2 / np.maximum(bend, 1e-6), _LEAST_LIMIT_MPS**2
-    )
-    ahead = limit + 2 * CURVE_BRAKING_MPS2 * along
-    ahead = np.minimum.accumulate(ahead[:, ::-1], axis=1)[:, ::-1]
+    dx, dy = np.diff(x_m, axis=1), np.diff(y_m, axis=1)
+    length = np.sqrt(dx * dx + dy * dy)
+    before_x = np.concatenate([np.cos(direction_rad)[:, None], dx[:, :-1]], axis=1)
+    before_y = np.concatenate([np.sin(direction_rad)[:, None], dy[:, :-1]], axis=1)
+    turn = np.arctan2(before_x * dy - before_y * dx, before_x * dx + before_y * dy)
+    turn[:, 0] += heading_rad
+    segment = np.cumsum(turn, axis=1, out=turn)
+    heading = np.empty_like(x_m)
+    heading[:, 0], heading[:, -1] = heading_rad, segment[:, -1]
+    heading[:, 1:-1] = (segment[:, 1:] + segment[:, :-1]) / 2
+    along = np.zeros_like(x_m)
+    np.cumsum(length, axis=1, out=along[:, 1:])
     return DrivingPaths(
-        position_m=points_m,
+        x_m=x_m,
+        y_m=y_m,
         heading_rad=heading,
-        speed_limit_mps=np.sqrt(ahead - 2 * CURVE_BRAKING_MPS2 * along),
+        speed_limit_mps=_speed_limits(heading, along),
         metres_per_parameter=np.concatenate([length, length[:, -1:]], 1) / SPACING_M,
     )
+
+
+def _speed_limits(
+    heading_rad: Float[np.ndarray, "P M"], along_m: Float[np.ndarray, "P M"]
+) -> Float[np.ndarray, "P M"]:
+    # Over two points to each side, so that kinks where lanes join do not count.
+    bend = np.abs(heading_rad[:, 4:] - heading_rad[:, :-4])
+    np.maximum(bend, 1e-6, out=bend)
+    squared = np.empty_like(heading_rad)
+    squared[:, 2:-2] = (along_m[:, 4:] - along_m[:, :-4]) / bend
+    squared[:, :2], squared[:, -2:] = squared[:, 2:3], squared[:, -3:-2]
+    squared *= LATERAL_ACCELERATION_MPS2
+    np.maximum(squared, _LEAST_LIMIT_MPS**2, out=squared)
+    gained = 2 * CURVE_BRAKING_MPS2 * along_m
+    squared += gained
+    ahead = np.minimum.accumulate(squared[:, ::-1], axis=1)[:, ::-1]
+    return np.sqrt(ahead - gained)

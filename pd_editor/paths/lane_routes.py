@@ -50,8 +50,9 @@ class Route:
 
     @cached_property
     def samples_m(self) -> Float[np.ndarray, "M 2"]:
-        """Points every ``SAMPLE_SPACING_M`` from ``-SAMPLED_BEHIND_M`` to a bit past
-        the end; the straight line through the last two goes on from there.
+        """Points every ``SAMPLE_SPACING_M`` from ``-SAMPLED_BEHIND_M`` on.
+
+        They end a bit past the lanes; the line through the last two goes on.
         """
         points, along = self.points_m, arc_length(self.points_m)
         first = _direction(points[0], points, along, _TANGENT_M)
