@@ -6,7 +6,7 @@ progress, and cancels, simply by iterating or not.
 
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -45,14 +45,14 @@ class GenerationRequest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrafficSample:
-    """Generated states of G agents at the current step and all F later ones."""
+    """Generated states of G agents at S steps: the current one and all later ones."""
 
     ids: tuple[str, ...]
     kinds: tuple[AgentKind, ...]
     size_m: Float[np.ndarray, "G 2"]
-    position_m: Float[np.ndarray, "G F+1 2"]
-    heading_rad: Float[np.ndarray, "G F+1"]
-    velocity_mps: Float[np.ndarray, "G F+1 2"]
+    position_m: Float[np.ndarray, "G S 2"]
+    heading_rad: Float[np.ndarray, "G S"]
+    velocity_mps: Float[np.ndarray, "G S 2"]
 
     def __post_init__(self) -> None:
         for name in ("position_m", "heading_rad", "velocity_mps"):
@@ -83,6 +83,7 @@ class GenerationProgress:
     message: str
 
 
+@runtime_checkable
 class ScenarioGenerator(Protocol):
     """Anything that can draw traffic for a scenario."""
 

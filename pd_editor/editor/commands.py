@@ -1,0 +1,96 @@
+"""All edits, by name, and their JSON form."""
+
+from typing import Any, Final
+
+from pd_editor.editor.agent_commands import (
+    DeleteAgents,
+    DuplicateAgents,
+    SetAgentKind,
+    SetAgentSize,
+    SetFocalAgent,
+    new_agent_id,
+    new_agent_ids,
+)
+from pd_editor.editor.command import Command
+from pd_editor.editor.json_values import from_json, to_json
+from pd_editor.editor.motion_commands import AdoptTrajectory, SetAgentSpeed
+from pd_editor.editor.place_command import PlaceAgent
+from pd_editor.editor.pose_commands import (
+    SetAgentHeading,
+    SetAgentPosition,
+    SnapToLane,
+    TransformAgents,
+)
+from pd_editor.editor.road_commands import SetRoadWarp
+from pd_editor.editor.traffic_commands import (
+    ReplaceTraffic,
+    RequestSummary,
+    traffic_command,
+)
+from pd_editor.errors import RecipeError
+
+COMMANDS: Final[dict[str, type[Command]]] = {
+    command.__name__: command
+    for command in (
+        SetRoadWarp,
+        TransformAgents,
+        SetAgentPosition,
+        SetAgentHeading,
+        SnapToLane,
+        SetAgentSpeed,
+        AdoptTrajectory,
+        SetAgentKind,
+        SetAgentSize,
+        PlaceAgent,
+        DuplicateAgents,
+        DeleteAgents,
+        SetFocalAgent,
+        ReplaceTraffic,
+    )
+}
+"""Every command by the name it has in recipes."""
+
+__all__ = [
+    "COMMANDS",
+    "AdoptTrajectory",
+    "Command",
+    "DeleteAgents",
+    "DuplicateAgents",
+    "PlaceAgent",
+    "ReplaceTraffic",
+    "RequestSummary",
+    "SetAgentHeading",
+    "SetAgentKind",
+    "SetAgentPosition",
+    "SetAgentSize",
+    "SetAgentSpeed",
+    "SetFocalAgent",
+    "SetRoadWarp",
+    "SnapToLane",
+    "TransformAgents",
+    "command_from_json",
+    "command_to_json",
+    "new_agent_id",
+    "new_agent_ids",
+    "traffic_command",
+]
+
+
+def command_to_json(command: Command) -> dict[str, Any]:
+    """The command's name and fields."""
+    return {"command": type(command).__name__, **to_json(command)}
+
+
+def command_from_json(data: Any, where: str) -> Command:
+    """The inverse of ``command_to_json``.
+
+    Raises:
+        RecipeError: unknown command or bad fields; the sentence starts with ``where``.
+    """
+    if not isinstance(data, dict) or not isinstance(data.get("command"), str):
+        raise RecipeError(f"{where} must be an object that names its command.")
+    name = data["command"]
+    if name not in COMMANDS:
+        raise RecipeError(f"{where} is of the unknown command {name!r}.")
+    values = {key: value for key, value in data.items() if key != "command"}
+    return from_json(COMMANDS[name], values, f"{where} ({name})")

@@ -1,0 +1,103 @@
+"""What numbers an edit may hold, and which agents it may name."""
+
+import math
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pd_editor.errors import EditError
+from pd_editor.scene.scenario import Scenario
+
+MAX_SPEED_MPS: Final = 60.0
+MIN_SIZE_M: Final = 0.2
+MAX_SIZE_M: Final = 30.0
+MAX_POSITION_M: Final = 5000.0
+"""Distance from the scene's origin along each axis."""
+
+
+def check_finite(**values: float) -> None:
+    """Refuse NaN and infinity; names are those of the fields."""
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise EditError(f"{name} is {value}, but must be a finite number.")
+
+
+def check_speed(speed_mps: float) -> None:
+    """Refuse speeds that no agent has; negative ones mean driving backwards."""
+    check_finite(speed_mps=speed_mps)
+    if abs(speed_mps) > MAX_SPEED_MPS:
+        raise EditError(
+            f"Speed {speed_mps:g} m/s is outside"
+            f" -{MAX_SPEED_MPS:g}..{MAX_SPEED_MPS:g} m/s."
+        )
+
+
+def check_size(length_m: float, width_m: float) -> None:
+    """Refuse boxes that no agent has."""
+    check_finite(length_m=length_m, width_m=width_m)
+    if not all(MIN_SIZE_M <= value <= MAX_SIZE_M for value in (length_m, width_m)):
+        raise EditError(
+            f"Size {length_m:g} x {width_m:g} m is outside"
+            f" {MIN_SIZE_M:g}..{MAX_SIZE_M:g} m."
+        )
+
+
+def check_position(x_m: float, y_m: float) -> None:
+    """Refuse places far outside any scene."""
+    check_finite(x_m=x_m, y_m=y_m)
+    if max(abs(x_m), abs(y_m)) > MAX_POSITION_M:
+        raise EditError(
+            f"Position ({x_m:.1f}, {y_m:.1f}) m is more than"
+            f" {MAX_POSITION_M:g} m from the scene's origin."
+        )
+
+
+def check_positions(position_m: Float[np.ndarray, "*shape 2"]) -> None:
+    """Refuse arrays of places that are not numbers or far outside any scene."""
+    if not np.isfinite(position_m).all():
+        raise EditError("A position holds NaN or infinity.")
+    if np.abs(position_m).max(initial=0.0) > MAX_POSITION_M:
+        raise EditError(
+            "An agent would come to lie more than"
+            f" {MAX_POSITION_M:g} m from the scene's origin."
+        )
+
+
+def check_new_id(scenario: Scenario, agent_id: str) -> None:
+    """Refuse ids that are empty or taken."""
+    if not agent_id:
+        raise EditError("A new agent needs an id that is not empty.")
+    if agent_id in scenario.agents.row_of:
+        raise EditError(f"There is already an agent {agent_id!r} here.")
+
+
+def rows_of(scenario: Scenario, agent_ids: tuple[str, ...]) -> Int[np.ndarray, "G"]:
+    """Rows of agents, each once, in the order named.
+
+    Raises:
+        EditError: no agent is named, or one is not in the scenario.
+    """
+    if not agent_ids:
+        raise EditError("No agent is selected; select at least one first.")
+    return scenario.agents.rows(dict.fromkeys(agent_ids))
+
+
+def present_rows(
+    scenario: Scenario, agent_ids: tuple[str, ...]
+) -> Int[np.ndarray, "G"]:
+    """Rows of agents that all have a state at the current step.
+
+    Raises:
+        EditError: as ``rows_of``, or an agent has no state now.
+    """
+    rows = rows_of(scenario, agent_ids)
+    absent = rows[~scenario.agents.is_valid[rows, scenario.current_step]]
+    if len(absent):
+        names = ", ".join(scenario.agents.ids[row] for row in absent[:3])
+        more = f" and {len(absent) - 3} more" if len(absent) > 3 else ""
+        raise EditError(
+            f"Agent {names}{more} has no state at the current step"
+            f" {scenario.current_step}, so it can only be deleted."
+        )
+    return rows

@@ -1,0 +1,104 @@
+"""A generator at work on a thread of its own."""
+
+import logging
+import threading
+from collections.abc import Callable
+from typing import Final
+
+from pd_editor.editor.traffic_commands import traffic_command
+from pd_editor.errors import GenerationError, PdEditorError
+from pd_editor.generation import (
+    GeneratedTraffic,
+    GenerationProgress,
+    GenerationRequest,
+    ScenarioGenerator,
+)
+
+__all__ = ["GenerationJob", "traffic_command"]
+
+_logger: Final = logging.getLogger(__name__)
+
+
+class GenerationJob:
+    """One run of a generator: progress, then exactly one of result and error.
+
+    Callbacks are called from the job's thread; after ``cancel`` no more of them
+    begins. The generator is asked for no step after the one in progress.
+    """
+
+    def __init__(
+        self,
+        generator: ScenarioGenerator,
+        request: GenerationRequest,
+        on_progress: Callable[[GenerationProgress], None],
+        on_done: Callable[[GeneratedTraffic], None],
+        on_error: Callable[[PdEditorError], None],
+    ) -> None:
+        """Prepare the run; ``start`` begins it."""
+        self._generator = generator
+        self._request = request
+        self._on_progress = on_progress
+        self._on_done = on_done
+        self._on_error = on_error
+        self._cancelled = threading.Event()
+        self._thread = threading.Thread(
+            target=self._run, name=f"generate-{generator.name}", daemon=True
+        )
+
+    def start(self) -> None:
+        """Begin; only once."""
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """Stop after the step in progress, without result or error."""
+        self._cancelled.set()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the thread is at work."""
+        return self._thread.is_alive()
+
+    @property
+    def is_cancelled(self) -> bool:
+        """Whether it was told to stop."""
+        return self._cancelled.is_set()
+
+    def wait(self, timeout_s: float | None = None) -> None:
+        """Wait until the thread has ended."""
+        self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        try:
+            traffic = self._result()
+        except PdEditorError as error:
+            self._fail(error)
+        except Exception:
+            _logger.exception("%s failed", self._generator.name)
+            self._fail(
+                GenerationError(
+                    f"{self._generator.name} failed by a fault of its own; the log"
+                    " has details."
+                )
+            )
+        else:
+            if traffic is not None and not self._cancelled.is_set():
+                self._on_done(traffic)
+
+    def _result(self) -> GeneratedTraffic | None:
+        """The traffic; None if cancelled."""
+        steps = self._generator.generate(self._request)
+        try:
+            while not self._cancelled.is_set():
+                try:
+                    progress = next(steps)
+                except StopIteration as stop:
+                    return stop.value
+                if not self._cancelled.is_set():
+                    self._on_progress(progress)
+        finally:
+            steps.close()
+        return None
+
+    def _fail(self, error: PdEditorError) -> None:
+        if not self._cancelled.is_set():
+            self._on_error(error)

@@ -1,0 +1,171 @@
+"""JSON form of the values that commands hold, driven by their type annotations."""
+
+import base64
+import binascii
+import math
+import types
+import typing
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from enum import Enum
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+
+from pd_editor.errors import PdEditorError, RecipeError
+
+_MAX_ARRAY_VALUES: Final = 20_000_000
+"""Bound on stored arrays, so that a small file cannot fill the memory."""
+_ARRAY_KEYS: Final = {"dtype", "shape", "zlib"}
+
+
+def to_json(value: Any) -> Any:
+    """Dicts, lists, strings and numbers that ``from_json`` takes back exactly.
+
+    Arrays become float32, little-endian, zlib-compressed, base64.
+    """
+    if isinstance(value, Enum):
+        return value.value
+    if is_dataclass(value) and not isinstance(value, type):
+        return {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
+    if isinstance(value, np.ndarray):
+        packed = zlib.compress(np.ascontiguousarray(value, "<f4").tobytes())
+        text = base64.b64encode(packed).decode("ascii")
+        return {"dtype": "float32", "shape": list(value.shape), "zlib": text}
+    if isinstance(value, Mapping):
+        return {str(to_json(key)): to_json(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [to_json(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
+
+
+def from_json(hint: Any, data: Any, where: str) -> Any:
+    """The value of type ``hint`` whose JSON form is ``data``.
+
+    Raises:
+        RecipeError: ``data`` does not fit; the sentence starts with ``where``.
+    """
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return _optional_from_json(args, data, where)
+    if origin is typing.Literal:
+        if data not in args:
+            raise _misfit(where, f"one of {', '.join(map(str, args))}", data)
+        return data
+    if origin is tuple:
+        return _tuple_from_json(args, data, where)
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        if not isinstance(data, dict):
+            raise _misfit(where, "an object", data)
+        return {
+            from_json(args[0], key, where): from_json(args[1], item, f"{where}.{key}")
+            for key, item in data.items()
+        }
+    if getattr(hint, "array_type", None) is np.ndarray:
+        return _array_from_json(data, where)
+    if is_dataclass(hint):
+        return _dataclass_from_json(hint, data, where)
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        try:
+            return hint(data)
+        except ValueError as error:
+            names = ", ".join(str(member.value) for member in hint)
+            raise _misfit(where, f"one of {names}", data) from error
+    return _scalar_from_json(hint, data, where)
+
+
+def _misfit(where: str, expected: str, data: Any) -> RecipeError:
+    shown = repr(data)
+    shown = shown if len(shown) <= 40 else shown[:37] + "..."
+    return RecipeError(f"{where} must be {expected}, not {shown}.")
+
+
+def _optional_from_json(args: tuple[Any, ...], data: Any, where: str) -> Any:
+    if data is None and type(None) in args:
+        return None
+    (inner,) = (arg for arg in args if arg is not type(None))
+    return from_json(inner, data, where)
+
+
+def _tuple_from_json(args: tuple[Any, ...], data: Any, where: str) -> tuple[Any, ...]:
+    if not isinstance(data, list):
+        raise _misfit(where, "a list", data)
+    if len(args) == 2 and args[1] is Ellipsis:
+        args = (args[0],) * len(data)
+    if len(args) != len(data):
+        raise _misfit(where, f"a list of {len(args)}", data)
+    return tuple(
+        from_json(arg, item, f"{where}[{index}]")
+        for index, (arg, item) in enumerate(zip(args, data, strict=True))
+    )
+
+
+def _scalar_from_json(hint: type, data: Any, where: str) -> Any:
+    is_bool = isinstance(data, bool)
+    if hint is float:
+        if is_bool or not isinstance(data, int | float):
+            raise _misfit(where, "a number", data)
+        try:
+            value = float(data)
+        except OverflowError as error:
+            raise _misfit(where, "a finite number", data) from error
+        if not math.isfinite(value):
+            raise _misfit(where, "a finite number", data)
+        return value
+    assert hint in (str, int, bool), hint
+    name = {str: "a text", int: "a whole number", bool: "true or false"}[hint]
+    if not isinstance(data, hint) or is_bool != (hint is bool):
+        raise _misfit(where, name, data)
+    return data
+
+
+@cache
+def _hints(cls: type) -> dict[str, Any]:
+    return typing.get_type_hints(cls)
+
+
+def _dataclass_from_json(cls: Any, data: Any, where: str) -> Any:
+    if not isinstance(data, dict):
+        raise _misfit(where, "an object", data)
+    known = {item.name: item for item in fields(cls)}
+    for name in data:
+        if name not in known:
+            raise RecipeError(f"{where} has an unknown field {name!r}.")
+    values: dict[str, Any] = {}
+    for name, item in known.items():
+        if name in data:
+            hint = _hints(cls)[name]
+            values[name] = from_json(hint, data[name], f"{where}.{name}")
+        elif item.default is MISSING and item.default_factory is MISSING:
+            raise RecipeError(f"{where} lacks the field {name!r}.")
+    return _built(cls, values, where)
+
+
+def _built(cls: Callable[..., Any], values: dict[str, Any], where: str) -> Any:
+    try:
+        return cls(**values)
+    except PdEditorError as error:
+        raise RecipeError(f"{where}: {error}") from error
+
+
+def _array_from_json(data: Any, where: str) -> np.ndarray:
+    if not isinstance(data, dict) or set(data) != _ARRAY_KEYS:
+        raise _misfit(where, "an array of dtype, shape and zlib", data)
+    shape = from_json(tuple[int, ...], data["shape"], f"{where}.shape")
+    if data["dtype"] != "float32" or not isinstance(data["zlib"], str):
+        raise RecipeError(f"{where} must hold float32 values as text.")
+    if min(shape, default=0) < 0 or math.prod(shape) > _MAX_ARRAY_VALUES:
+        raise RecipeError(f"{where} has the impossible shape {list(shape)}.")
+    num_bytes = 4 * math.prod(shape)
+    try:
+        packed = base64.b64decode(data["zlib"], validate=True)
+        raw = zlib.decompressobj().decompress(packed, num_bytes + 1)
+    except (binascii.Error, ValueError, zlib.error) as error:
+        raise RecipeError(f"{where} holds a damaged array.") from error
+    if len(raw) != num_bytes:
+        raise RecipeError(f"{where} holds more or fewer values than its shape says.")
+    return np.frombuffer(raw, "<f4").reshape(shape).astype(np.float32)

@@ -1,0 +1,236 @@
+"""A base scenario and what was done to it, as one text file."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from pd_editor.editor.commands import (
+    Command,
+    ReplaceTraffic,
+    command_from_json,
+    command_to_json,
+    traffic_command,
+)
+from pd_editor.editor.json_values import from_json, to_json
+from pd_editor.errors import PdEditorError, RecipeError
+from pd_editor.generation import ScenarioGenerator, run_to_end
+from pd_editor.scene.scenario import Scenario
+
+RECIPE_FORMAT: Final = "pd-editor recipe"
+RECIPE_VERSION: Final = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseReference:
+    """Which scenario a recipe starts from."""
+
+    scenario_id: str
+    source: str = ""
+    """How to open it again, as in its provenance."""
+    content_sha256: str = ""
+    """Hash of the source's bytes."""
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> "BaseReference":
+        """The reference to a scenario as it was opened."""
+        return cls(
+            scenario_id=scenario.scenario_id,
+            source=scenario.provenance.source,
+            content_sha256=scenario.provenance.content_sha256,
+        )
+
+    def check(self, base: Scenario) -> None:
+        """Refuse another scenario, or other contents under the same id.
+
+        Raises:
+            RecipeError: it is not the one.
+        """
+        if base.scenario_id != self.scenario_id:
+            raise RecipeError(
+                f"This belongs to scenario {self.scenario_id}, not to"
+                f" {base.scenario_id}."
+            )
+        if base.provenance.content_sha256 != self.content_sha256:
+            raise RecipeError(
+                f"Scenario {base.scenario_id} has other contents than when this was"
+                " recorded."
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """Commands in the order in which to apply them to the base."""
+
+    base: BaseReference
+    commands: tuple[Command, ...] = ()
+    created_at: str = ""
+    """Date and time, ISO 8601; may be empty."""
+
+    def to_text(self) -> str:
+        """The recipe as JSON, one command per line."""
+        head = {
+            "format": RECIPE_FORMAT,
+            "version": RECIPE_VERSION,
+            "created_at": self.created_at,
+            "base": to_json(self.base),
+        }
+        lines = [json.dumps(command_to_json(command)) for command in self.commands]
+        text = json.dumps(head, indent=1)[:-2]
+        body = ",\n".join(f"  {line}" for line in lines)
+        return f'{text},\n "commands": [{chr(10) if body else ""}{body}]\n}}\n'
+
+    @classmethod
+    def from_text(cls, text: str | bytes) -> "Recipe":
+        """The inverse of ``to_text``.
+
+        Raises:
+            RecipeError: not a recipe, a newer version, or a bad entry.
+        """
+        data = parsed_json(text, "The recipe")
+        if not isinstance(data, dict) or data.get("format") != RECIPE_FORMAT:
+            raise RecipeError(f'This is not a recipe; its format is "{RECIPE_FORMAT}".')
+        check_version(data.get("version"), RECIPE_VERSION, "recipe")
+        unknown = set(data) - {"format", "version", "created_at", "base", "commands"}
+        if unknown:
+            raise RecipeError(f"The recipe has an unknown field {min(unknown)!r}.")
+        commands = data.get("commands")
+        if not isinstance(commands, list):
+            raise RecipeError("The recipe lacks its list of commands.")
+        return cls(
+            base=from_json(BaseReference, data.get("base"), "The recipe's base"),
+            commands=tuple(
+                command_from_json(item, f"Entry {number}")
+                for number, item in enumerate(commands, start=1)
+            ),
+            created_at=from_json(
+                str, data.get("created_at", ""), "The recipe's created_at"
+            ),
+        )
+
+
+def replay(
+    recipe: Recipe,
+    base: Scenario,
+    *,
+    on_step: Callable[[int, Scenario], None] | None = None,
+    allow_other_base: bool = False,
+) -> Scenario:
+    """The scenario that a recipe leads to; ``on_step`` sees each entry's result.
+
+    Raises:
+        RecipeError: the base is another one, or an entry does not apply.
+    """
+    if not allow_other_base:
+        recipe.base.check(base)
+    scenario = base
+    for number, command in enumerate(recipe.commands, start=1):
+        scenario = applied(command, scenario, number)
+        if on_step is not None:
+            on_step(number, scenario)
+    return scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegeneratedEntry:
+    """One generated entry of a recipe, drawn once more."""
+
+    number: int
+    """Which entry of the recipe, from 1."""
+    is_equal: bool
+    """Whether every number is the same, in float32."""
+    max_difference_m: float
+    """Largest distance between positions; infinity if other agents were drawn."""
+
+
+def regenerate(
+    recipe: Recipe,
+    base: Scenario,
+    generator: ScenarioGenerator,
+    *,
+    allow_other_base: bool = False,
+) -> tuple[Scenario, tuple[RegeneratedEntry, ...]]:
+    """Replay, but draw generated traffic anew and say whether it is the same.
+
+    Raises:
+        RecipeError: as ``replay``, or an entry was drawn by another generator.
+        GenerationError: the generator refused.
+    """
+    if not allow_other_base:
+        recipe.base.check(base)
+    scenario = base
+    checked: list[RegeneratedEntry] = []
+    for number, command in enumerate(recipe.commands, start=1):
+        fresh = command
+        if isinstance(command, ReplaceTraffic):
+            fresh = _drawn_again(command, scenario, generator, number)
+            checked.append(_comparison(number, command, fresh))
+        scenario = applied(fresh, scenario, number)
+    return scenario, tuple(checked)
+
+
+def applied(command: Command, scenario: Scenario, number: int) -> Scenario:
+    """The result of one entry of a recipe.
+
+    Raises:
+        RecipeError: it does not apply; the sentence names the entry.
+    """
+    try:
+        return command.apply(scenario)
+    except PdEditorError as error:
+        raise RecipeError(f"Entry {number} ({command.label}): {error}") from error
+
+
+def parsed_json(text: str | bytes, what: str) -> Any:
+    """The value of a JSON text.
+
+    Raises:
+        RecipeError: it is not JSON.
+    """
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise RecipeError(f"{what} is not valid JSON.") from error
+
+
+def check_version(version: Any, known: int, what: str) -> None:
+    """Refuse formats of the future, and no version at all."""
+    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+        raise RecipeError(f"The {what} names no version.")
+    if version > known:
+        raise RecipeError(
+            f"The {what} is of version {version}; this program reads up to {known}."
+        )
+
+
+def _drawn_again(
+    command: ReplaceTraffic,
+    scenario: Scenario,
+    generator: ScenarioGenerator,
+    number: int,
+) -> ReplaceTraffic:
+    if generator.name != command.generator:
+        raise RecipeError(
+            f"Entry {number} was drawn by {command.generator}, not by {generator.name}."
+        )
+    request = command.request.request(scenario, command.seed)
+    traffic = run_to_end(generator.generate(request))
+    return traffic_command(request, traffic, command.request.sample_index)
+
+
+def _comparison(
+    number: int, stored: ReplaceTraffic, fresh: ReplaceTraffic
+) -> RegeneratedEntry:
+    ours, theirs = stored.sample, fresh.sample
+    if ours.ids != theirs.ids or ours.position_m.shape != theirs.position_m.shape:
+        return RegeneratedEntry(
+            number=number, is_equal=False, max_difference_m=float("inf")
+        )
+    gap = np.linalg.norm(ours.position_m - theirs.position_m, axis=-1)
+    return RegeneratedEntry(
+        number=number,
+        is_equal=to_json(ours) == to_json(theirs),
+        max_difference_m=float(gap.max(initial=0.0)),
+    )

@@ -1,0 +1,306 @@
+"""The one thing that changes: which scenario is open, and how it came about."""
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Protocol, runtime_checkable
+
+from pd_editor.editor.command import Command
+from pd_editor.editor.history import History, HistoryEntry, Snapshot
+from pd_editor.editor.recipe import BaseReference, Recipe
+from pd_editor.errors import EditError
+from pd_editor.scene.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionState:
+    """What listeners see; compare its parts by identity."""
+
+    scenario: Scenario
+    selection: tuple[str, ...]
+    position: int
+    """Number of commands in force."""
+    num_entries: int
+    """Number of commands in the history, undone ones included."""
+    is_previewing: bool
+    """Whether the scenario is that of an unfinished gesture."""
+
+
+Listener = Callable[[SessionState, SessionState], None]
+
+
+@runtime_checkable
+class EditRecorder(Protocol):
+    """Keeps what a session commits, such as a journal on disk."""
+
+    def start(self, base: Scenario, base_files: Mapping[str, bytes] | None) -> None:
+        """A scenario was opened; what was kept so far is left as it is."""
+        ...
+
+    def committed(
+        self, command: Command, selection: tuple[str, ...], time_s: float
+    ) -> None:
+        """A command was added; ``selection`` is that before it."""
+        ...
+
+    def moved_to(self, position: int, time_s: float) -> None:
+        """The history was gone along to a position."""
+        ...
+
+    def close(self, *, discard: bool) -> None:
+        """The session is over; ``discard`` forgets what was kept."""
+        ...
+
+
+class EditorSession:
+    """An open scenario, its selection and history.
+
+    Not safe for threads: one thread calls it. Each method either succeeds as a whole
+    or raises and changes nothing. Listeners are called after each change.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        clock: Callable[[], float] = time.time,
+        journal: EditRecorder | None = None,
+        max_undo: int = 200,
+        base_files: Mapping[str, bytes] | None = None,
+    ) -> None:
+        """Open a scenario.
+
+        Args:
+            scenario: the base of all edits.
+            clock: seconds since 1970.
+            journal: told of every commit, undo and redo.
+            max_undo: how many edits can be undone.
+            base_files: the scenario's bytes if it has no file to be opened from.
+        """
+        self._clock = clock
+        self._journal = journal
+        self._max_undo = max_undo
+        self._listeners: list[Listener] = []
+        self._base = scenario
+        self._now = Snapshot(scenario=scenario, selection=())
+        self._history = History(max_undo)
+        self._gesture_start: Snapshot | None = None
+        self._previewed: Command | None = None
+        self._opened_at = clock()
+        if journal is not None:
+            journal.start(scenario, base_files)
+
+    @property
+    def state(self) -> SessionState:
+        """The state as a value."""
+        return SessionState(
+            scenario=self._now.scenario,
+            selection=self._now.selection,
+            position=self._history.position,
+            num_entries=len(self._history),
+            is_previewing=self._previewed is not None,
+        )
+
+    @property
+    def base(self) -> Scenario:
+        """The scenario as it was opened."""
+        return self._base
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario as it is now, that of a preview included."""
+        return self._now.scenario
+
+    @property
+    def selection(self) -> tuple[str, ...]:
+        """Ids of the selected agents."""
+        return self._now.selection
+
+    @property
+    def entries(self) -> tuple[HistoryEntry, ...]:
+        """Committed commands, the oldest first, undone ones included."""
+        return self._history.entries
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is something to take back."""
+        position = self._history.position
+        return self._previewed is not None or position > self._history.oldest_position
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether something was taken back."""
+        return self._history.position < len(self._history)
+
+    def open(
+        self, scenario: Scenario, base_files: Mapping[str, bytes] | None = None
+    ) -> None:
+        """Start anew on another scenario; its edits get a journal of their own."""
+        if self._journal is not None:
+            self._journal.start(scenario, base_files)
+        before = self.state
+        self._base = scenario
+        self._history = History(self._max_undo)
+        self._gesture_start = self._previewed = None
+        self._opened_at = self._clock()
+        self._show(Snapshot(scenario=scenario, selection=()), before)
+
+    def apply(self, command: Command) -> None:
+        """Commit a command as one undo step; none if it changes nothing.
+
+        A gesture that is under way is committed first.
+
+        Raises:
+            EditError: the command makes no sense here.
+        """
+        self.commit_gesture()
+        before = self.state
+        after = _after(command, self._now)
+        self._commit(command, self._now, after, before)
+
+    def begin_gesture(self) -> None:
+        """Mark the state that previews are applied to; commits a former gesture."""
+        self.commit_gesture()
+        self._gesture_start = self._now
+
+    def preview(self, command: Command) -> None:
+        """Show a command applied to the gesture's start, in place of the last one.
+
+        Begins a gesture if none is under way.
+
+        Raises:
+            EditError: the command makes no sense here; the last preview stays.
+        """
+        start = self._gesture_start or self._now
+        after = _after(command, start)
+        before = self.state
+        self._gesture_start, self._previewed = start, command
+        self._show(after, before)
+
+    def commit_gesture(self) -> None:
+        """Make the last preview one undo step; nothing if nothing was changed."""
+        start, command = self._gesture_start, self._previewed
+        before = self.state
+        self._gesture_start = self._previewed = None
+        if start is not None and command is not None:
+            self._commit(command, start, self._now, before)
+
+    def abort_gesture(self) -> None:
+        """Go back to the gesture's start."""
+        start, before = self._gesture_start, self.state
+        self._gesture_start = self._previewed = None
+        if start is not None and before.is_previewing:
+            self._show(start, before)
+
+    def undo(self) -> None:
+        """Take back the gesture under way, else the last command.
+
+        Raises:
+            EditError: there is nothing to undo.
+        """
+        if self._previewed is not None:
+            self.abort_gesture()
+            return
+        if self._history.position == 0:
+            raise EditError("There is nothing to undo.")
+        self.jump_to(self._history.position - 1)
+
+    def redo(self) -> None:
+        """Bring back what was undone last.
+
+        Raises:
+            EditError: there is nothing to redo.
+        """
+        self.commit_gesture()
+        if not self.can_redo:
+            raise EditError("There is nothing to redo.")
+        self.jump_to(self._history.position + 1)
+
+    def jump_to(self, position: int) -> None:
+        """Undo or redo until ``position`` commands are in force.
+
+        Raises:
+            EditError: there is no such position, or it is too long ago.
+        """
+        self.commit_gesture()
+        before = self.state
+        snapshot = self._history.go_to(position)
+        if snapshot is None:
+            return
+        if self._journal is not None:
+            self._journal.moved_to(position, self._clock())
+        self._show(snapshot, before)
+
+    def select(self, agent_ids: Iterable[str]) -> None:
+        """Select exactly these agents; a gesture under way is committed first.
+
+        Raises:
+            EditError: an id is not in the scenario.
+        """
+        selection = tuple(dict.fromkeys(agent_ids))
+        self._now.scenario.agents.rows(selection)
+        self.commit_gesture()
+        before = self.state
+        if selection != before.selection:
+            self._show(Snapshot(scenario=before.scenario, selection=selection), before)
+
+    def recipe(self) -> Recipe:
+        """The base and the commands in force, an unfinished gesture excluded."""
+        in_force = self._history.entries[: self._history.position]
+        moment = datetime.fromtimestamp(self._clock(), UTC)
+        return Recipe(
+            base=BaseReference.of(self._base),
+            commands=tuple(entry.command for entry in in_force),
+            created_at=moment.isoformat(timespec="seconds"),
+        )
+
+    def close(self, *, discard: bool = False) -> None:
+        """End the session; ``discard`` also forgets its journal."""
+        if self._journal is not None:
+            self._journal.close(discard=discard)
+            self._journal = None
+
+    def continue_journal(self, journal: EditRecorder) -> None:
+        """Tell ``journal`` from now on; it knows already what was done so far."""
+        assert self._journal is None
+        self._journal = journal
+
+    def add_listener(self, listener: Listener) -> None:
+        """Call ``listener(before, after)`` after each change."""
+        self._listeners.append(listener)
+
+    def remove_listener(self, listener: Listener) -> None:
+        """Call it no more."""
+        self._listeners.remove(listener)
+
+    def _commit(
+        self, command: Command, start: Snapshot, after: Snapshot, before: SessionState
+    ) -> None:
+        if after.scenario is not start.scenario:
+            moment = self._clock()
+            self._history.push(
+                HistoryEntry(command=command, time_s=moment, before=start, after=after)
+            )
+            if self._journal is not None:
+                self._journal.committed(command, start.selection, moment)
+        self._show(after, before)
+
+    def _show(self, snapshot: Snapshot, before: SessionState) -> None:
+        self._now = snapshot
+        after = self.state
+        for listener in tuple(self._listeners):
+            listener(before, after)
+
+
+def _after(command: Command, start: Snapshot) -> Snapshot:
+    """The state after a command; what is selected follows the agents."""
+    scenario = command.apply(start.scenario)
+    if scenario is start.scenario:
+        return start
+    wanted = start.selection if command.selects is None else command.selects
+    there = scenario.agents.row_of
+    return Snapshot(
+        scenario=scenario,
+        selection=tuple(name for name in wanted if name in there),
+    )

@@ -1,0 +1,226 @@
+"""Edits that take over what a generator drew."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from pd_editor.editor.command import Command, agents_in_words
+from pd_editor.editor.edit_limits import check_positions
+from pd_editor.editor.motion_commands import agents_with_future
+from pd_editor.errors import EditError, GenerationError
+from pd_editor.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    GuidanceTerm,
+    TrafficSample,
+)
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
+
+SAME_STATE_M: Final = 0.01
+"""A generated current state this close to the present one counts as the same."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RequestSummary:
+    """What was asked of a generator, without the scenario that it was asked about."""
+
+    agent_ids: tuple[str, ...]
+    num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
+    num_samples: int = 1
+    sample_index: int = 0
+    """Which of the samples was taken."""
+    num_denoising_steps: int | None = None
+    guidance: tuple[GuidanceTerm, ...] = ()
+
+    def request(self, scenario: Scenario, seed: int) -> GenerationRequest:
+        """The same request about a scenario."""
+        return GenerationRequest(
+            scenario=scenario,
+            agent_ids=self.agent_ids,
+            num_new_agents=self.num_new_agents,
+            num_samples=self.num_samples,
+            num_denoising_steps=self.num_denoising_steps,
+            guidance=self.guidance,
+            seed=seed,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReplaceTraffic(Command):
+    """Give agents the futures that a generator drew, and add those it invented.
+
+    Agents of the scenario keep their kind, their size and, where the sample agrees
+    with it, their current state; where it does not, the sample's state counts and
+    the past, which no longer leads there, is dropped. Arrays are kept as float32.
+    """
+
+    sample: TrafficSample
+    generator: str
+    model_sha256: str = ""
+    seed: int = 0
+    request: RequestSummary
+
+    def __post_init__(self) -> None:
+        check_positions(self.sample.position_m)
+        check_sample(self.sample)
+        object.__setattr__(self, "sample", _as_float32(self.sample))
+
+    @property
+    def label(self) -> str:
+        """Says who drew how many futures with which seed."""
+        agents = agents_in_words(self.sample.ids)
+        return f"Regenerate {agents} ({self.generator}, seed {self.seed})"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with other traffic."""
+        sample, axis = self.sample, scenario.time_axis
+        if sample.position_m.shape[1] != axis.num_future_steps + 1:
+            raise EditError(
+                f"The generated traffic has {sample.position_m.shape[1]} steps; this"
+                f" scenario needs {axis.num_future_steps + 1}."
+            )
+        there = scenario.agents.row_of
+        gone = [name for name in self.request.agent_ids if name not in there]
+        if gone:
+            raise EditError(
+                f"Agent {gone[0]} is not in the scenario any more, so the generated"
+                " traffic does not fit it."
+            )
+        if not sample.ids:
+            return scenario
+        note = f"Motion of {agents_in_words(sample.ids)} was drawn by {self.generator}."
+        old = np.array([name in there for name in sample.ids])
+        agents = scenario.agents
+        if (~old).any():
+            agents = agents.joined(_blank(sample, np.flatnonzero(~old), axis.num_steps))
+        now = axis.current_step
+        rows = agents.rows(sample.ids)
+        same = agents.is_valid[rows, now] & (
+            np.linalg.norm(
+                agents.position_m[rows, now] - sample.position_m[:, 0], axis=-1
+            )
+            <= SAME_STATE_M
+        )
+        for some, first in ((same, now + 1), (~same, now)):
+            if some.any() and first < axis.num_steps:
+                agents = agents_with_future(
+                    agents,
+                    rows[some],
+                    slice(first, axis.num_steps),
+                    position_m=sample.position_m[some, first - now :],
+                    heading_rad=sample.heading_rad[some, first - now :],
+                    velocity_mps=sample.velocity_mps[some, first - now :],
+                )
+        return scenario.with_agents(_without_past(agents, rows[~same], now), note)
+
+
+def check_sample(sample: TrafficSample) -> None:
+    """Refuse a sample whose arrays do not fit one another.
+
+    Raises:
+        GenerationError: a shape is wrong, or an id comes twice.
+    """
+    count, steps = len(sample.ids), sample.position_m.shape[1]
+    shapes = {
+        "size_m": (count, 2),
+        "position_m": (count, steps, 2),
+        "heading_rad": (count, steps),
+        "velocity_mps": (count, steps, 2),
+    }
+    for name, shape in shapes.items():
+        found = getattr(sample, name).shape
+        if found != shape:
+            raise GenerationError(
+                f"The generated {name} has shape {list(found)}, not {list(shape)}."
+            )
+    if len(sample.kinds) != count or len(set(sample.ids)) != count:
+        raise GenerationError("The generated agents need one kind and one id each.")
+
+
+def traffic_command(
+    request: GenerationRequest, traffic: GeneratedTraffic, sample_index: int = 0
+) -> ReplaceTraffic:
+    """The command that takes over one generated sample.
+
+    Raises:
+        GenerationError: there is no such sample, its shape is wrong, or it speaks of
+            agents that it was not asked about.
+    """
+    if not 0 <= sample_index < len(traffic.samples):
+        raise GenerationError(
+            f"Sample {sample_index} was asked for, but {traffic.generator} drew"
+            f" {len(traffic.samples)}."
+        )
+    sample, axis = traffic.samples[sample_index], request.scenario.time_axis
+    if sample.position_m.ndim != 3 or sample.position_m.shape[1] != (
+        axis.num_future_steps + 1
+    ):
+        raise GenerationError(
+            f"The generated position_m has shape {list(sample.position_m.shape)}; the"
+            f" scenario needs {axis.num_future_steps + 1} steps of x and y."
+        )
+    check_sample(sample)
+    taken = set(request.scenario.agents.ids) - set(request.agent_ids)
+    for name in sample.ids:
+        if name in taken:
+            raise GenerationError(
+                f"{traffic.generator} drew agent {name}, which was to be kept."
+            )
+    return ReplaceTraffic(
+        sample=sample,
+        generator=traffic.generator,
+        model_sha256=traffic.model_sha256,
+        seed=request.seed,
+        request=RequestSummary(
+            agent_ids=request.agent_ids,
+            num_new_agents=dict(request.num_new_agents),
+            num_samples=request.num_samples,
+            sample_index=sample_index,
+            num_denoising_steps=request.num_denoising_steps,
+            guidance=request.guidance,
+        ),
+    )
+
+
+def _as_float32(sample: TrafficSample) -> TrafficSample:
+    return replace(
+        sample,
+        size_m=sample.size_m.astype(np.float32),
+        position_m=sample.position_m.astype(np.float32),
+        heading_rad=sample.heading_rad.astype(np.float32),
+        velocity_mps=sample.velocity_mps.astype(np.float32),
+    )
+
+
+def _blank(sample: TrafficSample, index: np.ndarray, num_steps: int) -> AgentTracks:
+    """Agents of a sample that the scenario lacks, without any valid step yet."""
+    count = len(index)
+    return AgentTracks(
+        ids=tuple(sample.ids[one] for one in index),
+        kinds=tuple(sample.kinds[one] for one in index),
+        categories=(AgentCategory.UNSCORED,) * count,
+        size_m=sample.size_m[index].astype(float),
+        has_known_size=np.ones(count, bool),
+        position_m=np.zeros((count, num_steps, 2)),
+        heading_rad=np.zeros((count, num_steps)),
+        velocity_mps=np.zeros((count, num_steps, 2)),
+        is_valid=np.zeros((count, num_steps), bool),
+        observed=np.zeros((count, num_steps), bool),
+    )
+
+
+def _without_past(agents: AgentTracks, rows: np.ndarray, now: int) -> AgentTracks:
+    """Agents of which some begin at the current step."""
+    if not len(rows):
+        return agents
+    cut: dict[str, np.ndarray] = {}
+    names = ("position_m", "heading_rad", "velocity_mps", "is_valid", "observed")
+    for name in names:
+        values = getattr(agents, name)[rows]
+        values[:, :now] = 0
+        cut[name] = values
+    return agents.with_rows(rows, **cut)
