@@ -84,7 +84,7 @@ class DatasetIndex:
             InputError: there is no such folder.
         """
         self.root = Path(root)
-        if not self.root.is_dir():
+        if not os.path.isdir(self.root):
             raise InputError(f"{root}: there is no such dataset folder.")
         self.is_complete = False
         """Whether all folders were listed."""

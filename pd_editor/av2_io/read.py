@@ -1,6 +1,7 @@
 """An Argoverse 2 scenario folder, read."""
 
 import hashlib
+import os
 from pathlib import Path
 from typing import Final
 
@@ -34,7 +35,7 @@ def read_scenario(folder: Path) -> Scenario:
     """
     folder = Path(folder)
     try:
-        if not folder.is_dir():
+        if not os.path.isdir(folder):
             raise InputError(f"{folder}: there is no such folder.")
         names = sorted(entry.name for entry in folder.iterdir() if entry.is_file())
     except OSError as error:

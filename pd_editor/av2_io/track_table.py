@@ -202,7 +202,7 @@ def _read_within_limits(
     if len(set(schema.names)) != len(schema.names):
         raise ScenarioFileError(f"{file_name}: two columns have the same name.")
     texts = [field.name for field in schema if _is_text(field.type)]
-    file = pq.ParquetFile(stream, read_dictionary=texts)
+    file = pq.ParquetFile(stream, metadata=metadata, read_dictionary=texts)
     table = file.read(columns=columns, use_threads=False)
     table.validate(full=True)
     return table

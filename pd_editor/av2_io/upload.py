@@ -3,6 +3,7 @@
 import io
 import re
 import stat
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -32,6 +33,15 @@ _CHUNK_BYTES: Final = 2**18
 _CENTRAL_HEADER: Final = b"PK\x01\x02"
 _ZIP_STARTS: Final = (b"PK\x03\x04", b"PK\x05\x06")
 _METHODS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_ZIP_ERRORS: Final = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    EOFError,
+    OSError,
+    ValueError,
+    RuntimeError,
+)
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
 
 
@@ -80,14 +90,7 @@ def _scenario_from_zip(name: str, data: bytes) -> Scenario:
             parquet = _unpacked(archive, members[tracks], label, MAX_UNPACKED_BYTES)
             room = MAX_UNPACKED_BYTES - len(parquet)
             map_json = _unpacked(archive, members[road_map], label, room)
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        EOFError,
-        OSError,
-        ValueError,
-        NotImplementedError,
-    ) as error:
+    except _ZIP_ERRORS as error:
         raise ArchiveError(
             f"{label}: this is not a readable zip; it may be cut off or damaged."
         ) from error
@@ -114,7 +117,8 @@ def _check_member(member: zipfile.ZipInfo, label: str) -> None:
 
 
 def _choose(names: list[str], label: str) -> tuple[str, str]:
-    """The one track file and the one map among files."""
+    """The one track file and the one map among files that are not hidden."""
+    names = [name for name in names if not _base(name).startswith(".")]
     parquets = [name for name in names if name.lower().endswith(".parquet")]
     texts = [name for name in names if name.lower().endswith(".json")]
     maps = [name for name in texts if is_map_name(_base(name))] or [

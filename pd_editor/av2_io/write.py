@@ -23,7 +23,13 @@ def scenario_files(scenario: Scenario) -> dict[str, bytes]:
         raise ExportError(
             f"The scenario id {scenario_id[:60]!r} cannot be part of a file's name."
         )
+    try:
+        map_json = map_bytes(scenario.road_map, scenario.origin_city_m)
+    except RecursionError as error:
+        raise ExportError(
+            f"Scenario {scenario_id}: a field of its map is nested too deeply to write."
+        ) from error
     return {
         tracks_name(scenario_id): tracks_bytes(scenario),
-        map_name(scenario_id): map_bytes(scenario.road_map, scenario.origin_city_m),
+        map_name(scenario_id): map_json,
     }

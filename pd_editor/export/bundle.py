@@ -57,6 +57,9 @@ def write_files(
         _replace_folder(files, target)
     except OSError as error:
         raise ExportError(f"{out}: cannot be written ({error.strerror}).") from error
+    # Path.resolve: a circle of links, or a NUL in the name.
+    except (RuntimeError, ValueError) as error:
+        raise ExportError(f"{str(out)!r}: is no place for a folder.") from error
 
 
 def _check_names(names: list[str]) -> None:

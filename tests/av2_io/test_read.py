@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pd_editor.av2_io.dataset import DatasetIndex
 from pd_editor.av2_io.read import read_scenario, read_scenario_bytes
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import ExportError, InputError, MapFileError, ScenarioFileError
@@ -52,6 +53,14 @@ def test_a_file_is_no_folder(folder: Path) -> None:
         read_scenario(folder / TRACKS_NAME)
 
 
+@pytest.mark.parametrize("name", ["nul\0", "x" * 5000])
+def test_names_that_no_folder_can_have(name: str) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        read_scenario(Path(name))
+    with pytest.raises(InputError, match="no such dataset folder"):
+        DatasetIndex(Path(name))
+
+
 def test_missing_tracks(folder: Path) -> None:
     (folder / TRACKS_NAME).unlink()
     with pytest.raises(ScenarioFileError, match="found no track files; expected one"):
@@ -96,6 +105,15 @@ def test_ids_that_are_no_file_names_are_refused(bad_id: str) -> None:
         read_scenario_bytes(data, MAP, name="x")
     with pytest.raises(ExportError, match="cannot be part of a file's name"):
         scenario_files(replace(SCENARIO, scenario_id=bad_id))
+
+
+def test_a_map_field_nested_too_deeply_cannot_be_written() -> None:
+    nested: list = []
+    for _ in range(3000):
+        nested = [nested]
+    road_map = replace(SCENARIO.road_map, source_fields={"x": nested})
+    with pytest.raises(ExportError, match="nested too deeply"):
+        scenario_files(replace(SCENARIO, road_map=road_map))
 
 
 def test_a_scenario_without_agents_cannot_be_written() -> None:

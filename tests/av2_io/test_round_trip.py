@@ -28,12 +28,10 @@ def assert_equal(result: RoundTrip) -> None:
     assert result.map_error_m < 1e-9
 
 
-def assert_as_av2_reads_it(scenario: Scenario, folder: Path) -> None:
-    """Compare with the objects of av2's own loaders."""
+def assert_tracks_as_av2_reads_them(scenario: Scenario, folder: Path) -> None:
     from av2.datasets.motion_forecasting.scenario_serialization import (
         load_argoverse_scenario_parquet,
     )
-    from av2.map.map_api import ArgoverseStaticMap
 
     theirs = load_argoverse_scenario_parquet(next(folder.glob("scenario_*.parquet")))
     agents, axis = scenario.agents, scenario.time_axis
@@ -61,6 +59,10 @@ def assert_as_av2_reads_it(scenario: Scenario, folder: Path) -> None:
         position = agents.position_m[row, step] + scenario.origin_city_m
         expected = np.array([state.position for state in states])
         np.testing.assert_allclose(position, expected, rtol=0, atol=1e-9)
+
+
+def assert_map_as_av2_reads_it(scenario: Scenario, folder: Path) -> None:
+    from av2.map.map_api import ArgoverseStaticMap
 
     their_map = ArgoverseStaticMap.from_json(next(folder.glob("log_map_archive_*")))
     lift = np.array([*scenario.origin_city_m, 0.0])
@@ -97,8 +99,10 @@ def check(folder: Path, out: Path) -> None:
     copy = copy_scenario(folder, out)
     assert_equal(compare(folder, copy))
     check_with_official_loaders(copy)
-    assert_as_av2_reads_it(read_scenario(folder), folder)
-    assert_as_av2_reads_it(read_scenario(copy), copy)
+    for place in (folder, copy):
+        scenario = read_scenario(place)
+        assert_tracks_as_av2_reads_them(scenario, place)
+        assert_map_as_av2_reads_it(scenario, place)
 
 
 def test_a_few_scenarios_survive_a_round_trip(

@@ -46,6 +46,7 @@ def refused(files: Mapping[str, bytes], message: str) -> None:
         {"stored.zip": zipped(FILES, zipfile.ZIP_STORED)},
         {"deep.zip": zipped({f"a/b/{name}": data for name, data in FILES.items()})},
         {"more.zip": zipped({**FILES, "x/nested.zip": ZIP, "a.png": b"", "d/": b""})},
+        {"mac.zip": zipped({**FILES, f"__MACOSX/._{TRACKS_NAME}": b"x"})},
         {TRACKS_NAME: TRACKS, MAP_NAME: MAP},
         {"my tracks.PARQUET": TRACKS, "map (1).json": MAP},
         {TRACKS_NAME: TRACKS, MAP_NAME: MAP, "recipe.json": b"{}"},

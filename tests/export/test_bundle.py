@@ -95,6 +95,13 @@ def test_a_file_in_the_way(tmp_path: Path) -> None:
         write_files(FILES, tmp_path / "x" / "y", forbidden=None)
 
 
+def test_odd_paths(tmp_path: Path) -> None:
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    for out in (tmp_path / "circle", tmp_path / "nul\0"):
+        with pytest.raises(ExportError, match="is no place for a folder"):
+            write_files(FILES, out, forbidden=None)
+
+
 def test_a_failure_midway_leaves_the_old_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
