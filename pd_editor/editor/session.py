@@ -87,7 +87,6 @@ class EditorSession:
         self._history = History(max_undo)
         self._gesture_start: Snapshot | None = None
         self._previewed: Command | None = None
-        self._opened_at = clock()
         if journal is not None:
             journal.start(scenario, base_files)
 
@@ -143,7 +142,6 @@ class EditorSession:
         self._base = scenario
         self._history = History(self._max_undo)
         self._gesture_start = self._previewed = None
-        self._opened_at = self._clock()
         self._show(Snapshot(scenario=scenario, selection=()), before)
 
     def apply(self, command: Command) -> None:
@@ -265,6 +263,18 @@ class EditorSession:
         """Tell ``journal`` from now on; it knows already what was done so far."""
         assert self._journal is None
         self._journal = journal
+
+    def take_over(self, other: "EditorSession") -> None:
+        """Become another session, with its history and journal; that one is spent.
+
+        The journal of what was open so far is let go and stays as unfinished work.
+        """
+        self.close()
+        before = self.state
+        self._base, self._history = other._base, other._history
+        self._gesture_start = self._previewed = None
+        self._journal, other._journal = other._journal, None
+        self._show(other._now, before)
 
     def add_listener(self, listener: Listener) -> None:
         """Call ``listener(before, after)`` after each change."""
