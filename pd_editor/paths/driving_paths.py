@@ -10,7 +10,7 @@ from pd_editor.geometry.angles import unit_vector
 from pd_editor.paths.lane_routes import SAMPLE_SPACING_M, SAMPLED_BEHIND_M
 from pd_editor.paths.route_choice import RouteChoice
 
-SPACING_M: Final = 1.5
+SPACING_M: Final = 2.0
 """Distance between points of a path, along its route."""
 LATERAL_ACCELERATION_MPS2: Final = 3.5
 """Lateral acceleration that speed limits in curves allow."""
@@ -18,6 +18,7 @@ CURVE_BRAKING_MPS2: Final = 2.0
 """Deceleration with which curves ahead are prepared for."""
 _LEAST_LIMIT_MPS: Final = 1.5
 _GAP_FADES_M: Final = 10.0
+_LEAST_POINTS: Final = 8
 _MAX_START_TURN_RAD: Final = np.pi / 3
 
 
@@ -96,7 +97,22 @@ def _between(
 
 def num_path_points(length_m: float) -> int:
     """Points of a path of a length."""
-    return int(np.ceil(length_m / SPACING_M)) + 2
+    return max(int(np.ceil(length_m / SPACING_M)) + 2, _LEAST_POINTS)
+
+
+def velocity_of(
+    position_m: Float[np.ndarray, "K H 2"],
+    first_mps: Float[np.ndarray, "K 2"],
+    step_s: float,
+) -> Float[np.ndarray, "K H 2"]:
+    """Velocities by central differences, but for the first one, which is given."""
+    velocity = np.empty_like(position_m)
+    if position_m.shape[1] > 1:
+        np.subtract(position_m[:, 2:], position_m[:, :-2], out=velocity[:, 1:-1])
+        velocity[:, 1:-1] *= 1 / (2 * step_s)
+        velocity[:, -1] = (position_m[:, -1] - position_m[:, -2]) / step_s
+    velocity[:, 0] = first_mps
+    return velocity
 
 
 def paths_along_routes(

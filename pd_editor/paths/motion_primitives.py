@@ -21,6 +21,7 @@ from pd_editor.paths.candidate_grid import (
     targets,
     turns,
 )
+from pd_editor.paths.driving_paths import velocity_of
 from pd_editor.paths.speed_profiles import drive
 from pd_editor.scene.scenario import Scenario
 
@@ -146,11 +147,7 @@ def _packed(
 
     position, heading = plans.paths.pose_at(path, reached_m)
     position[:, 0] = start.position_m[agent]
-    velocity = np.empty_like(position)
-    velocity[:, 0] = start.velocity_mps[agent]
-    np.subtract(position[:, 2:], position[:, :-2], out=velocity[:, 1:-1])
-    velocity[:, 1:-1] *= 1 / (2 * step_s)
-    velocity[:, -1] = (position[:, -1] - position[:, -2]) / step_s
+    velocity = velocity_of(position, start.velocity_mps[agent], step_s)
     heading[:, 0] = start.heading_rad[agent]
     choice = plans.choice
     ends = np.array(
