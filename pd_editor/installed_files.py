@@ -1,0 +1,39 @@
+"""Finds the files that come with the package: demos and weights."""
+
+from pathlib import Path
+
+from pd_editor.errors import InputError
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def _folder(name: str) -> Path:
+    """In a wheel the folder lies inside the package, in a checkout beside it."""
+    inside = _PACKAGE / name
+    return inside if inside.is_dir() else _PACKAGE.parent / name
+
+
+def demo_names() -> tuple[str, ...]:
+    """Names of all demo scenarios."""
+    demos = _folder("assets") / "demos"
+    return tuple(
+        sorted(path.parent.name for path in demos.glob("*/scenario_*.parquet"))
+    )
+
+
+def demo_folder(name: str) -> Path:
+    """Folder of a demo scenario.
+
+    Raises:
+        InputError: there is no such demo.
+    """
+    if name not in demo_names():
+        raise InputError(
+            f"There is no demo {name!r}; choose one of {', '.join(demo_names())}."
+        )
+    return _folder("assets") / "demos" / name
+
+
+def models_folder() -> Path:
+    """Folder of the shipped weights."""
+    return _folder("models")

@@ -1,0 +1,305 @@
+"""One browser tab: its views, panels and pointer, kept true to its workspace."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+import viser
+
+from pd_editor.editor.session import SessionState
+from pd_editor.generation import ScenarioGenerator
+from pd_editor.viewer import camera
+from pd_editor.viewer.agents_view import AgentsView
+from pd_editor.viewer.candidates_view import CandidatesView
+from pd_editor.viewer.colors import DARK, LIGHT, Palette
+from pd_editor.viewer.desk import Desk
+from pd_editor.viewer.inbox import Inbox
+from pd_editor.viewer.map_view import MapView
+from pd_editor.viewer.marks_view import MarksView
+from pd_editor.viewer.panels.agent_panel import AgentPanel
+from pd_editor.viewer.panels.dataset_panel import DatasetPanel
+from pd_editor.viewer.panels.drive_panel import DrivePanel
+from pd_editor.viewer.panels.history_panel import HistoryPanel
+from pd_editor.viewer.panels.recovery_panel import RecoveryPanel
+from pd_editor.viewer.panels.road_panel import RoadPanel
+from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
+from pd_editor.viewer.panels.status_panel import StatusPanel
+from pd_editor.viewer.panels.timeline import TimelinePanel
+from pd_editor.viewer.panels.view_panel import ViewPanel
+from pd_editor.viewer.pointer import Pointer
+from pd_editor.viewer.ribbons_view import RibbonsView
+from pd_editor.viewer.workspace import Workspace
+
+TIMELINE_REFRESH_S: Final = 0.25
+FUTURE_CHECK_DELAY_S: Final = 0.4
+"""An edit's consequences for the future are looked at when edits pause."""
+
+Generators = Mapping[str, Callable[[], ScenarioGenerator]]
+
+
+class BrowserSession:
+    """Everything of one connection; a reload makes a new one for the same workspace."""
+
+    def __init__(
+        self, client: viser.ClientHandle, workspace: Workspace, generators: Generators
+    ) -> None:
+        """Prepare; ``start`` builds the page on the session's own thread."""
+        self._client = client
+        self._workspace = workspace
+        self._generators = generators
+        self._inbox = Inbox(tick=self._tick, on_error=self._report)
+        self._desk = Desk(client, workspace, self._inbox)
+        self._checks_future_at: float | None = None
+        self._timeline_shown_at = 0.0
+        self._drawn_step = -1.0
+        self._is_top_view = False
+        self._is_built = False
+
+    def start(self) -> None:
+        """Build the page and begin to work."""
+        self._inbox.post(self._build)
+        self._inbox.start()
+
+    def close(self) -> None:
+        """Stop working; the workspace lives on."""
+        self._inbox.close()
+        self._workspace.listen(None)
+
+    def _build(self) -> None:
+        client, workspace = self._client, self._workspace
+        palette = DARK if workspace.is_dark else LIGHT
+        with client.atomic():
+            self._configure_page()
+            self._map = MapView(client, palette)
+            self._pointer = Pointer(
+                self._desk, lambda: self._agents, self._ground_clicked
+            )
+            self._agents = AgentsView(client, palette, self._pointer.attach)
+            self._ribbons = RibbonsView(client, palette)
+            self._marks = MarksView(client)
+            self._candidates = CandidatesView(client)
+            self._status = StatusPanel(self._desk)
+            self._frame_focal()
+            self._draw()
+        client.flush()
+        with client.atomic():
+            self._build_panels()
+            self._add_hotkeys()
+            self._show_panels(workspace.session.state)
+        workspace.listen(self._changed)
+        self._is_built = True
+        self._request_check()
+        if workspace.starts_playing:
+            workspace.starts_playing = False
+            workspace.playback.play()
+
+    def _configure_page(self) -> None:
+        client = self._client
+        client.gui.configure_theme(
+            dark_mode=self._workspace.is_dark, show_logo=False, show_share_button=False
+        )
+        client.gui.set_panel_label("Path Diffuser Editor")
+        client.gui.main_panel.dock_right()
+        client.gui.main_panel.set_width(340)
+        client.scene.configure_environment_map("city", environment_intensity=0.45)
+        client.scene.configure_default_lights(enabled=True, cast_shadow=False)
+
+    def _build_panels(self) -> None:
+        gui, desk, workspace = self._client.gui, self._desk, self._workspace
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Scene", viser.Icon.FOLDER):
+            self._scenario_panel = ScenarioPanel(desk)
+            self._dataset_panel = DatasetPanel(desk)
+            self._recovery_panel = RecoveryPanel(desk)
+        with tabs.add_tab("Road", viser.Icon.ROAD):
+            self._road_panel = RoadPanel(desk, self._map.set_ghost_wanted)
+        with tabs.add_tab("Agents", viser.Icon.CAR):
+            self._agent_panel = AgentPanel(desk, self._placing_changed)
+        with tabs.add_tab("Drive", viser.Icon.ROUTE):
+            self._drive_panel = DrivePanel(desk, self._candidates, self._generators)
+        with tabs.add_tab("History", viser.Icon.HISTORY):
+            self._history_panel = HistoryPanel(desk)
+        with tabs.add_tab("View", viser.Icon.EYE):
+            ViewPanel(
+                desk,
+                is_dark=workspace.is_dark,
+                on_camera=self._camera_chosen,
+                on_theme=self._theme_chosen,
+                on_layer=self._map.set_layer_visible,
+                on_ribbons=self._ribbons.set_visible,
+            )
+        self._timeline = TimelinePanel(desk, workspace.playback)
+
+    def _add_hotkeys(self) -> None:
+        key = self._desk.hotkey
+        key("Play or pause", self._timeline.toggle_play, "space")
+        key("Undo", self._history_panel.undo, "Z", "cmd/ctrl")
+        key("Redo", self._history_panel.redo, "Z", "cmd/ctrl+shift")
+        key("Redo (Ctrl+Y)", self._history_panel.redo, "Y", "cmd/ctrl")
+        key("Delete selection", self._agent_panel.delete, "delete")
+        key("Delete selection (Backspace)", self._agent_panel.delete, "backspace")
+        key("Duplicate selection", self._agent_panel.duplicate, "D", "cmd/ctrl")
+        key("Snap to lane", self._agent_panel.snap, "L")
+        key("Place an agent", self._agent_panel.toggle_placing, "P")
+        key("Show candidates", self._drive_panel.toggle_candidates, "G")
+        key("Regenerate futures", self._drive_panel.regenerate, "R")
+        key("Reset road", self._road_panel.reset)
+        key("Switch 3-D and top view", self._switch_view, "V")
+        key("Frame selection", self._frame_selection, "F")
+        key("Clear selection", self._escape, "escape")
+        key("Next scenario", lambda: self._dataset_panel.go(+1), "pagedown")
+        key("Previous scenario", lambda: self._dataset_panel.go(-1), "pageup")
+
+    def _changed(self, before: SessionState, after: SessionState) -> None:
+        playback = self._workspace.playback
+        is_other_scene = (
+            before.scenario.time_axis != after.scenario.time_axis
+            or before.scenario.scenario_id != after.scenario.scenario_id
+        )
+        if is_other_scene:
+            playback.open(after.scenario.time_axis)
+        with self._client.atomic():
+            if is_other_scene:
+                self._frame_focal()
+            if after.scenario is not before.scenario:
+                self._status.check(with_future=False)
+            self._draw()
+            self._show_panels(after)
+        if after.scenario is not before.scenario and not after.is_previewing:
+            self._request_check()
+
+    def _draw(self) -> None:
+        """Draw the scenario at the playhead."""
+        scenario = self._workspace.session.scenario
+        self._map.show(scenario)
+        self._ribbons.show(scenario)
+        self._draw_frame()
+
+    def _draw_frame(self) -> None:
+        session, step = self._workspace.session, self._workspace.playback.step
+        self._agents.show(session.scenario, step)
+        poses = self._agents.poses
+        assert poses is not None
+        self._marks.show(
+            session.scenario, poses, step, session.selection, self._status.warned_now()
+        )
+
+    def _show_panels(self, state: SessionState) -> None:
+        scenario, selection = state.scenario, state.selection
+        self._scenario_panel.show(scenario)
+        self._road_panel.show(scenario)
+        self._agent_panel.show(scenario, selection)
+        self._drive_panel.show(scenario, selection)
+        self._history_panel.show()
+        self._timeline.show()
+        self._status.show()
+
+    def _tick(self) -> float | None:
+        if not self._is_built:
+            return None
+        self._desk.tick()
+        now = time.monotonic()
+        if self._checks_future_at is not None and now >= self._checks_future_at:
+            self._checks_future_at = None
+            self._status.check(with_future=True)
+            with self._client.atomic():
+                self._draw_frame()
+                self._status.show()
+        if self._workspace.search_on():
+            self._dataset_panel.show()
+        playback = self._workspace.playback
+        is_due, pause_s = playback.advance()
+        if is_due:
+            with self._client.atomic():
+                self._draw_frame()
+            if now - self._timeline_shown_at > TIMELINE_REFRESH_S:
+                self._timeline_shown_at = now
+                self._timeline.show()
+        elif self._drawn_step != playback.step:
+            self._draw_frame()
+        self._drawn_step = playback.step
+        return pause_s
+
+    def _request_check(self) -> None:
+        self._checks_future_at = time.monotonic() + FUTURE_CHECK_DELAY_S
+
+    def _report(self, error: Exception) -> None:
+        self._desk.report(error)
+
+    def _ground_clicked(self, point_m: np.ndarray) -> bool:
+        if self._agent_panel.is_placing:
+            self._agent_panel.place(point_m)
+            return True
+        return self._drive_panel.shows_candidates and self._drive_panel.adopt_near(
+            point_m
+        )
+
+    def _placing_changed(self, is_placing: bool) -> None:
+        self._pointer.set_takes_ground_first(is_placing)
+
+    def _escape(self) -> None:
+        """Leave what is under way; with nothing under way, clear the selection."""
+        self._desk.abort_gesture()
+        if self._agent_panel.is_placing:
+            self._agent_panel.toggle_placing()
+        elif self._drive_panel.shows_candidates:
+            self._drive_panel.hide_candidates()
+        else:
+            self._workspace.session.select(())
+
+    def _theme_chosen(self, is_dark: bool) -> None:
+        self._workspace.is_dark = is_dark
+        palette: Palette = DARK if is_dark else LIGHT
+        self._client.gui.configure_theme(
+            dark_mode=is_dark, show_logo=False, show_share_button=False
+        )
+        with self._client.atomic():
+            self._map.set_palette(palette)
+            self._agents.set_palette(palette)
+            self._ribbons.set_palette(palette)
+
+    def _camera_chosen(self, name: str) -> None:
+        if name == "Frame selection":
+            self._frame_selection()
+        elif (name == "Top view") != self._is_top_view:
+            self._switch_view()
+
+    def _switch_view(self) -> None:
+        self._is_top_view = not self._is_top_view
+        self._pointer.set_plain_drag_selects(self._is_top_view)
+        self._look_at(np.asarray(self._client.camera.look_at)[:2])
+
+    def _frame_focal(self) -> None:
+        self._look_at(*self._center_of((self._workspace.session.scenario.focal_id,)))
+
+    def _frame_selection(self) -> None:
+        session = self._workspace.session
+        self._look_at(
+            *self._center_of(session.selection or (session.scenario.focal_id,))
+        )
+
+    def _center_of(self, agent_ids: tuple[str, ...]) -> tuple[np.ndarray, float]:
+        """Middle of agents at the current step, and the first one's heading."""
+        scenario = self._workspace.session.scenario
+        agents, step = scenario.agents, scenario.current_step
+        rows = [agents.row_of[agent] for agent in agent_ids if agent in agents.row_of]
+        rows = [row for row in rows if agents.is_valid[row, step]]
+        if not rows:
+            points = np.concatenate(scenario.road_map.polylines)[:, :2]
+            return points.mean(axis=0), np.pi / 2
+        return agents.position_m[rows, step].mean(axis=0), float(
+            agents.heading_rad[rows[0], step]
+        )
+
+    def _look_at(self, center_m: np.ndarray, heading_rad: float | None = None) -> None:
+        view = self._client.camera
+        with self._client.atomic():
+            if self._is_top_view:
+                camera.look_from_above(view, center_m)
+                return
+            if heading_rad is None:
+                _, heading_rad = self._center_of(
+                    (self._workspace.session.scenario.focal_id,)
+                )
+            camera.look_from_behind(view, center_m, heading_rad)

@@ -1,0 +1,74 @@
+"""Draws where a selected agent could go, as a fan to choose from."""
+
+from typing import Final
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from pd_editor.paths.motion_primitives import CandidateSet
+from pd_editor.viewer.colors import inverse_aces, srgb_to_linear
+from pd_editor.viewer.flat_mesh import Primitive, glb_of
+from pd_editor.viewer.ribbons import path_ribbons
+
+HEIGHT_M: Final = 0.085
+PICK_DISTANCE_M: Final = 1.5
+_SLOW: Final = np.array([240, 170, 40]) / 255.0
+_FAST: Final = np.array([0, 150, 120]) / 255.0
+
+
+class CandidatesView:
+    """One node of one browser with the candidates of one agent."""
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        """Draw nothing yet."""
+        self._client = client
+        self._handle: viser.GlbHandle | None = None
+        self.shown: CandidateSet | None = None
+
+    def show(self, candidates: CandidateSet | None, highlighted: int | None) -> None:
+        """Draw the candidates of the first agent of a set, or nothing."""
+        self.shown = candidates
+        if candidates is None:
+            if self._handle is not None:
+                self._handle.visible = False
+            return
+        data = glb_of([_fan(candidates, highlighted)])
+        if self._handle is None:
+            self._handle = self._client.scene.add_glb(
+                "/candidates", data, cast_shadow=False, receive_shadow=False
+            )
+        else:
+            self._handle.glb_data = data
+            self._handle.visible = True
+
+    def candidate_near(self, point_m: Float[np.ndarray, "2"]) -> int | None:
+        """Index of the candidate whose path lies nearest to a point on the ground."""
+        if self.shown is None:
+            return None
+        gap = np.linalg.norm(self.shown.position_m[0] - point_m, axis=-1).min(axis=-1)
+        gap = np.where(self.shown.is_valid[0], gap, np.inf)
+        nearest = int(gap.argmin())
+        return nearest if gap[nearest] <= PICK_DISTANCE_M else None
+
+
+def _fan(candidates: CandidateSet, highlighted: int | None) -> Primitive:
+    position = candidates.position_m[0]
+    count, num_points = position.shape[:2]
+    speed = np.clip(candidates.target_speed_mps[0] / 15.0, 0.0, 1.0)[:, None]
+    color = inverse_aces(srgb_to_linear(_SLOW + speed * (_FAST - _SLOW)))
+    opacity = np.full((count, num_points), 0.55)
+    width = np.full((count, num_points), 0.45)
+    if highlighted is not None:
+        opacity[:] = 0.25
+        opacity[highlighted] = 1.0
+        width[highlighted] = 0.8
+    is_valid = np.repeat(candidates.is_valid[0][:, None], num_points, axis=1)
+    return path_ribbons(
+        position,
+        is_valid,
+        color=color,
+        opacity=opacity,
+        width_m=width,
+        height_m=HEIGHT_M,
+    )

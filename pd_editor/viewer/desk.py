@@ -1,0 +1,177 @@
+"""What every panel and pointer handler of one browser tab works with."""
+
+import contextlib
+import html
+import logging
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Final, Literal
+
+import viser
+
+from pd_editor.editor.commands import Command
+from pd_editor.editor.session import EditorSession
+from pd_editor.errors import PdEditorError
+from pd_editor.viewer.inbox import Inbox
+from pd_editor.viewer.workspace import Workspace
+
+_LOG = logging.getLogger(__name__)
+GESTURE_PAUSE_S: Final = 0.6
+"""A slider that rests this long has finished its gesture (viser tells no end)."""
+
+Tone = Literal["info", "success", "warning", "error"]
+_TONE_COLOR: Final[dict[Tone, Literal["blue", "green", "orange", "red"]]] = {
+    "info": "blue",
+    "success": "green",
+    "warning": "orange",
+    "error": "red",
+}
+
+
+class Desk:
+    """A browser's session, its inbox, and how to speak to its user."""
+
+    def __init__(
+        self, client: viser.ClientHandle, workspace: Workspace, inbox: Inbox
+    ) -> None:
+        """Join the three."""
+        self.client = client
+        self.workspace = workspace
+        self.inbox = inbox
+        self._gesture: str | None = None
+        self._gesture_deadline: float | None = None
+
+    @property
+    def session(self) -> EditorSession:
+        """The session that the workspace holds now."""
+        return self.workspace.session
+
+    def post(self, action: Callable[[], None], merge_key: str | None = None) -> None:
+        """Run an action on the session's worker."""
+        self.inbox.post(action, merge_key)
+
+    def on_click(
+        self,
+        button: viser.GuiButtonHandle,
+        action: Callable[[], None],
+    ) -> None:
+        """Run an action when a button is clicked."""
+
+        @button.on_click
+        async def _(_event: viser.GuiEvent[Any]) -> None:
+            self.post(action)
+
+    def on_change(
+        self,
+        handle: Any,
+        action: Callable[[Any], None],
+        *,
+        merge_key: str | None = None,
+    ) -> None:
+        """Run an action with the new value when the user changes an input."""
+
+        @handle.on_update
+        async def _(event: viser.GuiEvent[Any]) -> None:
+            if event.client is None:
+                return
+            value = event.target.value
+            self.post(lambda: action(value), merge_key)
+
+    def hotkey(
+        self,
+        label: str,
+        action: Callable[[], None],
+        key: Any = None,
+        modifier: Any = None,
+    ) -> None:
+        """Offer an action in the command palette, with a hot key."""
+        command = self.client.gui.add_command(label, hotkey=key, modifier=modifier)
+
+        @command.on_trigger
+        async def _(_event: Any) -> None:
+            self.post(action)
+
+    def apply(self, command: Command) -> None:
+        """Apply one command as one undo step."""
+        self.commit_gesture()
+        self.session.apply(command)
+
+    def preview(self, owner: str, command: Command, *, has_end: bool = False) -> None:
+        """Show a command as part of a gesture.
+
+        Args:
+            owner: who makes the gesture; another owner's gesture is committed first.
+            command: the gesture so far, applied to the state it started from.
+            has_end: whether the owner will say when the gesture is over; otherwise
+                it is over when it rests.
+        """
+        if self._gesture != owner:
+            self.commit_gesture()
+            self.session.begin_gesture()
+            self._gesture = owner
+        self._gesture_deadline = None if has_end else time.monotonic() + GESTURE_PAUSE_S
+        self.session.preview(command)
+
+    def commit_gesture(self) -> None:
+        """End the gesture under way, if any, as one undo step."""
+        if self._gesture is not None:
+            self._gesture, self._gesture_deadline = None, None
+            self.session.commit_gesture()
+
+    def abort_gesture(self) -> None:
+        """End the gesture under way and take back what it showed."""
+        if self._gesture is not None:
+            self._gesture, self._gesture_deadline = None, None
+            self.session.abort_gesture()
+
+    def tick(self) -> None:
+        """Commit a gesture that has come to rest."""
+        deadline = self._gesture_deadline
+        if deadline is not None and time.monotonic() >= deadline:
+            self.commit_gesture()
+
+    def notify(self, title: str, body: str = "", tone: Tone = "info") -> None:
+        """Tell the user something; texts may come from files and are escaped."""
+        self.client.add_notification(
+            html.escape(title, quote=False),
+            html.escape(body, quote=False),
+            color=_TONE_COLOR[tone],
+            auto_close_seconds=12.0 if tone == "error" else 6.0,
+        )
+
+    def report(self, error: Exception) -> None:
+        """Show an error: as it is if the user caused it, else as a bug with a log."""
+        self.abort_gesture()
+        if isinstance(error, PdEditorError):
+            self.notify("That did not work", str(error), "error")
+            return
+        _LOG.error("A bug in the editor", exc_info=error)
+        self.notify(
+            "A bug in the editor",
+            f"{type(error).__name__}: {error}. Your work is kept; the log has details.",
+            "error",
+        )
+
+    @contextlib.contextmanager
+    def busy(self, title: str) -> Iterator[None]:
+        """Show that something longer is going on."""
+        note = self.client.add_notification(
+            title, "", loading=True, with_close_button=False
+        )
+        self.client.flush()
+        try:
+            yield
+        finally:
+            note.remove()
+
+
+def set_value(handle: Any, value: Any) -> None:
+    """Set an input's value unless it shows it already."""
+    if handle.value != value:
+        handle.value = value
+
+
+def set_property(handle: Any, name: str, value: Any) -> None:
+    """Set a property of an element unless it has it already."""
+    if getattr(handle, name) != value:
+        setattr(handle, name, value)

@@ -1,0 +1,98 @@
+"""One queue of messages per browser session, and the one thread that works on it.
+
+viser calls back on many threads, in any order. Every callback therefore only posts a
+message here; the session's worker alone touches the session and its views.
+"""
+
+import contextlib
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+_SLOWEST_POLL_S = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class Message:
+    """Something to do on the worker thread."""
+
+    action: Callable[[], None]
+    merge_key: str | None
+    """Among neighbours of equal key only the newest is kept (drags, sliders)."""
+
+
+class Inbox:
+    """A queue whose worker also ticks, as often as ``tick`` asks for."""
+
+    def __init__(
+        self,
+        *,
+        tick: Callable[[], float | None],
+        on_error: Callable[[Exception], None],
+    ) -> None:
+        """Create the queue; ``start`` runs its worker.
+
+        Args:
+            tick: called after messages and when its time has come; returns the
+                seconds until it wants to be called again, None for no hurry.
+            on_error: told of every exception a message raised.
+        """
+        self._tick = tick
+        self._on_error = on_error
+        self._messages: deque[Message] = deque()
+        self._changed = threading.Condition()
+        self._is_closed = False
+        self._thread = threading.Thread(target=self._work, daemon=True, name="session")
+
+    def start(self) -> None:
+        """Start working."""
+        self._thread.start()
+
+    def post(self, action: Callable[[], None], merge_key: str | None = None) -> None:
+        """Queue an action; safe from any thread."""
+        with self._changed:
+            last = self._messages[-1] if self._messages else None
+            if merge_key is not None and last and last.merge_key == merge_key:
+                self._messages.pop()
+            self._messages.append(Message(action=action, merge_key=merge_key))
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Drop what is queued and let the worker end."""
+        with self._changed:
+            self._is_closed = True
+            self._messages.clear()
+            self._changed.notify()
+
+    def _work(self) -> None:
+        next_tick = time.monotonic()
+        while True:
+            with self._changed:
+                wait_s = max(next_tick - time.monotonic(), 0.0)
+                if not self._messages and not self._is_closed and wait_s > 0:
+                    self._changed.wait(wait_s)
+                if self._is_closed:
+                    return
+                message = self._messages.popleft() if self._messages else None
+            if message is not None:
+                self._guarded(message.action)
+            if message is None or time.monotonic() >= next_tick:
+                pause_s: float | None = None
+
+                def ticked() -> None:
+                    nonlocal pause_s
+                    pause_s = self._tick()
+
+                self._guarded(ticked)
+                next_tick = time.monotonic() + (
+                    _SLOWEST_POLL_S if pause_s is None else pause_s
+                )
+
+    def _guarded(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except Exception as error:  # noqa: BLE001  (the worker must outlive any bug)
+            with contextlib.suppress(ConnectionError):
+                self._on_error(error)

@@ -1,0 +1,144 @@
+"""Draws the road, and moves it while it is warped."""
+
+import functools
+from typing import Final
+
+import numpy as np
+import viser
+
+from pd_editor.geometry.polyline import without_repeats
+from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.road_warp import RoadWarp
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.colors import Palette, Rgb, shown_exactly
+from pd_editor.viewer.flat_mesh import Primitive, glb_of, merged, ribbon
+from pd_editor.viewer.road_mesh import LAYERS, Layer, RoadPart, road_parts
+
+GROUND_SIZE_M: Final = 6000.0
+GHOST_HEIGHT_M: Final = 0.055
+GHOST_WIDTH_M: Final = 0.14
+
+
+class MapView:
+    """Nodes of one browser for the road: one per layer, so that each can be hidden."""
+
+    def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
+        """Draw nothing yet but the ground."""
+        self._client = client
+        self._palette = palette
+        self._parts: tuple[RoadPart, ...] = ()
+        self._map: RoadMap | None = None
+        self._warp: RoadWarp | None = None
+        self._handles: dict[Layer, viser.GlbHandle] = {}
+        self._visible: dict[Layer, bool] = {
+            layer: layer != "centerlines" for layer in LAYERS
+        }
+        self._ghost: viser.GlbHandle | None = None
+        self._wants_ghost = True
+        self._ground = client.scene.add_glb(
+            "/ground", self._ground_glb(), cast_shadow=False, receive_shadow=False
+        )
+
+    def show(self, scenario: Scenario) -> None:
+        """Bring the picture up to a scenario; what did not change is left alone."""
+        warp = None if scenario.applied_warp is None else scenario.applied_warp.warp
+        is_new_map = scenario.original_road_map is not self._map
+        if not is_new_map and warp == self._warp:
+            return
+        if is_new_map:
+            self._map = scenario.original_road_map
+            self._parts = road_parts(self._map)
+        self._warp = warp
+        self._send(LAYERS)
+        if is_new_map or self._ghost is None:
+            self._make_ghost()
+        self._update_ghost_visibility()
+
+    def set_palette(self, palette: Palette) -> None:
+        """Redraw in another theme."""
+        self._palette = palette
+        self._ground.glb_data = self._ground_glb()
+        self._send(LAYERS)
+        self._make_ghost()
+        self._update_ghost_visibility()
+
+    def set_layer_visible(self, layer: Layer, is_visible: bool) -> None:
+        """Show or hide a layer."""
+        self._visible[layer] = is_visible
+        if is_visible:
+            self._send((layer,))
+        if layer in self._handles:
+            self._handles[layer].visible = is_visible
+
+    def set_ghost_wanted(self, is_wanted: bool) -> None:
+        """Whether the original road is outlined while it is warped."""
+        self._wants_ghost = is_wanted
+        self._update_ghost_visibility()
+
+    def _send(self, layers: tuple[Layer, ...]) -> None:
+        for layer in layers:
+            if not self._visible[layer]:
+                continue
+            data = glb_of(
+                [self._primitive(part) for part in self._parts if part.layer == layer]
+            )
+            if layer in self._handles:
+                self._handles[layer].glb_data = data
+            else:
+                self._handles[layer] = self._client.scene.add_glb(
+                    f"/map/{layer}", data, cast_shadow=False, receive_shadow=False
+                )
+
+    def _primitive(self, part: RoadPart) -> Primitive:
+        points = part.mesh.points_m
+        return Primitive(
+            points_m=points if self._warp is None else self._warp.apply(points),
+            faces=part.mesh.faces,
+            height_m=part.height_m,
+            color=_material_color(getattr(self._palette, part.color_name)),
+        )
+
+    def _make_ghost(self) -> None:
+        if self._map is None:
+            return
+        lines = merged(
+            [
+                ribbon(without_repeats(side), GHOST_WIDTH_M)
+                for lane in self._map.lanes
+                if not lane.is_intersection
+                for side in (lane.left_m, lane.right_m)
+            ]
+        )
+        outline = Primitive(
+            points_m=lines.points_m,
+            faces=lines.faces,
+            height_m=GHOST_HEIGHT_M,
+            color=_material_color(self._palette.ghost),
+            opacity=0.55,
+        )
+        self._ghost = self._client.scene.add_glb(
+            "/map_ghost",
+            glb_of([outline]),
+            visible=False,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _update_ghost_visibility(self) -> None:
+        if self._ghost is not None:
+            self._ghost.visible = self._wants_ghost and self._warp is not None
+
+    def _ground_glb(self) -> bytes:
+        half = GROUND_SIZE_M / 2
+        square = Primitive(
+            points_m=half * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]),
+            faces=np.array([[0, 1, 2], [0, 2, 3]]),
+            height_m=-0.05,
+            color=_material_color(self._palette.ground),
+        )
+        return glb_of([square])
+
+
+@functools.cache
+def _material_color(color: Rgb) -> tuple[float, float, float]:
+    return shown_exactly(color)

@@ -1,0 +1,101 @@
+"""The dataset panel: browse a root of Argoverse 2 scenarios."""
+
+from typing import Final
+
+import viser
+
+from pd_editor.av2_io.dataset import CardFilter
+from pd_editor.errors import InputError
+from pd_editor.viewer.desk import Desk, set_property, set_value
+
+ANY_CITY: Final[str] = "Any city"
+MAX_LISTED: Final = 200
+MAX_AGENTS: Final = 200
+NONE_FOUND: Final[str] = "-"
+
+
+class DatasetPanel:
+    """Filters, the list they leave, previous and next."""
+
+    def __init__(self, desk: Desk) -> None:
+        """Build it into the current container; hidden where no root was given."""
+        self._desk = desk
+        self._workspace = desk.workspace
+        dataset = desk.workspace.dataset
+        no_city: tuple[str, ...] = (ANY_CITY,)
+        gui = desk.client.gui
+        self._folder = gui.add_folder("Dataset", visible=dataset is not None)
+        with self._folder:
+            self._count = gui.add_markdown("")
+            self._city = gui.add_dropdown("City", list(no_city))
+            self._text = gui.add_text("Id contains", "")
+            self._agents = gui.add_multi_slider(
+                "Number of agents",
+                min=0,
+                max=MAX_AGENTS,
+                step=1,
+                initial_value=(0, MAX_AGENTS),
+            )
+            self._list = gui.add_dropdown("Scenario", (NONE_FOUND,))
+            self._open = gui.add_button("Open scenario", icon=viser.Icon.FOLDER_OPEN)
+            self._previous = gui.add_button(
+                "Previous", icon=viser.Icon.CHEVRON_LEFT, color="gray", hint="Page up"
+            )
+            self._next = gui.add_button(
+                "Next", icon=viser.Icon.CHEVRON_RIGHT, color="gray", hint="Page down"
+            )
+        for handle in (self._city, self._text, self._agents):
+            desk.on_change(handle, lambda _value: self._filter(), merge_key="filter")
+        desk.on_click(self._open, self._open_chosen)
+        desk.on_click(self._previous, lambda: self.go(-1))
+        desk.on_click(self._next, lambda: self.go(+1))
+        self._shown_seen = -1
+
+    def go(self, direction: int) -> None:
+        """Open the next (+1) or previous (-1) scenario under the filter."""
+        if self._workspace.dataset is None:
+            raise InputError("Start the editor with --data DIR to browse a dataset.")
+        self._desk.commit_gesture()
+        self._workspace.open_neighbour(direction)
+
+    def show(self) -> None:
+        """Show the list as far as the search has come."""
+        search = self._workspace.search
+        if search is None or search.num_seen == self._shown_seen:
+            return
+        self._shown_seen = search.num_seen
+        cities = (ANY_CITY, *search.cities())
+        if tuple(self._city.options) != cities:
+            chosen = self._city.value
+            self._city.options = cities
+            set_value(self._city, chosen)
+        found = search.cards
+        labels = tuple(
+            f"{card.scenario_id} · {card.city} · {card.num_agents}"
+            for card in found[:MAX_LISTED]
+        )
+        if tuple(self._list.options) != (labels or (NONE_FOUND,)):
+            self._list.options = labels or (NONE_FOUND,)
+        more = "" if len(found) <= MAX_LISTED else f", the first {MAX_LISTED} listed"
+        state = "" if search.is_complete else ", still reading"
+        text = f"{len(found)} of {search.num_seen} scenarios{more}{state}"
+        set_property(self._count, "content", text)
+
+    def _filter(self) -> None:
+        low, high = self._agents.value
+        self._workspace.search_for(
+            CardFilter(
+                city=None if self._city.value == ANY_CITY else str(self._city.value),
+                text=str(self._text.value).strip() or None,
+                min_agents=int(low),
+                max_agents=None if high >= MAX_AGENTS else int(high),
+            )
+        )
+        self._shown_seen = -1
+
+    def _open_chosen(self) -> None:
+        chosen = str(self._list.value)
+        if chosen == NONE_FOUND:
+            raise InputError("No scenario passes the filter; widen it.")
+        self._desk.commit_gesture()
+        self._workspace.open_from_dataset(chosen.split(" · ", 1)[0])

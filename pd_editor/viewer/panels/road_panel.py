@@ -1,0 +1,231 @@
+"""The road panel: bend the road ahead of an anchor, live."""
+
+from collections.abc import Callable
+from typing import Any, Final, Literal
+
+import numpy as np
+import viser
+
+from pd_editor.editor.commands import SetRoadWarp
+from pd_editor.errors import EditError
+from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.perturbation.anchor import pose_on_original_road
+from pd_editor.perturbation.friction_limit import summarise
+from pd_editor.scene.road_warp import (
+    DEFAULT_LENGTH_M,
+    MAX_POWER,
+    WARP_KINDS,
+    RoadWarp,
+    WarpKind,
+    WarpTerm,
+)
+from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.viewer.desk import Desk, set_property, set_value
+
+Anchor = Literal["Focal agent", "Ego", "Selected agent", "Pose on the map"]
+ANCHORS: Final[tuple[Anchor, ...]] = (
+    "Focal agent",
+    "Ego",
+    "Selected agent",
+    "Pose on the map",
+)
+_TITLE: Final[dict[WarpKind, str]] = {
+    "smooth-turn": "Smooth turn",
+    "double-turn": "Double turn",
+    "ripple-road": "Ripple road",
+}
+_LENGTH_TITLE: Final[dict[WarpKind, str]] = {
+    "smooth-turn": "Turn length (m)",
+    "double-turn": "Turn distance (m)",
+    "ripple-road": "Wave length (m)",
+}
+
+
+class RoadPanel:
+    """Sliders of a warp; what they show is the scenario's warp, never their own."""
+
+    def __init__(self, desk: Desk, on_ghost: Callable[[bool], None]) -> None:
+        """Build it into the current tab."""
+        self._desk = desk
+        gui = desk.client.gui
+        self._anchor = gui.add_dropdown(
+            "Anchor", ANCHORS, hint="Everything ahead of this pose moves."
+        )
+        self._power: dict[WarpKind, Any] = {}
+        self._length: dict[WarpKind, Any] = {}
+        for kind in WARP_KINDS:
+            self._power[kind] = gui.add_slider(
+                _TITLE[kind], min=-MAX_POWER, max=MAX_POWER, step=0.1, initial_value=0.0
+            )
+        self._readout = gui.add_markdown("")
+        self._slows = gui.add_checkbox(
+            "Slow agents to the friction limit",
+            False,
+            hint="Futures are re-timed along their own curve.",
+        )
+        ghost = gui.add_checkbox("Show the original road", True)
+        self._reset = gui.add_button(
+            "Reset road", icon=viser.Icon.ARROW_BACK_UP, color="gray", disabled=True
+        )
+        with gui.add_folder("Shape", expand_by_default=False):
+            for kind in WARP_KINDS:
+                self._length[kind] = gui.add_slider(
+                    _LENGTH_TITLE[kind],
+                    min=5.0,
+                    max=150.0,
+                    step=1.0,
+                    initial_value=DEFAULT_LENGTH_M[kind],
+                )
+            self._border = gui.add_slider(
+                "Border (m)", min=0.0, max=100.0, step=1.0, initial_value=5.0
+            )
+            self._exponent = gui.add_slider(
+                "Exponent", min=2.0, max=6.0, step=0.5, initial_value=3.0
+            )
+            self._friction = gui.add_slider(
+                "Friction coefficient", min=0.1, max=1.2, step=0.05, initial_value=0.7
+            )
+        self._gizmo: viser.TransformControlsHandle | None = None
+        self._listen(ghost, on_ghost)
+
+    def _listen(self, ghost: Any, on_ghost: Callable[[bool], None]) -> None:
+        desk = self._desk
+        sliders = [*self._power.values(), *self._length.values()]
+        for handle in [*sliders, self._border, self._exponent]:
+            desk.on_change(handle, lambda _value: self._changed(), merge_key="warp")
+        for handle in (self._slows, self._friction):
+            desk.on_change(handle, lambda _value: self._friction_changed())
+        desk.on_change(self._anchor, lambda _value: self._anchor_changed())
+        desk.on_change(ghost, on_ghost)
+        desk.on_click(self._reset, self.reset)
+
+    def reset(self) -> None:
+        """Take the warp back; the original road returns exactly."""
+        self._desk.apply(SetRoadWarp(warp=None, friction_coefficient=None))
+
+    def show(self, scenario: Scenario) -> None:
+        """Show the warp of a scenario."""
+        applied = scenario.applied_warp
+        terms = {} if applied is None else {t.kind: t for t in applied.warp.terms}
+        for kind in WARP_KINDS:
+            set_value(self._power[kind], terms[kind].power if kind in terms else 0.0)
+            if kind in terms:
+                set_value(self._length[kind], terms[kind].length_m)
+                set_value(self._border, terms[kind].border_m)
+                set_value(self._exponent, terms[kind].exponent)
+        if applied is not None:
+            limited = applied.friction_coefficient
+            set_value(self._slows, limited is not None)
+            if limited is not None:
+                set_value(self._friction, limited)
+        set_property(self._reset, "disabled", applied is None)
+        self._show_readout(scenario)
+
+    def _show_readout(self, scenario: Scenario) -> None:
+        applied = scenario.applied_warp
+        if applied is None:
+            text = "The road is as recorded. Move a slider to bend it."
+        else:
+            mu = self._friction.value
+            summary = summarise(applied.warp, friction_coefficient=mu)
+            text = (
+                f"Curvature up to **{summary.max_curvature_per_m:.3f} /m** "
+                f"(radius {summary.min_radius_m:.1f} m)  \n"
+                f"Friction-limited speed **{summary.speed_limit_mps:.1f} m/s** "
+                f"({summary.speed_limit_mps * 3.6:.0f} km/h) at mu = {mu:.2f}"
+            )
+        set_property(self._readout, "content", text)
+
+    def _warp(self, anchor: RigidMotion) -> RoadWarp | None:
+        terms = tuple(
+            WarpTerm(
+                kind=kind,
+                power=float(self._power[kind].value),
+                length_m=float(self._length[kind].value),
+                border_m=float(self._border.value),
+                exponent=float(self._exponent.value),
+            )
+            for kind in WARP_KINDS
+            if self._power[kind].value != 0
+        )
+        return RoadWarp(anchor=anchor, terms=terms) if terms else None
+
+    def _command(self, anchor: RigidMotion) -> SetRoadWarp:
+        warp = self._warp(anchor)
+        friction = float(self._friction.value) if self._slows.value else None
+        return SetRoadWarp(
+            warp=warp, friction_coefficient=None if warp is None else friction
+        )
+
+    def _changed(self) -> None:
+        scenario = self._desk.session.scenario
+        applied = scenario.applied_warp
+        anchor = applied.warp.anchor if applied is not None else self._anchor_pose()
+        self._desk.preview("warp", self._command(anchor))
+
+    def _friction_changed(self) -> None:
+        applied = self._desk.session.scenario.applied_warp
+        if applied is not None:
+            self._desk.apply(self._command(applied.warp.anchor))
+
+    def _anchor_changed(self) -> None:
+        pose = self._anchor_pose()
+        self._show_gizmo(pose if self._anchor.value == "Pose on the map" else None)
+        if self._desk.session.scenario.applied_warp is not None:
+            self._desk.apply(self._command(pose))
+
+    def _anchor_pose(self) -> RigidMotion:
+        """Pose that the warp bends ahead of, on the original road."""
+        scenario, choice = self._desk.session.scenario, self._anchor.value
+        if choice == "Pose on the map" and self._gizmo is not None:
+            return _pose_of(self._gizmo)
+        selection = self._desk.session.selection
+        if choice == "Selected agent" and not selection:
+            raise EditError("Select the agent that the road should bend ahead of.")
+        if choice == "Ego" and EGO_ID not in scenario.agents.row_of:
+            raise EditError("This scenario has no ego vehicle (track id AV).")
+        agent_id = {"Ego": EGO_ID, "Selected agent": (*selection, "")[0]}.get(
+            choice, scenario.focal_id
+        )
+        return pose_on_original_road(scenario, agent_id)
+
+    def _show_gizmo(self, pose: RigidMotion | None) -> None:
+        if pose is None:
+            if self._gizmo is not None:
+                self._gizmo.remove()
+                self._gizmo = None
+            return
+        self._gizmo = self._desk.client.scene.add_transform_controls(
+            "/warp_anchor",
+            scale=6.0,
+            active_axes=(True, True, False),
+            depth_test=False,
+            position=(pose.x_m, pose.y_m, 0.3),
+            wxyz=(np.cos(pose.rotation_rad / 2), 0, 0, np.sin(pose.rotation_rad / 2)),
+        )
+
+        @self._gizmo.on_update
+        async def _(event: Any) -> None:
+            phase = event.phase
+            self._desk.post(
+                lambda: self._gizmo_moved(phase),
+                merge_key="anchor" if phase == "update" else None,
+            )
+
+    def _gizmo_moved(self, phase: str) -> None:
+        if self._gizmo is None or self._desk.session.scenario.applied_warp is None:
+            return
+        command = self._command(_pose_of(self._gizmo))
+        if command.warp is not None:
+            self._desk.preview("anchor", command, has_end=True)
+        if phase == "end":
+            self._desk.commit_gesture()
+
+
+def _pose_of(gizmo: viser.TransformControlsHandle) -> RigidMotion:
+    w, _, _, z = gizmo.wxyz
+    return RigidMotion(
+        x_m=float(gizmo.position[0]),
+        y_m=float(gizmo.position[1]),
+        rotation_rad=float(2 * np.arctan2(z, w)),
+    )

@@ -1,0 +1,78 @@
+"""The status line: what is wrong with the scenario right now, in words."""
+
+import html
+from typing import Final
+
+from pd_editor.metrics.scene_warnings import (
+    SceneWarning,
+    scene_warnings,
+    without_known,
+)
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.desk import Desk, set_property
+
+MAX_LISTED: Final = 4
+
+
+class StatusPanel:
+    """Warnings on top of all panels, and a button that selects whom they name."""
+
+    def __init__(self, desk: Desk) -> None:
+        """Build it into the current container."""
+        self._desk = desk
+        self._warnings: tuple[SceneWarning, ...] = ()
+        self._recorded: tuple[SceneWarning, ...] = ()
+        self._base: Scenario | None = None
+        gui = desk.client.gui
+        self._text = gui.add_markdown("")
+        self._select = gui.add_button(
+            "Select these agents", color="orange", visible=False
+        )
+        desk.on_click(self._select, lambda: desk.session.select(self._named()))
+
+    def check(self, *, with_future: bool) -> None:
+        """Look at the scenario; warnings about the future wait for a calm moment.
+
+        What the recording itself contains is counted, not listed.
+        """
+        session = self._desk.session
+        if self._base is not session.base:
+            self._base = session.base
+            self._recorded = scene_warnings(session.base, with_future=True)
+        found = scene_warnings(session.scenario, with_future=with_future)
+        self._warnings = without_known(found, self._recorded)
+
+    def warned_now(self) -> frozenset[str]:
+        """Agents with something wrong at the current step."""
+        return frozenset(
+            agent_id
+            for warning in self._warnings
+            if not warning.kind.startswith("future")
+            for agent_id in warning.agent_ids
+        )
+
+    def show(self) -> None:
+        """Show the warnings found last."""
+        count = len(self._warnings)
+        set_property(self._select, "visible", count > 0)
+        if not count:
+            recorded = len(self._recorded)
+            text = "No new overlaps, nobody newly off the road."
+            if recorded:
+                text += f" The recording itself has {recorded}."
+            set_property(self._text, "content", text)
+            return
+        lines = [f"- {html.escape(w.message)}" for w in self._warnings[:MAX_LISTED]]
+        if count > MAX_LISTED:
+            lines.append(f"- ... and {count - MAX_LISTED} more")
+        if any(warning.kind.startswith("future") for warning in self._warnings):
+            lines.append("\nStale futures: regenerate them in the Drive tab (R).")
+        title = f"**{count} warning{'s' if count > 1 else ''}**\n\n"
+        set_property(self._text, "content", title + "\n".join(lines))
+
+    def _named(self) -> tuple[str, ...]:
+        there = self._desk.session.scenario.agents.row_of
+        named = dict.fromkeys(
+            agent_id for warning in self._warnings for agent_id in warning.agent_ids
+        )
+        return tuple(agent_id for agent_id in named if agent_id in there)

@@ -1,0 +1,49 @@
+"""The view panel: camera, theme, layers."""
+
+from collections.abc import Callable
+from typing import Final
+
+import viser
+
+from pd_editor.viewer.desk import Desk
+from pd_editor.viewer.road_mesh import Layer
+
+_LAYER_TITLE: Final[dict[Layer, str]] = {
+    "road": "Road surface",
+    "lanes": "Lanes",
+    "crosswalks": "Crosswalks",
+    "paint": "Lane marks",
+    "centerlines": "Centre lines",
+}
+
+
+class ViewPanel:
+    """What is drawn, and from where."""
+
+    def __init__(
+        self,
+        desk: Desk,
+        *,
+        is_dark: bool,
+        on_camera: Callable[[str], None],
+        on_theme: Callable[[bool], None],
+        on_layer: Callable[[Layer, bool], None],
+        on_ribbons: Callable[[bool], None],
+    ) -> None:
+        """Build it into the current tab."""
+        gui = desk.client.gui
+        for label, icon, hint in (
+            ("3-D view", viser.Icon.CUBE, "V switches"),
+            ("Top view", viser.Icon.MAP, "V switches; drag draws a selection box"),
+            ("Frame selection", viser.Icon.FOCUS_2, "F"),
+        ):
+            button = gui.add_button(label, icon=icon, color="gray", hint=hint)
+            desk.on_click(button, lambda label=label: on_camera(label))
+        theme = gui.add_checkbox("Dark theme", is_dark)
+        desk.on_change(theme, on_theme)
+        with gui.add_folder("Layers"):
+            for layer, title in _LAYER_TITLE.items():
+                box = gui.add_checkbox(title, layer != "centerlines")
+                desk.on_change(box, lambda value, layer=layer: on_layer(layer, value))
+            ribbons = gui.add_checkbox("Past and future", True)
+            desk.on_change(ribbons, on_ribbons)

@@ -1,0 +1,78 @@
+"""The playhead: where in time the picture is, and how it moves."""
+
+import math
+import time
+from collections.abc import Callable
+from typing import Final
+
+from pd_editor.scene.time_axis import TimeAxis
+
+FRAME_S: Final = 1 / 30
+SPEEDS: Final = (0.25, 0.5, 1.0, 2.0, 4.0)
+
+
+class Playback:
+    """A fractional step that runs with a clock; knows nothing of drawing."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """Stand at step 0."""
+        self._clock = clock
+        self._last_time: float | None = None
+        self._next_frame = 0.0
+        self.axis = TimeAxis()
+        self.step = 0.0
+        self.speed = 1.0
+        self.loops = True
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether the playhead moves."""
+        return self._last_time is not None
+
+    def open(self, axis: TimeAxis) -> None:
+        """Take another time axis; the playhead goes to its current step."""
+        self.axis = axis
+        self.step = float(axis.current_step)
+
+    def play(self) -> None:
+        """Move, from the start if the end was reached."""
+        if self.step >= self.axis.num_steps - 1:
+            self.step = 0.0
+        self._last_time = self._next_frame = self._clock()
+
+    def pause(self) -> None:
+        """Stand still."""
+        self._last_time = None
+
+    def seek(self, step: float) -> None:
+        """Jump to a step."""
+        self.step = min(max(step, 0.0), float(self.axis.num_steps - 1))
+
+    def next_speed(self) -> float:
+        """Switch to the next of ``SPEEDS``."""
+        self.speed = SPEEDS[(SPEEDS.index(self.speed) + 1) % len(SPEEDS)]
+        return self.speed
+
+    def advance(self) -> tuple[bool, float | None]:
+        """Move with the clock.
+
+        Returns:
+            Whether a new frame is due, and the seconds until the next one (None when
+            standing still).
+        """
+        if self._last_time is None:
+            return False, None
+        now = self._clock()
+        if now < self._next_frame:
+            return False, self._next_frame - now
+        self.step += (now - self._last_time) / self.axis.step_s * self.speed
+        self._last_time = now
+        last = float(self.axis.num_steps - 1)
+        if self.step > last:
+            if self.loops:
+                self.step = math.fmod(self.step, last)
+            else:
+                self.step = last
+                self.pause()
+        self._next_frame = max(self._next_frame + FRAME_S, now)
+        return True, max(self._next_frame - now, 0.0)

@@ -1,0 +1,77 @@
+"""What viser leaves open: foreign origins, the public share tunnel, its banner."""
+
+import contextlib
+import functools
+import http
+import io
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Any
+from unittest import mock
+from urllib.parse import urlsplit
+
+import viser
+import websockets.asyncio.server
+from viser import _messages
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+LOOPBACK_HOSTS = frozenset({"127.0.0.1", "localhost", "::1"})
+
+
+def is_origin_allowed(origin: str | None, host_header: str, bound_host: str) -> bool:
+    """Whether a page from ``origin`` may open a connection.
+
+    A browser always sends the origin. It must be the page that this server itself
+    served; bound to loopback, it must also be a loopback name, so that a foreign name
+    which resolves to this machine (DNS rebinding) is refused. Programs that are no
+    browser send none and are let in.
+    """
+    if origin is None:
+        return True
+    page = urlsplit(origin)
+    if page.netloc.lower() != host_header.lower():
+        return False
+    return bound_host not in LOOPBACK_HOSTS or page.hostname in LOOPBACK_HOSTS
+
+
+def guarded_server(host: str, port: int) -> viser.ViserServer:
+    """A viser server that refuses foreign origins and cannot be shared publicly."""
+    with _origin_check(host), contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=host, port=port, verbose=False)
+    server.gui.configure_theme(show_share_button=False, show_logo=False)
+    server._websock_server.unregister_handler(_messages.ShareUrlRequest)
+    return server
+
+
+@contextlib.contextmanager
+def _origin_check(bound_host: str) -> Iterator[None]:
+    """Add the check to the websocket server that viser is about to start."""
+    serve = websockets.asyncio.server.serve
+
+    def serve_guarded(*args: Any, process_request: Any = None, **options: Any) -> Any:
+        return serve(
+            *args,
+            process_request=functools.partial(
+                _refuse_foreign, bound_host, process_request
+            ),
+            **options,
+        )
+
+    with mock.patch.object(websockets.asyncio.server, "serve", serve_guarded):
+        yield
+
+
+async def _refuse_foreign(
+    bound_host: str,
+    inner: Callable[[ServerConnection, Request], Awaitable[Response | None]] | None,
+    connection: ServerConnection,
+    request: Request,
+) -> Response | None:
+    origin = request.headers.get("Origin")
+    host = request.headers.get("Host", "")
+    if not is_origin_allowed(origin, host, bound_host):
+        return connection.respond(
+            http.HTTPStatus.FORBIDDEN, "This origin may not use the editor.\n"
+        )
+    answer = None if inner is None else inner(connection, request)
+    return await answer if isinstance(answer, Awaitable) else answer

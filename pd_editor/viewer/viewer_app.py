@@ -1,0 +1,124 @@
+"""The web application: one server, one workspace per browser tab."""
+
+import json
+import logging
+import os
+import secrets
+import threading
+from pathlib import Path
+from typing import Final
+
+import viser
+
+from pd_editor.av2_io.dataset import DatasetIndex
+from pd_editor.generators import GENERATORS
+from pd_editor.scenario_store import open_scenario
+from pd_editor.viewer.browser_session import BrowserSession
+from pd_editor.viewer.server_guard import guarded_server
+from pd_editor.viewer.workspace import Workspace
+
+_LOG = logging.getLogger(__name__)
+STORAGE_KEY: Final = "pd-editor-sessions"
+STORAGE_TIMEOUT_S: Final = 2.0
+MAX_KEPT_WORKSPACES: Final = 16
+"""Workspaces without a browser that are kept for a reload; older ones are let go."""
+
+
+def default_library() -> Path:
+    """Where the editor keeps its own files (XDG base directories)."""
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state else Path.home() / ".local" / "state") / "pd-editor"
+
+
+class ViewerApp:
+    """Serves the editor; every browser tab works on a workspace of its own."""
+
+    def __init__(
+        self,
+        *,
+        reference: str,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        data_root: Path | None = None,
+        library: Path | None = None,
+    ) -> None:
+        """Start serving.
+
+        Raises:
+            InputError: the scenario or the dataset root cannot be opened.
+        """
+        self._scenario = open_scenario(reference)
+        self._dataset = None if data_root is None else DatasetIndex(data_root)
+        self._journals = (library or default_library()) / "journals"
+        self._workspaces: dict[str, Workspace] = {}
+        self._tabs: dict[int, tuple[str, BrowserSession]] = {}
+        self._lock = threading.Lock()
+        self.server = guarded_server(host, port)
+        shown_host = "localhost" if host in ("0.0.0.0", "::") else host
+        self.address = f"http://{shown_host}:{self.server.get_port()}"
+        self.server.on_client_connect(self._connected)
+        self.server.on_client_disconnect(self._disconnected)
+
+    def run_forever(self) -> None:
+        """Serve until interrupted."""
+        try:
+            threading.Event().wait()
+        finally:
+            self.stop()
+
+    def stop(self) -> None:
+        """Stop serving; journals of unfinished work stay on disk."""
+        with self._lock:
+            tabs = list(self._tabs.values())
+            self._tabs.clear()
+        for _, tab in tabs:
+            tab.close()
+        self.server.stop()
+
+    def workspaces(self) -> tuple[Workspace, ...]:
+        """All workspaces, oldest first."""
+        with self._lock:
+            return tuple(self._workspaces.values())
+
+    def _connected(self, client: viser.ClientHandle) -> None:
+        try:
+            known = _stored_keys(client)
+        except (RuntimeError, TimeoutError) as error:
+            _LOG.info("A browser's storage cannot be read: %s", error)
+            known = []
+        with self._lock:
+            in_use = {key for key, _ in self._tabs.values()}
+            free = [k for k in known if k in self._workspaces and k not in in_use]
+            key = free[0] if free else secrets.token_urlsafe(16)
+            if not free:
+                self._forget_old(in_use)
+                self._workspaces[key] = Workspace(
+                    self._scenario, dataset=self._dataset, journals=self._journals
+                )
+            workspace = self._workspaces[key]
+            tab = BrowserSession(client, workspace, GENERATORS)
+            self._tabs[client.client_id] = (key, tab)
+            remembered = [k for k in known if k in self._workspaces and k != key]
+        client.local_storage.set_item(STORAGE_KEY, json.dumps([key, *remembered]))
+        tab.start()
+
+    def _disconnected(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            _, tab = self._tabs.pop(client.client_id, ("", None))
+        if tab is not None:
+            tab.close()
+
+    def _forget_old(self, in_use: set[str]) -> None:
+        idle = [key for key in self._workspaces if key not in in_use]
+        for key in idle[: max(len(idle) - MAX_KEPT_WORKSPACES + 1, 0)]:
+            self._workspaces.pop(key).close()
+
+
+def _stored_keys(client: viser.ClientHandle) -> list[str]:
+    """Keys of sessions that this browser has had; whatever else is stored is ignored."""
+    text = client.local_storage.get_item(STORAGE_KEY, timeout=STORAGE_TIMEOUT_S)
+    try:
+        keys = json.loads(text or "[]")
+    except ValueError:
+        return []
+    return [k for k in keys if isinstance(k, str)] if isinstance(keys, list) else []

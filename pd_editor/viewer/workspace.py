@@ -1,0 +1,176 @@
+"""What one browser tab works on; it outlives the tab's connection."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from pd_editor.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
+from pd_editor.av2_io.upload import scenario_from_upload
+from pd_editor.editor.journal import (
+    Journal,
+    UnfinishedWork,
+    find_unfinished,
+    restore,
+)
+from pd_editor.editor.session import EditorSession, Listener
+from pd_editor.errors import InputError
+from pd_editor.export.bundle import zip_files
+from pd_editor.scenario_store import export_into, exported_files, open_scenario
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.playback import Playback
+
+SEARCH_STEP: Final = 40
+"""Scenario folders looked at between two messages of the user."""
+
+
+class DatasetSearch:
+    """A filter on its way through a dataset."""
+
+    def __init__(self, dataset: DatasetIndex, wanted: CardFilter) -> None:
+        """Begin at the first folder."""
+        self._dataset = dataset
+        self.wanted = wanted
+        self.cards: list[ScenarioCard] = []
+        self.num_seen = 0
+        self.is_complete = False
+
+    def go_on(self) -> None:
+        """Look at some more folders."""
+        step = self._dataset.search(self.wanted, self.num_seen, SEARCH_STEP)
+        self.cards += step.cards
+        self.num_seen = step.next_start
+        self.is_complete = step.is_complete
+
+    def cities(self) -> tuple[str, ...]:
+        """Cities seen so far."""
+        return self._dataset.cities()
+
+
+class Workspace:
+    """An editing session, its playhead, and where scenarios come from and go to."""
+
+    def __init__(
+        self, scenario: Scenario, *, dataset: DatasetIndex | None, journals: Path
+    ) -> None:
+        """Work on a scenario; edits are journaled in the folder ``journals``."""
+        self._journals = journals
+        self._listener: Listener | None = None
+        self._exported: Scenario | None = None
+        self.session = EditorSession(scenario, journal=Journal(journals))
+        self.playback = Playback()
+        self.playback.open(scenario.time_axis)
+        self.starts_playing = True
+        self.is_dark = False
+        self.dataset = dataset
+        self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
+
+    def open_reference(self, reference: str) -> None:
+        """Open a demo or a scenario folder.
+
+        Raises:
+            InputError: it cannot be read; what was open stays open.
+        """
+        self.session.open(open_scenario(reference))
+
+    def open_upload(self, files: Mapping[str, bytes]) -> None:
+        """Open uploaded files; their bytes are kept beside the journal.
+
+        Raises:
+            InputError: they cannot be read; what was open stays open.
+        """
+        self.session.open(scenario_from_upload(files), base_files=files)
+
+    def search_for(self, wanted: CardFilter) -> None:
+        """Start another search through the dataset."""
+        if self.dataset is not None:
+            self.search = DatasetSearch(self.dataset, wanted)
+
+    def search_on(self) -> bool:
+        """Let the search go on a little; whether it found out more."""
+        if self.search is None or self.search.is_complete:
+            return False
+        self.search.go_on()
+        return True
+
+    def open_from_dataset(self, scenario_id: str) -> None:
+        """Open a scenario that the search has found."""
+        cards = [] if self.search is None else self.search.cards
+        for card in cards:
+            if card.scenario_id == scenario_id:
+                self.open_reference(str(card.folder))
+                return
+        raise InputError(f"The dataset search has not found {scenario_id}.")
+
+    def open_neighbour(self, direction: int) -> None:
+        """Open the next (+1) or previous (-1) scenario under the filter.
+
+        Raises:
+            InputError: there is none.
+        """
+        if self.dataset is None or self.search is None:
+            raise InputError("Start the editor with --data DIR to browse a dataset.")
+        here, wanted = self.session.base.scenario_id, self.search.wanted
+        try:
+            step = self.dataset.after if direction > 0 else self.dataset.before
+            card = step(here, wanted)
+        except InputError:
+            # What is open is no member of the dataset: begin at its start.
+            card = next(iter(self.search.cards), None)
+        if card is None:
+            raise InputError("There is no further scenario under this filter.")
+        self.open_reference(str(card.folder))
+
+    def exported_zip(self) -> tuple[str, bytes]:
+        """Name and bytes of a zip with the scenario and its recipe."""
+        scenario = self.session.scenario
+        files = exported_files(scenario, self.session.recipe())
+        self._exported = scenario
+        name = scenario.scenario_id
+        return f"{name}.zip", zip_files(files, name)
+
+    def export_into(self, out: Path) -> Path:
+        """Write the scenario and its recipe as a new folder in ``out``."""
+        scenario = self.session.scenario
+        folder = export_into(
+            out, scenario.scenario_id, scenario, self.session.recipe(), overwrite=True
+        )
+        self._exported = scenario
+        return folder
+
+    def listen(self, listener: Listener | None) -> None:
+        """Tell one listener of every change, from now on; None for nobody."""
+        if self._listener is not None:
+            self.session.remove_listener(self._listener)
+        self._listener = listener
+        if listener is not None:
+            self.session.add_listener(listener)
+
+    def unfinished_work(self) -> list[UnfinishedWork]:
+        """What earlier runs left, the newest first."""
+        return find_unfinished(self._journals)
+
+    def restore(self, work: UnfinishedWork) -> None:
+        """Take up unfinished work; what was open here stays in its own journal.
+
+        Raises:
+            InputError: its base scenario is gone.
+            RecipeError: the journal cannot be replayed.
+        """
+        if work.base_files:
+            base = scenario_from_upload(
+                {path.name: path.read_bytes() for path in work.base_files}
+            )
+        else:
+            base = open_scenario(work.base.source)
+        restored = restore(work, base)
+        before, listener = self.session.state, self._listener
+        self.listen(None)
+        self.session.close()
+        self.session = restored
+        self.listen(listener)
+        if listener is not None:
+            listener(before, restored.state)
+
+    def close(self) -> None:
+        """End; edits that were not exported stay in their journal to be offered."""
+        self.session.close(discard=self.session.scenario is self._exported)

@@ -1,0 +1,176 @@
+"""Drives the editor in a real browser, as a person would."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import Locator, Page
+
+from pd_editor.editor.session import EditorSession
+from pd_editor.viewer.camera import projected
+from pd_editor.viewer.viewer_app import ViewerApp
+
+SCREENSHOTS = Path(__file__).parent / "screenshots"
+PAUSE_MS = 90
+"""viser's client sends at most one GUI message per 50 ms and keeps only the newest."""
+
+
+class EditorPage:
+    """One tab on an editor that runs in this process."""
+
+    def __init__(self, page: Page, app: ViewerApp) -> None:
+        self.page = page
+        self.app = app
+        known = set(app.server.get_clients())
+        page.goto(app.address)
+        self.until(lambda: set(app.server.get_clients()) - known, "a connection")
+        (client_id,) = set(app.server.get_clients()) - known
+        self.client = app.server.get_clients()[client_id]
+        self.until(lambda: self._tab() is not None, "a session")
+        self.until(
+            lambda: page.get_by_role("tab", name="Agents").count() > 0, "the panels"
+        )
+        self.close_notifications()
+
+    def _tab(self):
+        entry = self.app._tabs.get(self.client.client_id)
+        return None if entry is None else entry[1]
+
+    @property
+    def session(self) -> EditorSession:
+        return self._tab()._workspace.session
+
+    @property
+    def workspace(self):
+        return self._tab()._workspace
+
+    def until(self, condition: Callable[[], object], what: str, seconds: float = 15.0):
+        """Wait for the server's state; the browser goes on meanwhile."""
+        end = time.monotonic() + seconds
+        while True:
+            value = condition()
+            if value:
+                return value
+            assert time.monotonic() < end, f"waited {seconds} s for {what}"
+            self.page.wait_for_timeout(50)
+
+    def close_notifications(self) -> None:
+        """Close toasts that cover the picture; they also leave by themselves."""
+        self.page.evaluate(
+            "document.querySelectorAll('.mantine-Notification-closeButton')"
+            ".forEach(button => button.click())"
+        )
+        self.page.wait_for_timeout(PAUSE_MS)
+
+    def open_tab(self, name: str) -> None:
+        self.page.get_by_role("tab", name=name, exact=True).click()
+        self.page.wait_for_timeout(PAUSE_MS)
+
+    def press(self, name: str) -> None:
+        """Click a button by its text."""
+        self.page.get_by_role("button", name=name, exact=True).first.click()
+        self.page.wait_for_timeout(PAUSE_MS)
+
+    def row(self, label: str) -> Locator:
+        """The row of a labelled input."""
+        return self.page.locator(
+            f"xpath=//label[normalize-space()='{label}']"
+            "/ancestor::div[contains(@class,'Flex-root')][1]"
+        ).first
+
+    def fill(self, label: str, *values: object) -> None:
+        """Type into the inputs of a row."""
+        inputs = self.row(label).locator("input:not([type=hidden])")
+        for index, value in enumerate(values):
+            inputs.nth(index).fill(str(value))
+            inputs.nth(index).press("Enter")
+            inputs.nth(index).press("Tab")
+            self.page.wait_for_timeout(PAUSE_MS)
+
+    def choose(self, label: str, option: str) -> None:
+        """Choose in a dropdown."""
+        self.row(label).locator("input:not([type=hidden])").first.click()
+        self.page.get_by_role("option", name=option, exact=True).click()
+        self.page.wait_for_timeout(PAUSE_MS)
+
+    def tick(self, label: str) -> None:
+        """Click a checkbox."""
+        self.row(label).locator("input[type=checkbox]").first.click(force=True)
+        self.page.wait_for_timeout(PAUSE_MS)
+
+    def key(self, keys: str) -> None:
+        """Press keys while the canvas has the focus."""
+        self.page.evaluate("document.activeElement && document.activeElement.blur()")
+        self.page.keyboard.press(keys)
+        self.page.wait_for_timeout(PAUSE_MS)
+
+    def pixel(self, point_m: tuple[float, ...] | np.ndarray) -> tuple[float, float]:
+        """Where a point of the scene is on the page."""
+        point = np.array([*point_m, 0.0][:3] if len(point_m) == 2 else point_m, float)
+        screen, ahead = projected(self.client.camera, point[None])
+        assert ahead[0], "the point is behind the camera"
+        box = self.page.evaluate(
+            "(() => { const r = __viserMutable.canvas.getBoundingClientRect();"
+            " return [r.left, r.top, r.width, r.height]; })()"
+        )
+        x, y = box[0] + screen[0, 0] * box[2], box[1] + screen[0, 1] * box[3]
+        assert 0 <= screen[0, 0] <= 1, f"off screen: {screen[0]}"
+        assert 0 <= screen[0, 1] <= 1, f"off screen: {screen[0]}"
+        return float(x), float(y)
+
+    def settle(self) -> None:
+        """Wait until the browser has drawn what it was sent."""
+        self.page.wait_for_function("__viserMutable.messageQueue.length === 0")
+        frame = self.page.evaluate(
+            "(() => { __viserMutable.requestRender();"
+            " return __viserTestpoints.rendererInfo.render.frame; })()"
+        )
+        self.page.wait_for_function(
+            f"__viserTestpoints.rendererInfo.render.frame >= {frame} + 2 ||"
+            " (__viserMutable.requestRender(), false)"
+        )
+
+    def click_at(self, point_m, modifiers: list[str] | None = None) -> None:
+        """Click a point of the scene."""
+        self.settle()
+        x, y = self.pixel(point_m)
+        for key in modifiers or []:
+            self.page.keyboard.down(key)
+        self.page.mouse.move(x, y)
+        self.page.wait_for_timeout(PAUSE_MS)
+        self.page.mouse.click(x, y)
+        for key in modifiers or []:
+            self.page.keyboard.up(key)
+        self.page.wait_for_timeout(2 * PAUSE_MS)
+
+    def drag(self, start_m, end_m, modifier: str | None = None) -> None:
+        """Drag from one point of the scene to another."""
+        self.settle()
+        self.drag_pixels(self.pixel(start_m), self.pixel(end_m), modifier)
+
+    def drag_pixels(self, start, end, modifier: str | None = None) -> None:
+        if modifier:
+            self.page.keyboard.down(modifier)
+        self.page.mouse.move(*start)
+        self.page.wait_for_timeout(2 * PAUSE_MS)
+        self.page.mouse.down()
+        for fraction in np.linspace(0, 1, 21)[1:]:
+            self.page.mouse.move(
+                start[0] + fraction * (end[0] - start[0]),
+                start[1] + fraction * (end[1] - start[1]),
+            )
+            self.page.wait_for_timeout(25)
+        self.page.wait_for_timeout(2 * PAUSE_MS)
+        self.page.mouse.up()
+        if modifier:
+            self.page.keyboard.up(modifier)
+        self.page.wait_for_timeout(2 * PAUSE_MS)
+
+    def screenshot(self, name: str) -> Path:
+        """Save what a person sees."""
+        SCREENSHOTS.mkdir(exist_ok=True)
+        self.settle()
+        path = SCREENSHOTS / f"{name}.png"
+        self.page.screenshot(path=path)
+        return path

@@ -1,0 +1,68 @@
+from pytest import approx
+
+from pd_editor.scene.time_axis import TimeAxis
+from pd_editor.viewer.playback import FRAME_S, Playback
+
+
+class Clock:
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+def make():
+    clock = Clock()
+    playback = Playback(clock)
+    playback.open(TimeAxis())
+    return playback, clock
+
+
+def test_opens_at_the_current_step_and_stands():
+    playback, _ = make()
+    assert playback.step == 50
+    assert playback.advance() == (False, None)
+
+
+def test_one_second_is_ten_steps_at_normal_speed():
+    playback, clock = make()
+    playback.play()
+    for _ in range(40):
+        clock.now += 0.025
+        playback.advance()
+    assert playback.step == approx(60, abs=0.5)
+
+
+def test_frames_are_not_due_more_often_than_30_hz():
+    playback, clock = make()
+    playback.play()
+    due = 0
+    for _ in range(1000):
+        clock.now += 0.001
+        due += playback.advance()[0]
+    assert due <= 1 / FRAME_S + 1
+
+
+def test_loops_or_stops_at_the_end():
+    playback, clock = make()
+    playback.play()
+    clock.now += 7.0
+    playback.advance()
+    assert playback.step == approx(120 - 109)
+    playback.loops = False
+    clock.now += 20.0
+    playback.advance()
+    assert playback.step == 109
+    assert not playback.is_playing
+    playback.play()
+    assert playback.step == 0
+
+
+def test_speed_cycles_and_seek_is_clamped():
+    playback, _ = make()
+    assert [playback.next_speed() for _ in range(5)] == [2.0, 4.0, 0.25, 0.5, 1.0]
+    playback.seek(1e9)
+    assert playback.step == 109
+    playback.seek(-3)
+    assert playback.step == 0

@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+import shapely
+
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.road_map import LaneMark
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+from pd_editor.viewer.flat_mesh import FlatMesh
+from pd_editor.viewer.road_mesh import _line_styles, cell_meshes, road_parts
+from tests.builders import two_lane_road
+
+
+def area(mesh: FlatMesh) -> float:
+    a, b, c = (mesh.points_m[mesh.faces[:, corner]] for corner in range(3))
+    cross = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    return float(cross.sum() / 2)
+
+
+def part_area(parts, color_name: str) -> float:
+    return sum(area(part.mesh) for part in parts if part.color_name == color_name)
+
+
+def test_areas_of_the_two_lane_road():
+    parts = road_parts(two_lane_road())
+    assert part_area(parts, "road") == pytest.approx(300 * 7, rel=1e-6)
+    assert part_area(parts, "lane") == pytest.approx(300 * 7, rel=1e-6)
+    # One solid edge, two dashed lines (3 m painted of 9), the shared one drawn once.
+    solid, dashed = 300 * 0.17, 2 * 300 * 0.17 / 3
+    assert part_area(parts, "white_paint") == pytest.approx(solid + dashed, rel=0.05)
+
+
+def test_cells_cover_an_area_with_a_hole_exactly():
+    ring = shapely.Point(3, 4).buffer(30).difference(shapely.Point(5, 5).buffer(7))
+    total = sum(area(mesh) for mesh in cell_meshes(ring))
+    assert total == pytest.approx(ring.area, rel=1e-9)
+
+
+def test_a_sheared_mesh_keeps_its_area_and_folds_nowhere():
+    # A shear keeps areas; cells are small enough for no triangle to flip.
+    parts = road_parts(two_lane_road())
+    warp = RoadWarp(
+        anchor=RigidMotion(x_m=-80.0, y_m=0.0, rotation_rad=0.0),
+        terms=(WarpTerm(kind="double-turn", power=10.0, length_m=10.0),),
+    )
+    for part in parts:
+        moved = FlatMesh(points_m=warp.apply(part.mesh.points_m), faces=part.mesh.faces)
+        if len(part.mesh.faces):
+            assert area(moved) == pytest.approx(area(part.mesh), rel=0.02)
+
+
+@pytest.mark.parametrize("mark", list(LaneMark))
+def test_every_mark_has_one_or_two_lines(mark):
+    assert len(_line_styles(mark)) == (2 if mark.count("_") == 2 else 1)
+
+
+def test_real_drivable_areas_are_covered(av2_scenario_folders):
+    for folder in av2_scenario_folders[:4]:
+        road = read_scenario(folder).road_map
+        parts = road_parts(road)
+        expected = sum(
+            shapely.make_valid(shapely.Polygon(a.boundary[:, :2])).area
+            for a in road.drivable_areas
+        )
+        assert part_area(parts, "road") == pytest.approx(expected, rel=1e-6)
+        assert all(np.isfinite(part.mesh.points_m).all() for part in parts)
