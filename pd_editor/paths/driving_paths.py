@@ -39,6 +39,15 @@ class DrivingPaths:
     metres_per_parameter: Float[np.ndarray, "P M"]
     """Length of the path per metre of parameter, from each point to the next."""
 
+    def taken(self, path: Int[np.ndarray, "K"]) -> "DrivingPaths":
+        """Only some paths, in the order asked for."""
+        return DrivingPaths(
+            **{
+                field.name: getattr(self, field.name)[path]
+                for field in fields(DrivingPaths)
+            }
+        )
+
     def position_at(
         self, path: Int[np.ndarray, "K"], parameter_m: Float[np.ndarray, "K H"]
     ) -> Float[np.ndarray, "K H 2"]:

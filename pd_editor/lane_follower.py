@@ -1,1 +1,0 @@
-"""The rule-based baseline generator: follow a lane, keep a gap."""
