@@ -108,19 +108,19 @@ class BrowserSession:
     def _build_panels(self) -> None:
         gui, desk, workspace = self._client.gui, self._desk, self._workspace
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Scene", viser.Icon.FOLDER):
+        with tabs.add_tab("Scene"):
             self._scenario_panel = ScenarioPanel(desk)
             self._dataset_panel = DatasetPanel(desk)
             self._recovery_panel = RecoveryPanel(desk)
-        with tabs.add_tab("Road", viser.Icon.ROAD):
+        with tabs.add_tab("Road"):
             self._road_panel = RoadPanel(desk, self._map.set_ghost_wanted)
-        with tabs.add_tab("Agents", viser.Icon.CAR):
+        with tabs.add_tab("Agents"):
             self._agent_panel = AgentPanel(desk, self._placing_changed)
-        with tabs.add_tab("Drive", viser.Icon.ROUTE):
+        with tabs.add_tab("Drive"):
             self._drive_panel = DrivePanel(desk, self._candidates, self._generators)
-        with tabs.add_tab("History", viser.Icon.HISTORY):
+        with tabs.add_tab("History"):
             self._history_panel = HistoryPanel(desk)
-        with tabs.add_tab("View", viser.Icon.EYE):
+        with tabs.add_tab("View"):
             ViewPanel(
                 desk,
                 is_dark=workspace.is_dark,

@@ -16,7 +16,7 @@ from pd_editor.viewer.inbox import Inbox
 from pd_editor.viewer.workspace import Workspace
 
 _LOG = logging.getLogger(__name__)
-GESTURE_PAUSE_S: Final = 0.6
+GESTURE_PAUSE_S: Final = 1.0
 """A slider that rests this long has finished its gesture (viser tells no end)."""
 
 Tone = Literal["info", "success", "warning", "error"]
@@ -111,6 +111,11 @@ class Desk:
             self._gesture = owner
         self._gesture_deadline = None if has_end else time.monotonic() + GESTURE_PAUSE_S
         self.session.preview(command)
+
+    @property
+    def gesture(self) -> str | None:
+        """Who makes the gesture under way; inputs that do must not be set meanwhile."""
+        return self._gesture
 
     def commit_gesture(self) -> None:
         """End the gesture under way, if any, as one undo step."""

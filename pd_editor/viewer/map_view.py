@@ -6,7 +6,8 @@ from typing import Final
 import numpy as np
 import viser
 
-from pd_editor.geometry.polyline import without_repeats
+from pd_editor.geometry.polyline import densify, without_repeats
+from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
@@ -17,6 +18,7 @@ from pd_editor.viewer.road_mesh import LAYERS, Layer, RoadPart, road_parts
 GROUND_SIZE_M: Final = 6000.0
 GHOST_HEIGHT_M: Final = 0.055
 GHOST_WIDTH_M: Final = 0.14
+GHOST_PIECE_M: Final = 6.0
 
 
 class MapView:
@@ -34,6 +36,7 @@ class MapView:
             layer: layer != "centerlines" for layer in LAYERS
         }
         self._ghost: viser.GlbHandle | None = None
+        self._ghost_drawn: tuple[RoadMap, RigidMotion, float, Palette] | None = None
         self._wants_ghost = True
         self._ground = client.scene.add_glb(
             "/ground", self._ground_glb(), cast_shadow=False, receive_shadow=False
@@ -50,8 +53,7 @@ class MapView:
             self._parts = road_parts(self._map)
         self._warp = warp
         self._send(LAYERS)
-        if is_new_map or self._ghost is None:
-            self._make_ghost()
+        self._make_ghost()
         self._update_ghost_visibility()
 
     def set_palette(self, palette: Palette) -> None:
@@ -99,14 +101,19 @@ class MapView:
         )
 
     def _make_ghost(self) -> None:
-        if self._map is None:
+        """Outline the original lanes where the warp has moved them away."""
+        if self._map is None or self._warp is None:
             return
+        reach = min((term.border_m for term in self._warp.terms), default=0.0)
+        wanted = (self._map, self._warp.anchor, reach, self._palette)
+        if wanted == self._ghost_drawn:
+            return
+        self._ghost_drawn = wanted
         lines = merged(
             [
-                ribbon(without_repeats(side), GHOST_WIDTH_M)
-                for lane in self._map.lanes
-                if not lane.is_intersection
-                for side in (lane.left_m, lane.right_m)
+                ribbon(line, GHOST_WIDTH_M)
+                for line in _lane_sides(self._map)
+                if self._warp.distance_ahead(line).min() > reach
             ]
         )
         outline = Primitive(
@@ -137,6 +144,19 @@ class MapView:
             color=_material_color(self._palette.ground),
         )
         return glb_of([square])
+
+
+@functools.lru_cache(maxsize=2)
+def _lane_sides(road_map: RoadMap) -> tuple[np.ndarray, ...]:
+    """Boundaries of all lanes outside intersections, cut into short pieces."""
+    return tuple(
+        line[start : start + 2]
+        for lane in road_map.lanes
+        if not lane.is_intersection
+        for side in (lane.left_m, lane.right_m)
+        for line in (densify(without_repeats(side), GHOST_PIECE_M),)
+        for start in range(len(line) - 1)
+    )
 
 
 @functools.cache

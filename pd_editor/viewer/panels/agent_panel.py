@@ -39,6 +39,7 @@ SUGGESTED_SPEED_MPS: Final[dict[AgentKind, float]] = {
 }
 """Speed of a placed agent where no agent on its lane shows another."""
 LANE_REACH_M: Final = 4.0
+_OWN_GESTURE: Final = "agent panel:"
 _SIZE_NOTE: Final = "*Size: the kind's default. Argoverse 2 tracks carry none; set it to make it known.*"
 
 
@@ -106,7 +107,13 @@ class AgentPanel:
         if not is_there:
             set_property(self._size_note, "visible", False)
             return
-        row = int(rows[0])
+        is_default = not agents.has_known_size[rows].all()
+        set_property(self._size_note, "visible", bool(is_default))
+        if not (self._desk.gesture or "").startswith(_OWN_GESTURE):
+            self._show_numbers(scenario, int(rows[0]))
+
+    def _show_numbers(self, scenario: Scenario, row: int) -> None:
+        agents, step = scenario.agents, scenario.current_step
         set_value(self._kind, str(agents.kinds[row]))
         speed = float(np.hypot(*agents.velocity_mps[row, step]))
         set_value(self._speed, round(speed, 2))
@@ -116,8 +123,6 @@ class AgentPanel:
         set_value(self._position, (float(x), float(y)))
         length, width = np.round(agents.size_m[row], 2)
         set_value(self._size, (float(length), float(width)))
-        is_default = not agents.has_known_size[rows].all()
-        set_property(self._size_note, "visible", bool(is_default))
 
     def delete(self) -> None:
         """Delete the selection."""
@@ -200,12 +205,12 @@ class AgentPanel:
         command = SetAgentPosition(
             agent_id=agent_id, x_m=float(position[0]), y_m=float(position[1])
         )
-        self._desk.preview(f"position of {agent_id}", command)
+        self._desk.preview(f"{_OWN_GESTURE} position of {agent_id}", command)
 
     def _preview(self, make: Callable[..., Command], what: str, **fields: Any) -> None:
         selection = self._selection()
         self._desk.preview(
-            f"{what} of {selection}", make(agent_ids=selection, **fields)
+            f"{_OWN_GESTURE} {what} of {selection}", make(agent_ids=selection, **fields)
         )
 
 

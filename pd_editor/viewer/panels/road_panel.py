@@ -105,6 +105,12 @@ class RoadPanel:
 
     def show(self, scenario: Scenario) -> None:
         """Show the warp of a scenario."""
+        if self._desk.gesture != "warp":
+            self._show_values(scenario)
+        set_property(self._reset, "disabled", scenario.applied_warp is None)
+        self._show_readout(scenario)
+
+    def _show_values(self, scenario: Scenario) -> None:
         applied = scenario.applied_warp
         terms = {} if applied is None else {t.kind: t for t in applied.warp.terms}
         for kind in WARP_KINDS:
@@ -118,8 +124,6 @@ class RoadPanel:
             set_value(self._slows, limited is not None)
             if limited is not None:
                 set_value(self._friction, limited)
-        set_property(self._reset, "disabled", applied is None)
-        self._show_readout(scenario)
 
     def _show_readout(self, scenario: Scenario) -> None:
         applied = scenario.applied_warp

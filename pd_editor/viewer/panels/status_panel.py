@@ -57,9 +57,9 @@ class StatusPanel:
         set_property(self._select, "visible", count > 0)
         if not count:
             recorded = len(self._recorded)
-            text = "No new overlaps, nobody newly off the road."
+            text = "No overlaps, nobody off the road."
             if recorded:
-                text += f" The recording itself has {recorded}."
+                text = f"No new warnings ({recorded} in the recording itself)."
             set_property(self._text, "content", text)
             return
         lines = [f"- {html.escape(w.message)}" for w in self._warnings[:MAX_LISTED]]
