@@ -168,7 +168,7 @@ def _retimed(
     """Tracks with both halves re-timed along their curves."""
     position, heading = some.position_m.copy(), some.heading_rad.copy()
     velocity = some.velocity_mps.copy()
-    speed = np.full(len(some), abs(speed_mps))
+    speed = np.full(len(some), abs(float(speed_mps)))
     future = np.arange(now, some.num_steps)
     # Backwards in time the past is a drive that leaves the state the other way.
     for steps, sign, turn in ((np.arange(now, -1, -1), -1, np.pi), (future, 1, 0.0)):

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
+from pd_editor.editor.back_cast import back_cast_positions
 from pd_editor.editor.command import Command
 from pd_editor.editor.edit_limits import (
     check_finite,
@@ -24,8 +24,9 @@ from pd_editor.scene.scenario import Scenario
 class PlaceAgent(Command):
     """Add an agent with a state now, a future at its speed, and no past.
 
-    The future follows the lane the agent is on, else goes straight ahead. With
-    ``back_cast`` the past is a straight line at the same speed; provenance says so.
+    The future follows the lane the agent is on, else goes straight ahead; an agent
+    that rolls backwards goes straight. With ``back_cast`` it has a past at the same
+    speed along the lane, and provenance says so.
     """
 
     agent_id: str
@@ -54,21 +55,34 @@ class PlaceAgent(Command):
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with the agent appended."""
         check_new_id(scenario, self.agent_id)
-        axis = scenario.time_axis
-        placed = self._straight_track(axis.times_s(), axis.current_step)
+        placed = self._track(scenario)
         joined = scenario.with_agents(
             scenario.agents.joined(placed),
             f"The past of agent {self.agent_id} was back-cast at its speed."
             if self.back_cast
             else None,
         )
+        if self.speed_mps < 0:
+            return joined
         return _on_its_lane(joined, len(joined.agents) - 1)
 
-    def _straight_track(self, times_s: Float[np.ndarray, "T"], now: int) -> AgentTracks:
-        heading = wrap_angle(np.full((1, len(times_s)), self.heading_rad))
+    def _track(self, scenario: Scenario) -> AgentTracks:
+        """The agent alone: its past, if wanted, and a straight future."""
+        axis = scenario.time_axis
+        times, now = axis.times_s(), axis.current_step
+        state = np.array([self.x_m, self.y_m], float)
+        heading = wrap_angle(np.full(len(times), self.heading_rad))
+        position = state + times[:, None] * self.speed_mps * unit_vector(heading)
+        is_past = np.arange(len(times)) < now
+        if self.back_cast and self.speed_mps > 0:
+            position[:now], heading[:now] = back_cast_positions(
+                scenario.road_map,
+                self.kind,
+                state,
+                self.heading_rad,
+                -times[:now] * self.speed_mps,
+            )
         velocity = self.speed_mps * unit_vector(heading)
-        position = np.array([self.x_m, self.y_m]) + times_s[:, None] * velocity
-        is_past = (np.arange(len(times_s)) < now)[None]
         is_valid = ~is_past | self.back_cast
         return AgentTracks(
             ids=(self.agent_id,),
@@ -76,11 +90,11 @@ class PlaceAgent(Command):
             categories=(AgentCategory.UNSCORED,),
             size_m=default_sizes_m((self.kind,)),
             has_known_size=np.zeros(1, bool),
-            position_m=np.where(is_valid[..., None], position, 0.0),
-            heading_rad=np.where(is_valid, heading, 0.0),
-            velocity_mps=np.where(is_valid[..., None], velocity, 0.0),
-            is_valid=is_valid,
-            observed=is_past & is_valid,
+            position_m=np.where(is_valid[:, None], position, 0.0)[None],
+            heading_rad=np.where(is_valid, wrap_angle(heading), 0.0)[None],
+            velocity_mps=np.where(is_valid[:, None], velocity, 0.0)[None],
+            is_valid=is_valid[None],
+            observed=(is_past & is_valid)[None],
         )
 
 

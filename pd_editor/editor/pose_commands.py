@@ -86,7 +86,7 @@ class SetAgentPosition(Command):
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with the whole track shifted."""
         rows = present_rows(scenario, (self.agent_id,))
-        target = np.array([[self.x_m, self.y_m]])
+        target = np.array([[self.x_m, self.y_m]], float)
         return _carried(scenario, rows, target, np.zeros(1))
 
 

@@ -192,7 +192,7 @@ def _lateral_profile(
 
 def _route_points(
     choice: RouteChoice, route: Int[np.ndarray, "P"], num_points: int
-) -> tuple[Float[np.ndarray, "P M+2"], Float[np.ndarray, "P M+2"]]:
+) -> tuple[Float[np.ndarray, "P K"], Float[np.ndarray, "P K"]]:
     """Points of routes from one spacing behind each agent onwards, x and y."""
     if not len(route):
         return np.zeros((0, num_points + 2)), np.zeros((0, num_points + 2))

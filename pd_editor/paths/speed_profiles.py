@@ -23,7 +23,7 @@ def drive(
     braking_mps2: Float[np.ndarray, "K"],
     num_steps: int,
     step_s: float,
-) -> Float[np.ndarray, "K num_steps+1"]:
+) -> Float[np.ndarray, "K {num_steps}+1"]:
     """Parameter reached on a path at each step, from its start at a speed.
 
     The speed nears its target with at most the acceleration and braking given, and

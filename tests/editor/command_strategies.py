@@ -1,0 +1,263 @@
+"""A busy hand-made scenario, and hypothesis strategies for every command on it."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from pd_editor.editor.commands import (
+    AdoptTrajectory,
+    Command,
+    DeleteAgents,
+    DuplicateAgents,
+    PlaceAgent,
+    ReplaceTraffic,
+    RequestSummary,
+    SetAgentHeading,
+    SetAgentKind,
+    SetAgentPosition,
+    SetAgentSize,
+    SetAgentSpeed,
+    SetFocalAgent,
+    SetRoadWarp,
+    SnapToLane,
+    TransformAgents,
+    new_agent_id,
+    new_agent_ids,
+)
+from pd_editor.generation import GuidanceTerm, TrafficSample
+from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.agent_kind import AgentKind, default_sizes_m
+from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
+from pd_editor.scene.scenario import Scenario
+from tests.builders import scenario_with, straight_drivers
+
+ABSENT_ID = "105"
+"""The agent of ``busy_scenario`` that has no state at the current step."""
+
+
+def busy_scenario() -> Scenario:
+    """Six agents: drivers, one that stands, a pedestrian, gaps, one that has left."""
+    vehicle = AgentKind.VEHICLE
+    agents = straight_drivers(
+        [
+            (0, 0, 0, 10),
+            (-20, 0, 0.05, 8),
+            (30, 3.5, 0, 0),
+            (10, -4, math.pi / 2, 1.2),
+            (-40, 3.5, 0, 15),
+            (60, 0, 0, 12),
+        ],
+        kinds=(vehicle, vehicle, AgentKind.BUS, AgentKind.PEDESTRIAN, vehicle, vehicle),
+    )
+    is_valid = agents.is_valid.copy()
+    is_valid[3, :40] = False
+    is_valid[4, 20:25] = is_valid[4, 80:] = False
+    is_valid[5, 45:] = False
+    mask = is_valid[..., None]
+    rows = np.arange(len(agents))
+    return scenario_with(
+        agents.with_rows(
+            rows,
+            is_valid=is_valid,
+            position_m=np.where(mask, agents.position_m, 0.0),
+            heading_rad=np.where(is_valid, agents.heading_rad, 0.0),
+            velocity_mps=np.where(mask, agents.velocity_mps, 0.0),
+            observed=agents.observed & is_valid,
+        )
+    )
+
+
+def numbers(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high, allow_nan=False, allow_infinity=False)
+
+
+def present_ids(scenario: Scenario) -> list[str]:
+    """Agents with a state at the current step."""
+    now = scenario.agents.is_valid[:, scenario.current_step]
+    return [scenario.agents.ids[row] for row in np.flatnonzero(now)]
+
+
+def some_of(ids: list[str]) -> st.SearchStrategy[tuple[str, ...]]:
+    return st.lists(st.sampled_from(ids), min_size=1, unique=True).map(tuple)
+
+
+def present(scenario: Scenario) -> st.SearchStrategy[tuple[str, ...]]:
+    return some_of(present_ids(scenario))
+
+
+def warps() -> st.SearchStrategy[RoadWarp]:
+    term = st.builds(
+        WarpTerm,
+        kind=st.sampled_from(WARP_KINDS),
+        power=numbers(-10, 10),
+        length_m=numbers(5, 80),
+        border_m=numbers(0, 30),
+        exponent=numbers(2, 4),
+    )
+    anchor = st.builds(
+        RigidMotion,
+        x_m=numbers(-50, 50),
+        y_m=numbers(-5, 5),
+        rotation_rad=numbers(-3, 3),
+    )
+    terms = st.lists(term, min_size=1, max_size=2).map(tuple)
+    return st.builds(RoadWarp, anchor=anchor, terms=terms)
+
+
+def trajectory_from(
+    scenario: Scenario, agent_id: str, speed: float, bend: float
+) -> dict[str, np.ndarray]:
+    """An arc that starts where the agent is."""
+    axis, agents = scenario.time_axis, scenario.agents
+    row = agents.row_of[agent_id]
+    time = np.arange(axis.num_future_steps + 1) * axis.step_s
+    heading = agents.heading_rad[row, axis.current_step] + bend * time
+    velocity = speed * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    moved = np.cumsum(velocity * axis.step_s, axis=0) - velocity[0] * axis.step_s
+    return {
+        "position_m": agents.position_m[row, axis.current_step] + moved,
+        "heading_rad": heading,
+        "velocity_mps": velocity,
+    }
+
+
+def on_scenario(
+    make: Callable[[st.DrawFn, Scenario], Command],
+) -> Callable[[Scenario], st.SearchStrategy[Command]]:
+    """As ``st.composite``, without the scenario in the strategy's name."""
+
+    def strategy(scenario: Scenario) -> st.SearchStrategy[Command]:
+        return st.composite(lambda draw: make(draw, scenario))()
+
+    return strategy
+
+
+@on_scenario
+def adoptions(draw: st.DrawFn, scenario: Scenario) -> AdoptTrajectory:
+    agent_id = draw(st.sampled_from(present_ids(scenario)))
+    arrays = trajectory_from(
+        scenario, agent_id, draw(numbers(0, 20)), draw(numbers(-0.3, 0.3))
+    )
+    return AdoptTrajectory.of_arrays(agent_id=agent_id, **arrays)
+
+
+@on_scenario
+def replacements(draw: st.DrawFn, scenario: Scenario) -> ReplaceTraffic:
+    asked = draw(present(scenario))
+    added = new_agent_ids(scenario, draw(st.integers(0, 2)), "generated")
+    speed, bend = draw(numbers(0, 20)), draw(numbers(-0.3, 0.3))
+    moved = draw(st.sampled_from([0.0, 3.0]))
+    starts = [
+        trajectory_from(scenario, name, speed, bend)
+        for name in (*asked, *(asked[0] for _ in added))
+    ]
+    kinds = (AgentKind.VEHICLE,) * len(starts)
+    sample = TrafficSample(
+        ids=(*asked, *added),
+        kinds=kinds,
+        size_m=default_sizes_m(kinds),
+        position_m=np.stack([one["position_m"] for one in starts]) + moved,
+        heading_rad=np.stack([one["heading_rad"] for one in starts]),
+        velocity_mps=np.stack([one["velocity_mps"] for one in starts]),
+    )
+    return ReplaceTraffic(
+        sample=sample,
+        generator="test",
+        model_sha256="abc",
+        seed=draw(st.integers(0, 2**31)),
+        request=RequestSummary(
+            agent_ids=asked,
+            num_new_agents={AgentKind.VEHICLE: len(added)},
+            num_denoising_steps=draw(st.none() | st.integers(1, 50)),
+            guidance=(GuidanceTerm(name="speed", parameters={"limit": 3.5}),),
+        ),
+    )
+
+
+@on_scenario
+def duplications(draw: st.DrawFn, scenario: Scenario) -> DuplicateAgents:
+    ids = draw(present(scenario))
+    return DuplicateAgents(
+        agent_ids=ids,
+        new_ids=new_agent_ids(scenario, len(ids), "copy"),
+        dx_m=draw(numbers(-10, 10)),
+        dy_m=draw(numbers(-10, 10)),
+    )
+
+
+def placements(scenario: Scenario) -> st.SearchStrategy[PlaceAgent]:
+    return st.builds(
+        PlaceAgent,
+        agent_id=st.just(new_agent_id(scenario)),
+        kind=st.sampled_from(AgentKind),
+        x_m=numbers(-90, 150),
+        y_m=numbers(-10, 10),
+        heading_rad=numbers(-4, 4),
+        speed_mps=numbers(0, 25),
+        back_cast=st.booleans(),
+    )
+
+
+STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]] = {
+    SetRoadWarp: lambda _: st.builds(
+        SetRoadWarp,
+        warp=st.none() | warps(),
+        friction_coefficient=st.none() | numbers(0.1, 1.2),
+    ),
+    TransformAgents: lambda scenario: st.builds(
+        TransformAgents,
+        agent_ids=present(scenario),
+        dx_m=numbers(-40, 40),
+        dy_m=numbers(-10, 10),
+        rotation_rad=numbers(-7, 7),
+    ),
+    SetAgentPosition: lambda scenario: st.builds(
+        SetAgentPosition,
+        agent_id=st.sampled_from(present_ids(scenario)),
+        x_m=numbers(-90, 150),
+        y_m=numbers(-10, 10),
+    ),
+    SetAgentHeading: lambda scenario: st.builds(
+        SetAgentHeading, agent_ids=present(scenario), heading_rad=numbers(-7, 7)
+    ),
+    SnapToLane: lambda scenario: st.builds(SnapToLane, agent_ids=present(scenario)),
+    SetAgentSpeed: lambda scenario: st.builds(
+        SetAgentSpeed, agent_ids=present(scenario), speed_mps=numbers(-10, 30)
+    ),
+    AdoptTrajectory: adoptions,
+    SetAgentKind: lambda scenario: st.builds(
+        SetAgentKind,
+        agent_ids=some_of(list(scenario.agents.ids)),
+        kind=st.sampled_from(AgentKind),
+    ),
+    SetAgentSize: lambda scenario: st.builds(
+        SetAgentSize,
+        agent_ids=some_of(list(scenario.agents.ids)),
+        length_m=numbers(0.2, 30),
+        width_m=numbers(0.2, 30),
+    ),
+    PlaceAgent: placements,
+    DuplicateAgents: duplications,
+    DeleteAgents: lambda scenario: st.builds(
+        DeleteAgents, agent_ids=some_of(list(scenario.agents.ids))
+    ),
+    SetFocalAgent: lambda scenario: st.builds(
+        SetFocalAgent, agent_id=st.sampled_from(present_ids(scenario))
+    ),
+    ReplaceTraffic: replacements,
+}
+"""How to draw each command on a scenario; most of them apply, some do not."""
+
+
+def any_command(scenario: Scenario) -> st.SearchStrategy[Command]:
+    return st.one_of([make(scenario) for make in STRATEGIES.values()])
+
+
+ignore_random_checks = pytest.mark.filterwarnings(
+    "ignore:Do not use the .random. module:"
+    "hypothesis.errors.HypothesisDeprecationWarning"
+)
+"""The shape checker looks at random items of tuples, also within strategies."""
