@@ -101,7 +101,7 @@ class BrowserSession:
         )
         client.gui.set_panel_label("Path Diffuser Editor")
         client.gui.main_panel.dock_right()
-        client.gui.main_panel.set_width(340)
+        client.gui.main_panel.set_width(372)
         client.scene.configure_environment_map("city", environment_intensity=0.45)
         client.scene.configure_default_lights(enabled=True, cast_shadow=False)
 

@@ -27,7 +27,7 @@ class Primitive:
 
     points_m: Float[np.ndarray, "V 2"]
     faces: Int[np.ndarray, "F 3"]
-    height_m: float
+    height_m: float | Float[np.ndarray, "V"]
     color: tuple[float, float, float]
     """Linear material colour; may exceed 1."""
     opacity: float = 1.0

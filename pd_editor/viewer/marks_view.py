@@ -19,7 +19,8 @@ from pd_editor.viewer.colors import (
     linearised,
 )
 
-MAX_LABELS: Final = 8
+MAX_LABELS: Final = 3
+"""More selected agents than this get none: their labels would cover each other."""
 RING_MARGIN_M: Final = 0.5
 POINTER_SIZE_M: Final = (1.0, 1.0, 1.1)
 POINTER_GAP_M: Final = 0.6
@@ -123,7 +124,8 @@ class MarksView:
         selection: Collection[str],
     ) -> None:
         agents = scenario.agents
-        wanted = [a for a in list(selection)[:MAX_LABELS] if a in agents.row_of]
+        labelled = selection if len(selection) <= MAX_LABELS else ()
+        wanted = [agent for agent in labelled if agent in agents.row_of]
         for agent_id in [a for a in self._labels if a not in wanted]:
             self._labels.pop(agent_id).remove()
         nearest = int(np.clip(np.round(step), 0, agents.num_steps - 1))

@@ -5,6 +5,7 @@ from jaxtyping import Bool, Float
 
 from pd_editor.viewer.flat_mesh import Primitive
 
+PATH_HEIGHT_STEP_M = 2e-4
 MIN_EXTENT_M = 2.0
 """Paths that stay in a smaller box are not drawn: a standing agent's track jitters."""
 
@@ -18,7 +19,10 @@ def path_ribbons(
     width_m: Float[np.ndarray, "P H"],
     height_m: float,
 ) -> Primitive:
-    """One transparent mesh of all paths; colours are linear material colours."""
+    """One transparent mesh of all paths; colours are linear material colours.
+
+    Each path lies a little higher than the one before, so that they cross cleanly.
+    """
     both = is_valid[:, 1:] & is_valid[:, :-1]
     kept = _extent(points_m, is_valid) >= MIN_EXTENT_M
     points, both, opacity = points_m[kept], both[kept], opacity[kept]
@@ -38,7 +42,8 @@ def path_ribbons(
     return Primitive(
         points_m=vertices.reshape(-1, 2),
         faces=faces,
-        height_m=height_m,
+        height_m=height_m
+        + PATH_HEIGHT_STEP_M * np.repeat(np.arange(num_paths), 2 * num_points),
         color=(1.0, 1.0, 1.0),
         vertex_opacity=np.repeat(opacity.reshape(-1), 2),
         vertex_color=np.repeat(

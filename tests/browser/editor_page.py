@@ -22,16 +22,27 @@ class EditorPage:
     def __init__(self, page: Page, app: ViewerApp) -> None:
         self.page = page
         self.app = app
-        known = set(app.server.get_clients())
+        self._known = set(app.server.get_clients())
         page.goto(app.address)
-        self.until(lambda: set(app.server.get_clients()) - known, "a connection")
-        (client_id,) = set(app.server.get_clients()) - known
-        self.client = app.server.get_clients()[client_id]
+        self.attach()
+
+    def attach(self) -> None:
+        """Wait until the page that was loaded last is connected and complete."""
+        clients = self.app.server.get_clients
+        self.until(lambda: set(clients()) - self._known, "a connection")
+        client_id = max(set(clients()) - self._known)
+        self._known.add(client_id)
+        self.client = clients()[client_id]
         self.until(lambda: self._tab() is not None, "a session")
+        self.until(lambda: self._tab()._is_built, "the panels")
         self.until(
-            lambda: page.get_by_role("tab", name="Agents").count() > 0, "the panels"
+            lambda: self.page.get_by_role("tab", name="Agents").count() > 0, "the page"
         )
-        self.close_notifications()
+        self.page.evaluate(
+            "document.querySelectorAll('.mantine-Notification-closeButton')"
+            ".forEach(b => b.closest('.mantine-Notification-root')"
+            ".innerText.includes('WebGL') && b.click())"
+        )
 
     def _tab(self):
         entry = self.app._tabs.get(self.client.client_id)

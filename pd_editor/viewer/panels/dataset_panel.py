@@ -1,6 +1,6 @@
 """The dataset panel: browse a root of Argoverse 2 scenarios."""
 
-from typing import Final
+from typing import Any, Final
 
 import viser
 
@@ -22,12 +22,11 @@ class DatasetPanel:
         self._desk = desk
         self._workspace = desk.workspace
         dataset = desk.workspace.dataset
-        no_city: tuple[str, ...] = (ANY_CITY,)
         gui = desk.client.gui
         self._folder = gui.add_folder("Dataset", visible=dataset is not None)
         with self._folder:
             self._count = gui.add_markdown("")
-            self._city = gui.add_dropdown("City", list(no_city))
+            self._city: Any = gui.add_dropdown("City", (ANY_CITY,))
             self._text = gui.add_text("Id contains", "")
             self._agents = gui.add_multi_slider(
                 "Number of agents",

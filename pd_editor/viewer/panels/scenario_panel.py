@@ -104,7 +104,6 @@ class ScenarioPanel:
         self._desk.commit_gesture()
         name, content = self._workspace.exported_zip()
         self._desk.client.send_file_download(name, content, save_immediately=True)
-        self._desk.notify("Exported", name, "success")
 
     def _write(self) -> None:
         path = str(self._out.value).strip()

@@ -1,0 +1,145 @@
+"""Opening, bad input, reloads, several tabs, and work that outlives a kill."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from pd_editor.av2_io.write import scenario_files
+from pd_editor.editor.commands import SetAgentSpeed
+from pd_editor.export.bundle import write_files, zip_files
+from tests.builders import two_agents_that_pass
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def folder(tmp_path):
+    out = tmp_path / "made"
+    write_files(scenario_files(two_agents_that_pass()), out, forbidden=None)
+    return out
+
+
+def upload(editor, name: str, content: bytes) -> None:
+    editor.page.locator("input[type=file]").first.set_input_files(
+        {"name": name, "mimeType": "application/octet-stream", "buffer": content}
+    )
+
+
+def notice(editor, text: str) -> None:
+    editor.page.get_by_text(text).first.wait_for(timeout=10_000)
+
+
+def test_open_a_folder_by_path_and_upload_a_zip(open_editor, folder):
+    editor = open_editor()
+    editor.fill("Folder", folder)
+    editor.press("Open folder")
+    editor.until(
+        lambda: editor.session.scenario.scenario_id == "two-lane-road", "the folder"
+    )
+    editor.choose("Demo", "signalised-junction")
+    editor.press("Open demo")
+    editor.until(
+        lambda: editor.session.scenario.scenario_id != "two-lane-road", "the demo"
+    )
+    upload(editor, "any.zip", zip_files(scenario_files(two_agents_that_pass()), "x"))
+    editor.until(
+        lambda: editor.session.scenario.scenario_id == "two-lane-road", "the upload"
+    )
+
+
+def test_parquet_then_map(open_editor):
+    editor = open_editor()
+    files = scenario_files(two_agents_that_pass())
+    parquet, road = sorted(files, reverse=True)
+    upload(editor, parquet, files[parquet])
+    notice(editor, "Now upload the map JSON")
+    upload(editor, road, files[road])
+    editor.until(
+        lambda: editor.session.scenario.scenario_id == "two-lane-road", "both files"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("broken.zip", b"PK\x03\x04 not really"), ("nothing.zip", b"")],
+)
+def test_a_bad_upload_says_so_and_changes_nothing(open_editor, name, content):
+    editor = open_editor()
+    opened = editor.session.scenario
+    upload(editor, name, content)
+    notice(editor, "That did not work")
+    assert editor.session.scenario is opened
+
+
+def test_a_missing_folder_says_so_and_names_are_shown_as_text(open_editor):
+    editor = open_editor()
+    opened = editor.session.scenario
+    editor.fill("Folder", "/nowhere/<img src=x onerror=alert(1)>")
+    editor.press("Open folder")
+    notice(editor, "<img src=x onerror=alert(1)>")
+    assert editor.page.locator("img[src=x]").count() == 0
+    assert editor.session.scenario is opened
+
+
+def test_a_reload_finds_its_session_and_a_second_tab_gets_its_own(open_editor):
+    editor = open_editor()
+    focal = editor.session.scenario.focal_id
+    session = editor.session
+    editor.workspace.playback.pause()
+    editor._tab()._desk.post(
+        lambda: session.apply(SetAgentSpeed(agent_ids=(focal,), speed_mps=3.0))
+    )
+    editor.until(lambda: len(session.entries) == 1, "an edit")
+    second = open_editor(app=editor.app, context=editor.page.context)
+    assert second.session is not session
+    assert not second.session.entries
+    editor.page.reload()
+    editor.attach()
+    again = editor
+    assert again.session is session
+    assert len(again.session.entries) == 1
+
+
+def test_a_raising_callback_is_shown_and_the_editor_lives(open_editor, caplog):
+    editor = open_editor()
+    editor._tab()._desk.post(lambda: 1 / 0)
+    notice(editor, "A bug in the editor")
+    assert "ZeroDivisionError" in caplog.text
+    editor.press("Pause")
+    editor.until(lambda: not editor.workspace.playback.is_playing, "a pause")
+
+
+def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
+    library = tmp_path / "library"
+    code = (
+        "import sys, time; from pathlib import Path;"
+        "from pd_editor.scenario_store import open_scenario;"
+        "from pd_editor.viewer.workspace import Workspace;"
+        "from pd_editor.editor.commands import SetAgentSpeed;"
+        "scene = open_scenario('signalised-junction');"
+        "work = Workspace(scene, dataset=None, journals=Path(sys.argv[1]));"
+        "ids = (scene.focal_id,);"
+        "[work.session.apply(SetAgentSpeed(agent_ids=ids, speed_mps=s)) for s in (3., 4.)];"
+        "work.session.undo(); print('ready', flush=True); time.sleep(60)"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(library / "journals")],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline().strip() == "ready"
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait(10)
+    process.stdout.close()
+
+    editor = open_editor(library=library)
+    notice(editor, "Unfinished work found")
+    editor.press("Restore")
+    editor.until(lambda: len(editor.session.entries) == 2, "the work")
+    assert editor.session.state.position == 1
+    editor.key("Control+y")
+    editor.until(lambda: editor.session.state.position == 2, "the undone edit redone")

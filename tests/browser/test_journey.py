@@ -1,0 +1,214 @@
+"""The first whole journey, walked in a real browser by label and by projected clicks."""
+
+import io
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from pd_editor.av2_io.upload import scenario_from_upload
+from pd_editor.editor.recipe import Recipe, replay
+from pd_editor.scenario_store import open_scenario
+from pd_editor.scene.agent_kind import AgentKind
+from tests.editor.same_scenario import assert_same_scenario
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def editor(open_editor):
+    page = open_editor()
+    page.until(lambda: page.workspace.playback.is_playing, "the demo to play")
+    page.press("Now")
+    page.until(lambda: not page.workspace.playback.is_playing, "a pause")
+    return page
+
+
+def labels(editor) -> list[str]:
+    return [entry.label for entry in editor.session.entries]
+
+
+def state_of(editor, agent_id: str):
+    scenario = editor.session.scenario
+    row = scenario.agents.row_of[agent_id]
+    step = scenario.current_step
+    return (
+        scenario.agents.position_m[row, step],
+        float(scenario.agents.heading_rad[row, step]),
+        float(np.hypot(*scenario.agents.velocity_mps[row, step])),
+    )
+
+
+def roof(editor, agent_id: str) -> tuple[float, float, float]:
+    """A point that a person would click to hit a vehicle."""
+    (x, y), heading, _ = state_of(editor, agent_id)
+    return float(x - 0.9 * np.cos(heading)), float(y - 0.9 * np.sin(heading)), 1.2
+
+
+def test_from_demo_to_export(editor):
+    session, focal = editor.session, editor.session.scenario.focal_id
+    opened = session.scenario
+    editor.screenshot("01_opened")
+
+    editor.click_at(roof(editor, focal))
+    editor.until(lambda: session.selection == (focal,), "the focal agent selected")
+
+    before, _, _ = state_of(editor, focal)
+    x, y, z = roof(editor, focal)
+    editor.drag((x, y, z), (x + 4.0, y + 2.0, z))
+    editor.until(lambda: len(session.entries) == 1, "one undo step for one drag")
+    after, _, _ = state_of(editor, focal)
+    assert np.allclose(after - before, [4.0, 2.0], atol=0.4)
+    editor.key("Control+z")
+    editor.until(lambda: session.scenario is opened, "the very scenario again")
+    assert session.selection == (focal,)
+
+    editor.open_tab("Road")
+    editor.fill("Double turn", 6)
+    editor.until(lambda: session.scenario.applied_warp is not None, "a warp")
+    editor.until(lambda: labels(editor) == ["Warp: double turn +6"], "the end of it")
+    editor.screenshot("02_warped")
+    assert "8" in editor.page.get_by_text("Friction-limited speed").inner_text()
+
+    editor.open_tab("Agents")
+    editor.fill("Speed (m/s)", 6.5)
+    editor.until(
+        lambda: (
+            abs(state_of(editor, focal)[2] - 6.5) < 1e-6 and len(labels(editor)) == 2
+        ),
+        "a new speed",
+    )
+
+    editor.open_tab("Drive")
+    editor.press("Show candidates")
+    editor.until(lambda: editor._tab()._candidates.shown is not None, "the fan")
+    editor.screenshot("03_candidates")
+    editor.press("Hide candidates")
+    editor.press("Regenerate")
+    editor.until(lambda: len(labels(editor)) == 3, "new futures", 60)
+    editor.screenshot("04_regenerated")
+
+    editor.open_tab("Scene")
+    with editor.page.expect_download() as download:
+        editor.press("Download zip")
+    content = download.value.path().read_bytes()
+    exported = scenario_from_upload({"export.zip": content})
+    assert exported.agents.ids == session.scenario.agents.ids
+    assert exported.time_axis.num_steps == 110
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        name = next(n for n in archive.namelist() if n.endswith("recipe.json"))
+        recipe = Recipe.from_text(archive.read(name))
+    again = replay(recipe, open_scenario("signalised-junction"))
+    assert_same_scenario(again, session.scenario)
+
+
+def test_a_clicked_candidate_is_adopted(editor):
+    session, focal = editor.session, editor.session.scenario.focal_id
+    session_row = session.scenario.agents.row_of[focal]
+    editor.click_at(roof(editor, focal))
+    editor.open_tab("Drive")
+    editor.press("Show candidates")
+    view = editor.until(lambda: editor._tab()._candidates.shown, "the fan")
+    labels_shown = editor._tab()._drive_panel._choice.options
+    assert any("stand still" in label for label in labels_shown)
+    still = next(label for label in labels_shown if "stand still" in label)
+    editor.choose("Candidate", still)
+    editor.press("Adopt candidate")
+    editor.until(lambda: len(session.entries) == 1, "the adoption")
+    index = int(np.flatnonzero(view.is_valid[0])[labels_shown.index(still) - 1])
+    future = session.scenario.agents.position_m[session_row, 50:]
+    assert np.allclose(future, view.position_m[0, index], atol=1e-4)
+
+
+def test_place_duplicate_turn_and_delete(editor):
+    session = editor.session
+    num_before = len(session.scenario.agents)
+    (x, y), heading, _ = state_of(editor, session.scenario.focal_id)
+    ahead = (x + 12 * np.cos(heading), y + 12 * np.sin(heading))
+    editor.open_tab("Agents")
+    editor.choose("New agent", "bus")
+    editor.press("Place on road")
+    editor.click_at(ahead)
+    editor.until(lambda: len(session.scenario.agents) == num_before + 1, "a bus")
+    editor.press("Stop placing")
+    (placed,) = session.selection
+    agents = session.scenario.agents
+    row = agents.row_of[placed]
+    assert agents.kinds[row] is AgentKind.BUS
+    assert not agents.is_valid[row, :50].any()
+    assert agents.is_valid[row, 50:].all()
+
+    editor.fill("Heading (deg)", 30)
+    editor.until(
+        lambda: abs(np.degrees(state_of(editor, placed)[1]) - 30) < 1e-6, "a turn"
+    )
+    editor.press("Duplicate")
+    editor.until(lambda: len(session.scenario.agents) == num_before + 2, "a copy")
+    editor.press("Delete")
+    editor.until(lambda: len(session.scenario.agents) == num_before + 1, "it gone")
+    editor.key("Control+z")
+    editor.until(lambda: len(session.scenario.agents) == num_before + 2, "it back")
+    assert len(session.selection) == 1
+
+
+def test_box_selection_in_the_top_view_and_multiple_edits(editor):
+    session = editor.session
+    editor.key("v")
+    editor.page.wait_for_timeout(600)
+    center, _, _ = state_of(editor, session.scenario.focal_id)
+    start = editor.pixel(center + np.array([-35.0, 25.0]))
+    editor.drag_pixels(start, editor.pixel(center + np.array([35.0, -25.0])))
+    editor.until(lambda: len(session.selection) > 1, "several agents")
+    editor.screenshot("05_box_selected")
+    chosen = session.selection
+    for agent_id in chosen:
+        position, _, _ = state_of(editor, agent_id)
+        assert np.all(np.abs(position - center) <= [37.0, 27.0])
+    editor.key("Escape")
+    editor.until(lambda: session.selection == (), "nothing selected")
+
+
+def test_playback_theme_layers_and_history(editor):
+    session = editor.session
+    editor.key("Space")
+    step = editor.workspace.playback.step
+    editor.until(lambda: editor.workspace.playback.step > step + 3, "playback")
+    editor.press("Pause")
+    editor.fill("Time (s)", 2.0)
+    editor.until(lambda: editor.workspace.playback.step == 70, "the scrubber's time")
+    editor.open_tab("View")
+    editor.tick("Dark theme")
+    editor.until(lambda: editor.workspace.is_dark, "darkness")
+    editor.tick("Centre lines")
+    editor.screenshot("06_dark")
+
+    editor.click_at(roof_now(editor))
+    editor.until(lambda: session.selection, "a selection")
+    editor.open_tab("Agents")
+    for number, speed in enumerate((3.0, 4.0, 5.0), start=1):
+        editor.fill("Speed (m/s)", speed)
+        editor.until(lambda n=number: len(labels(editor)) == n, f"edit {number}")
+    editor.open_tab("History")
+    editor.page.get_by_role("button", name="1. ").first.click()
+    editor.until(lambda: session.state.position == 1, "a jump back")
+    editor.page.get_by_role("button", name="3. ").first.click()
+    editor.until(lambda: session.state.position == 3, "a jump forward")
+    editor.screenshot("07_history")
+
+
+def roof_now(editor) -> tuple[float, float, float]:
+    """Where the focal agent is drawn at the playhead."""
+    row = editor.session.scenario.agents.row_of[editor.session.scenario.focal_id]
+    x, y = editor._tab()._agents.poses.position_m[row]
+    return float(x), float(y), 1.0
+
+
+def test_recipe_text_in_the_export_is_plain_json(editor):
+    editor.click_at(roof(editor, editor.session.scenario.focal_id))
+    editor.open_tab("Agents")
+    editor.press("Snap to lane")
+    editor.until(lambda: len(labels(editor)) == 1, "an edit")
+    data = json.loads(editor.session.recipe().to_text())
+    assert data["base"]["source"] == "demo:signalised-junction"
+    assert data["commands"][0]["command"] == "SnapToLane"
