@@ -120,7 +120,7 @@ class _Mover:
         """Centre and heading; both axles are on the line."""
         half = max(self.size[0] * 0.3, 0.2)
         rear, front = self._at(np.array([self.along - half, self.along + half]))
-        return (rear + front) / 2, float(heading_of(front - rear))
+        return (rear + front) / 2, float(heading_of((front - rear)[None])[0])
 
     def obstacles(
         self, others: Sequence["_Mover"], time_s: float

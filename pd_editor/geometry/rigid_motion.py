@@ -49,8 +49,8 @@ class RigidMotion:
     def after(self, first: "RigidMotion") -> "RigidMotion":
         """The motion that does ``first``, then this one."""
         x, y = self.apply(np.array([first.x_m, first.y_m]))
-        angle = wrap_angle(np.asarray(self.rotation_rad + first.rotation_rad))
-        return RigidMotion(x_m=float(x), y_m=float(y), rotation_rad=float(angle))
+        angle = wrap_angle(np.array([self.rotation_rad + first.rotation_rad]))
+        return RigidMotion(x_m=float(x), y_m=float(y), rotation_rad=float(angle[0]))
 
 
 def rotation_about(pivot_m: Float[np.ndarray, "2"], rotation_rad: float) -> RigidMotion:

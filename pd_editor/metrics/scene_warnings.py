@@ -28,6 +28,14 @@ WarningKind = Literal["overlap", "off-road", "future-overlap", "future-off-road"
 
 MOVING_M: Final = 0.5
 """An agent that stays within this distance stands."""
+_KIND_NAME: Final[dict[AgentKind, str]] = {
+    kind: kind.value.replace("_", " ") for kind in AgentKind
+} | {
+    AgentKind.STATIC: "static object",
+    AgentKind.BACKGROUND: "background object",
+    AgentKind.CONSTRUCTION: "construction object",
+    AgentKind.UNKNOWN: "object",
+}
 _PUSHES_BICYCLE: Final = frozenset({AgentKind.PEDESTRIAN, AgentKind.CYCLIST})
 
 
@@ -164,7 +172,7 @@ def _pair_matters(one: AgentKind, two: AgentKind) -> bool:
 
 
 def _name(agents: AgentTracks, row: int) -> str:
-    return f"{agents.kinds[row].value.replace('_', ' ')} {agents.ids[row]}"
+    return f"{_KIND_NAME[agents.kinds[row]]} {agents.ids[row]}"
 
 
 def _upper(text: str) -> str:

@@ -63,10 +63,10 @@ def summarise(
     edges = np.array([edge for term in warp.terms for edge in _edges_m(term)])
     x = np.concatenate([x, edges - 1e-9, edges + 1e-9])
     sharpest = float(np.abs(road_curvature(warp, x)).max(initial=0.0))
-    limit = friction_limited_speed(np.array(sharpest), friction_coefficient)
+    limit = friction_limited_speed(np.array([sharpest]), friction_coefficient)
     return WarpSummary(
         max_curvature_per_m=sharpest,
         min_radius_m=1 / sharpest if sharpest > 0 else float("inf"),
-        speed_limit_mps=float(limit),
-        lateral_shift_m=float(warp.derivative(np.array(end), 0)),
+        speed_limit_mps=float(limit[0]),
+        lateral_shift_m=float(warp.derivative(np.array([end]), 0)[0]),
     )
