@@ -187,7 +187,7 @@ def paved(
     """One paved area; inner corners are rounded, those of parking strips by 2.5 m."""
     rounded = _rounded(shapely.union_all(np.array(roads, object)), corner_radius)
     rounded = _rounded(shapely.union_all(np.array([rounded, *parking], object)), 2.5)
-    rounded = rounded.simplify(0.03)
+    rounded = shapely.simplify(rounded, 0.03)
     assert isinstance(rounded, shapely.Polygon)
     ring = np.array(rounded.exterior.coords)[:-1]
     return DrivableArea(area_id=1, boundary=_lifted(ring))
@@ -195,7 +195,8 @@ def paved(
 
 def _rounded(area: shapely.Geometry, radius: float) -> shapely.Geometry:
     """An area grown and shrunk again, which fills its inner corners."""
-    return area.buffer(radius, 24).buffer(-radius, 24)
+    grown = shapely.buffer(area, radius, quad_segs=24)
+    return shapely.buffer(grown, -radius, quad_segs=24)
 
 
 def road_map(

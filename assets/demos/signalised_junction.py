@@ -1,6 +1,6 @@
 """A four-way junction in a town, as the lights change from the main to the side road."""
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -167,108 +167,84 @@ def _route(way: str, lane: str, out: str | None = None) -> list[str]:
     return [f"{way}-in", f"{way}-{lane}", f"{way}-{lane}>{out}", out]
 
 
-def _drivers() -> list[RoadUser]:
-    lines = {lane.name: lane.center for lane in junction_lanes()}
-    scored, bus = AgentCategory.SCORED, AgentKind.BUS
-    cyclist, motorcyclist = AgentKind.CYCLIST, AgentKind.MOTORCYCLIST
-    car, van = (4.5, 1.8), (5.4, 2.0)
+CAR, VAN, SMALL_CAR = (4.5, 1.8), (5.4, 2.0), (4.3, 1.8)
+BUS, MOTORCYCLE, BICYCLE = (12.0, 2.9), (2.1, 0.8), (1.8, 0.7)
+KIND_OF_SIZE: Final = {
+    BUS: AgentKind.BUS,
+    MOTORCYCLE: AgentKind.MOTORCYCLIST,
+    BICYCLE: AgentKind.CYCLIST,
+}
 
-    def on(
-        agent_id: str,
-        route: list[str],
-        to_junction: float,
-        speed: float,
-        *,
-        kind: AgentKind = AgentKind.VEHICLE,
-        size: tuple[float, float] | None = None,
-        category: AgentCategory = AgentCategory.UNSCORED,
-        starts_at_s: float | None = None,
-    ) -> RoadUser:
+
+class Start(NamedTuple):
+    """Where and how somebody on a lane begins."""
+
+    agent_id: str
+    route: tuple[str, ...]
+    to_junction_m: float
+    speed: float
+    size_m: tuple[float, float]
+    moves_off_at_s: float | None = None
+
+
+UNDER_WAY: Final = (
+    Start("11", ("east", "outer"), 23.0, MAIN_SPEED, CAR),
+    Start(FOCAL_ID, ("east", "inner", "north-out"), 50.0, MAIN_SPEED, (4.7, 1.9)),
+    Start("13", ("east", "outer"), 43.0, MAIN_SPEED, MOTORCYCLE),
+    Start(EGO_ID, ("east", "outer"), 66.0, MAIN_SPEED, (4.9, 2.0)),
+    Start("14", ("east", "inner"), 74.0, MAIN_SPEED, VAN),
+    Start("15", ("east", "outer"), 89.0, 11.5, BUS),
+    Start("21", ("west", "outer"), 25.0, MAIN_SPEED, CAR),
+    Start("22", ("west", "inner"), 18.0, MAIN_SPEED, SMALL_CAR),
+    Start("23", ("west", "inner"), 62.0, MAIN_SPEED, VAN),
+    Start("24", ("west", "outer"), 70.0, MAIN_SPEED, CAR),
+    Start("25", ("west", "inner"), 84.0, MAIN_SPEED, (4.6, 1.85)),
+    Start("51", ("east", "bike"), 17.0, 5.6, BICYCLE),
+    Start("52", ("east", "bike"), 44.0, 5.0, BICYCLE),
+    Start("53", ("west", "bike"), 8.0, 6.0, BICYCLE),
+)
+QUEUES: Final = (
+    Start("31", ("south", "wait"), 19.9, SIDE_SPEED, CAR, 5.1),
+    Start("32", ("south", "wait"), 26.9, SIDE_SPEED, (4.8, 1.9), 5.9),
+    Start("33", ("south", "wait"), 34.3, SIDE_SPEED, VAN, 6.7),
+    Start("34", ("south", "left", "east-out-inner"), 19.8, SIDE_SPEED, CAR, 99.0),
+    Start("41", ("north", "wait", "east-out-outer"), 20.0, SIDE_SPEED, (4.4, 1.8), 5.3),
+    Start("42", ("north", "wait"), 26.8, SIDE_SPEED, CAR, 6.0),
+    Start("43", ("north", "wait"), 33.6, SIDE_SPEED, (4.6, 1.9), 6.8),
+    Start(
+        "44", ("north", "left", "west-out-inner"), 19.9, SIDE_SPEED, (4.2, 1.75), 99.0
+    ),
+)
+SCORED_IDS: Final = frozenset({"11", "13", "14", "21", "23", "31", "41", "42", "51"})
+
+
+def _drivers() -> list[RoadUser]:
+    """Everybody on a lane."""
+    lines = {lane.name: lane.center for lane in junction_lanes()}
+    users = []
+    for agent_id, route, to_junction, speed, size, starts_at_s in UNDER_WAY + QUEUES:
         # The focal car is in the junction before its light is red.
         lights = () if agent_id == FOCAL_ID else (*MAIN_LIGHTS, *SIDE_LIGHTS)
-        line, stops = along_lanes(lines, route, lights)
-        return RoadUser(
-            agent_id=agent_id,
-            line=line,
-            start_m=ARM_M - to_junction,
-            speed=speed,
-            kind=kind,
-            size_m=size,
-            category=category,
-            stops=stops,
-            starts_at_s=starts_at_s,
+        line, stops = along_lanes(lines, _route(*route), lights)
+        category = AgentCategory.UNSCORED
+        if agent_id == FOCAL_ID:
+            category = AgentCategory.FOCAL
+        elif agent_id in SCORED_IDS:
+            category = AgentCategory.SCORED
+        users.append(
+            RoadUser(
+                agent_id=agent_id,
+                line=line,
+                start_m=ARM_M - to_junction,
+                speed=speed,
+                kind=KIND_OF_SIZE.get(size, AgentKind.VEHICLE),
+                size_m=size,
+                category=category,
+                stops=stops,
+                starts_at_s=starts_at_s,
+            )
         )
-
-    east_turn = _route("east", "inner", "north-out")
-    north_right = _route("north", "wait", "east-out-outer")
-    fast, slow = MAIN_SPEED, SIDE_SPEED
-    moving = [
-        on("11", _route("east", "outer"), 23, fast, size=car, category=scored),
-        on(
-            FOCAL_ID, east_turn, 50, fast, size=(4.7, 1.9), category=AgentCategory.FOCAL
-        ),
-        on("13", _route("east", "outer"), 43, fast, kind=motorcyclist, category=scored),
-        on(EGO_ID, _route("east", "outer"), 66, fast, size=(4.9, 2.0)),
-        on("14", _route("east", "inner"), 74, fast, size=van, category=scored),
-        on("15", _route("east", "outer"), 89, 11.5, kind=bus),
-        on("21", _route("west", "outer"), 25, fast, size=car, category=scored),
-        on("22", _route("west", "inner"), 18, fast, size=(4.3, 1.8)),
-        on("23", _route("west", "inner"), 62, fast, size=van, category=scored),
-        on("24", _route("west", "outer"), 70, fast, size=car),
-        on("25", _route("west", "inner"), 84, fast, size=(4.6, 1.85)),
-        on("51", _route("east", "bike"), 17, 5.6, kind=cyclist, category=scored),
-        on("52", _route("east", "bike"), 44, 5.0, kind=cyclist),
-        on("53", _route("west", "bike"), 8, 6.0, kind=cyclist, category=scored),
-    ]
-    queue = [
-        on(
-            "31",
-            _route("south", "wait"),
-            19.9,
-            slow,
-            size=car,
-            category=scored,
-            starts_at_s=5.1,
-        ),
-        on("32", _route("south", "wait"), 26.9, slow, size=(4.8, 1.9), starts_at_s=5.9),
-        on("33", _route("south", "wait"), 34.3, slow, size=van, starts_at_s=6.7),
-        on(
-            "34",
-            _route("south", "left", "east-out-inner"),
-            19.8,
-            slow,
-            size=car,
-            starts_at_s=99,
-        ),
-        on(
-            "41",
-            north_right,
-            20.0,
-            slow,
-            size=(4.4, 1.8),
-            category=scored,
-            starts_at_s=5.3,
-        ),
-        on(
-            "42",
-            _route("north", "wait"),
-            26.8,
-            slow,
-            size=car,
-            category=scored,
-            starts_at_s=6.0,
-        ),
-        on("43", _route("north", "wait"), 33.6, slow, size=(4.6, 1.9), starts_at_s=6.8),
-        on(
-            "44",
-            _route("north", "left", "west-out-inner"),
-            19.9,
-            slow,
-            size=(4.2, 1.75),
-            starts_at_s=99,
-        ),
-    ]
-    return moving + queue
+    return users
 
 
 def _pedestrian(

@@ -25,7 +25,9 @@ def warp_scenario(
     the original object, and so are the agents if none was edited. Points, headings
     and velocities follow the plane (reference: Scene-Attack, CVPR 2022, with the
     Jacobian J = [[1, 0], [f', 1]]); the speed of every agent is kept. With a friction
-    coefficient mu, agents that would exceed sqrt(mu g / kappa) are slowed.
+    coefficient mu, agents that would exceed sqrt(mu g / kappa) are slowed. Agents
+    edited under a warp are taken back by its inverse; if they had been slowed, they
+    keep their new speeds, since those are what was edited.
     """
     road_map, agents = _unwarped(scenario)
     if warp is None or warp.is_identity:
