@@ -34,7 +34,7 @@ class SetAgentKind(Command):
     def label(self) -> str:
         """Says the kind."""
         kind = self.kind.value.replace("_", " ")
-        return f"Make {agents_in_words(self.agent_ids)} a {kind}"
+        return f"Change {agents_in_words(self.agent_ids)} to {kind}"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with other kinds and default sizes."""

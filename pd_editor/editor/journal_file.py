@@ -7,6 +7,7 @@ system at once. Uploaded bytes lie in a folder beside it. A process holds an exc
 however it ends, so a file without a holder is unfinished work. POSIX only.
 """
 
+import errno
 import fcntl
 import json
 import logging
@@ -15,8 +16,9 @@ import shutil
 import time
 import uuid
 from collections.abc import Callable, Mapping
+from io import FileIO, IOBase
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 from pd_editor.editor.command import Command
 from pd_editor.editor.commands import command_to_json
@@ -46,7 +48,7 @@ class Journal:
         self._base: Scenario | None = None
         self._base_files: Mapping[str, bytes] = {}
         self._opened_at = 0.0
-        self._file: BinaryIO | None = None
+        self._file: FileIO | None = None
         self.problem: str | None = None
         """Why edits are not kept at the moment; None while they are."""
 
@@ -59,7 +61,7 @@ class Journal:
         """
         journal = cls(path.parent, clock=clock)
         try:
-            file = path.open("r+b")
+            file = path.open("r+b", buffering=0)
         except OSError as error:
             raise RecipeError(f"The journal {path.name} is gone.") from error
         if not locked(file):
@@ -122,14 +124,15 @@ class Journal:
         line = json.dumps(entry).encode() + b"\n"
         try:
             if self._file is None:
-                self._file = self._begun()
-            self._file.write(line)
-            self._file.flush()
+                self._file, header = self._begun()
+                line = header + line
+            _write_whole(self._file, line)
         except OSError as error:
             _logger.exception("The journal cannot be written")
             self.problem = f"Edits are not kept on disk: {error.strerror or error}."
 
-    def _begun(self) -> BinaryIO:
+    def _begun(self) -> tuple[FileIO, bytes]:
+        """A new file under lock, and the header to begin it with."""
         assert self._base is not None, "an edit before a scenario was opened"
         self._folder.mkdir(parents=True, exist_ok=True)
         path = self._folder / f"{uuid.uuid4().hex}{JOURNAL_SUFFIX}"
@@ -138,7 +141,7 @@ class Journal:
             beside.mkdir(exist_ok=True)
             (beside / name).write_bytes(content)
         self._base_files = {}
-        file = path.open("xb")
+        file = path.open("xb", buffering=0)
         fcntl.flock(file, fcntl.LOCK_EX)
         header = {
             "format": JOURNAL_FORMAT,
@@ -146,11 +149,15 @@ class Journal:
             "time_s": self._opened_at,
             "base": to_json(BaseReference.of(self._base)),
         }
-        file.write(json.dumps(header).encode() + b"\n")
-        return file
+        return file, json.dumps(header).encode() + b"\n"
 
 
-def locked(file: BinaryIO) -> bool:
+def _write_whole(file: FileIO, line: bytes) -> None:
+    if file.write(line) != len(line):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def locked(file: IOBase) -> bool:
     """Take the exclusive lock of a journal; False if somebody else holds it."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,53 @@
+"""Generators whose answers are known."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pd_editor.generation import GeneratedTraffic, GenerationProgress, TrafficSample
+
+
+@dataclass
+class DriftGenerator:
+    """Everybody drifts along +x at a speed that the seed decides."""
+
+    name: str = "drift"
+    extra_mps: float = 0.0
+    num_steps: int = 4
+    on_step: Callable[[int], None] = lambda _: None
+    steps_begun: list[int] = field(default_factory=list)
+    was_closed: threading.Event = field(default_factory=threading.Event)
+
+    def generate(self, request):
+        try:
+            for step in range(self.num_steps):
+                self.steps_begun.append(step)
+                self.on_step(step)
+                yield GenerationProgress(
+                    fraction=(step + 1) / self.num_steps, message=f"step {step}"
+                )
+        finally:
+            self.was_closed.set()
+        scenario = request.scenario
+        agents, axis = scenario.agents, scenario.time_axis
+        rows = agents.rows(request.agent_ids)
+        speed = np.random.default_rng(request.seed).uniform(1, 10) + self.extra_mps
+        time = np.arange(axis.num_future_steps + 1) * axis.step_s
+        way = np.stack([speed * time, 0 * time], axis=-1)
+        position = agents.position_m[rows, axis.current_step][:, None] + way
+        heading = np.repeat(
+            agents.heading_rad[rows, [axis.current_step]][:, None], len(time), 1
+        )
+        sample = TrafficSample(
+            ids=request.agent_ids,
+            kinds=tuple(agents.kinds[row] for row in rows),
+            size_m=agents.size_m[rows],
+            position_m=position,
+            heading_rad=heading,
+            velocity_mps=np.broadcast_to([speed, 0.0], position.shape).copy(),
+        )
+        return GeneratedTraffic(
+            samples=(sample,), generator=self.name, seed=request.seed
+        )

@@ -1,0 +1,307 @@
+"""Journals on disk: kills, torn lines, locks, several sessions."""
+
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.commands import DeleteAgents, TransformAgents
+from pd_editor.editor.journal import (
+    Journal,
+    UnfinishedWork,
+    find_unfinished,
+    restore,
+)
+from pd_editor.editor.session import EditorSession
+from pd_editor.errors import InputError, RecipeError
+from tests.editor.command_strategies import busy_scenario
+from tests.editor.same_scenario import same_scenario
+from tests.editor.test_session import random_command
+
+BASE = busy_scenario()
+ROOT = Path(__file__).parents[2]
+
+
+_opened: list[EditorSession] = []
+
+
+@pytest.fixture(autouse=True)
+def _closed_at_the_end():
+    yield
+    while _opened:
+        _opened.pop().close()
+
+
+def restored(work: UnfinishedWork, base=BASE, **options) -> EditorSession:
+    """As ``restore``, closed when the test ends."""
+    _opened.append(restore(work, base, **options))
+    return _opened[-1]
+
+
+def shift(dx: float) -> TransformAgents:
+    return TransformAgents(agent_ids=("100",), dx_m=dx)
+
+
+def session_in(folder: Path, **options) -> EditorSession:
+    _opened.append(EditorSession(BASE, journal=Journal(folder), **options))
+    return _opened[-1]
+
+
+def left_behind(folder: Path, *commands) -> Path:
+    """The journal of a session that ended without being finished."""
+    session = session_in(folder)
+    for command in commands:
+        session.apply(command)
+    session.close()
+    (work,) = find_unfinished(folder)
+    return work.path
+
+
+def test_a_killed_process_loses_nothing_that_was_committed(tmp_path: Path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.editor.journal_writer", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        cwd=ROOT,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "edited\n"
+        assert find_unfinished(tmp_path) == [], "its writer lives"
+    finally:
+        os.kill(process.pid, signal.SIGKILL)
+        process.communicate()
+    (work,) = find_unfinished(tmp_path)
+    assert work.scenario_id == "two-lane-road"
+    assert work.num_edits == 6
+    assert {path.name: path.read_bytes() for path in work.base_files} == {
+        "map.json": b"{}",
+        "tracks.parquet": b"PAR1",
+    }
+    session = restored(work, BASE)
+    assert session.scenario.agents.position_m[0, 50, 0] == sum(range(1, 7))
+    assert session.state.position == 6
+    assert session.state.num_entries == 7
+    assert session.selection == ("100", "101")
+    session.redo()
+    assert session.scenario.agents.position_m[0, 50, 0] == sum(range(1, 8))
+    session.jump_to(0)
+    assert session.scenario is BASE
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_random_walks_come_back_with_their_history(tmp_path: Path, seed: int):
+    rng = np.random.default_rng(seed)
+    ticks = count(100)
+    session = session_in(tmp_path, clock=lambda: float(next(ticks)), max_undo=20)
+    for _ in range(60):
+        choice = rng.random()
+        if choice < 0.25 and session.can_undo:
+            session.undo()
+        elif choice < 0.35 and session.can_redo:
+            session.redo()
+        else:
+            ids = session.scenario.agents.ids
+            session.select(ids[: rng.integers(3)])
+            session.apply(random_command(session.scenario, rng))
+    session.close()
+    (work,) = find_unfinished(tmp_path)
+    again = restored(work, BASE, max_undo=20)
+    assert same_scenario(again.scenario, session.scenario)
+    assert again.state.position == session.state.position == work.num_edits
+    assert [one.command for one in again.entries] == [
+        one.command for one in session.entries
+    ]
+    assert [one.time_s for one in again.entries] == [
+        one.time_s for one in session.entries
+    ]
+    assert again.can_undo == session.can_undo
+    for one in (session, again):
+        one.undo()
+    assert same_scenario(again.scenario, session.scenario)
+    assert again.selection == session.selection
+
+
+def test_a_session_without_edits_leaves_no_trace(tmp_path: Path):
+    session = session_in(tmp_path / "journals")
+    session.select(("100",))
+    session.close()
+    assert not (tmp_path / "journals").exists()
+    assert find_unfinished(tmp_path / "journals") == []
+
+
+def test_finished_work_is_gone(tmp_path: Path):
+    session = session_in(tmp_path, base_files={"map.json": b"{}"})
+    session.apply(shift(1.0))
+    assert len(list(tmp_path.iterdir())) == 2
+    session.close(discard=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_discarded_work_is_gone(tmp_path: Path):
+    left_behind(tmp_path, shift(1.0))
+    (work,) = find_unfinished(tmp_path)
+    work.discard()
+    work.discard()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("torn", [b'{"do": "com', b"\xff", b'{"do": "go", "posi'])
+def test_a_torn_last_line_is_ignored_and_written_over(tmp_path: Path, torn: bytes):
+    path = left_behind(tmp_path, shift(1.0), shift(2.0))
+    whole = path.read_bytes()
+    path.write_bytes(whole + torn)
+    (work,) = find_unfinished(tmp_path)
+    assert work.num_edits == 2
+    session = restored(work, BASE)
+    session.apply(shift(4.0))
+    session.close()
+    assert path.read_bytes().startswith(whole + b'{"do": "commit"')
+    (work,) = find_unfinished(tmp_path)
+    assert restored(work, BASE).scenario.agents.position_m[0, 50, 0] == 7
+
+
+def test_every_prefix_of_a_journal_is_a_journal(tmp_path: Path):
+    path = left_behind(tmp_path, shift(1.0), DeleteAgents(agent_ids=("101",)))
+    content = path.read_bytes()
+    ends = [index for index, byte in enumerate(content) if byte == 10]
+    for length in range(ends[0] + 1, len(content) + 1):
+        path.write_bytes(content[:length])
+        complete = sum(end < length for end in ends) - 1
+        found = find_unfinished(tmp_path)
+        assert [work.num_edits for work in found] == ([complete] if complete else [])
+
+
+def test_sessions_have_files_of_their_own(tmp_path: Path):
+    sessions = [session_in(tmp_path) for _ in range(3)]
+    for number, session in enumerate(sessions):
+        for _ in range(number + 1):
+            session.apply(shift(1.0))
+    assert find_unfinished(tmp_path) == []
+    sessions[1].close()
+    (work,) = find_unfinished(tmp_path)
+    assert work.num_edits == 2
+    sessions[0].close()
+    assert [work.num_edits for work in find_unfinished(tmp_path)] == [2, 1]
+
+
+def test_work_is_taken_up_once(tmp_path: Path):
+    left_behind(tmp_path, shift(1.0))
+    (work,) = find_unfinished(tmp_path)
+    session = restored(work, BASE)
+    assert find_unfinished(tmp_path) == []
+    with pytest.raises(RecipeError, match="open in another session"):
+        restored(work, BASE)
+    with pytest.raises(RecipeError, match="open in another session"):
+        work.discard()
+    session.close(discard=True)
+    with pytest.raises(RecipeError, match="is gone"):
+        restored(work, BASE)
+
+
+def test_opening_another_scenario_keeps_the_former_work(tmp_path: Path):
+    session = session_in(tmp_path)
+    session.apply(shift(1.0))
+    session.open(replace(BASE, scenario_id="other"))
+    (work,) = find_unfinished(tmp_path)
+    assert work.scenario_id == "two-lane-road"
+    session.apply(shift(2.0))
+    session.close()
+    assert {work.scenario_id for work in find_unfinished(tmp_path)} == {
+        "two-lane-road",
+        "other",
+    }
+
+
+def test_a_session_takes_over_restored_work(tmp_path: Path):
+    left_behind(tmp_path, shift(1.0), shift(2.0))
+    (work,) = find_unfinished(tmp_path)
+    session, heard = session_in(tmp_path), []
+    session.apply(shift(9.0))
+    session.add_listener(lambda _, after: heard.append(after.position))
+    session.take_over(restored(work, BASE))
+    assert heard == [2]
+    assert session.scenario.agents.position_m[0, 50, 0] == 3
+    session.undo()
+    session.close()
+    assert sorted(one.num_edits for one in find_unfinished(tmp_path)) == [1, 1]
+
+
+def test_another_base_is_refused(tmp_path: Path):
+    left_behind(tmp_path, shift(1.0))
+    (work,) = find_unfinished(tmp_path)
+    with pytest.raises(RecipeError, match="belongs to scenario two-lane-road"):
+        restored(work, replace(BASE, scenario_id="other"))
+    assert find_unfinished(tmp_path) == [work]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ({"do": "commit", "time_s": 1, "selection": [], "command": "Fly"}, "Line 3 "),
+        ({"do": "go", "time_s": 1, "position": 9}, "Line 3 of the journal: There is"),
+        (
+            {
+                "do": "commit",
+                "time_s": 1,
+                "selection": ["ghost"],
+                "command": "DeleteAgents",
+                "agent_ids": ["ghost"],
+            },
+            "Line 3 of the journal: There is no agent 'ghost' here.",
+        ),
+    ],
+)
+def test_a_line_that_does_not_apply_is_named(tmp_path: Path, line, message):
+    path = left_behind(tmp_path, shift(1.0))
+    with path.open("a") as file:
+        file.write(json.dumps(line) + "\n")
+    (work,) = find_unfinished(tmp_path)
+    with pytest.raises(RecipeError, match=message):
+        restored(work, BASE)
+    assert find_unfinished(tmp_path) == [work], "its lock is let go"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{}\n",
+        b"junk\njunk\n",
+        b'{"format": "pd-editor journal", "version": 2}\n',
+        b'{"format": "pd-editor journal", "version": 1, "time_s": 1}\n',
+    ],
+)
+def test_foreign_files_are_passed_over_and_logged(tmp_path: Path, content, caplog):
+    left_behind(tmp_path, shift(1.0))
+    (tmp_path / "foreign.journal").write_bytes(content)
+    with caplog.at_level(logging.WARNING):
+        assert len(find_unfinished(tmp_path)) == 1
+    assert "foreign.journal" in caplog.text
+
+
+@pytest.mark.parametrize("name", ["../evil", "a/b", "", "..", "a\\b", "a\0b"])
+def test_base_files_stay_in_their_folder(tmp_path: Path, name: str):
+    with pytest.raises(InputError, match="must be plain"):
+        session_in(tmp_path, base_files={name: b""})
+
+
+def test_a_full_disk_stops_the_journal_and_not_the_session(tmp_path: Path, caplog):
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    journal = Journal(blocked / "folder")
+    session = EditorSession(BASE, journal=journal)
+    session.apply(shift(1.0))
+    session.apply(shift(1.0))
+    assert session.state.position == 2
+    assert journal.problem is not None
+    assert journal.problem.startswith("Edits are not kept on disk")
+    assert len(caplog.records) == 1

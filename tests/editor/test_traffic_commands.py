@@ -1,0 +1,150 @@
+"""Taking over what a generator drew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.commands import ReplaceTraffic, RequestSummary, traffic_command
+from pd_editor.editor.edit_limits import MAX_POSITION_M
+from pd_editor.errors import EditError, GenerationError
+from pd_editor.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    TrafficSample,
+    run_to_end,
+)
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from tests.editor.command_strategies import ABSENT_ID, busy_scenario
+from tests.editor.fake_generators import DriftGenerator
+
+BASE = busy_scenario()
+NOW = BASE.current_step
+REQUEST = GenerationRequest(scenario=BASE, agent_ids=("104", "100"), seed=3)
+
+
+def traffic() -> GeneratedTraffic:
+    return run_to_end(DriftGenerator().generate(REQUEST))
+
+
+def test_futures_are_replaced_and_all_else_stays():
+    drawn = traffic()
+    result = traffic_command(REQUEST, drawn).apply(BASE)
+    rows = BASE.agents.rows(REQUEST.agent_ids)
+    sample = drawn.samples[0]
+    for name in ("position_m", "heading_rad", "velocity_mps"):
+        after, before = getattr(result.agents, name), getattr(BASE.agents, name)
+        assert (after[:, : NOW + 1] == before[:, : NOW + 1]).all()
+        assert np.allclose(
+            after[rows, NOW + 1 :], getattr(sample, name)[:, 1:], atol=1e-4
+        )
+    assert result.agents.is_valid[rows, NOW:].all()
+    assert result.agents.ids == BASE.agents.ids
+    assert result.provenance.notes == ("Motion of 2 agents was drawn by drift.",)
+
+
+def test_new_agents_have_no_past_and_no_score():
+    drawn = traffic().samples[0]
+    sample = replace(
+        drawn, ids=("104", "new"), kinds=(AgentKind.VEHICLE, AgentKind.BUS)
+    )
+    command = ReplaceTraffic(
+        sample=sample,
+        generator="test",
+        request=RequestSummary(agent_ids=("104",), num_new_agents={AgentKind.BUS: 1}),
+    )
+    agents = command.apply(BASE).agents
+    row = agents.row_of["new"]
+    assert agents.kinds[row] is AgentKind.BUS
+    assert agents.categories[row] is AgentCategory.UNSCORED
+    assert agents.has_known_size[row]
+    assert not agents.is_valid[row, :NOW].any()
+    assert agents.is_valid[row, NOW:].all()
+    assert np.allclose(agents.position_m[row, NOW:], sample.position_m[1], atol=1e-3)
+
+
+def test_a_redrawn_state_drops_the_past():
+    drawn = traffic().samples[0]
+    moved = replace(drawn, position_m=drawn.position_m + np.array([0.0, 2.0]))
+    command = replace(traffic_command(REQUEST, traffic()), sample=moved)
+    agents = command.apply(BASE).agents
+    rows = agents.rows(REQUEST.agent_ids)
+    assert not agents.is_valid[rows, :NOW].any()
+    assert not agents.observed[rows].any()
+    assert np.allclose(agents.position_m[rows, NOW:], moved.position_m, atol=1e-3)
+
+
+def test_an_agent_that_was_absent_comes_into_being():
+    sample = replace(traffic().samples[0], ids=("104", ABSENT_ID))
+    request = RequestSummary(agent_ids=("104", ABSENT_ID))
+    command = ReplaceTraffic(sample=sample, generator="test", request=request)
+    agents = command.apply(BASE).agents
+    row = agents.row_of[ABSENT_ID]
+    assert (agents.is_valid[row] == (np.arange(110) >= NOW)).all()
+
+
+def test_a_scenario_that_moved_on_is_told():
+    command = traffic_command(REQUEST, traffic())
+    gone = BASE.with_agents(BASE.agents.taken([0, 1, 2, 3]))
+    with pytest.raises(EditError, match="Agent 104 is not in the scenario any more"):
+        command.apply(gone)
+
+
+def other_sample(**changes: np.ndarray | tuple) -> GeneratedTraffic:
+    return replace(traffic(), samples=(replace(traffic().samples[0], **changes),))
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (lambda: replace(traffic(), samples=()), "Sample 0 was asked for, but drift"),
+        (
+            lambda: other_sample(
+                position_m=np.zeros((2, 59, 2)),
+                heading_rad=np.zeros((2, 59)),
+                velocity_mps=np.zeros((2, 59, 2)),
+            ),
+            r"position_m has shape \[2, 59, 2\]; the scenario needs 60",
+        ),
+        (lambda: other_sample(ids=("104", "101")), "drew agent 101, which was to be"),
+        (lambda: other_sample(ids=("104", "104")), "one kind and one id each"),
+        (lambda: other_sample(kinds=(AgentKind.BUS,)), "one kind and one id each"),
+        (
+            lambda: other_sample(ids=("a", "b", "c"), kinds=(AgentKind.BUS,) * 3),
+            r"size_m has shape \[2, 2\], not \[3, 2\]",
+        ),
+    ],
+)
+def test_nonsense_is_refused(answer, message):
+    with pytest.raises(GenerationError, match=message):
+        traffic_command(REQUEST, answer())
+
+
+def test_agents_far_outside_are_refused():
+    far = np.full((2, 60, 2), 2 * MAX_POSITION_M)
+    with pytest.raises(EditError, match="more than 5000 m"):
+        traffic_command(REQUEST, other_sample(position_m=far))
+
+
+def test_the_summary_makes_the_same_request_again():
+    request = replace(
+        REQUEST, num_samples=2, num_denoising_steps=7, num_new_agents={AgentKind.BUS: 2}
+    )
+    twice = replace(traffic(), samples=traffic().samples * 2)
+    command = traffic_command(request, twice, sample_index=1)
+    assert command.request.request(BASE, command.seed) == request
+    assert command.request.sample_index == 1
+
+
+def test_an_empty_sample_changes_nothing():
+    nobody = TrafficSample(
+        ids=(),
+        kinds=(),
+        size_m=np.zeros((0, 2)),
+        position_m=np.zeros((0, 60, 2)),
+        heading_rad=np.zeros((0, 60)),
+        velocity_mps=np.zeros((0, 60, 2)),
+    )
+    summary = RequestSummary(agent_ids=())
+    command = ReplaceTraffic(sample=nobody, generator="test", request=summary)
+    assert command.apply(BASE) is BASE
