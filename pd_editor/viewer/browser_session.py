@@ -64,7 +64,8 @@ class BrowserSession:
     def close(self) -> None:
         """Stop working; the workspace lives on."""
         self._inbox.close()
-        self._workspace.listen(None)
+        if self._is_built:
+            self._workspace.session.remove_listener(self._changed)
 
     def _build(self) -> None:
         client, workspace = self._client, self._workspace
@@ -87,7 +88,7 @@ class BrowserSession:
             self._build_panels()
             self._add_hotkeys()
             self._show_panels(workspace.session.state)
-        workspace.listen(self._changed)
+        workspace.session.add_listener(self._changed)
         self._is_built = True
         self._request_check()
         if workspace.starts_playing:

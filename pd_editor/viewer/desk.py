@@ -1,7 +1,6 @@
 """What every panel and pointer handler of one browser tab works with."""
 
 import contextlib
-import html
 import logging
 import time
 from collections.abc import Callable, Iterator
@@ -37,14 +36,10 @@ class Desk:
         """Join the three."""
         self.client = client
         self.workspace = workspace
+        self.session: EditorSession = workspace.session
         self.inbox = inbox
         self._gesture: str | None = None
         self._gesture_deadline: float | None = None
-
-    @property
-    def session(self) -> EditorSession:
-        """The session that the workspace holds now."""
-        return self.workspace.session
 
     def post(self, action: Callable[[], None], merge_key: str | None = None) -> None:
         """Run an action on the session's worker."""
@@ -135,13 +130,23 @@ class Desk:
         if deadline is not None and time.monotonic() >= deadline:
             self.commit_gesture()
 
-    def notify(self, title: str, body: str = "", tone: Tone = "info") -> None:
-        """Tell the user something; texts may come from files and are escaped."""
+    def notify(
+        self, title: str, body: str = "", tone: Tone = "info", *, stays: bool = False
+    ) -> None:
+        """Tell the user something; the page shows texts as they are, never as HTML.
+
+        Args:
+            title: a few words.
+            body: a sentence.
+            tone: its colour.
+            stays: whether it waits to be closed; otherwise it leaves by itself.
+        """
+        seconds = 12.0 if tone == "error" else 6.0
         self.client.add_notification(
-            html.escape(title, quote=False),
-            html.escape(body, quote=False),
+            title,
+            body,
             color=_TONE_COLOR[tone],
-            auto_close_seconds=12.0 if tone == "error" else 6.0,
+            auto_close_seconds=None if stays else seconds,
         )
 
     def report(self, error: Exception) -> None:

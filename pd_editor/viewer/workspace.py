@@ -12,7 +12,7 @@ from pd_editor.editor.journal import (
     find_unfinished,
     restore,
 )
-from pd_editor.editor.session import EditorSession, Listener
+from pd_editor.editor.session import EditorSession
 from pd_editor.errors import InputError
 from pd_editor.export.bundle import zip_files
 from pd_editor.scenario_store import export_into, exported_files, open_scenario
@@ -54,7 +54,6 @@ class Workspace:
     ) -> None:
         """Work on a scenario; edits are journaled in the folder ``journals``."""
         self._journals = journals
-        self._listener: Listener | None = None
         self._exported: Scenario | None = None
         self.session = EditorSession(scenario, journal=Journal(journals))
         self.playback = Playback()
@@ -137,14 +136,6 @@ class Workspace:
         self._exported = scenario
         return folder
 
-    def listen(self, listener: Listener | None) -> None:
-        """Tell one listener of every change, from now on; None for nobody."""
-        if self._listener is not None:
-            self.session.remove_listener(self._listener)
-        self._listener = listener
-        if listener is not None:
-            self.session.add_listener(listener)
-
     def unfinished_work(self) -> list[UnfinishedWork]:
         """What earlier runs left, the newest first."""
         return find_unfinished(self._journals)
@@ -162,14 +153,7 @@ class Workspace:
             )
         else:
             base = open_scenario(work.base.source)
-        restored = restore(work, base)
-        before, listener = self.session.state, self._listener
-        self.listen(None)
-        self.session.close()
-        self.session = restored
-        self.listen(listener)
-        if listener is not None:
-            listener(before, restored.state)
+        self.session.take_over(restore(work, base))
 
     def close(self) -> None:
         """End; edits that were not exported stay in their journal to be offered."""

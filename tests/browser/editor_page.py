@@ -26,6 +26,12 @@ class EditorPage:
         page.goto(app.address)
         self.attach()
 
+    def reload(self) -> None:
+        """Load the page once more."""
+        self._known = set(self.app.server.get_clients())
+        self.page.reload()
+        self.attach()
+
     def attach(self) -> None:
         """Wait until the page that was loaded last is connected and complete."""
         clients = self.app.server.get_clients

@@ -96,11 +96,9 @@ def test_a_reload_finds_its_session_and_a_second_tab_gets_its_own(open_editor):
     second = open_editor(app=editor.app, context=editor.page.context)
     assert second.session is not session
     assert not second.session.entries
-    editor.page.reload()
-    editor.attach()
-    again = editor
-    assert again.session is session
-    assert len(again.session.entries) == 1
+    editor.reload()
+    assert editor.session is session
+    assert len(editor.session.entries) == 1
 
 
 def test_a_raising_callback_is_shown_and_the_editor_lives(open_editor, caplog):

@@ -11,7 +11,7 @@ from pd_editor.av2_io.upload import scenario_from_upload
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import AgentKind
-from tests.editor.same_scenario import assert_same_scenario
+from tests.editor.same_scenario import same_scenario
 
 pytestmark = pytest.mark.browser
 
@@ -100,7 +100,7 @@ def test_from_demo_to_export(editor):
         name = next(n for n in archive.namelist() if n.endswith("recipe.json"))
         recipe = Recipe.from_text(archive.read(name))
     again = replay(recipe, open_scenario("signalised-junction"))
-    assert_same_scenario(again, session.scenario)
+    assert same_scenario(again, session.scenario)
 
 
 def test_a_clicked_candidate_is_adopted(editor):
@@ -155,7 +155,7 @@ def test_place_duplicate_turn_and_delete(editor):
 def test_box_selection_in_the_top_view_and_multiple_edits(editor):
     session = editor.session
     editor.key("v")
-    editor.page.wait_for_timeout(600)
+    editor.until(lambda: editor.client.camera.fov < 0.2, "the top view")
     center, _, _ = state_of(editor, session.scenario.focal_id)
     start = editor.pixel(center + np.array([-35.0, 25.0]))
     editor.drag_pixels(start, editor.pixel(center + np.array([35.0, -25.0])))

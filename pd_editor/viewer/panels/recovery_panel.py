@@ -37,6 +37,7 @@ class RecoveryPanel:
                 "Unfinished work found",
                 "An earlier run ended with edits not exported. "
                 "Restore it in the Scene tab.",
+                stays=True,
             )
 
     def refresh(self) -> None:
