@@ -60,12 +60,12 @@ class FrenetFrames:
         return mitred_normals(self.points_m)
 
     @cached_property
-    def _length(self) -> Float[np.ndarray, "R P-1"]:
+    def _length(self) -> Float[np.ndarray, "R S"]:
         step = np.diff(self.points_m, axis=1)
         return np.hypot(step[..., 0], step[..., 1])
 
     @cached_property
-    def _direction(self) -> Float[np.ndarray, "R P-1 2"]:
+    def _direction(self) -> Float[np.ndarray, "R S 2"]:
         return np.diff(self.points_m, axis=1) / np.maximum(self._length, 1e-12)[
             ..., None
         ]

@@ -15,7 +15,7 @@ from pd_editor.paths.driving_paths import SPACING_M, DrivingPaths
 ACCELERATION_MPS2: Final = 1.8
 COMFORTABLE_BRAKING_MPS2: Final = 2.5
 HARDEST_BRAKING_MPS2: Final = 7.0
-HEADWAY_S: Final = 1.0
+HEADWAY_S: Final = 1.4
 STANDSTILL_GAP_M: Final = 2.0
 LOOKAHEAD_M: Final = 60.0
 SIDE_CLEARANCE_M: Final = 0.15
@@ -35,11 +35,11 @@ class Boxes:
 
 
 def following_acceleration(
-    speed_mps: Float[np.ndarray, "*n"],
-    gap_m: Float[np.ndarray, "*n"],
-    leader_mps: Float[np.ndarray, "*n"],
-) -> Float[np.ndarray, "*n"]:
-    """Acceleration that keeps a gap (IDM); infinite gaps allow the full one."""
+    speed_mps: Float[np.ndarray, "..."],
+    gap_m: Float[np.ndarray, "..."],
+    leader_mps: Float[np.ndarray, "..."],
+) -> Float[np.ndarray, "..."]:
+    """Acceleration that keeps a gap (IDM); an infinite one allows the full one."""
     closing = speed_mps * (speed_mps - leader_mps)
     closing = closing / (2 * np.sqrt(ACCELERATION_MPS2 * COMFORTABLE_BRAKING_MPS2))
     wanted = STANDSTILL_GAP_M + np.maximum(speed_mps * HEADWAY_S + closing, 0.0)

@@ -23,7 +23,7 @@ STANDING_MPS: Final = 0.5
 PARKED_OFFSET_M: Final = 1.2
 PARKED_TURN_RAD: Final = np.radians(30)
 """A standing agent so far off its lane, or at such an angle to it, is parked."""
-START_PROBABILITY: Final = 0.25
+START_PROBABILITY: Final = 0.4
 """How likely a driver who stands on a lane wants to start within the horizon."""
 START_DELAY_S: Final = 3.0
 """Those who start do so within this time."""
@@ -32,7 +32,9 @@ DEFAULT_FREE_SPEED_MPS: Final = 10.0
 """Speed wished for by someone who stands; the maps know no speed limits."""
 SPEED_SPREAD: Final = 0.08
 """Relative standard deviation of wished speeds around the own one."""
-BRANCH_WEIGHT: Final = 0.3
+SPEED_UP: Final = 0.6
+"""Slow drivers want up to this share of what they lack to the free speed."""
+BRANCH_WEIGHT: Final = 0.2
 CHANGE_WEIGHT: Final = 0.03
 """Weights of other routes and of lane changes against the most natural route."""
 _CHANGE_LEAST_MPS: Final = 4.0
@@ -98,12 +100,8 @@ def draw_intentions(
     Numbers are drawn for all agents of the scene, so that what a driver gets does
     not depend on who else is asked for.
     """
-    picks, spreads, starts, delays = (
-        random.random(num_agents)[drivers.row],
-        random.standard_normal(num_agents)[drivers.row],
-        random.random(num_agents)[drivers.row],
-        random.random(num_agents)[drivers.row],
-    )
+    picks, starts, delays, hurries = random.random((4, num_agents))[:, drivers.row]
+    spreads = random.standard_normal(num_agents)[drivers.row]
     choice, count = drivers.choice, len(drivers.kinds)
     route = _drawn_routes(drivers, picks)
     on_lane = route >= 0
@@ -119,6 +117,7 @@ def draw_intentions(
     )
     wants_to_start = stands & ~is_parked & (starts < START_PROBABILITY)
     wished = drivers.speed_mps * np.exp(SPEED_SPREAD * spreads)
+    wished += SPEED_UP * hurries * np.maximum(free - drivers.speed_mps, 0.0)
     wished = np.where(stands, np.where(wants_to_start, free, 0.0), wished)
     return Intentions(
         paths=_paths(drivers, route, offset),

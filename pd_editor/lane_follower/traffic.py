@@ -98,18 +98,20 @@ def simulate(
                 crossings, rows, travelled[:, step], speeds, traffic.size_m[:, 0]
             ),
         )
+        here = np.minimum((place / SPACING_M).astype(int), num_points - 1)
         ahead = ((place + speed * RESPONSE_S) / SPACING_M).astype(int)
-        limit = paths.speed_limit_mps[every, np.minimum(ahead, num_points - 1)]
+        limit = np.minimum(
+            paths.speed_limit_mps[every, here],
+            paths.speed_limit_mps[every, np.minimum(ahead, num_points - 1)],
+        )
         wished = np.where(step * step_s < wants.delay_s, 0.0, wants.wished_mps)
         free = (np.minimum(limit, wished) - speed) / RESPONSE_S
         free = np.clip(free, -MAX_BRAKING_MPS2, ACCELERATION_MPS2)
         change = np.clip(np.minimum(free, acceleration), -HARDEST_BRAKING_MPS2, None)
         new = np.maximum(speed + change * step_s, 0.0)
         new = np.where(wants.is_parked, 0.0, new)
-        here = np.minimum((place / SPACING_M).astype(int), num_points - 1)
-        stretch = paths.metres_per_parameter[every, here]
         moved = np.where(wants.is_parked, 0.0, (speed + new) / 2 * step_s)
-        place, speed = place + moved / stretch, new
+        place, speed = place + moved, new
         _place(traffic, drivers, wants, place, speed, step + 1)
     if len(rows):
         traffic.velocity_mps[rows] = velocity_of(

@@ -57,7 +57,6 @@ SPEED_PLANS: Final = (
 The others were picked one by one, on training scenarios, for the smallest mean
 distance from the best candidate to the logged future.
 """
-STOP_PLAN: Final = 1
 
 
 class Role(IntEnum):

@@ -24,10 +24,9 @@ _MAX_START_TURN_RAD: Final = np.pi / 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivingPaths:
-    """P paths of M points each, equally spaced in a parameter close to arc length.
+    """P paths of M points each, one every ``SPACING_M`` of arc length.
 
-    The parameter counts metres along the route; beyond the last point a path goes
-    straight on.
+    Beyond the last point a path goes straight on.
     """
 
     x_m: Float[np.ndarray, "P M"]
@@ -36,8 +35,6 @@ class DrivingPaths:
     """Agent's heading at each point, without jumps of a whole turn."""
     speed_limit_mps: Float[np.ndarray, "P M"]
     """Speed that the curves allow here, and ahead with comfortable braking."""
-    metres_per_parameter: Float[np.ndarray, "P M"]
-    """Length of the path per metre of parameter, from each point to the next."""
 
     def taken(self, path: Int[np.ndarray, "K"]) -> "DrivingPaths":
         """Only some paths, in the order asked for."""
@@ -49,16 +46,16 @@ class DrivingPaths:
         )
 
     def position_at(
-        self, path: Int[np.ndarray, "K"], parameter_m: Float[np.ndarray, "K H"]
+        self, path: Int[np.ndarray, "K"], distance_m: Float[np.ndarray, "K H"]
     ) -> Float[np.ndarray, "K H 2"]:
         """Points on paths."""
-        return self._points(*self._cell(path, parameter_m))
+        return self._points(*self._cell(path, distance_m))
 
     def pose_at(
-        self, path: Int[np.ndarray, "K"], parameter_m: Float[np.ndarray, "K H"]
+        self, path: Int[np.ndarray, "K"], distance_m: Float[np.ndarray, "K H"]
     ) -> tuple[Float[np.ndarray, "K H 2"], Float[np.ndarray, "K H"]]:
         """Points on paths, and headings in (-pi, pi]."""
-        index, fraction = self._cell(path, parameter_m)
+        index, fraction = self._cell(path, distance_m)
         points = self._points(index, fraction)
         np.minimum(fraction, 1.0, out=fraction)
         heading = _between(self.heading_rad, index, fraction)
@@ -78,11 +75,11 @@ class DrivingPaths:
         return points
 
     def _cell(
-        self, path: Int[np.ndarray, "K"], parameter_m: Float[np.ndarray, "K H"]
+        self, path: Int[np.ndarray, "K"], distance_m: Float[np.ndarray, "K H"]
     ) -> tuple[Int[np.ndarray, "K H"], Float[np.ndarray, "K H"]]:
         """Flat index of the point before, and the part of the way to the next."""
         num_points = self.heading_rad.shape[1]
-        fraction = parameter_m * (1 / SPACING_M)
+        fraction = distance_m * (1 / SPACING_M)
         cell = fraction.astype(np.int64)
         np.minimum(cell, num_points - 2, out=cell)
         fraction -= cell
@@ -260,8 +257,8 @@ def _with_limits(
     direction_rad: Float[np.ndarray, "P"],
 ) -> DrivingPaths:
     """Headings and speed limits of paths whose agents face and start as given."""
+    x_m, y_m = _evenly_spaced(x_m, y_m)
     dx, dy = np.diff(x_m, axis=1), np.diff(y_m, axis=1)
-    length = np.sqrt(dx * dx + dy * dy)
     before_x = np.concatenate([np.cos(direction_rad)[:, None], dx[:, :-1]], axis=1)
     before_y = np.concatenate([np.sin(direction_rad)[:, None], dy[:, :-1]], axis=1)
     turn = np.arctan2(before_x * dy - before_y * dx, before_x * dx + before_y * dy)
@@ -270,29 +267,52 @@ def _with_limits(
     heading = np.empty_like(x_m)
     heading[:, 0], heading[:, -1] = heading_rad, segment[:, -1]
     heading[:, 1:-1] = (segment[:, 1:] + segment[:, :-1]) / 2
-    along = np.zeros_like(x_m)
-    np.cumsum(length, axis=1, out=along[:, 1:])
     return DrivingPaths(
         x_m=x_m,
         y_m=y_m,
         heading_rad=heading,
-        speed_limit_mps=_speed_limits(heading, along),
-        metres_per_parameter=np.concatenate([length, length[:, -1:]], 1) / SPACING_M,
+        speed_limit_mps=_speed_limits(heading),
     )
 
 
+def _evenly_spaced(
+    x_m: Float[np.ndarray, "P M"], y_m: Float[np.ndarray, "P M"]
+) -> tuple[Float[np.ndarray, "P M"], Float[np.ndarray, "P M"]]:
+    """As many points of the same lines, ``SPACING_M`` of arc length apart."""
+    if not len(x_m):
+        return x_m, y_m
+    dx, dy = np.diff(x_m, axis=1), np.diff(y_m, axis=1)
+    length = np.sqrt(dx * dx + dy * dy)
+    along = np.zeros_like(x_m)
+    np.cumsum(length, axis=1, out=along[:, 1:])
+    grid = np.arange(x_m.shape[1]) * SPACING_M
+    asked = np.minimum(grid, along[:, -1:])
+    excess = (grid - asked) / length[:, -1:]
+    # All lines in one go: each gets a stretch of the number line of its own.
+    stretch = (np.arange(len(x_m)) * (along[:, -1].max() + 1.0))[:, None]
+    asked += stretch
+    along += stretch
+    asked, along = asked.ravel(), along.ravel()
+    x = np.interp(asked, along, x_m.ravel()).reshape(x_m.shape)
+    y = np.interp(asked, along, y_m.ravel()).reshape(y_m.shape)
+    x += excess * dx[:, -1:]
+    y += excess * dy[:, -1:]
+    return x, y
+
+
 def _speed_limits(
-    heading_rad: Float[np.ndarray, "P M"], along_m: Float[np.ndarray, "P M"]
+    heading_rad: Float[np.ndarray, "P M"],
 ) -> Float[np.ndarray, "P M"]:
     # Over two points to each side, so that kinks where lanes join do not count.
     bend = np.abs(heading_rad[:, 4:] - heading_rad[:, :-4])
     np.maximum(bend, 1e-6, out=bend)
     squared = np.empty_like(heading_rad)
-    squared[:, 2:-2] = (along_m[:, 4:] - along_m[:, :-4]) / bend
+    squared[:, 2:-2] = (4 * SPACING_M * LATERAL_ACCELERATION_MPS2) / bend
     squared[:, :2], squared[:, -2:] = squared[:, 2:3], squared[:, -3:-2]
-    squared *= LATERAL_ACCELERATION_MPS2
+    # Nobody speeds up before the end of a curve.
+    squared[:, 1:] = np.minimum(squared[:, 1:], squared[:, :-1])
     np.maximum(squared, _LEAST_LIMIT_MPS**2, out=squared)
-    gained = 2 * CURVE_BRAKING_MPS2 * along_m
+    gained = 2 * CURVE_BRAKING_MPS2 * SPACING_M * np.arange(heading_rad.shape[1])
     squared += gained
     ahead = np.minimum.accumulate(squared[:, ::-1], axis=1)[:, ::-1]
     return np.sqrt(ahead - gained)

@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.paths.candidate_grid import (
     SPEED_PLANS,
-    STOP_PLAN,
     PlannedPaths,
     Role,
     Start,
@@ -50,7 +49,7 @@ class CandidateSet:
     beyond_lanes_m: Float[np.ndarray, "A C"]
     """How far it drives straight on where the map's lanes have ended."""
     is_standstill: Bool[np.ndarray, "A C"]
-    """Whether it stays standing, or stops as soon as it can."""
+    """Whether it stays standing, or brakes to a standstill."""
     is_lane_change: Bool[np.ndarray, "A C"]
     has_lane: Bool[np.ndarray, "A"]
     """False for agents that follow no lane: too far from any, or of such a kind."""
@@ -80,13 +79,18 @@ def candidates(
         num_steps=axis.num_future_steps,
         step_s=axis.step_s,
     )
-    kept, slot = _distinct(plans, path, reached, len(start.kinds), max_candidates)
+    kept, slot, stands = _distinct(
+        plans.agent[path],
+        plans.paths.position_at(path, reached[:, [reached.shape[1] // 2, -1]]),
+        target == 0.0,
+        (len(start.kinds), max_candidates),
+    )
     return _packed(
         start,
         plans,
         path=path[kept],
-        plan=plan[kept],
         slot=slot,
+        stands=stands,
         reached_m=reached[kept],
         target_mps=target[kept],
         step_s=axis.step_s,
@@ -95,20 +99,21 @@ def candidates(
 
 
 def _distinct(
-    plans: PlannedPaths,
-    path: Int[np.ndarray, "K"],
-    reached_m: Float[np.ndarray, "K H"],
-    num_agents: int,
-    most: int,
-) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
-    """Candidates that differ from all kept before them, and their places."""
-    agent = plans.agent[path]
+    agent: Int[np.ndarray, "K"],
+    marks_m: Float[np.ndarray, "K 2 2"],
+    stands: Bool[np.ndarray, "K"],
+    shape: tuple[int, int],
+) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Bool[np.ndarray, "N"]]:
+    """Candidates that differ from all kept before them, and their places.
+
+    ``marks_m`` are the points to tell them by. A kept one also stands if one that is
+    like it does.
+    """
+    num_agents, most = shape
     rank = np.arange(len(agent)) - np.searchsorted(agent, agent)
-    half = reached_m.shape[1] // 2
-    marks = plans.paths.position_at(path, reached_m[:, [half, -1]])
     tries = int(rank.max(initial=-1)) + 1
     table = np.full((num_agents, tries, 4), _FAR_M)
-    table[agent, rank] = marks.reshape(-1, 4)
+    table[agent, rank] = marks_m.reshape(-1, 4)
     gap = np.zeros((2, num_agents, tries, tries))
     for axis in range(4):
         values = table[..., axis]
@@ -120,9 +125,12 @@ def _distinct(
         seen = (same[:, index, :index] & kept[:, :index]).any(1)
         kept[:, index] = exists[:, index] & ~seen
     kept &= np.cumsum(kept, axis=1) <= most
+    standing = np.zeros((num_agents, tries), bool)
+    standing[agent, rank] = stands
+    standing = (same & standing[:, None]).any(2)[agent, rank]
     chosen = kept[agent, rank]
     slot = (np.cumsum(kept, axis=1) - 1)[agent, rank]
-    return np.flatnonzero(chosen), slot[chosen]
+    return np.flatnonzero(chosen), slot[chosen], standing[chosen]
 
 
 def _packed(
@@ -130,8 +138,8 @@ def _packed(
     plans: PlannedPaths,
     *,
     path: Int[np.ndarray, "N"],
-    plan: Int[np.ndarray, "N"],
     slot: Int[np.ndarray, "N"],
+    stands: Bool[np.ndarray, "N"],
     reached_m: Float[np.ndarray, "N H"],
     target_mps: Float[np.ndarray, "N"],
     step_s: float,
@@ -173,7 +181,7 @@ def _packed(
         target_speed_mps=placed(target_mps),
         lateral_shift_m=placed(plans.shift_m[path]),
         beyond_lanes_m=placed(beyond),
-        is_standstill=placed((plan == STOP_PLAN) | (target_mps == 0.0)),
+        is_standstill=placed(stands),
         is_lane_change=placed(plans.role[path] == Role.CHANGE),
         has_lane=np.isin(np.arange(shape[0]), choice.agent),
     )

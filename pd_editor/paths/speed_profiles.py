@@ -24,14 +24,13 @@ def drive(
     num_steps: int,
     step_s: float,
 ) -> Float[np.ndarray, "K {num_steps}+1"]:
-    """Parameter reached on a path at each step, from its start at a speed.
+    """Distance reached on a path at each step, from its start at a speed.
 
     The speed nears its target with at most the acceleration and braking given, and
     brakes for curves with at most ``MAX_BRAKING_MPS2``.
     """
     num_points = paths.heading_rad.shape[1]
-    limits, stretch = paths.speed_limit_mps.ravel(), 1 / paths.metres_per_parameter
-    stretch = stretch.ravel()
+    limits = paths.speed_limit_mps.ravel()
     base = path * num_points
     speed, place = speed_mps.copy(), np.zeros(len(path))
     reached = np.zeros((len(path), num_steps + 1))
@@ -40,13 +39,13 @@ def drive(
     hardest = np.minimum(least, -MAX_BRAKING_MPS2 * step_s)
     for step in range(num_steps):
         here = np.minimum((place * scale).astype(np.int64), num_points - 1)
-        ahead = place + speed * RESPONSE_S
-        cell = np.minimum((ahead * scale).astype(np.int64), num_points - 1)
-        limit = limits.take(base + cell)
+        ahead = ((place + speed * RESPONSE_S) * scale).astype(np.int64)
+        np.minimum(ahead, num_points - 1, out=ahead)
+        limit = np.minimum(limits.take(base + here), limits.take(base + ahead))
         change = np.minimum(np.maximum((target_mps - speed) * response, least), most)
         curve = np.maximum((limit - speed) * response, hardest)
         new = np.maximum(speed + np.minimum(change, curve), 0.0)
-        place = place + (speed + new) * (step_s / 2) * stretch.take(base + here)
+        place = place + (speed + new) * (step_s / 2)
         speed = new
         reached[:, step + 1] = place
     return reached
