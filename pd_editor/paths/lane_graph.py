@@ -98,6 +98,17 @@ class LaneSegments:
         return heading_of(self.direction)
 
     @cached_property
+    def lane_bounds_m(
+        self,
+    ) -> tuple[Float[np.ndarray, "L 2"], Float[np.ndarray, "L 2"]]:
+        """Least and greatest coordinates of each lane's centre line."""
+        first = self.first_of_lane
+        return (
+            np.minimum.reduceat(np.minimum(self.start_m, self.end_m), first),
+            np.maximum.reduceat(np.maximum(self.start_m, self.end_m), first),
+        )
+
+    @cached_property
     def first_of_lane(self) -> Int[np.ndarray, "L"]:
         """Index of each lane's first segment."""
         return np.flatnonzero(np.diff(self.lane, prepend=-1))

@@ -62,7 +62,7 @@ def nearest_lanes(
     best = np.zeros(count, int)
     for start in range(0, count, chunk):
         part = slice(start, start + chunk)
-        cost = segment_distances(segments, points_m[part])
+        cost = _segment_distances(segments, points_m[part])
         if heading_rad is not None:
             cosine = unit_vector(heading_rad[part]) @ segments.direction.T
             cost = cost + np.where(cosine > 0, 0.0, WRONG_WAY_M)
@@ -98,19 +98,20 @@ def lanes_near(
 ) -> NearbyLanes:
     """Every usable lane within reach of a point and within 90 degrees of its heading."""
     segments = graph.segments
-    is_near = segment_distances(segments, points_m) <= reach_m
-    is_near &= unit_vector(heading_rad) @ segments.direction.T > 0
-    point, segment = np.nonzero(is_near)
-    lane = segments.lane[segment]
-    keep = usable[point, lane]
-    point, segment, lane = point[keep], segment[keep], lane[keep]
+    point, segment = _pairs_in_reach(segments, points_m, reach_m, usable)
     start, direction = segments.start_m[segment], segments.direction[segment]
     length = segments.length_m[segment]
     rel = points_m[point] - start
-    x = (rel * direction).sum(-1)
+    x = rel[:, 0] * direction[:, 0] + rel[:, 1] * direction[:, 1]
     side = direction[:, 0] * rel[:, 1] - direction[:, 1] * rel[:, 0]
     foot = np.clip(x, 0.0, length)
     distance = np.hypot(x - foot, side)
+    facing = unit_vector(heading_rad)[point]
+    cosine = facing[:, 0] * direction[:, 0] + facing[:, 1] * direction[:, 1]
+    near = np.flatnonzero((distance <= reach_m) & (cosine > 0))
+    point, segment, x, side = point[near], segment[near], x[near], side[near]
+    length, foot, distance = length[near], foot[near], distance[near]
+    lane = segments.lane[segment]
     order = np.lexsort((segment, distance.round(9), lane, point))
     pair = point[order] * len(graph.lane_ids) + lane[order]
     first = order[np.diff(pair, prepend=-1) != 0]
@@ -133,7 +134,27 @@ def lanes_near(
     )
 
 
-def segment_distances(
+def _pairs_in_reach(
+    segments: LaneSegments,
+    points_m: Float[np.ndarray, "N 2"],
+    reach_m: float,
+    usable: Bool[np.ndarray, "N L"],
+) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"]]:
+    """Pairs of a point and a segment of a lane whose bounding box is within reach."""
+    low, high = segments.lane_bounds_m
+    inside = usable.copy()
+    for axis in (0, 1):
+        values = points_m[:, axis, None]
+        inside &= values >= low[:, axis] - reach_m
+        inside &= values <= high[:, axis] + reach_m
+    point, lane = np.nonzero(inside)
+    first = segments.first_of_lane
+    count = np.diff(np.append(first, len(segments.lane)))[lane]
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return np.repeat(point, count), np.repeat(first[lane], count) + within
+
+
+def _segment_distances(
     segments: LaneSegments, points_m: Float[np.ndarray, "N 2"]
 ) -> Float[np.ndarray, "N S"]:
     """Distance of every point to every segment."""
