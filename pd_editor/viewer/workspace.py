@@ -14,7 +14,7 @@ from pd_editor.editor.journal import (
 )
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import InputError
-from pd_editor.export.bundle import zip_files
+from pd_editor.exporters.bundle import zip_files
 from pd_editor.scenario_store import export_into, exported_files, open_scenario
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.playback import Playback

@@ -12,7 +12,7 @@ from pd_editor.av2_io import upload
 from pd_editor.av2_io.upload import scenario_from_upload
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import ArchiveError, InputError
-from pd_editor.export.bundle import zip_files
+from pd_editor.exporters.bundle import zip_files
 from tests.av2_io.small_files import MAP, SCENARIO, TRACKS
 
 ID = SCENARIO.scenario_id

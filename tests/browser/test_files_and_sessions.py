@@ -9,7 +9,7 @@ import pytest
 
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import SetAgentSpeed
-from pd_editor.export.bundle import write_files, zip_files
+from pd_editor.exporters.bundle import write_files, zip_files
 from tests.builders import two_agents_that_pass
 
 pytestmark = pytest.mark.browser

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from pd_editor.errors import ExportError
-from pd_editor.export import bundle
-from pd_editor.export.bundle import write_files, zip_files
+from pd_editor.exporters import bundle
+from pd_editor.exporters.bundle import write_files, zip_files
 
 FILES = {"a.json": b"{}", "b.parquet": b"\x00\x01" * 500}
 BAD_NAMES = ("", "..", ".hidden", "a/b", "a\\b", "/abs", "a\nb", "a" * 300, "ä")
