@@ -25,16 +25,18 @@ def mitred_normals(
 
     A line may end in repeats of its last point (padding).
     """
-    step = np.diff(points_m, axis=-2)
-    length = np.sqrt(step[..., 0] ** 2 + step[..., 1] ** 2)[..., None]
-    normal = left_of(step / np.maximum(length, 1e-12))
-    before = np.concatenate([normal[..., :1, :], normal], axis=-2)
-    after = np.concatenate([normal, normal[..., -1:, :]], axis=-2)
-    is_end = np.concatenate([length <= 0, length[..., -1:, :] <= 0], axis=-2)
-    after = np.where(is_end, before, after)
-    middle = (before + after) / 2
-    scale = (middle**2).sum(-1, keepdims=True)
-    return middle / np.maximum(scale, _MIN_MITRE)
+    dx, dy = np.diff(points_m[..., 0]), np.diff(points_m[..., 1])
+    inverse = 1 / np.maximum(np.sqrt(dx * dx + dy * dy), 1e-12)
+    x, y = -dy * inverse, dx * inverse
+    both_x, both_y = x[..., :-1] + x[..., 1:], y[..., :-1] + y[..., 1:]
+    # With padding on one side the sum is the other side's normal and stays as it is.
+    scale = 2 / np.maximum(both_x**2 + both_y**2, 4 * _MIN_MITRE)
+    normals = np.empty(points_m.shape)
+    normals[..., 0, 0], normals[..., 0, 1] = x[..., 0], y[..., 0]
+    normals[..., -1, 0], normals[..., -1, 1] = x[..., -1], y[..., -1]
+    normals[..., 1:-1, 0] = both_x * scale
+    normals[..., 1:-1, 1] = both_y * scale
+    return normals
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,9 +68,9 @@ class FrenetFrames:
 
     @cached_property
     def _direction(self) -> Float[np.ndarray, "R S 2"]:
-        return np.diff(self.points_m, axis=1) / np.maximum(self._length, 1e-12)[
-            ..., None
-        ]
+        return (
+            np.diff(self.points_m, axis=1) / np.maximum(self._length, 1e-12)[..., None]
+        )
 
     @cached_property
     def _last_segment(self) -> np.ndarray:

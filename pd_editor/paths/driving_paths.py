@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pd_editor.geometry.angles import unit_vector
+from pd_editor.geometry.frenet import mitred_normals
 from pd_editor.paths.lane_routes import SAMPLE_SPACING_M, SAMPLED_BEHIND_M
 from pd_editor.paths.route_choice import RouteChoice
 
@@ -137,13 +138,11 @@ def paths_along_routes(
     stands does not slide sideways; it also takes up the agent's heading.
     """
     agent = choice.agent[route]
-    x, y = _route_points(choice, route, num_points)
-    along_x, along_y = x[:, 2:] - x[:, :-2], y[:, 2:] - y[:, :-2]
-    inverse = 1 / np.sqrt(along_x**2 + along_y**2)
+    line = _route_points(choice, route, num_points)
+    normal = mitred_normals(line)[:, 1:-1]
     offset = _lateral_profile(choice, route, speed_mps, final_offset_m, num_points)
-    offset *= inverse
-    x = x[:, 1:-1] - offset * along_y
-    y = y[:, 1:-1] + offset * along_x
+    x = line[:, 1:-1, 0] + offset * normal[..., 0]
+    y = line[:, 1:-1, 1] + offset * normal[..., 1]
     agent = choice.agent[route]
     # The foot on the sampled line differs a little from the foot on the lane.
     gap = position_m[agent] - np.stack([x[:, 0], y[:, 0]], axis=-1)
@@ -189,10 +188,11 @@ def _lateral_profile(
 
 def _route_points(
     choice: RouteChoice, route: Int[np.ndarray, "P"], num_points: int
-) -> tuple[Float[np.ndarray, "P K"], Float[np.ndarray, "P K"]]:
-    """Points of routes from one spacing behind each agent onwards, x and y."""
+) -> Float[np.ndarray, "P W 2"]:
+    """Points of routes from one spacing behind each agent onwards."""
+    points = np.empty((len(route), num_points + 2, 2))
     if not len(route):
-        return np.zeros((0, num_points + 2)), np.zeros((0, num_points + 2))
+        return points
     unique: dict[int, int] = {}
     pool: list[np.ndarray] = []
     slot: list[int] = []
@@ -212,10 +212,9 @@ def _route_points(
     fraction -= cell
     cell += (np.cumsum(counts) - counts)[picked][:, None]
     samples = np.concatenate(pool)
-    return (
-        _between(samples[None, :, 0], cell, fraction),
-        _between(samples[None, :, 1], cell, fraction),
-    )
+    for axis in (0, 1):
+        points[..., axis] = _between(samples[None, :, axis], cell, fraction)
+    return points
 
 
 def free_paths(
