@@ -11,7 +11,8 @@ from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.paths.motion_primitives import SAME_M, CandidateSet, candidates
 from pd_editor.paths.nearest_lane import nearest_lanes
 from pd_editor.scene.agent_kind import MOVER_KINDS, AgentKind
-from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.road_map import LaneKind, RoadMap
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import scenario_with, straight_drivers, straight_lane
@@ -238,6 +239,38 @@ def test_driving_beyond_the_last_lane_is_flagged():
     past = np.maximum(found.position_m[0, valid, -1, 0] - 200, 0)
     assert np.allclose(found.beyond_lanes_m[0, valid], past, atol=0.6)
     assert past.max() > 40
+
+
+def test_candidates_follow_a_warped_road():
+    scenario = scenario_with(straight_drivers([(-20, 0, 0, 9)]))
+    warp = RoadWarp(
+        anchor=RigidMotion(x_m=-20.0, y_m=0.0, rotation_rad=0.0),
+        terms=(WarpTerm(kind="double-turn", power=6.0, length_m=15.0),),
+    )
+    road_map = scenario.road_map.dense.moved(warp.apply)
+    found = found_for(replace(scenario, road_map=road_map))
+    keeps = (
+        found.is_valid[0] & ~found.is_lane_change[0] & (found.lateral_shift_m[0] == 0)
+    )
+    points = found.position_m[0, keeps].reshape(-1, 2)
+    assert nearest_lanes(road_map, points).distance_m.max() < 0.3
+    assert points[:, 1].max() > 5.0
+
+
+def test_who_rolls_backwards_may_go_on_doing_so():
+    agents = straight_drivers([(0, 0, 0, 2)])
+    agents = replace(agents, velocity_mps=-agents.velocity_mps)
+    found = found_for(scenario_with(agents))
+    back = found.position_m[0, :, -1, 0].argmin()
+    assert found.position_m[0, back, -1, 0] == pytest.approx(-11.8)
+    assert np.ptp(found.heading_rad[0, back]) < 1e-6
+
+
+def test_only_cyclists_follow_bike_lanes():
+    road_map = RoadMap(lanes=(straight_lane(1, (-50, 0), (50, 0), kind=LaneKind.BIKE),))
+    for kind, follows in ((AgentKind.CYCLIST, True), (AgentKind.VEHICLE, False)):
+        agents = straight_drivers([(0, 0, 0, 4)], kinds=(kind,))
+        assert found_for(scenario_with(agents, road_map)).has_lane[0] == follows
 
 
 def test_branches_that_part_too_late_are_not_repeated():
