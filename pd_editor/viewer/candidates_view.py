@@ -6,12 +6,21 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
+from pd_editor.geometry.polyline import without_repeats
 from pd_editor.paths.motion_primitives import CandidateSet
-from pd_editor.viewer.colors import inverse_aces, srgb_to_linear
-from pd_editor.viewer.flat_mesh import Primitive, glb_of
+from pd_editor.scene.road_map import RoadMap
+from pd_editor.viewer.colors import (
+    CANDIDATE_COLOR,
+    inverse_aces,
+    shown_exactly,
+    srgb_to_linear,
+)
+from pd_editor.viewer.flat_mesh import Primitive, glb_of, merged, ribbon
 from pd_editor.viewer.ribbons import path_ribbons
 
 HEIGHT_M: Final = 0.085
+LANE_HEIGHT_M: Final = 0.06
+LANE_WIDTH_M: Final = 0.12
 PICK_DISTANCE_M: Final = 1.5
 _SLOW: Final = np.array([240, 170, 40]) / 255.0
 _FAST: Final = np.array([0, 150, 120]) / 255.0
@@ -26,14 +35,25 @@ class CandidatesView:
         self._handle: viser.GlbHandle | None = None
         self.shown: CandidateSet | None = None
 
-    def show(self, candidates: CandidateSet | None, highlighted: int | None) -> None:
-        """Draw the candidates of the first agent of a set, or nothing."""
+    def show(
+        self,
+        candidates: CandidateSet | None,
+        road_map: RoadMap | None = None,
+        highlighted: int | None = None,
+    ) -> None:
+        """Draw the candidates of the first agent of a set, or nothing.
+
+        Their reference lanes are drawn under them, as thin lines of ``road_map``.
+        """
         self.shown = candidates
         if candidates is None:
             if self._handle is not None:
                 self._handle.visible = False
             return
-        data = glb_of([_fan(candidates, highlighted)])
+        parts = [_fan(candidates, highlighted)]
+        if road_map is not None:
+            parts.append(_reference_lanes(candidates, road_map))
+        data = glb_of(parts)
         if self._handle is None:
             self._handle = self._client.scene.add_glb(
                 "/candidates", data, cast_shadow=False, receive_shadow=False
@@ -50,6 +70,27 @@ class CandidatesView:
         gap = np.where(self.shown.is_valid[0], gap, np.inf)
         nearest = int(gap.argmin())
         return nearest if gap[nearest] <= PICK_DISTANCE_M else None
+
+
+def _reference_lanes(candidates: CandidateSet, road_map: RoadMap) -> Primitive:
+    routes = candidates.lane_ids[0]
+    lanes = dict.fromkeys(lane_id for route in routes for lane_id in route)
+    lines = merged(
+        [
+            ribbon(
+                without_repeats(road_map.lane_of[lane_id].centerline_m), LANE_WIDTH_M
+            )
+            for lane_id in lanes
+            if lane_id in road_map.lane_of
+        ]
+    )
+    return Primitive(
+        points_m=lines.points_m,
+        faces=lines.faces,
+        height_m=LANE_HEIGHT_M,
+        color=shown_exactly(CANDIDATE_COLOR),
+        opacity=0.6,
+    )
 
 
 def _fan(candidates: CandidateSet, highlighted: int | None) -> Primitive:

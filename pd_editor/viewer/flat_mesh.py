@@ -65,6 +65,15 @@ def strip(
     return FlatMesh(points_m=np.concatenate([left_m, right_m]), faces=faces)
 
 
+def facing_up(mesh: FlatMesh) -> FlatMesh:
+    """The mesh with every triangle counter-clockwise seen from above."""
+    a, b, c = (mesh.points_m[mesh.faces[:, corner]] for corner in range(3))
+    cross = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    faces = mesh.faces.copy()
+    faces[cross < 0] = faces[cross < 0][:, ::-1]
+    return FlatMesh(points_m=mesh.points_m, faces=faces)
+
+
 def ribbon(line_m: Float[np.ndarray, "N 2"], width_m: float) -> FlatMesh:
     """A line drawn with a width."""
     half = width_m / 2
@@ -144,6 +153,8 @@ def _vertex_colors(primitive: Primitive) -> np.ndarray | None:
 
 
 def _material(primitive: Primitive) -> dict:
+    # One-sided: the page draws two-sided transparent meshes twice, and looks up their
+    # shaders anew on every frame.
     is_transparent = primitive.opacity < 1 or primitive.vertex_opacity is not None
     return {
         "pbrMetallicRoughness": {
@@ -151,7 +162,7 @@ def _material(primitive: Primitive) -> dict:
             "metallicFactor": 0.0,
         },
         "extensions": {"KHR_materials_unlit": {}},
-        **({"alphaMode": "BLEND", "doubleSided": True} if is_transparent else {}),
+        **({"alphaMode": "BLEND"} if is_transparent else {}),
     }
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 _SLOWEST_POLL_S = 0.25
+_LONGEST_MESSAGE_S = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,11 +61,13 @@ class Inbox:
             self._changed.notify()
 
     def close(self) -> None:
-        """Drop what is queued and let the worker end."""
+        """Drop what is queued, and wait until the worker has ended."""
         with self._changed:
             self._is_closed = True
             self._messages.clear()
             self._changed.notify()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(_LONGEST_MESSAGE_S)
 
     def _work(self) -> None:
         next_tick = time.monotonic()

@@ -143,7 +143,26 @@ class MapView:
             height_m=-0.05,
             color=_material_color(self._palette.ground),
         )
-        return glb_of([square])
+        return glb_of([square, *_shader_keepers()])
+
+
+def _shader_keepers() -> list[Primitive]:
+    """Triangles without area, one per kind of material that nodes send again and again.
+
+    The page compiles a kind's shader when its first mesh is drawn and drops it with the
+    last: without these, every change of a node's data would compile it again, which
+    takes longer than all the rest. Their extent keeps them in every picture.
+    """
+    flat = {
+        "points_m": GROUND_SIZE_M / 2 * np.array([[-1.0, 0], [0, 0], [1, 0]]),
+        "faces": np.array([[0, 1, 2]]),
+        "height_m": 0.0,
+        "color": (0.0, 0.0, 0.0),
+    }
+    return [
+        Primitive(**flat, opacity=0.5),
+        Primitive(**flat, vertex_opacity=np.zeros(3)),
+    ]
 
 
 @functools.lru_cache(maxsize=2)

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.viewer.flat_mesh import Primitive
+from pd_editor.viewer.flat_mesh import FlatMesh, Primitive, facing_up
 
 PATH_HEIGHT_STEP_M = 2e-4
 MIN_EXTENT_M = 2.0
@@ -39,9 +39,11 @@ def path_ribbons(
             np.stack([far, near + 1, far + 1], axis=-1),
         ]
     )
+    # In tight curves a path folds over itself; both sides of the fold are drawn.
+    mesh = facing_up(FlatMesh(points_m=vertices.reshape(-1, 2), faces=faces))
     return Primitive(
-        points_m=vertices.reshape(-1, 2),
-        faces=faces,
+        points_m=mesh.points_m,
+        faces=mesh.faces,
         height_m=height_m
         + PATH_HEIGHT_STEP_M * np.repeat(np.arange(num_paths), 2 * num_points),
         color=(1.0, 1.0, 1.0),

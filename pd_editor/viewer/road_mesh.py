@@ -24,7 +24,7 @@ from pd_editor.geometry.polyline import (
     without_repeats,
 )
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark, RoadMap
-from pd_editor.viewer.flat_mesh import FlatMesh, merged, ribbon, strip
+from pd_editor.viewer.flat_mesh import FlatMesh, facing_up, merged, ribbon, strip
 
 Layer = Literal["road", "lanes", "crosswalks", "paint", "centerlines"]
 LAYERS: Final[tuple[Layer, ...]] = (
@@ -149,10 +149,7 @@ def _triangulated(polygon: shapely.Polygon) -> FlatMesh:
     ends = np.cumsum([len(ring) for ring in points]).astype(np.uint32)
     flat = np.concatenate(points)
     faces = mapbox_earcut.triangulate_float64(flat, ends).reshape(-1, 3).astype(int)
-    a, b, c = flat[faces[:, 0]], flat[faces[:, 1]], flat[faces[:, 2]]
-    cross = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    faces[cross < 0] = faces[cross < 0][:, ::-1]
-    return FlatMesh(points_m=flat, faces=faces)
+    return facing_up(FlatMesh(points_m=flat, faces=faces))
 
 
 def _boundaries(road_map: RoadMap) -> Iterator[tuple[LaneMark, bool, np.ndarray]]:
@@ -233,15 +230,7 @@ def _stripes(crosswalk: Crosswalk) -> Iterator[FlatMesh]:
         across = np.linspace(0.0, 1.0, 3)[:, None]
         near = one[first] + across * (two[first] - one[first])
         far = one[first + 1] + across * (two[first + 1] - one[first + 1])
-        yield _facing_up(strip(near, far))
-
-
-def _facing_up(mesh: FlatMesh) -> FlatMesh:
-    a, b, c = (mesh.points_m[mesh.faces[:, corner]] for corner in range(3))
-    cross = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    faces = mesh.faces.copy()
-    faces[cross < 0] = faces[cross < 0][:, ::-1]
-    return FlatMesh(points_m=mesh.points_m, faces=faces)
+        yield facing_up(strip(near, far))
 
 
 def _centerline_arrows(road_map: RoadMap) -> Iterator[FlatMesh]:

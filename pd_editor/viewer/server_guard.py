@@ -43,6 +43,33 @@ def guarded_server(host: str, port: int) -> viser.ViserServer:
     return server
 
 
+def limit_uploads(
+    client: viser.ClientHandle,
+    max_bytes: int,
+    on_refused: Callable[[str, int], None],
+) -> None:
+    """Refuse uploads that announce more than ``max_bytes`` before they are taken in.
+
+    Args:
+        client: the browser.
+        max_bytes: largest size of one file.
+        on_refused: told the name and size of a refused file.
+    """
+    connection, accept = (
+        client._websock_connection,
+        client.gui._handle_file_transfer_start,
+    )
+
+    def guarded(client_id: Any, message: _messages.FileTransferStartUpload) -> None:
+        if message.size_bytes > max_bytes:
+            on_refused(message.filename, message.size_bytes)
+        else:
+            accept(client_id, message)
+
+    connection.unregister_handler(_messages.FileTransferStartUpload, accept)
+    connection.register_handler(_messages.FileTransferStartUpload, guarded)
+
+
 @contextlib.contextmanager
 def _origin_check(bound_host: str) -> Iterator[None]:
     """Add the check to the websocket server that viser is about to start."""

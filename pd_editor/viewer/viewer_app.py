@@ -71,8 +71,12 @@ class ViewerApp:
         with self._lock:
             tabs = list(self._tabs.values())
             self._tabs.clear()
+            workspaces = list(self._workspaces.values())
+            self._workspaces.clear()
         for _, tab in tabs:
             tab.close()
+        for workspace in workspaces:
+            workspace.close()
         self.server.stop()
 
     def workspaces(self) -> tuple[Workspace, ...]:

@@ -1,4 +1,4 @@
-from pytest import approx
+import pytest
 
 from pd_editor.scene.time_axis import TimeAxis
 from pd_editor.viewer.playback import FRAME_S, Playback
@@ -31,7 +31,7 @@ def test_one_second_is_ten_steps_at_normal_speed():
     for _ in range(40):
         clock.now += 0.025
         playback.advance()
-    assert playback.step == approx(60, abs=0.5)
+    assert playback.step == pytest.approx(60, abs=0.5)
 
 
 def test_frames_are_not_due_more_often_than_30_hz():
@@ -49,7 +49,7 @@ def test_loops_or_stops_at_the_end():
     playback.play()
     clock.now += 7.0
     playback.advance()
-    assert playback.step == approx(120 - 109)
+    assert playback.step == pytest.approx(120 - 109)
     playback.loops = False
     clock.now += 20.0
     playback.advance()

@@ -98,7 +98,7 @@ class DrivePanel:
     def hide_candidates(self) -> None:
         """Put the fan away."""
         self._agent_id, self._base = None, None
-        self._view.show(None, None)
+        self._view.show(None)
         set_property(self._show, "label", "Show candidates")
         set_property(self._choice, "visible", False)
         set_property(self._adopt, "visible", False)
@@ -119,7 +119,7 @@ class DrivePanel:
             raise EditError(f"Agent {self._agent_id} is not there at the current step.")
         found = candidates(scenario, rows)
         self._base = scenario
-        self._view.show(found, None)
+        self._view.show(found, scenario.road_map)
         self._choice.options = (NO_CANDIDATE, *candidate_labels(found))
         set_value(self._choice, NO_CANDIDATE)
         set_property(self._choice, "visible", True)
@@ -136,7 +136,9 @@ class DrivePanel:
             index = self._chosen_index()
             valid = np.flatnonzero(self._view.shown.is_valid[0])
             self._view.show(
-                self._view.shown, None if index is None else int(valid[index])
+                self._view.shown,
+                self._desk.session.scenario.road_map,
+                None if index is None else int(valid[index]),
             )
 
     def _adopt_chosen(self) -> None:
@@ -151,11 +153,11 @@ class DrivePanel:
         assert agent_id is not None
         self.hide_candidates()
         self._desk.apply(
-            AdoptTrajectory(
+            AdoptTrajectory.of_arrays(
                 agent_id=agent_id,
-                position_m=found.position_m[0, index].astype(np.float32),
-                heading_rad=found.heading_rad[0, index].astype(np.float32),
-                velocity_mps=found.velocity_mps[0, index].astype(np.float32),
+                position_m=found.position_m[0, index],
+                heading_rad=found.heading_rad[0, index],
+                velocity_mps=found.velocity_mps[0, index],
             )
         )
 

@@ -6,10 +6,12 @@ from typing import Any, Final
 
 import viser
 
-from pd_editor.errors import InputError
+from pd_editor.av2_io.upload import MAX_UPLOAD_BYTES
+from pd_editor.errors import ArchiveError, InputError
 from pd_editor.installed_files import demo_names
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.desk import Desk, set_property
+from pd_editor.viewer.server_guard import limit_uploads
 
 UPLOAD_TYPES: Final = ".zip,.parquet,.json,application/zip,application/json"
 
@@ -51,6 +53,8 @@ class ScenarioPanel:
         desk.on_click(open_folder, self._open_folder)
         desk.on_click(download, self._download)
         desk.on_click(write, self._write)
+
+        limit_uploads(desk.client, MAX_UPLOAD_BYTES, self._upload_refused)
 
         @upload.on_upload
         async def _(event: viser.GuiEvent[Any]) -> None:
@@ -99,6 +103,13 @@ class ScenarioPanel:
         self._uploads = {}
         self._desk.commit_gesture()
         self._workspace.open_upload(files)
+
+    def _upload_refused(self, name: str, size_bytes: int) -> None:
+        limit, size = MAX_UPLOAD_BYTES >> 20, size_bytes / 2**20
+        error = ArchiveError(
+            f"{name} has {size:.0f} MiB; at most {limit} MiB are taken."
+        )
+        self._desk.post(lambda: self._desk.report(error))
 
     def _download(self) -> None:
         self._desk.commit_gesture()

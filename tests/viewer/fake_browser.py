@@ -1,0 +1,104 @@
+"""A connection that viser takes for a browser; it reads and forgets what is sent."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import viser
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from pd_editor.viewer import viewer_app
+from pd_editor.viewer.browser_session import BrowserSession
+from pd_editor.viewer.viewer_app import ViewerApp
+
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": [0.0, 1.0, 0.0, 0.0],
+    "position": [0.0, 0.0, 100.0],
+    "fov": 0.8,
+    "near": 0.1,
+    "far": 1000.0,
+    "image_height": 600,
+    "image_width": 800,
+    "look_at": [0.0, 0.0, 0.0],
+    "up_direction": [0.0, 1.0, 0.0],
+}
+
+
+@contextlib.contextmanager
+def connected_tab(app: ViewerApp) -> Iterator["FakeTab"]:
+    """Open a tab on an app."""
+    port = app.server.get_port()
+    protocols: list[Any] = [f"viser-v{viser.__version__}"]
+    with connect(
+        f"ws://127.0.0.1:{port}", subprotocols=protocols, max_size=None
+    ) as socket:
+
+        def drain() -> None:
+            with contextlib.suppress(ConnectionClosed):
+                while True:
+                    socket.recv()
+
+        threading.Thread(target=drain, daemon=True).start()
+        known = set(app._tabs)
+        socket.send(msgspec.msgpack.encode(CAMERA))
+        _until(lambda: set(app._tabs) - known)
+        (client_id,) = set(app._tabs) - known
+        tab = app._tabs[client_id][1]
+        _until(lambda: tab._is_built)
+        yield FakeTab(tab)
+        socket.close()
+        _until(lambda: client_id not in app._tabs)
+
+
+class FakeTab:
+    """What a test does with a tab: run things on its worker, as callbacks do."""
+
+    def __init__(self, tab: BrowserSession) -> None:
+        self.tab = tab
+        self.session = tab._workspace.session
+        self.desk = tab._desk
+
+    def run(self, action: Callable[[], Any]) -> Any:
+        """Run on the session's worker, and wait; exceptions are raised here."""
+        done, result = threading.Event(), {}
+
+        def message() -> None:
+            try:
+                result["value"] = action()
+            except BaseException as error:
+                result["error"] = error
+                raise
+            finally:
+                done.set()
+
+        self.desk.post(message)
+        assert done.wait(20), "the worker is stuck"
+        if "error" in result:
+            raise result["error"]
+        return result.get("value")
+
+
+def _until(condition: Callable[[], object], seconds: float = 8.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+
+
+@contextlib.contextmanager
+def running_app(library: Path, reference: str, **options: Any) -> Iterator[ViewerApp]:
+    """An app on a free port; nobody answers for a browser's storage, so do not wait."""
+    before = viewer_app.STORAGE_TIMEOUT_S
+    viewer_app.STORAGE_TIMEOUT_S = 0.05
+    app = ViewerApp(reference=reference, port=0, library=library, **options)
+    try:
+        yield app
+    finally:
+        viewer_app.STORAGE_TIMEOUT_S = before
+        app.stop()

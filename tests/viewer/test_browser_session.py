@@ -1,0 +1,242 @@
+"""The whole tab without a browser: panels, pointer, views and session together."""
+
+import time
+
+import numpy as np
+import pytest
+
+from pd_editor.av2_io.write import scenario_files
+from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed
+from pd_editor.errors import EditError
+from pd_editor.exporters.bundle import write_files
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.viewer.desk import GESTURE_PAUSE_S
+from tests.builders import two_agents_that_pass
+from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
+
+
+@pytest.fixture
+def folder(tmp_path):
+    out = tmp_path / "scene"
+    write_files(scenario_files(two_agents_that_pass()), out, forbidden=None)
+    return out
+
+
+@pytest.fixture
+def app(tmp_path, folder):
+    with running_app(tmp_path / "library", str(folder)) as running:
+        yield running
+
+
+@pytest.fixture
+def tab(app):
+    with connected_tab(app) as opened:
+        opened.tab._workspace.playback.pause()
+        yield opened
+
+
+def labels(tab: FakeTab) -> list[str]:
+    return [entry.label for entry in tab.session.entries]
+
+
+def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab):
+    panel, opened = tab.tab._road_panel, tab.session.scenario
+    for power in (1.0, 2.5, 4.0):
+        panel._power["double-turn"].value = power
+        tab.run(panel._changed)
+        assert tab.session.scenario.applied_warp is not None
+    assert not labels(tab)
+    time.sleep(GESTURE_PAUSE_S + 0.4)
+    tab.run(lambda: None)
+    assert labels(tab) == ["Warp: double turn +4"]
+    assert "Friction-limited speed" in panel._readout.content
+    tab.run(panel.reset)
+    assert tab.session.scenario.road_map is opened.road_map
+    assert panel._power["double-turn"].value == 0
+    tab.run(tab.tab._history_panel.undo)
+    assert panel._power["double-turn"].value == 4
+
+
+def test_the_map_nodes_follow_the_warp(tab):
+    view, panel = tab.tab._map, tab.tab._road_panel
+    before = view._handles["lanes"].glb_data
+    panel._power["smooth-turn"].value = 5.0
+    tab.run(panel._changed)
+    assert view._handles["lanes"].glb_data != before
+    assert view._ghost is not None
+    assert view._ghost.visible
+    tab.run(panel.reset)
+    assert view._handles["lanes"].glb_data == before
+    assert not view._ghost.visible
+
+
+def drag(tab: FakeTab, agent_id: str, end: tuple[float, float], rotates: bool = False):
+    """Pointer events as viser sends them, with a camera straight above."""
+    agents = tab.session.scenario.agents
+    row = agents.row_of[agent_id]
+    batch = tab.tab._agents._batches[agents.kinds[row]]
+    instance = int(np.flatnonzero(batch.rows == row)[0])
+    x, y = agents.position_m[row, 50]
+    camera = np.array([x, y, 1e6])
+    pointer = tab.tab._pointer
+    for phase, point in (
+        ("start", (x, y)),
+        ("update", (x + 1, y)),
+        ("update", end),
+        ("end", end),
+    ):
+        tab.run(
+            lambda phase=phase, point=point: pointer._dragged(
+                agents.kinds[row],
+                instance,
+                phase,
+                camera,
+                (x, y, 1.0),
+                (*point, 1.0),
+                rotates,
+            )
+        )
+
+
+def test_a_drag_moves_the_agent_and_is_one_undo_step(tab):
+    opened = tab.session.scenario
+    agent_id = opened.agents.ids[1]
+    x, y = opened.agents.position_m[1, 50]
+    drag(tab, agent_id, (x + 7.0, y - 2.0))
+    assert tab.session.selection == (agent_id,)
+    assert labels(tab) == [f"Move agent {agent_id}"]
+    moved = tab.session.scenario.agents.position_m[1]
+    assert np.allclose(moved - opened.agents.position_m[1], [7.0, -2.0], atol=1e-3)
+    tab.run(tab.tab._history_panel.undo)
+    assert tab.session.scenario is opened
+
+
+def test_overlaps_that_edits_cause_are_told_and_marked(tab):
+    first, second = tab.session.scenario.agents.ids
+    x, y = tab.session.scenario.agents.position_m[0, 50]
+    drag(tab, second, (x + 1.0, y))
+    assert tab.tab._status.warned_now() == {first, second}
+    assert "overlap" in tab.tab._status._text.content
+
+
+def test_clicks_select_toggle_and_clear(tab):
+    pointer, ids = tab.tab._pointer, tab.session.scenario.agents.ids
+    vehicle = AgentKind.VEHICLE
+    tab.run(lambda: pointer._node_clicked(vehicle, 0, (0.5, 0.5), False))
+    # The same click also arrives for the scene, and must not clear the selection.
+    down = ((0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
+    tab.run(lambda: pointer._ground_clicked(*down, (0.5, 0.5)))
+    assert tab.session.selection == (ids[0],)
+    tab.run(lambda: pointer._node_clicked(vehicle, 1, (0.6, 0.5), True))
+    assert tab.session.selection == ids
+    tab.run(lambda: pointer._node_clicked(vehicle, 1, (0.6, 0.5), True))
+    assert tab.session.selection == (ids[0],)
+    tab.run(lambda: pointer._ground_clicked(*down, (0.1, 0.1)))
+    assert tab.session.selection == ()
+
+
+def test_placing_takes_the_lanes_heading_and_speed(tab):
+    tab.run(tab.tab._agent_panel.toggle_placing)
+    x, y = tab.session.scenario.agents.position_m[0, 50]
+    ray = ((x + 20.0, y + 0.4, 10.0), (0.0, 0.0, -1.0))
+    tab.run(lambda: tab.tab._pointer._ground_clicked(*ray, (0.3, 0.3)))
+    agents = tab.session.scenario.agents
+    row = agents.row_of[tab.session.selection[0]]
+    assert agents.heading_rad[row, 50] == pytest.approx(0.0, abs=1e-6)
+    # The other agent on that lane drives at 10 m/s.
+    assert np.hypot(*agents.velocity_mps[row, 50]) == pytest.approx(10.0, abs=0.1)
+
+
+def test_deleting_the_focal_agent_is_refused_in_words_and_changes_nothing(tab):
+    opened = tab.session.scenario
+    tab.run(lambda: tab.session.select((opened.focal_id,)))
+    with pytest.raises(EditError, match="focal"):
+        tab.run(tab.tab._agent_panel.delete)
+    assert tab.session.scenario is opened
+
+
+def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
+    panel = tab.tab._drive_panel
+    tab.run(panel.regenerate)
+    deadline = time.monotonic() + 20
+    while not labels(tab) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert labels(tab)[0].startswith("Regenerate 2 agents")
+
+    ids = tab.session.scenario.agents.ids
+
+    def start_and_edit() -> None:
+        panel.regenerate()
+        tab.session.apply(SetAgentSpeed(agent_ids=ids[1:], speed_mps=2.0))
+
+    tab.run(start_and_edit)
+    deadline = time.monotonic() + 20
+    while panel._job is not None and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert len(labels(tab)) == 2
+    assert panel._take.visible
+    tab.run(panel._take_offered)
+    assert len(labels(tab)) == 3
+
+
+def test_cancel_changes_nothing(tab):
+    panel, opened = tab.tab._drive_panel, tab.session.scenario
+
+    def start_and_cancel() -> None:
+        panel.regenerate()
+        panel.cancel()
+
+    tab.run(start_and_cancel)
+    time.sleep(0.3)
+    tab.run(lambda: None)
+    assert tab.session.scenario is opened
+    assert not panel._run.disabled
+
+
+def test_two_tabs_have_sessions_of_their_own(app):
+    with connected_tab(app) as one, connected_tab(app) as two:
+        assert one.session is not two.session
+        victim = one.session.scenario.agents.ids[1]
+        one.run(lambda: one.session.apply(DeleteAgents(agent_ids=(victim,))))
+        assert len(one.session.scenario.agents) == 1
+        assert len(two.session.scenario.agents) == 2
+
+
+def test_agents_come_and_go_in_the_picture(tab):
+    victim = tab.session.scenario.agents.ids[1]
+    tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=(victim,))))
+    batch = tab.tab._agents._batches[AgentKind.VEHICLE]
+    assert len(batch.rows) == 1
+    assert all(len(node.batched_positions) == 1 for node in batch.nodes)
+    tab.run(tab.tab._history_panel.undo)
+    batch = tab.tab._agents._batches[AgentKind.VEHICLE]
+    assert all(len(node.batched_positions) == 2 for node in batch.nodes)
+    assert all(len(node.batched_scales) == 2 for node in batch.nodes)
+
+
+def test_an_upload_over_the_limit_is_refused_before_it_is_taken_in(tab):
+    from viser import _messages
+
+    message = _messages.FileTransferStartUpload(
+        source_component_uuid="x",
+        transfer_uuid="y",
+        filename="huge.zip",
+        mime_type="application/zip",
+        part_count=9,
+        size_bytes=10**9,
+    )
+    connection = tab.desk.client._websock_connection
+    for handler in connection._incoming_handlers[_messages.FileTransferStartUpload]:
+        handler(0, message)
+    assert "y" not in tab.desk.client.gui._current_file_upload_states
+
+
+def test_themes_layers_and_views_switch(tab):
+    tab.run(lambda: tab.tab._theme_chosen(True))
+    assert tab.tab._workspace.is_dark
+    tab.run(lambda: tab.tab._map.set_layer_visible("paint", False))
+    assert not tab.tab._map._handles["paint"].visible
+    tab.run(tab.tab._switch_view)
+    assert tab.desk.client.camera.fov < 0.2
+    tab.run(tab.tab._switch_view)
+    assert tab.desk.client.camera.fov > 0.5
