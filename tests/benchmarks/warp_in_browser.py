@@ -279,16 +279,24 @@ def report(
         f" canvas {size[0]}x{size[1]}, {load_in_words()}"
     )
     print(f"  server, message to bytes sent (ms)   {spread(times.latency_ms())}")
-    print(f"  slider messages / s                  {len(times.received_s) / duration:.1f}")
-    print(f"  geometry sends / s, kB each          {len(big) / duration:.1f}, "
-          f"{np.median(big) / 1e3:.0f}")
+    print(
+        f"  slider messages / s                  {len(times.received_s) / duration:.1f}"
+    )
+    print(
+        f"  geometry sends / s, kB each          {len(big) / duration:.1f}, "
+        f"{np.median(big) / 1e3:.0f}"
+    )
     changes = [s.num_changes / s.duration_s for s in sweeps]
     print(f"  roads applied in the page / s        {spread(changes)}")
     latency = [t for s in sweeps for t in s.latency_ms]
     print(f"  mouse event to its road shown (ms)   {spread(latency, 0)}")
-    print(f"  last event to its road shown (ms)    {spread([s.final_ms for s in sweeps], 0)}")
-    print(f"  frames / s, share without road       {frames / duration:.1f}, "
-          f"{sum(s.num_blank for s in sweeps) / max(frames, 1):.0%}")
+    print(
+        f"  last event to its road shown (ms)    {spread([s.final_ms for s in sweeps], 0)}"
+    )
+    print(
+        f"  frames / s, share without road       {frames / duration:.1f}, "
+        f"{sum(s.num_blank for s in sweeps) / max(frames, 1):.0%}"
+    )
 
 
 def main() -> None:
