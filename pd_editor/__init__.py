@@ -1,1 +1,77 @@
-"""Path Diffuser Editor: traffic scenarios on real and perturbed roads."""
+"""Path Diffuser Editor: traffic scenarios on real and perturbed roads.
+
+The commands of the shell are functions of the same names. Each takes the scenario
+(a demo's name or an Argoverse 2 folder), writes into ``out`` and returns an ``Outcome``
+with the folders, the scenarios and what is to be said about them::
+
+    import pd_editor
+
+    bent = pd_editor.warp("signalised-junction", kind="smooth-turn", power=6, out="out")
+    pd_editor.generate(bent.folder, samples=2, seed=1, out="futures")
+    pd_editor.replay(bent.folder / "recipe.json", out="again")
+    pd_editor.export("winding-street", out="copy", verify=True)
+    pd_editor.edit("signalised-junction")  # serves until interrupted
+
+Without files: ``open_scenario`` reads a ``Scenario``, an ``EditorSession`` edits it with
+the commands of ``pd_editor.editor.commands``, its ``recipe()`` is a ``Recipe``. Whatever
+a user or a file can cause raises a ``PdEditorError``. All of this is loaded on first use.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pd_editor.cli.edit import edit
+    from pd_editor.cli.export import export
+    from pd_editor.cli.generate import generate
+    from pd_editor.cli.outcome import Outcome
+    from pd_editor.cli.replay import replay
+    from pd_editor.cli.warp import warp
+    from pd_editor.editor.recipe import Recipe
+    from pd_editor.editor.session import EditorSession
+    from pd_editor.errors import PdEditorError
+    from pd_editor.installed_files import demo_names
+    from pd_editor.scenario_store import open_scenario
+    from pd_editor.scene.scenario import Scenario
+
+__all__ = [
+    "EditorSession",
+    "Outcome",
+    "PdEditorError",
+    "Recipe",
+    "Scenario",
+    "demo_names",
+    "edit",
+    "export",
+    "generate",
+    "open_scenario",
+    "replay",
+    "warp",
+]
+
+_HOMES = {
+    "EditorSession": "pd_editor.editor.session",
+    "Outcome": "pd_editor.cli.outcome",
+    "PdEditorError": "pd_editor.errors",
+    "Recipe": "pd_editor.editor.recipe",
+    "Scenario": "pd_editor.scene.scenario",
+    "demo_names": "pd_editor.installed_files",
+    "edit": "pd_editor.cli.edit",
+    "export": "pd_editor.cli.export",
+    "generate": "pd_editor.cli.generate",
+    "open_scenario": "pd_editor.scenario_store",
+    "replay": "pd_editor.cli.replay",
+    "warp": "pd_editor.cli.warp",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """The public name's object, imported when it is asked for."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """Public names, and the modules loaded so far."""
+    return sorted({*globals(), *__all__})

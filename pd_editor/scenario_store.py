@@ -1,14 +1,16 @@
 """Opens scenarios by the names users give, and writes them with their recipes."""
 
 import dataclasses
+import os
 from pathlib import Path
 from typing import Final
 
+from pd_editor.av2_io.file_names import map_name, tracks_name
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.recipe import Recipe
 from pd_editor.errors import InputError
-from pd_editor.exporters.bundle import write_files
+from pd_editor.exporters.bundle import check_place, write_files
 from pd_editor.installed_files import demo_folder, demo_names
 from pd_editor.scene.scenario import Scenario
 
@@ -24,14 +26,15 @@ def open_scenario(reference: str | Path) -> Scenario:
     """
     text = str(reference)
     name = text.removeprefix(DEMO_PREFIX)
-    if name in demo_names() and not Path(text).is_dir():
+    if name in demo_names() and not os.path.isdir(text):
         scenario = read_scenario(demo_folder(name))
         provenance = dataclasses.replace(
             scenario.provenance, source=f"{DEMO_PREFIX}{name}"
         )
         return dataclasses.replace(scenario, provenance=provenance)
-    folder = Path(text).expanduser()
-    if not folder.is_dir():
+    # os.path, unlike pathlib, takes an unknown ~user or a forbidden parent calmly.
+    folder = Path(os.path.expanduser(text))
+    if not os.path.isdir(folder):
         raise InputError(
             f"{text}: is neither a scenario folder nor a demo "
             f"({', '.join(demo_names())})."
@@ -48,21 +51,51 @@ def exported_files(scenario: Scenario, recipe: Recipe) -> dict[str, bytes]:
     return {**scenario_files(scenario), RECIPE_NAME: recipe.to_text().encode()}
 
 
+def check_free(
+    out: str | Path, name: str, scenario: Scenario, *, overwrite: bool = False
+) -> None:
+    """Refuse ``out/name`` as ``export_into`` would, before the work is done.
+
+    Raises:
+        ExportError: the folder holds something, or is the one that was read.
+    """
+    files = tracks_name(scenario.scenario_id), map_name(scenario.scenario_id)
+    check_place(
+        Path(out) / name,
+        (*files, RECIPE_NAME),
+        forbidden=_input_folder(scenario),
+        overwrite=overwrite,
+    )
+
+
 def export_into(
-    out: Path, name: str, scenario: Scenario, recipe: Recipe, *, overwrite: bool = False
+    out: str | Path,
+    name: str,
+    scenario: Scenario,
+    recipe: Recipe,
+    *,
+    overwrite: bool = False,
 ) -> Path:
     """Write ``out/name`` with the exported files; the input is never overwritten.
 
     Raises:
         ExportError: the folder cannot be written, or holds something else.
     """
-    folder = out / name
-    source = scenario.provenance.source
-    is_folder = bool(source) and not source.startswith(DEMO_PREFIX)
+    folder = Path(out) / name
     write_files(
         exported_files(scenario, recipe),
         folder,
-        forbidden=Path(source) if is_folder else None,
+        forbidden=_input_folder(scenario),
         overwrite=overwrite,
     )
     return folder
+
+
+def _input_folder(scenario: Scenario) -> Path | None:
+    """The folder that a scenario was read from; None if it was uploaded."""
+    source = scenario.provenance.source
+    if not source:
+        return None
+    if source.startswith(DEMO_PREFIX):
+        return demo_folder(source.removeprefix(DEMO_PREFIX))
+    return Path(source)

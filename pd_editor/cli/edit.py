@@ -1,37 +1,83 @@
 """``pd-editor edit``: start the browser editor."""
 
+import socket
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from pd_editor.cli.arguments import OptionalFolder
+from pd_editor.errors import InputError
+
 DEFAULT_DEMO = "signalised-junction"
 
 
 def edit(
-    scenario: Annotated[str, tyro.conf.Positional] = DEFAULT_DEMO,
+    scenario: Annotated[
+        str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")
+    ] = DEFAULT_DEMO,
     /,
     *,
-    host: str = "127.0.0.1",
-    port: int = 8080,
-    data: Path | None = None,
-    library: Path | None = None,
+    host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1",
+    port: Annotated[int, tyro.conf.arg(metavar="PORT")] = 8080,
+    data: OptionalFolder = None,
+    library: OptionalFolder = None,
 ) -> None:
-    """Start the browser editor and print its address.
+    """Start the browser editor, print its address, and serve until interrupted.
 
     Args:
         scenario: A demo's name or an Argoverse 2 scenario folder.
         host: Address to listen on; 0.0.0.0 lets other machines in.
         port: Port to listen on; the next free one if it is taken.
         data: Root of an Argoverse 2 dataset to browse.
-        library: Folder for the editor's own files, such as autosaves.
+        library: Folder for unfinished work; ~/.local/state/pd-editor if not given.
     """
     from pd_editor.viewer.viewer_app import ViewerApp
 
+    _check_address(host, port)
     app = ViewerApp(
-        reference=scenario, host=host, port=port, data_root=data, library=library
+        reference=str(scenario), host=host, port=port, data_root=data, library=library
     )
     sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")
     sys.stdout.flush()
-    app.run_forever()
+    # Interrupting is how a user ends it, and no failure.
+    try:
+        app.run_forever()
+    except KeyboardInterrupt:
+        sys.stdout.write("Stopped.\n")
+
+
+def _check_address(host: str, port: int) -> None:
+    """Refuse an address that this machine cannot listen on.
+
+    Raises:
+        InputError: the port is out of range or forbidden, or the host is not ours.
+    """
+    if not 1 <= port <= 65535:
+        raise InputError(f"Port {port} is outside 1..65535.")
+    try:
+        for address, number in ((host, 0), (host, port)):
+            _bind(address, number)
+    except PermissionError:
+        raise InputError(
+            f"Port {port} needs rights that you lack; choose one above 1023."
+        ) from None
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or "not an address"
+        raise InputError(
+            f"{host}: cannot be listened on ({reason}); expected an address of this "
+            "machine, such as 127.0.0.1 or 0.0.0.0."
+        ) from error
+
+
+def _bind(host: str, port: int) -> None:
+    """Take an address and let it go; one that is taken is no error."""
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    family, kind, protocol, _, address = found[0]
+    with socket.socket(family, kind, protocol) as probe:
+        try:
+            probe.bind(address)
+        except OSError as error:
+            if port == 0 or isinstance(error, PermissionError):
+                raise

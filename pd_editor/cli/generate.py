@@ -1,69 +1,93 @@
 """``pd-editor generate``: redraw futures, or whole traffic."""
 
-import sys
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
 
+from pd_editor.cli.arguments import FolderOption, ScenarioArgument, Switch
+from pd_editor.cli.outcome import Outcome, write_outcome
+from pd_editor.cli.progress import run_showing_progress
 from pd_editor.editor.commands import traffic_command
-from pd_editor.editor.session import EditorSession
 from pd_editor.errors import GenerationError
-from pd_editor.generation import GenerationRequest, run_to_end
+from pd_editor.generation import GenerationRequest
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.scenario_store import export_into, open_scenario
+from pd_editor.scenario_store import check_free, open_scenario
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import drivable_agent_ids
 
 
 def generate(
-    scenario: Annotated[str, tyro.conf.Positional],
+    scenario: ScenarioArgument,
     /,
     *,
-    out: Path,
-    agents: tuple[str, ...] = (),
-    num_agents: int | None = None,
-    samples: int = 1,
-    seed: int = 0,
-    model: str = DEFAULT_GENERATOR,
-    overwrite: bool = False,
-) -> tuple[Path, ...]:
+    out: FolderOption,
+    agents: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(default: all)"),
+    ] = (),
+    num_agents: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(optional)")
+    ] = None,
+    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
+    model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
+    overwrite: Switch = False,
+) -> Outcome:
     """Keep agents and their states, redraw their futures.
 
     Args:
         scenario: A demo's name or an Argoverse 2 scenario folder.
-        out: Folder that receives OUT/<scenario id>/, or <scenario id>_s00, _s01, ...
-            for several samples.
-        agents: Ids of the agents to drive; all road users if not given.
-        num_agents: Also draw the states of this many vehicles (needs a model that can).
+        out: Folder that receives DIR/<scenario id>/; several samples get _s00, _s01.
+        agents: Ids of the agents to drive; the others keep their futures.
+        num_agents: Add N vehicles with states of the model's choosing, if it can.
         samples: How many futures to draw.
-        seed: Seed of the draw; the same seed gives the same result.
+        seed: Seed of the draw; the same seed gives the same files.
         model: Name of the generator.
-        overwrite: Replace what an earlier run wrote.
+        overwrite: Replace what earlier runs wrote.
     """
     if samples < 1:
         raise GenerationError(f"{samples} samples were asked for; expected 1 or more.")
+    generator = make_generator(model)
     opened = open_scenario(scenario)
+    wanted = tuple(dict.fromkeys(agents))
     request = GenerationRequest(
         scenario=opened,
-        agent_ids=drivable_agent_ids(opened, agents or None),
+        agent_ids=drivable_agent_ids(opened, wanted or None),
         num_new_agents={} if num_agents is None else {AgentKind.VEHICLE: num_agents},
         num_samples=samples,
         seed=seed,
     )
-    traffic = run_to_end(make_generator(model).generate(request))
-    folders = []
-    for index in range(samples):
-        session = EditorSession(opened)
-        session.apply(traffic_command(request, traffic, sample_index=index))
-        suffix = "" if samples == 1 else f"_s{index:02d}"
-        folder = export_into(
-            out,
-            f"{opened.scenario_id}{suffix}",
-            session.scenario,
-            session.recipe(),
-            overwrite=overwrite,
+    ending = [""] if samples == 1 else [f"_s{index:02d}" for index in range(samples)]
+    names = [f"{opened.scenario_id}{end}" for end in ending]
+    for name in names:
+        check_free(out, name, opened, overwrite=overwrite)
+    traffic = run_showing_progress(generator.generate(request))
+    commands = [traffic_command(request, traffic, index) for index in range(samples)]
+    scenarios = tuple(command.apply(opened) for command in commands)
+    return Outcome(
+        folders=tuple(
+            write_outcome(out, name, opened, (command,), result, overwrite=overwrite)
+            for name, command, result in zip(names, commands, scenarios, strict=True)
+        ),
+        scenarios=scenarios,
+        remarks=(*_left_out(opened, wanted, request.agent_ids), *traffic.notes),
+    )
+
+
+def _left_out(
+    scenario: Scenario, wanted: Sequence[str], driven: Sequence[str]
+) -> tuple[str, ...]:
+    """A word about agents that were named but cannot be driven."""
+    step = scenario.current_step
+    return tuple(
+        f"Agent {name} keeps its future: it is "
+        + (
+            f"a {scenario.agents.kinds[row].value}, not a road user."
+            if scenario.agents.is_valid[row, step]
+            else "not there at the current step."
         )
-        sys.stdout.write(f"{folder}\n")
-        folders.append(folder)
-    return tuple(folders)
+        for name, row in zip(wanted, scenario.agents.rows(wanted), strict=True)
+        if name not in driven
+    )

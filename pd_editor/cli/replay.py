@@ -1,77 +1,112 @@
 """``pd-editor replay``: make a scenario again from its recipe."""
 
-import sys
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from pd_editor.cli.arguments import FolderOption, RecipeArgument, Switch
+from pd_editor.cli.outcome import Outcome
 from pd_editor.editor.commands import ReplaceTraffic
-from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.recipe import Recipe, RegeneratedEntry
 from pd_editor.editor.recipe import regenerate as regenerate_recipe
 from pd_editor.editor.recipe import replay as replay_recipe
-from pd_editor.errors import RecipeError
+from pd_editor.errors import InputError, RecipeError
 from pd_editor.generators import make_generator
-from pd_editor.scenario_store import export_into, open_scenario
+from pd_editor.scenario_store import RECIPE_NAME, export_into, open_scenario
 from pd_editor.scene.scenario import Scenario
 
 
 def replay(
-    recipe: Annotated[Path, tyro.conf.Positional],
+    recipe: RecipeArgument,
     /,
     *,
-    out: Path,
-    base: str | None = None,
-    regenerate: bool = False,
-    overwrite: bool = False,
-) -> Path:
+    out: FolderOption,
+    base: Annotated[
+        str | Path | None,
+        tyro.conf.arg(metavar="SCENARIO", help_behavior_hint="(optional)"),
+    ] = None,
+    regenerate: Switch = False,
+    overwrite: Switch = False,
+) -> Outcome:
     """Apply a recipe's commands to its base scenario and write the result.
 
     Args:
-        recipe: A recipe.json, as every export holds one.
-        out: Folder that receives OUT/<scenario id>/.
-        base: The base scenario, if it is no longer where the recipe says.
-        regenerate: Run generators again instead of using the stored traffic, and say
-            whether the result is equal.
+        recipe: A recipe.json, or an exported folder that holds one.
+        out: Folder that receives DIR/<scenario id>/.
+        base: Where the base scenario is, if not where the recipe says.
+        regenerate: Draw generated traffic anew, and say whether it is equal.
         overwrite: Replace what an earlier run wrote.
     """
-    try:
-        text = recipe.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecipeError(f"{recipe}: cannot be read as a recipe ({error}).") from error
-    parsed = Recipe.from_text(text)
-    if base is None and not parsed.base.source:
-        raise RecipeError(
-            f"{recipe}: was made from an upload; name its scenario with --base."
-        )
-    opened = open_scenario(base or parsed.base.source)
+    parsed, where = _read_recipe(Path(recipe))
+    opened = _open_base(parsed, where, base)
+    remarks: tuple[str, ...] = ()
     if regenerate:
-        scenario = _regenerated(parsed, opened)
+        scenario, parsed, remarks = _regenerated(parsed, opened)
     else:
         scenario = replay_recipe(parsed, opened)
     folder = export_into(
         out, scenario.scenario_id, scenario, parsed, overwrite=overwrite
     )
-    sys.stdout.write(f"{folder}\n")
-    return folder
+    return Outcome(folders=(folder,), scenarios=(scenario,), remarks=remarks)
 
 
-def _regenerated(recipe: Recipe, base: Scenario) -> Scenario:
+def _read_recipe(path: Path) -> tuple[Recipe, Path]:
+    """The recipe, and the file that it was read from."""
+    file = path / RECIPE_NAME if path.is_dir() else path
+    try:
+        return Recipe.from_text(file.read_bytes()), file
+    except OSError as error:
+        raise RecipeError(f"{file}: cannot be read ({error.strerror}).") from error
+    except RecipeError as error:
+        raise RecipeError(f"{file}: {error}") from error
+
+
+def _open_base(recipe: Recipe, where: Path, base: str | Path | None) -> Scenario:
+    if base is not None:
+        return open_scenario(base)
+    if not recipe.base.source:
+        raise RecipeError(
+            f"{where}: its scenario {recipe.base.scenario_id} was uploaded; "
+            "name its folder with --base."
+        )
+    try:
+        return open_scenario(recipe.base.source)
+    except InputError as error:
+        raise RecipeError(
+            f"{where}: its scenario cannot be opened; if it was moved, name its "
+            f"folder with --base ({error})"
+        ) from error
+
+
+def _regenerated(
+    recipe: Recipe, base: Scenario
+) -> tuple[Scenario, Recipe, tuple[str, ...]]:
     names = {
         command.generator
         for command in recipe.commands
         if isinstance(command, ReplaceTraffic)
     }
-    if len(names) != 1:
+    if not names:
+        raise RecipeError("The recipe holds no generated traffic to draw anew.")
+    if len(names) > 1:
         raise RecipeError(
-            f"The recipe holds traffic of {len(names)} generators; expected one to run."
+            f"The recipe holds traffic of {' and '.join(sorted(names))}; expected one "
+            "generator to draw it anew."
         )
     scenario, entries = regenerate_recipe(recipe, base, make_generator(*names))
+    commands = list(recipe.commands)
     for entry in entries:
-        verdict = (
-            "equal"
-            if entry.is_equal
-            else f"NOT equal, up to {entry.max_difference_m:.3f} m apart"
-        )
-        sys.stdout.write(f"Entry {entry.number}: drawn again, {verdict}.\n")
-    return scenario
+        commands[entry.number - 1] = entry.fresh
+    fresh = dataclasses.replace(recipe, commands=tuple(commands))
+    return scenario, fresh, tuple(_verdict(entry) for entry in entries)
+
+
+def _verdict(entry: RegeneratedEntry) -> str:
+    if entry.is_equal:
+        return f"Entry {entry.number}: drawn again, equal."
+    return (
+        f"Entry {entry.number}: drawn again, NOT equal, positions up to "
+        f"{entry.max_difference_m:.3f} m apart."
+    )

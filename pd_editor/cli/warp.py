@@ -1,112 +1,139 @@
 """``pd-editor warp``: bend a scenario's road, Scene-Attack style."""
 
 import math
-import sys
-from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from pd_editor.cli.arguments import FolderOption, ScenarioArgument, Switch
+from pd_editor.cli.outcome import Outcome, write_outcome
 from pd_editor.editor.commands import SetRoadWarp
-from pd_editor.editor.session import EditorSession
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.perturbation.anchor import pose_on_original_road
+from pd_editor.perturbation.anchor import pose_of_anchor
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
-from pd_editor.scenario_store import export_into, open_scenario
-from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpKind, WarpTerm
-from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scenario_store import open_scenario
+from pd_editor.scene.road_warp import (
+    DEFAULT_LENGTH_M,
+    WARP_KINDS,
+    RoadWarp,
+    WarpKind,
+    WarpTerm,
+)
+from pd_editor.scene.scenario import Scenario
 
 
 def warp(
-    scenario: Annotated[str, tyro.conf.Positional],
+    scenario: ScenarioArgument,
     /,
     *,
-    kind: tuple[WarpKind, ...],
-    power: tuple[float, ...],
-    out: Path,
-    length: tuple[float, ...] = (),
-    border: float = 5.0,
-    exponent: float = 3.0,
-    anchor: str = "focal",
-    friction: float | None = None,
-    overwrite: bool = False,
-) -> Path:
+    kind: Annotated[
+        WarpKind | tuple[WarpKind, ...], tyro.conf.arg(metavar="KIND [KIND ...]")
+    ],
+    power: Annotated[
+        float | tuple[float, ...], tyro.conf.arg(metavar="POWER [POWER ...]")
+    ],
+    out: FolderOption,
+    length: Annotated[
+        float | tuple[float, ...],
+        tyro.conf.arg(metavar="M [M ...]", help_behavior_hint="(default: 10, 10, 60)"),
+    ] = (),
+    border: Annotated[float, tyro.conf.arg(metavar="M")] = 5.0,
+    exponent: Annotated[float, tyro.conf.arg(metavar="P")] = 3.0,
+    anchor: Annotated[str, tyro.conf.arg(metavar="ANCHOR")] = "focal",
+    friction: Annotated[
+        float | None, tyro.conf.arg(metavar="MU", help_behavior_hint="(optional)")
+    ] = None,
+    overwrite: Switch = False,
+) -> Outcome:
     """Bend the road ahead of an anchor; several kinds add up.
 
     Args:
         scenario: A demo's name or an Argoverse 2 scenario folder.
-        kind: One or more of smooth-turn, double-turn, ripple-road.
+        kind: smooth-turn, double-turn or ripple-road; several are added.
         power: Strength of each kind, -10..10; positive bends to the left.
-        out: Folder that receives OUT/<scenario id>/.
-        length: Length of each kind in metres; the kinds' defaults if not given.
+        out: Folder that receives DIR/<scenario id>/.
+        length: Turn length, distance between two turns, or wave length, metres.
         border: Distance ahead of the anchor where the bends begin, metres.
-        exponent: Exponent of the turns.
-        anchor: focal, ego, an agent's id, or a pose x,y,heading (metres, degrees) in
-            the scene frame.
-        friction: Friction coefficient; if given, agents are slowed to the limit.
+        exponent: Exponent of the turns, 2..8.
+        anchor: focal, ego, an agent's id, or a pose x,y,heading in metres and degrees.
+        friction: Slow agents to the speed that this friction coefficient allows.
         overwrite: Replace what an earlier run wrote.
     """
+    # Numbers are judged before files are read: the cheap answers first.
+    terms = _terms(kind, power, length, border, exponent)
     opened = open_scenario(scenario)
     command = SetRoadWarp(
-        warp=RoadWarp(
-            anchor=_anchor_pose(opened, anchor),
-            terms=_terms(kind, power, length, border, exponent),
-        ),
+        warp=RoadWarp(anchor=_anchor_pose(opened, anchor), terms=terms),
         friction_coefficient=friction,
     )
-    session = EditorSession(opened)
-    session.apply(command)
-    folder = export_into(
-        out,
-        opened.scenario_id,
-        session.scenario,
-        session.recipe(),
-        overwrite=overwrite,
+    warped = command.apply(opened)
+    folder = write_outcome(
+        out, opened.scenario_id, opened, (command,), warped, overwrite=overwrite
     )
-    if command.warp is not None:
-        mu = DRY_ROAD_FRICTION if friction is None else friction
-        summary = summarise(command.warp, friction_coefficient=mu)
-        sys.stdout.write(
-            f"{folder}: curvature up to {summary.max_curvature_per_m:.3f} /m, "
-            f"friction limit {summary.speed_limit_mps:.1f} m/s at mu = {mu:g}\n"
-        )
-    return folder
+    return Outcome(
+        folders=(folder,),
+        scenarios=(warped,),
+        remarks=(_figures(command, friction),),
+    )
+
+
+def _figures(command: SetRoadWarp, friction: float | None) -> str:
+    """Curvature and speed limit of the bend, in words."""
+    assert command.warp is not None
+    if command.warp.is_identity:
+        return "With power 0 the road stays as it was."
+    mu = DRY_ROAD_FRICTION if friction is None else friction
+    summary = summarise(command.warp, friction_coefficient=mu)
+    return (
+        f"Curvature up to {summary.max_curvature_per_m:.3f} /m (radius "
+        f"{summary.min_radius_m:.1f} m), friction-limited speed "
+        f"{summary.speed_limit_mps:.1f} m/s at mu = {mu:g}."
+    )
 
 
 def _terms(
-    kinds: tuple[WarpKind, ...],
-    powers: tuple[float, ...],
-    lengths: tuple[float, ...],
+    kind: WarpKind | tuple[WarpKind, ...],
+    power: float | tuple[float, ...],
+    length: float | tuple[float, ...],
     border_m: float,
     exponent: float,
 ) -> tuple[WarpTerm, ...]:
-    if len(powers) != len(kinds):
-        raise EditError(f"{len(kinds)} kinds need as many powers, not {len(powers)}.")
-    if lengths and len(lengths) != len(kinds):
-        raise EditError(f"{len(kinds)} kinds need as many lengths, not {len(lengths)}.")
-    lengths = lengths or tuple(DEFAULT_LENGTH_M[kind] for kind in kinds)
+    kinds = (kind,) if isinstance(kind, str) else tuple(kind)
+    powers = (power,) if isinstance(power, (int, float)) else tuple(power)
+    lengths = (length,) if isinstance(length, (int, float)) else tuple(length)
+    if not kinds:
+        raise EditError(f"No kind was given; choose among {', '.join(WARP_KINDS)}.")
+    if len(set(kinds)) != len(kinds):
+        raise EditError("A kind was given twice; each may be used once.")
+    for noun, values in (("powers", powers), ("lengths", lengths)):
+        if len(values) != len(kinds) and (values or noun == "powers"):
+            raise EditError(
+                f"{len(kinds)} kinds and {len(values)} {noun} were given; expected as "
+                f"many {noun} as kinds."
+            )
     return tuple(
         WarpTerm(
-            kind=kind,
-            power=power,
-            length_m=length,
+            kind=one,
+            power=powers[index],
+            length_m=lengths[index] if lengths else DEFAULT_LENGTH_M[one],
             border_m=border_m,
             exponent=exponent,
         )
-        for kind, power, length in zip(kinds, powers, lengths, strict=True)
+        for index, one in enumerate(kinds)
     )
 
 
 def _anchor_pose(scenario: Scenario, anchor: str) -> RigidMotion:
-    parts = anchor.split(",")
-    if len(parts) == 3:
-        try:
-            x, y, degrees = (float(part) for part in parts)
-        except ValueError:
-            raise EditError(
-                f"Anchor {anchor!r} is no pose; expected x,y,heading in numbers."
-            ) from None
-        return RigidMotion(x_m=x, y_m=y, rotation_rad=math.radians(degrees))
-    agent_id = {"focal": scenario.focal_id, "ego": EGO_ID}.get(anchor, anchor)
-    return pose_on_original_road(scenario, agent_id)
+    """Pose of an anchor as it is written on the shell."""
+    if "," not in anchor:
+        return pose_of_anchor(scenario, anchor)
+    try:
+        x, y, degrees = (float(part) for part in anchor.split(","))
+    except ValueError:
+        x = y = degrees = math.nan
+    if not all(map(math.isfinite, (x, y, degrees))):
+        raise EditError(
+            f"Anchor {anchor!r} is no pose; expected x,y,heading as three numbers."
+        )
+    return RigidMotion(x_m=x, y_m=y, rotation_rad=math.radians(degrees))

@@ -1,7 +1,7 @@
 """Journals on disk: find unfinished ones, and go on where they end."""
 
-import fcntl
 import logging
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,8 @@ from pd_editor.editor.journal_file import (
     JOURNAL_SUFFIX,
     JOURNAL_VERSION,
     Journal,
-    locked,
+    journal_lock,
+    let_go,
     remove_journal,
     whole_lines,
 )
@@ -28,6 +29,7 @@ from pd_editor.scene.scenario import Scenario
 __all__ = ["Journal", "UnfinishedWork", "find_unfinished", "restore"]
 
 _logger: Final = logging.getLogger(__name__)
+_looking: Final = threading.Lock()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,12 +59,11 @@ class UnfinishedWork:
             RecipeError: somebody has taken it up meanwhile.
         """
         try:
-            with self.path.open("rb") as file:
-                if not locked(file):
-                    raise RecipeError("This work is open in another session already.")
-                remove_journal(self.path)
+            lock = journal_lock(self.path)
         except FileNotFoundError:
             return
+        remove_journal(self.path)
+        let_go(lock, self.path)
 
 
 def find_unfinished(folder: Path) -> list[UnfinishedWork]:
@@ -175,10 +176,11 @@ def _redo(session: EditorSession, entry: _Entry) -> None:
 
 def _is_held(path: Path) -> bool:
     """Whether a living process, this one included, writes the journal."""
-    with path.open("rb") as file:
+    # Looking takes the lock for a moment, which another look must not mistake.
+    with _looking:
         try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
+            let_go(journal_lock(path, timeout_s=0), path)
+        except RecipeError:
             return True
     return False
 

@@ -2,13 +2,13 @@
 
 A folder holds one JSON-lines file per opened scenario that was edited: a header, then
 one line per commit and per move along the history, each handed to the operating
-system at once. Uploaded bytes lie in a folder beside it. A process holds an exclusive
-``flock`` on each file that it writes; the system drops it when the process ends,
-however it ends, so a file without a holder is unfinished work. POSIX only.
+system at once. Uploaded bytes lie in a folder beside it, and so does a lock that the
+writing process holds; the system drops it when the process ends, however it ends, so a
+journal without a holder is unfinished work.
 """
 
+import contextlib
 import errno
-import fcntl
 import json
 import logging
 import os
@@ -16,9 +16,11 @@ import shutil
 import time
 import uuid
 from collections.abc import Callable, Mapping
-from io import FileIO, IOBase
+from io import FileIO
 from pathlib import Path
 from typing import Any, Final
+
+from filelock import FileLock, Timeout
 
 from pd_editor.editor.command import Command
 from pd_editor.editor.commands import command_to_json
@@ -31,6 +33,9 @@ JOURNAL_FORMAT: Final = "pd-editor journal"
 JOURNAL_VERSION: Final = 1
 JOURNAL_SUFFIX: Final = ".journal"
 BASE_FILES_SUFFIX: Final = ".base"
+LOCK_SUFFIX: Final = ".lock"
+PROBE_S: Final = 0.1
+"""How long a lock is waited for, in case somebody only looks whether it is held."""
 
 _logger: Final = logging.getLogger(__name__)
 
@@ -49,6 +54,7 @@ class Journal:
         self._base_files: Mapping[str, bytes] = {}
         self._opened_at = 0.0
         self._file: FileIO | None = None
+        self._lock: FileLock | None = None
         self.problem: str | None = None
         """Why edits are not kept at the moment; None while they are."""
 
@@ -61,15 +67,17 @@ class Journal:
         """
         journal = cls(path.parent, clock=clock)
         try:
-            file = path.open("r+b", buffering=0)
+            lock = journal_lock(path)
         except OSError as error:
             raise RecipeError(f"The journal {path.name} is gone.") from error
-        if not locked(file):
-            file.close()
-            raise RecipeError("This work is open in another session already.")
+        try:
+            file = path.open("r+b", buffering=0)
+        except OSError as error:
+            let_go(lock, path)
+            raise RecipeError(f"The journal {path.name} is gone.") from error
         file.truncate(len(whole_lines(file.read())))
         file.seek(0, os.SEEK_END)
-        journal._file = file
+        journal._file, journal._lock = file, lock
         return journal
 
     @property
@@ -112,10 +120,12 @@ class Journal:
         if self._file is None:
             return
         path = Path(self._file.name)
+        self._file.close()
         if discard:
             remove_journal(path)
-        self._file.close()
-        self._file = None
+        if self._lock is not None:
+            let_go(self._lock, path)
+        self._file = self._lock = None
         self._base = None
 
     def _append(self, entry: dict[str, Any]) -> None:
@@ -124,14 +134,14 @@ class Journal:
         line = json.dumps(entry).encode() + b"\n"
         try:
             if self._file is None:
-                self._file, header = self._begun()
+                self._file, self._lock, header = self._begun()
                 line = header + line
             _write_whole(self._file, line)
         except OSError as error:
             _logger.exception("The journal cannot be written")
             self.problem = f"Edits are not kept on disk: {error.strerror or error}."
 
-    def _begun(self) -> tuple[FileIO, bytes]:
+    def _begun(self) -> tuple[FileIO, FileLock, bytes]:
         """A new file under lock, and the header to begin it with."""
         assert self._base is not None, "an edit before a scenario was opened"
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -141,15 +151,19 @@ class Journal:
             beside.mkdir(exist_ok=True)
             (beside / name).write_bytes(content)
         self._base_files = {}
-        file = path.open("xb", buffering=0)
-        fcntl.flock(file, fcntl.LOCK_EX)
+        lock = journal_lock(path)
+        try:
+            file = path.open("xb", buffering=0)
+        except OSError:
+            let_go(lock, path)
+            raise
         header = {
             "format": JOURNAL_FORMAT,
             "version": JOURNAL_VERSION,
             "time_s": self._opened_at,
             "base": to_json(BaseReference.of(self._base)),
         }
-        return file, json.dumps(header).encode() + b"\n"
+        return file, lock, json.dumps(header).encode() + b"\n"
 
 
 def _write_whole(file: FileIO, line: bytes) -> None:
@@ -157,13 +171,28 @@ def _write_whole(file: FileIO, line: bytes) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def locked(file: IOBase) -> bool:
-    """Take the exclusive lock of a journal; False if somebody else holds it."""
+def journal_lock(path: Path, *, timeout_s: float = PROBE_S) -> FileLock:
+    """Take the exclusive lock of a journal, which any thread may let go.
+
+    Raises:
+        RecipeError: somebody else holds it.
+        OSError: its folder is gone.
+    """
+    lock = FileLock(path.with_suffix(LOCK_SUFFIX), thread_local=False)
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+        lock.acquire(timeout=timeout_s)
+    except Timeout:
+        raise RecipeError("This work is open in another session already.") from None
+    return lock
+
+
+def let_go(lock: FileLock, path: Path) -> None:
+    """Release a journal's lock; the lock's file goes when the journal has gone."""
+    lock.release()
+    if not path.exists():
+        # Windows keeps a file that somebody is looking at.
+        with contextlib.suppress(OSError):
+            path.with_suffix(LOCK_SUFFIX).unlink(missing_ok=True)
 
 
 def whole_lines(content: bytes) -> bytes:

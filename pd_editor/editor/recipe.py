@@ -143,6 +143,8 @@ class RegeneratedEntry:
     """Whether every number is the same, in float32."""
     max_difference_m: float
     """Largest distance between positions; infinity if other agents were drawn."""
+    fresh: ReplaceTraffic
+    """The entry as it was drawn now."""
 
 
 def regenerate(
@@ -226,11 +228,12 @@ def _comparison(
     ours, theirs = stored.sample, fresh.sample
     if ours.ids != theirs.ids or ours.position_m.shape != theirs.position_m.shape:
         return RegeneratedEntry(
-            number=number, is_equal=False, max_difference_m=float("inf")
+            number=number, is_equal=False, max_difference_m=float("inf"), fresh=fresh
         )
     gap = np.linalg.norm(ours.position_m - theirs.position_m, axis=-1)
     return RegeneratedEntry(
         number=number,
         is_equal=to_json(ours) == to_json(theirs),
         max_difference_m=float(gap.max(initial=0.0)),
+        fresh=fresh,
     )

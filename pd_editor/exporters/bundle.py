@@ -6,7 +6,7 @@ import re
 import secrets
 import shutil
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -49,12 +49,30 @@ def write_files(
     Raises:
         ExportError: the place is taken, forbidden, or cannot be written to.
     """
-    _check_names(list(files))
+    check_place(out, tuple(files), forbidden=forbidden, overwrite=overwrite)
     try:
         target = Path(out).resolve()
-        _check_place(files, target, forbidden, overwrite)
         target.parent.mkdir(parents=True, exist_ok=True)
         _replace_folder(files, target)
+    except OSError as error:
+        raise ExportError(f"{out}: cannot be written ({error.strerror}).") from error
+
+
+def check_place(
+    out: Path,
+    names: Collection[str],
+    *,
+    forbidden: Path | None,
+    overwrite: bool = False,
+) -> None:
+    """Refuse a place as ``write_files`` would, which writes files of these names.
+
+    Raises:
+        ExportError: the place is taken, forbidden, or no place at all.
+    """
+    _check_names(list(names))
+    try:
+        _check_target(names, Path(out).resolve(), forbidden, overwrite)
     except OSError as error:
         raise ExportError(f"{out}: cannot be written ({error.strerror}).") from error
     # Path.resolve: a circle of links, or a NUL in the name.
@@ -71,8 +89,8 @@ def _check_names(names: list[str]) -> None:
             )
 
 
-def _check_place(
-    files: Mapping[str, bytes], target: Path, forbidden: Path | None, overwrite: bool
+def _check_target(
+    names: Collection[str], target: Path, forbidden: Path | None, overwrite: bool
 ) -> None:
     if forbidden is not None:
         source = Path(forbidden).resolve()
@@ -89,8 +107,11 @@ def _check_place(
     if not present:
         return
     if not overwrite:
-        raise ExportError(f"{target}: already holds files; choose a new folder.")
-    strange = [name for name in present if name not in files]
+        raise ExportError(
+            f"{target}: already holds files; choose a new folder, or ask to overwrite "
+            "it."
+        )
+    strange = [name for name in present if name not in names]
     if strange or any((target / name).is_dir() for name in present):
         raise ExportError(
             f"{target}: holds {(strange or present)[0]!r}, which is not of this "

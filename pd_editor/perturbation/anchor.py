@@ -2,7 +2,7 @@
 
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
 def pose_on_original_road(scenario: Scenario, agent_id: str) -> RigidMotion:
@@ -22,3 +22,21 @@ def pose_on_original_road(scenario: Scenario, agent_id: str) -> RigidMotion:
     return RigidMotion(
         x_m=float(x), y_m=float(y), rotation_rad=float(agents.heading_rad[row, step])
     )
+
+
+def pose_of_anchor(scenario: Scenario, name: str) -> RigidMotion:
+    """The pose of the anchor ``focal``, ``ego``, or an agent's id.
+
+    Raises:
+        EditError: there is no such agent, or not at the current step.
+    """
+    there = scenario.agents.row_of
+    if name == "focal" and scenario.focal_id not in there:
+        raise EditError("This scenario has no focal agent; choose another anchor.")
+    if name == "ego" and EGO_ID not in there:
+        raise EditError(
+            f"This scenario has no ego vehicle (track id {EGO_ID}); choose another "
+            "anchor."
+        )
+    agent_id = {"focal": scenario.focal_id, "ego": EGO_ID}.get(name, name)
+    return pose_on_original_road(scenario, agent_id)
