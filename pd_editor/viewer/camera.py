@@ -9,6 +9,8 @@ from jaxtyping import Float
 TOP_VIEW_FOV_RAD: Final = np.radians(8.0)
 """So narrow that a perspective camera far away looks orthographic."""
 PERSPECTIVE_FOV_RAD: Final = np.radians(42.0)
+PERSPECTIVE_NEAR_FAR_M: Final = (1.5, 3000.0)
+"""Near enough for a close look; nearer would cost depth precision far away."""
 TOP_VIEW_HALF_HEIGHT_M: Final = 65.0
 NEAR_FAR_MARGIN_M: Final = 400.0
 
@@ -67,7 +69,7 @@ def look_from_behind(
     position = center_m - 34.0 * ahead
     camera.up_direction = (0.0, 0.0, 1.0)
     camera.fov = float(PERSPECTIVE_FOV_RAD)
-    camera.near, camera.far = 0.5, 3000.0
+    camera.near, camera.far = PERSPECTIVE_NEAR_FAR_M
     camera.position = (float(position[0]), float(position[1]), 34.0)
     camera.look_at = (float(target[0]), float(target[1]), 0.0)
 

@@ -16,6 +16,8 @@ from pd_editor.viewer.flat_mesh import Primitive, glb_of, merged, ribbon
 from pd_editor.viewer.road_mesh import LAYERS, Layer, RoadPart, road_parts
 
 GROUND_SIZE_M: Final = 6000.0
+GROUND_HEIGHT_M: Final = -0.3
+"""Low enough to stay under the road even where a browser's depth buffer is coarse."""
 GHOST_HEIGHT_M: Final = 0.055
 GHOST_WIDTH_M: Final = 0.14
 GHOST_PIECE_M: Final = 6.0
@@ -78,12 +80,13 @@ class MapView:
         self._update_ghost_visibility()
 
     def _send(self, layers: tuple[Layer, ...]) -> None:
-        for layer in layers:
+        # From the top down: the page draws opaque meshes in the order in which they
+        # came, and what is covered already costs it nothing.
+        for layer in layers[::-1]:
             if not self._visible[layer]:
                 continue
-            data = glb_of(
-                [self._primitive(part) for part in self._parts if part.layer == layer]
-            )
+            parts = [part for part in self._parts if part.layer == layer]
+            data = glb_of([self._primitive(part) for part in parts[::-1]])
             if layer in self._handles:
                 self._handles[layer].glb_data = data
             else:
@@ -140,7 +143,7 @@ class MapView:
         square = Primitive(
             points_m=half * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]),
             faces=np.array([[0, 1, 2], [0, 2, 3]]),
-            height_m=-0.05,
+            height_m=GROUND_HEIGHT_M,
             color=_material_color(self._palette.ground),
         )
         return glb_of([square, *_shader_keepers()])

@@ -21,7 +21,7 @@ CHROMIUM_ARGUMENTS = [
     "--enable-unsafe-swiftshader",
     "--ignore-gpu-blocklist",
 ]
-VIEWPORT = {"width": 1100, "height": 720}
+VIEWPORT = {"width": 1000, "height": 640}
 
 
 @pytest.fixture(scope="session")

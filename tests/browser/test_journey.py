@@ -69,7 +69,7 @@ def test_from_demo_to_export(editor):
     editor.until(lambda: session.scenario.applied_warp is not None, "a warp")
     editor.until(lambda: labels(editor) == ["Warp: double turn +6"], "the end of it")
     editor.screenshot("02_warped")
-    assert "8" in editor.page.get_by_text("Friction-limited speed").inner_text()
+    assert "7.6 m/s" in editor.page.get_by_text("Friction-limited speed").inner_text()
 
     editor.open_tab("Agents")
     editor.fill("Speed (m/s)", 6.5)
