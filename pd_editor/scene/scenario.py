@@ -76,6 +76,12 @@ class Scenario:
         """Step of the state that edits act on."""
         return self.time_axis.current_step
 
+    @property
+    def last_step(self) -> int:
+        """The last step at which any agent exists; the current one if none does."""
+        steps = np.flatnonzero(self.agents.is_valid.any(axis=0))
+        return max(int(steps[-1]) if len(steps) else 0, self.current_step)
+
     def with_agents(self, agents: AgentTracks, note: str | None = None) -> "Scenario":
         """The scenario with other agents, and a word about what was made up."""
         provenance = self.provenance

@@ -160,12 +160,17 @@ class BrowserSession:
         )
         if is_other_scene:
             playback.open(after.scenario.time_axis)
+        playback.last_step = after.scenario.last_step
         with self._client.atomic():
             if is_other_scene:
                 self._frame_focal()
-            if after.scenario is not before.scenario:
-                self._status.check(with_future=False)
             self._draw()
+        # The picture goes out before the words: a slider is judged by it.
+        self._client.flush()
+        if after.scenario is not before.scenario:
+            self._status.check(with_future=False)
+        with self._client.atomic():
+            self._show_marks()
             self._show_panels(after)
         if after.scenario is not before.scenario and not after.is_previewing:
             self._request_check()
@@ -178,8 +183,12 @@ class BrowserSession:
         self._draw_frame()
 
     def _draw_frame(self) -> None:
+        scenario = self._workspace.session.scenario
+        self._agents.show(scenario, self._workspace.playback.step)
+        self._show_marks()
+
+    def _show_marks(self) -> None:
         session, step = self._workspace.session, self._workspace.playback.step
-        self._agents.show(session.scenario, step)
         poses = self._agents.poses
         assert poses is not None
         self._marks.show(

@@ -20,6 +20,8 @@ class Playback:
         self._last_time: float | None = None
         self._next_frame = 0.0
         self.axis = TimeAxis()
+        self.last_step = self.axis.num_steps - 1
+        """Where playback ends: nobody exists later."""
         self.step = 0.0
         self.speed = 1.0
         self.loops = True
@@ -32,11 +34,12 @@ class Playback:
     def open(self, axis: TimeAxis) -> None:
         """Take another time axis; the playhead goes to its current step."""
         self.axis = axis
+        self.last_step = axis.num_steps - 1
         self.step = float(axis.current_step)
 
     def play(self) -> None:
         """Move, from the start if the end was reached."""
-        if self.step >= self.axis.num_steps - 1:
+        if self.step >= self.last_step:
             self.step = 0.0
         self._last_time = self._next_frame = self._clock()
 
@@ -67,7 +70,7 @@ class Playback:
             return False, self._next_frame - now
         self.step += (now - self._last_time) / self.axis.step_s * self.speed
         self._last_time = now
-        last = float(self.axis.num_steps - 1)
+        last = float(self.last_step)
         if self.step > last:
             if self.loops:
                 self.step = math.fmod(self.step, last)

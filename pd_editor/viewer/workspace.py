@@ -58,6 +58,7 @@ class Workspace:
         self.session = EditorSession(scenario, journal=Journal(journals))
         self.playback = Playback()
         self.playback.open(scenario.time_axis)
+        self.playback.last_step = scenario.last_step
         self.starts_playing = True
         self.is_dark = False
         self.dataset = dataset

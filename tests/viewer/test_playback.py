@@ -66,3 +66,12 @@ def test_speed_cycles_and_seek_is_clamped():
     assert playback.step == 109
     playback.seek(-3)
     assert playback.step == 0
+
+
+def test_ends_where_the_last_agent_does():
+    playback, clock = make()
+    playback.last_step = 60
+    playback.play()
+    clock.now += 1.5
+    playback.advance()
+    assert playback.step == pytest.approx(65 - 60)

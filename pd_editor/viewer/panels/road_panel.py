@@ -86,6 +86,7 @@ class RoadPanel:
                 "Friction coefficient", min=0.1, max=1.2, step=0.05, initial_value=0.7
             )
         self._gizmo: viser.TransformControlsHandle | None = None
+        self._base = desk.session.base
         self._listen(ghost, on_ghost)
 
     def _listen(self, ghost: Any, on_ghost: Callable[[bool], None]) -> None:
@@ -107,6 +108,9 @@ class RoadPanel:
         """Show the warp of a scenario."""
         if self._desk.gesture != "warp":
             self._show_values(scenario)
+        if self._gizmo is not None and self._desk.session.base is not self._base:
+            self._show_gizmo(pose_on_original_road(scenario, scenario.focal_id))
+        self._base = self._desk.session.base
         set_property(self._reset, "disabled", scenario.applied_warp is None)
         self._show_readout(scenario)
 
