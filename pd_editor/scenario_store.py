@@ -33,13 +33,13 @@ def open_scenario(reference: str | Path) -> Scenario:
         )
         return dataclasses.replace(scenario, provenance=provenance)
     # os.path, unlike pathlib, takes an unknown ~user or a forbidden parent calmly.
-    folder = Path(os.path.expanduser(text))
+    folder = os.path.expanduser(text)
     if not os.path.isdir(folder):
         raise InputError(
             f"{text}: is neither a scenario folder nor a demo "
             f"({', '.join(demo_names())})."
         )
-    return read_scenario(folder)
+    return read_scenario(Path(folder))
 
 
 def exported_files(scenario: Scenario, recipe: Recipe) -> dict[str, bytes]:

@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"pd-editor: {error}\n")
         return 2
     except KeyboardInterrupt:
-        sys.stderr.write("pd-editor: Interrupted; nothing more was written.\n")
+        sys.stderr.write("pd-editor: Interrupted.\n")
         return 130
     except SystemExit as stop:
         # This is how the argument parser ends: 0 after --help, 2 after an error.

@@ -65,7 +65,7 @@ def warp(
     opened = open_scenario(scenario)
     command = SetRoadWarp(
         warp=RoadWarp(anchor=_anchor_pose(opened, anchor), terms=terms),
-        friction_coefficient=friction,
+        friction_coefficient=None if friction is None else float(friction),
     )
     warped = command.apply(opened)
     folder = write_outcome(
@@ -115,10 +115,10 @@ def _terms(
     return tuple(
         WarpTerm(
             kind=one,
-            power=powers[index],
-            length_m=lengths[index] if lengths else DEFAULT_LENGTH_M[one],
-            border_m=border_m,
-            exponent=exponent,
+            power=float(powers[index]),
+            length_m=float(lengths[index]) if lengths else DEFAULT_LENGTH_M[one],
+            border_m=float(border_m),
+            exponent=float(exponent),
         )
         for index, one in enumerate(kinds)
     )

@@ -1,0 +1,89 @@
+import re
+import socket
+import subprocess
+import sys
+import threading
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from pd_editor.viewer import viewer_app
+from tests.cli.shell import JUNCTION, ROOT, Shell
+
+
+class FakeApp:
+    """Takes the place of the web application."""
+
+    address = "http://127.0.0.1:1"
+    made: dict[str, object] | None = None
+
+    def __init__(self, **options: object) -> None:
+        FakeApp.made = options
+
+    def run_forever(self) -> None:
+        raise KeyboardInterrupt
+
+
+def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(viewer_app, "ViewerApp", FakeApp)
+    result = shell.run("edit", "--data", "somewhere", "--port", 8123)
+    assert (result.code, result.err) == (0, "")
+    assert result.lines == [
+        "Path Diffuser Editor is at http://127.0.0.1:1",
+        "Stopped.",
+    ]
+    assert FakeApp.made == {
+        "reference": JUNCTION,
+        "host": "127.0.0.1",
+        "port": 8123,
+        "data_root": Path("somewhere"),
+        "library": None,
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ("--port 0", "Port 0 is outside 1..65535."),
+        ("--port 70000", "Port 70000 is outside 1..65535."),
+        ("--host 192.0.2.1", "192.0.2.1: cannot be listened on"),
+        ("--host ...", "...: cannot be listened on"),
+        ("nowhere", "nowhere: is neither a scenario folder nor a demo"),
+        ("--data nowhere", "nowhere: there is no such dataset folder"),
+    ],
+)
+def test_what_cannot_be_served_is_refused(shell: Shell, options: str, sentence: str):
+    assert sentence in shell.refused("edit", *options.split())
+
+
+def test_a_taken_port_is_stepped_over(shell: Shell, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(viewer_app, "ViewerApp", FakeApp)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        assert shell.run("edit", "--port", taken.getsockname()[1]).code == 0
+
+
+@pytest.mark.slow
+def test_app_prints_one_line_with_the_address_and_serves(tmp_path: Path):
+    process = subprocess.Popen(
+        [sys.executable, "app.py", "--port", "8391", "--library", str(tmp_path)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    guard = threading.Timer(60, process.kill)
+    guard.start()
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        found = re.fullmatch(r"Path Diffuser Editor is at (http://\S+)\n", line)
+        assert found is not None, line
+        with urllib.request.urlopen(found[1], timeout=20) as page:
+            assert page.status == 200
+            assert b"<html" in page.read().lower()
+    finally:
+        guard.cancel()
+        process.terminate()
+        rest, errors = process.communicate(timeout=20)
+    assert (rest, errors) == ("", "")

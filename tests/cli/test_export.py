@@ -1,0 +1,122 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pd_editor.cli.export import export
+from pd_editor.cli.generate import generate
+from pd_editor.cli.warp import warp
+from pd_editor.installed_files import demo_folder, demo_names
+from pd_editor.scenario_store import open_scenario
+from tests.av2_io.small_files import MAP, TRACKS, changed_map, rows, with_cell
+from tests.cli.shell import JUNCTION, Shell, files_of
+
+
+def folder_with(folder: Path, **files: bytes) -> Path:
+    folder.mkdir()
+    names = {"tracks": "scenario_x.parquet", "map": "log_map_archive_x.json"}
+    for key, data in files.items():
+        (folder / names[key]).write_bytes(data)
+    return folder
+
+
+@pytest.mark.parametrize("name", demo_names())
+def test_a_demo_is_written_with_a_recipe(shell: Shell, tmp_path: Path, name: str):
+    result = shell.run("export", name, "--out", tmp_path)
+    assert (result.code, result.err) == (0, "")
+    assert result.lines == [str(tmp_path / name)]
+    assert sorted(path.name for path in (tmp_path / name).iterdir()) == [
+        f"log_map_archive_{name}.json",
+        "recipe.json",
+        f"scenario_{name}.parquet",
+    ]
+    one, other = open_scenario(name), open_scenario(tmp_path / name)
+    np.testing.assert_array_equal(one.agents.position_m, other.agents.position_m)
+
+
+def test_it_is_only_overwritten_on_demand(shell: Shell, tmp_path: Path):
+    command = ("export", JUNCTION, "--out", tmp_path)
+    assert shell.run(*command).code == 0
+    assert "already holds files" in shell.refused(*command)
+    assert shell.run(*command, "--overwrite").code == 0
+
+
+def test_the_input_is_never_overwritten(shell: Shell, tmp_path: Path):
+    folder = export(JUNCTION, out=tmp_path).folder
+    before = files_of(folder)
+    refused = shell.refused("export", folder, "--out", tmp_path, "--overwrite")
+    assert "the input is never written to" in refused
+    assert files_of(folder) == before
+    demos = demo_folder(JUNCTION).parent
+    refused = shell.refused("export", JUNCTION, "--out", demos, "--overwrite")
+    assert "the input is never written to" in refused
+
+
+@pytest.mark.parametrize(
+    ("files", "sentence"),
+    [
+        ({}, "found no track files"),
+        ({"map": MAP}, "found no track files"),
+        ({"tracks": TRACKS}, "the map log_map_archive_x.json is missing"),
+        ({"tracks": TRACKS[:200], "map": MAP}, "scenario_x.parquet: "),
+        ({"tracks": TRACKS, "map": b"[1"}, "log_map_archive_x.json: "),
+        ({"tracks": TRACKS, "map": b"{}"}, "log_map_archive_x.json: "),
+        ({"tracks": rows([]), "map": MAP}, "scenario_x.parquet: "),
+        ({"tracks": rows([0, 0, 1]), "map": MAP}, "scenario_x.parquet: "),
+        (
+            {"tracks": with_cell("position_x", 3, float("nan")), "map": MAP},
+            "scenario_x.parquet: ",
+        ),
+        (
+            {"tracks": TRACKS, "map": changed_map(lambda m: m.pop("lane_segments"))},
+            "log_map_archive_x.json: ",
+        ),
+    ],
+)
+def test_damaged_folders_get_one_sentence(
+    shell: Shell, tmp_path: Path, files: dict[str, bytes], sentence: str
+):
+    folder = folder_with(tmp_path / "x", **files)
+    assert sentence in shell.refused("export", folder, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["nowhere", "~nobody-here/x", "", "demo:x", "a\0b"])
+def test_a_wrong_name_lists_the_demos(shell: Shell, tmp_path: Path, name: str):
+    refused = shell.refused("export", name, "--out", tmp_path / "out")
+    assert "is neither a scenario folder nor a demo (signalised-junction" in refused
+
+
+def test_a_file_in_the_way_of_the_output(shell: Shell, tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    refused = shell.refused("export", JUNCTION, "--out", tmp_path / "file")
+    assert f"file/{JUNCTION}: cannot be written (" in refused
+
+
+@pytest.mark.slow
+def test_av2_loads_what_was_exported(shell: Shell, tmp_path: Path):
+    bent = warp(JUNCTION, kind="ripple-road", power=3, out=tmp_path / "bent").folder
+    driven = generate(bent, out=tmp_path / "driven").folder
+    result = shell.run("export", driven, "--verify", "--out", tmp_path / "out")
+    assert result.code == 0, result.err
+    assert result.lines[1:] == ["Loaded again with av2's own loaders."]
+
+
+@pytest.mark.real_data
+def test_a_real_scenario_makes_the_whole_journey(
+    shell: Shell, av2_scenario_folders: list[Path], tmp_path: Path
+):
+    source = av2_scenario_folders[0]
+    before = files_of(source)
+    steps = (
+        ("warp", source, "--kind", "double-turn", "--power", 4, "--friction", 0.7),
+        ("generate", tmp_path / "warp" / source.name, "--seed", 2),
+        ("export", tmp_path / "generate" / source.name),
+        ("replay", tmp_path / "warp" / source.name / "recipe.json"),
+    )
+    for command, *rest in steps:
+        result = shell.run(command, *rest, "--out", tmp_path / command)
+        assert result.code == 0, result.err
+    assert files_of(source) == before
+    folders = [tmp_path / name / source.name for name in ("warp", "replay")]
+    assert files_of(folders[0]) == files_of(folders[1])

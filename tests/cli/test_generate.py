@@ -1,0 +1,111 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pd_editor.cli.generate import generate
+from pd_editor.scenario_store import open_scenario
+from tests.cli.shell import JUNCTION, Shell, files_of
+
+
+def test_the_same_seed_gives_the_same_files(shell: Shell, tmp_path: Path):
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        result = shell.run(
+            "generate", JUNCTION, "--seed", seed, "--out", tmp_path / name
+        )
+        assert (result.code, result.err) == (0, "")
+        assert result.lines[0] == str(tmp_path / name / JUNCTION)
+    first, again, other = (files_of(tmp_path / name / JUNCTION) for name in "abc")
+    assert first == again
+    tracks = f"scenario_{JUNCTION}.parquet"
+    assert first[tracks] != other[tracks]
+
+
+def test_states_and_pasts_are_kept(tmp_path: Path):
+    done = generate(JUNCTION, out=tmp_path)
+    before, after = open_scenario(JUNCTION), open_scenario(done.folder)
+    now = before.current_step
+    np.testing.assert_allclose(
+        after.agents.position_m[:, : now + 1],
+        before.agents.position_m[:, : now + 1],
+        atol=1e-3,
+    )
+    assert np.abs(after.agents.position_m - before.agents.position_m).max() > 1
+
+
+def test_samples_get_folders_of_their_own(shell: Shell, tmp_path: Path):
+    result = shell.run("generate", JUNCTION, "--samples", 2, "--out", tmp_path)
+    folders = [tmp_path / f"{JUNCTION}_s00", tmp_path / f"{JUNCTION}_s01"]
+    assert result.lines[:2] == [str(folder) for folder in folders]
+    assert sorted(tmp_path.iterdir()) == folders
+    one, two = (open_scenario(folder).agents.position_m for folder in folders)
+    assert not np.array_equal(one, two)
+    (alone,) = generate(JUNCTION, out=tmp_path / "alone").scenarios
+    np.testing.assert_allclose(one, alone.agents.position_m, atol=1e-3)
+
+
+def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
+    before = open_scenario(JUNCTION)
+    result = shell.run("generate", JUNCTION, "--agents", "AV", "AV", "--out", tmp_path)
+    assert result.code == 0
+    after = open_scenario(tmp_path / JUNCTION)
+    others = [row for row, name in enumerate(before.agents.ids) if name != "AV"]
+    np.testing.assert_allclose(
+        after.agents.position_m[others], before.agents.position_m[others], atol=1e-3
+    )
+    recipe = json.loads((tmp_path / JUNCTION / "recipe.json").read_text())
+    (entry,) = recipe["commands"]
+    assert (entry["seed"], entry["generator"]) == (0, "lane-follower")
+    assert entry["request"]["agent_ids"] == ["AV"]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ("--samples 0", "0 samples were asked for; expected 1 or more."),
+        ("--seed -1", "The seed must not be negative"),
+        ("--model crystal-ball", "There is no generator 'crystal-ball'"),
+        ("--agents nobody", "There is no agent 'nobody' here."),
+        ("--num-agents 3", "cannot place new agents"),
+    ],
+)
+def test_impossible_requests_are_refused(
+    shell: Shell, tmp_path: Path, options: str, sentence: str
+):
+    command = ("generate", JUNCTION, "--out", tmp_path / "out", *options.split())
+    assert sentence in shell.refused(*command)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_taken_place_is_refused_before_anything_is_written(
+    shell: Shell, tmp_path: Path
+):
+    taken = tmp_path / f"{JUNCTION}_s01"
+    taken.mkdir()
+    (taken / "thesis.txt").write_text("precious")
+    command = ("generate", JUNCTION, "--samples", 2, "--out", tmp_path)
+    assert "already holds files" in shell.refused(*command)
+    assert "'thesis.txt'" in shell.refused(*command, "--overwrite")
+    assert [path.name for path in tmp_path.iterdir()] == [taken.name]
+
+
+@pytest.mark.real_data
+def test_who_cannot_be_driven_is_said(av2_scenario_folders: list[Path], tmp_path: Path):
+    for folder in av2_scenario_folders:
+        scenario = open_scenario(folder)
+        there = scenario.agents.is_valid[:, scenario.current_step]
+        things = [
+            name
+            for name, kind in zip(
+                scenario.agents.ids, scenario.agents.kinds, strict=True
+            )
+            if kind.value in ("static", "construction", "background")
+        ]
+        gone = [scenario.agents.ids[row] for row in np.flatnonzero(~there)]
+        if things and gone:
+            break
+    names = (scenario.focal_id, things[0], gone[0])
+    done = generate(folder, agents=names, out=tmp_path)
+    assert f"Agent {things[0]} keeps its future" in done.remarks[0]
+    assert f"Agent {gone[0]} keeps its future" in done.remarks[1]
