@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from pd_editor.geometry.polyline import offset_line
 
-_FLOAT, _UNSIGNED_INT = 5126, 5125
+_FLOAT, _UNSIGNED_SHORT, _UNSIGNED_INT = 5126, 5123, 5125
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,8 +121,11 @@ def glb_of(primitives: Sequence[Primitive]) -> bytes:
         colors = _vertex_colors(primitive)
         if colors is not None:
             attributes["COLOR_0"] = add(colors, _FLOAT, "VEC4")
+        is_small = len(points) < 2**16
         indices = add(
-            primitive.faces.astype("<u4").reshape(-1), _UNSIGNED_INT, "SCALAR"
+            primitive.faces.astype("<u2" if is_small else "<u4").reshape(-1),
+            _UNSIGNED_SHORT if is_small else _UNSIGNED_INT,
+            "SCALAR",
         )
         gltf_primitives.append(
             {"attributes": attributes, "indices": indices, "material": len(materials)}

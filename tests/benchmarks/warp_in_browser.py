@@ -6,6 +6,7 @@ the receipt of a slider message to the return of the websocket's ``send`` with t
 geometry made from it; the page's share is read off the vertices of rendered frames.
 """
 
+import contextlib
 import os
 import tempfile
 import time
@@ -17,12 +18,12 @@ import numpy as np
 from playwright.sync_api import Browser
 from websockets.asyncio.server import ServerConnection
 
-from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.desk import GESTURE_PAUSE_S
 from pd_editor.viewer.inbox import Inbox
+from pd_editor.viewer.map_view import MapView
 from pd_editor.viewer.viewer_app import ViewerApp
 from tests.benchmarks.chromium import load_in_words, opened_chromium, spread
 from tests.benchmarks.warp_scenario import busiest_scenario, with_largest_map
@@ -91,7 +92,7 @@ class ServerTimes:
 
     received_s: list[float] = field(default_factory=list)
     handled: list[tuple[float, float]] = field(default_factory=list)
-    """When a message that was not superseded came, and when its work was done."""
+    """When a message that was not superseded came, and when its road was queued."""
     sent: list[tuple[float, float, int]] = field(default_factory=list)
     """Start and end of each send, and its bytes."""
 
@@ -99,8 +100,8 @@ class ServerTimes:
         """From receipt to the end of the send that carries the geometry."""
         big = [(a, b) for a, b, size in self.sent if size >= MIN_GEOMETRY_BYTES]
         found = []
-        for came, done in self.handled:
-            after = [end for start, end in big if start >= came and end >= done - 0.001]
+        for came, queued in self.handled:
+            after = [end for start, end in big if start >= queued]
             if after:
                 found.append((after[0] - came) * 1e3)
         return found
@@ -108,7 +109,8 @@ class ServerTimes:
 
 def installed_probes(times: ServerTimes) -> tuple:
     """Patches of the websocket and of the inbox that write down times."""
-    send, post = ServerConnection.send, Inbox.post
+    send, post, show = ServerConnection.send, Inbox.post, MapView.show
+    queued: list[float] = []
 
     async def timed_send(self, message, *arguments, **options):
         start = time.perf_counter()
@@ -122,12 +124,19 @@ def installed_probes(times: ServerTimes) -> tuple:
         times.received_s.append(came)
 
         def timed() -> None:
+            queued.clear()
             action()
-            times.handled.append((came, time.perf_counter()))
+            if queued:
+                times.handled.append((came, queued[0]))
 
         return post(self, timed, merge_key)
 
+    def timed_show(self, scenario):
+        show(self, scenario)
+        queued.append(time.perf_counter())
+
     return (
+        mock.patch.object(MapView, "show", timed_show),
         mock.patch.object(ServerConnection, "send", timed_send),
         mock.patch.object(Inbox, "post", timed_post),
     )
@@ -184,7 +193,6 @@ def measured(browser: Browser, reference: str, title: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         app = ViewerApp(reference=reference, port=0, library=Path(folder))
         context = browser.new_context(viewport=viewport)
-        patches = installed_probes(times)
         try:
             editor = EditorPage(context.new_page(), app)
             editor.press("Pause")
@@ -198,13 +206,13 @@ def measured(browser: Browser, reference: str, title: str) -> None:
             power = drag.calibrate()
             settled(editor)
             assert page.evaluate(f"__probe.keepUnit({power})") > 0
-            results = []
-            for patch in patches:
-                patch.start()
-            for index in range(SWEEPS):
-                results.append(one_sweep(editor, drag, 1 if index % 2 else -1, times))
-            for patch in patches:
-                patch.stop()
+            with contextlib.ExitStack() as stack:
+                for patch in installed_probes(times):
+                    stack.enter_context(patch)
+                results = [
+                    one_sweep(editor, drag, 1 if index % 2 else -1)
+                    for index in range(SWEEPS)
+                ]
             size = page.evaluate(
                 "(() => { const c = __viserMutable.canvas;"
                 " return [c.clientWidth, c.clientHeight]; })()"
@@ -230,9 +238,7 @@ class Sweep:
     """From the last mouse event to the first frame with the road made from that."""
 
 
-def one_sweep(
-    editor: EditorPage, drag: SliderDrag, direction: int, times: ServerTimes
-) -> Sweep:
+def one_sweep(editor: EditorPage, drag: SliderDrag, direction: int) -> Sweep:
     start, end = -9.0 * direction, 9.0 * direction
     drag.move_to(start)
     editor.page.wait_for_timeout(1e3 * GESTURE_PAUSE_S + 600)
