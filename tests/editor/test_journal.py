@@ -23,8 +23,8 @@ from pd_editor.editor.journal import (
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import InputError, RecipeError
 from tests.editor.command_strategies import busy_scenario
+from tests.editor.random_edits import random_command
 from tests.editor.same_scenario import same_scenario
-from tests.editor.test_session import random_command
 
 BASE = busy_scenario()
 ROOT = Path(__file__).parents[2]

@@ -17,17 +17,11 @@ from pd_editor.editor.commands import (
     Command,
     DeleteAgents,
     DuplicateAgents,
-    PlaceAgent,
-    SetAgentSpeed,
     TransformAgents,
-    new_agent_id,
-    new_agent_ids,
 )
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession, SessionState
 from pd_editor.errors import EditError
-from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.scenario import Scenario
 from tests.editor.command_strategies import (
     STRATEGIES,
     any_command,
@@ -35,6 +29,7 @@ from tests.editor.command_strategies import (
     ignore_random_checks,
     present_ids,
 )
+from tests.editor.random_edits import random_command
 from tests.editor.same_scenario import same_scenario
 
 pytestmark = ignore_random_checks
@@ -51,37 +46,6 @@ def session_with(*commands: Command) -> EditorSession:
     for command in commands:
         session.apply(command)
     return session
-
-
-def random_command(scenario: Scenario, rng: np.random.Generator) -> Command:
-    """A cheap edit that applies."""
-    ids = present_ids(scenario)
-    name = ids[rng.integers(len(ids))]
-    deletable = [one for one in ids if one != scenario.focal_id]
-    options = [
-        TransformAgents(
-            agent_ids=(name,),
-            dx_m=float(rng.normal()),
-            dy_m=float(rng.normal()),
-            rotation_rad=float(rng.normal() / 5),
-        ),
-        SetAgentSpeed(agent_ids=(name,), speed_mps=float(rng.uniform(0, 15))),
-        DuplicateAgents(
-            agent_ids=(name,), new_ids=new_agent_ids(scenario, 1, "copy"), dx_m=4.0
-        ),
-        PlaceAgent(
-            agent_id=new_agent_id(scenario),
-            kind=AgentKind.CYCLIST,
-            x_m=float(rng.uniform(-50, 50)),
-            y_m=0.0,
-            heading_rad=0.0,
-            speed_mps=5.0,
-        ),
-    ]
-    if deletable:
-        gone = deletable[rng.integers(len(deletable))]
-        options.append(DeleteAgents(agent_ids=(gone,)))
-    return options[rng.integers(len(options))]
 
 
 @pytest.mark.parametrize("seed", range(3))

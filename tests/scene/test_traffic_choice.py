@@ -1,0 +1,49 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pd_editor.errors import EditError, GenerationError
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.traffic_choice import drivable_agent_ids
+from tests.builders import scenario_with, straight_drivers
+
+KINDS = tuple(AgentKind)
+
+
+def every_kind():
+    """One agent per kind; the first is absent at the current step."""
+    agents = straight_drivers(
+        [(10 * row, 0, 0, 1) for row in range(len(KINDS))], kinds=KINDS
+    )
+    is_valid = np.array(agents.is_valid)
+    is_valid[0, 50] = False
+    return scenario_with(replace(agents, is_valid=is_valid))
+
+
+def test_all_road_users_at_the_current_step_are_driven():
+    scenario = every_kind()
+    kinds = dict(zip(scenario.agents.ids, scenario.agents.kinds, strict=True))
+    assert {kinds[name] for name in drivable_agent_ids(scenario)} == {
+        AgentKind.PEDESTRIAN,
+        AgentKind.MOTORCYCLIST,
+        AgentKind.CYCLIST,
+        AgentKind.BUS,
+    }
+
+
+def test_of_those_wanted_only_such_are_driven_in_their_order():
+    scenario = every_kind()
+    ids = scenario.agents.ids
+    wanted = (ids[4], ids[0], ids[5], ids[1])
+    assert drivable_agent_ids(scenario, wanted) == (ids[4], ids[1])
+
+
+def test_nobody_to_drive_is_said():
+    scenario = every_kind()
+    with pytest.raises(GenerationError, match="No road user to drive"):
+        drivable_agent_ids(scenario, scenario.agents.ids[:1])
+    with pytest.raises(GenerationError, match="No road user to drive"):
+        drivable_agent_ids(scenario, ())
+    with pytest.raises(EditError, match="There is no agent 'ghost' here"):
+        drivable_agent_ids(scenario, ("ghost",))

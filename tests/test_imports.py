@@ -1,0 +1,71 @@
+"""What importing does and does not do, each in a clean process."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pd_editor
+
+ROOT = Path(__file__).parents[1]
+
+
+def loaded_after(statement: str, *names: str) -> set[str]:
+    """Which of the named modules a statement loads in a process without a GPU."""
+    code = f"{statement}\nimport sys\nprint(*({names!r} & sys.modules.keys()))"
+    code = code.replace(repr(names), repr(set(names)))
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=ROOT,
+        env={**os.environ, "CUDA_VISIBLE_DEVICES": ""},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    return set(done.stdout.split())
+
+
+def test_every_module_loads_without_torch_and_av2():
+    statement = (
+        "import importlib, pkgutil, pd_editor\n"
+        "found = pkgutil.walk_packages(pd_editor.__path__, 'pd_editor.')\n"
+        "names = [one.name for one in found if not one.name.endswith('__main__')]\n"
+        "assert len(names) > 50, names\n"
+        "for name in names:\n"
+        "    importlib.import_module(name)"
+    )
+    assert loaded_after(statement, "torch", "av2", "viser") == {"viser"}
+
+
+def test_the_browser_editor_loads_without_torch():
+    statement = "import pd_editor.viewer.viewer_app"
+    assert loaded_after(statement, "torch", "av2", "numba", "matplotlib") == set()
+
+
+def test_the_shell_loads_without_the_viewer():
+    statement = "import pd_editor.cli.main"
+    heavy = ("torch", "av2", "viser", "trimesh", "pandas", "scipy", "matplotlib")
+    assert loaded_after(statement, *heavy) == set()
+
+
+def test_the_package_itself_loads_nothing():
+    heavy = ("numpy", "shapely", "pyarrow", "tyro", "viser", "torch", "av2")
+    assert loaded_after("import pd_editor", *heavy) == set()
+
+
+def test_public_names_are_there_and_listed():
+    for name in pd_editor.__all__:
+        assert getattr(pd_editor, name) is not None
+        assert name in dir(pd_editor)
+    assert not hasattr(pd_editor, "nothing_of_the_kind")
+
+
+def test_public_functions_stay_functions_when_modules_are_loaded():
+    statement = (
+        "import pd_editor, pd_editor.cli.main, pd_editor.viewer.viewer_app\n"
+        "for name in ('edit', 'warp', 'generate', 'export', 'replay'):\n"
+        "    assert callable(getattr(pd_editor, name)), name"
+    )
+    assert loaded_after(statement, "torch") == set()

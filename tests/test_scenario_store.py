@@ -1,0 +1,109 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.commands import DeleteAgents
+from pd_editor.editor.recipe import Recipe, replay
+from pd_editor.editor.session import EditorSession
+from pd_editor.errors import ExportError, InputError
+from pd_editor.installed_files import demo_folder, demo_names
+from pd_editor.scenario_store import (
+    check_free,
+    export_into,
+    exported_files,
+    open_scenario,
+)
+
+JUNCTION = "signalised-junction"
+
+
+def edited_session() -> EditorSession:
+    session = EditorSession(open_scenario(JUNCTION), clock=lambda: 0.0)
+    session.apply(DeleteAgents(agent_ids=session.scenario.agents.ids[-1:]))
+    return session
+
+
+@pytest.mark.parametrize("name", demo_names())
+def test_a_demo_has_a_name_that_holds_on_every_machine(name: str):
+    scenario = open_scenario(name)
+    assert scenario.scenario_id == name
+    assert scenario.provenance.source == f"demo:{name}"
+    again = open_scenario(scenario.provenance.source)
+    assert again.provenance == scenario.provenance
+    np.testing.assert_array_equal(again.agents.position_m, scenario.agents.position_m)
+
+
+def test_a_folder_remembers_its_whole_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    session = edited_session()
+    folder = export_into(tmp_path, "x", session.scenario, session.recipe())
+    monkeypatch.chdir(tmp_path)
+    for name in ("x", Path("x"), folder):
+        assert open_scenario(name).provenance.source == str(folder.resolve())
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert open_scenario("~/x").provenance.source == str(folder.resolve())
+
+
+def test_a_folder_goes_before_a_demo_of_the_same_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    session = edited_session()
+    export_into(tmp_path, JUNCTION, session.scenario, session.recipe())
+    monkeypatch.chdir(tmp_path)
+    opened = open_scenario(JUNCTION)
+    assert len(opened.agents) == len(session.base.agents) - 1
+    assert len(open_scenario(f"demo:{JUNCTION}").agents) == len(session.base.agents)
+
+
+@pytest.mark.parametrize("name", ["", "nowhere", "demo:nowhere", "~nobody/x", "a\0b"])
+def test_an_unknown_name_is_refused(name: str):
+    with pytest.raises(InputError, match="neither a scenario folder nor a demo"):
+        open_scenario(name)
+
+
+def test_exported_files_hold_a_recipe_that_leads_to_them():
+    session = edited_session()
+    files = exported_files(session.scenario, session.recipe())
+    recipe = Recipe.from_text(files["recipe.json"])
+    result = replay(recipe, open_scenario(recipe.base.source))
+    assert exported_files(result, recipe) == files
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_place_is_judged_before_as_when_it_is_written(
+    tmp_path: Path, overwrite: bool
+):
+    session = edited_session()
+    scenario, recipe = session.scenario, session.recipe()
+    demos = demo_folder(JUNCTION).parent
+    (tmp_path / "file").write_text("")
+    for name in ("mine", "strange"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "mine" / "recipe.json").write_text("{}")
+    (tmp_path / "strange" / "thesis.txt").write_text("")
+    places = [(tmp_path, name) for name in ("new", "mine", "strange", "file", "..")]
+    for out, name in [*places, (demos, JUNCTION), (demos / JUNCTION, "inside")]:
+        verdicts = []
+        for judge in (
+            lambda o, n: check_free(o, n, scenario, overwrite=overwrite),
+            lambda o, n: export_into(o, n, scenario, recipe, overwrite=overwrite),
+        ):
+            try:
+                judge(out, name)
+                verdicts.append(None)
+            except ExportError as error:
+                verdicts.append(str(error))
+        assert verdicts[0] == verdicts[1], (out, name)
+    assert (tmp_path / "strange" / "thesis.txt").exists()
+    assert not (demos / JUNCTION / "recipe.json").exists()
+
+
+def test_an_upload_has_no_folder_to_protect(tmp_path: Path):
+    session = edited_session()
+    provenance = replace(session.scenario.provenance, source="")
+    uploaded = replace(session.scenario, provenance=provenance)
+    folder = export_into(tmp_path, "x", uploaded, session.recipe())
+    assert len(list(folder.iterdir())) == 3
