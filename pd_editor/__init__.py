@@ -13,8 +13,8 @@ with the folders, the scenarios and what is to be said about them::
     pd_editor.edit("signalised-junction")  # serves until interrupted
 
 Without files: ``open_scenario`` reads a ``Scenario``, an ``EditorSession`` edits it with
-the commands of ``pd_editor.editor.commands``, its ``recipe()`` is a ``Recipe``. Whatever
-a user or a file can cause raises a ``PdEditorError``. All of this is loaded on first use.
+the classes in ``commands``, its ``recipe()`` is a ``Recipe``. Whatever a user or a file
+can cause raises a ``PdEditorError``. All of this is loaded on first use.
 """
 
 from importlib import import_module
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pd_editor.cli.outcome import Outcome
     from pd_editor.cli.replay import replay
     from pd_editor.cli.warp import warp
+    from pd_editor.editor import commands
     from pd_editor.editor.recipe import Recipe
     from pd_editor.editor.session import EditorSession
     from pd_editor.errors import PdEditorError
@@ -40,6 +41,7 @@ __all__ = [
     "PdEditorError",
     "Recipe",
     "Scenario",
+    "commands",
     "demo_names",
     "edit",
     "export",
@@ -63,10 +65,13 @@ _HOMES = {
     "replay": "pd_editor.cli.replay",
     "warp": "pd_editor.cli.warp",
 }
+_MODULES = {"commands": "pd_editor.editor.commands"}
 
 
 def __getattr__(name: str) -> Any:
     """The public name's object, imported when it is asked for."""
+    if name in _MODULES:
+        return import_module(_MODULES[name])
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)
