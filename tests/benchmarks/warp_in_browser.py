@@ -25,7 +25,8 @@ from pd_editor.viewer.desk import GESTURE_PAUSE_S
 from pd_editor.viewer.inbox import Inbox
 from pd_editor.viewer.map_view import MapView
 from pd_editor.viewer.viewer_app import ViewerApp
-from tests.benchmarks.chromium import load_in_words, opened_chromium, spread
+from tests.benchmarks.chromium import opened_chromium
+from tests.benchmarks.figures import load_in_words, spread
 from tests.benchmarks.warp_scenario import busiest_scenario, with_largest_map
 from tests.browser.editor_page import EditorPage
 
