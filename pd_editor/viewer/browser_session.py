@@ -34,6 +34,7 @@ from pd_editor.viewer.workspace import Workspace
 TIMELINE_REFRESH_S: Final = 0.25
 FUTURE_CHECK_DELAY_S: Final = 0.4
 """An edit's consequences for the future are looked at when edits pause."""
+SEND_PAUSE_S: Final = 1e-3
 
 Generators = Mapping[str, Callable[[], ScenarioGenerator]]
 
@@ -83,7 +84,7 @@ class BrowserSession:
             self._status = StatusPanel(self._desk)
             self._frame_focal()
             self._draw()
-        client.flush()
+        self._send_now()
         with client.atomic():
             self._build_panels()
             self._add_hotkeys()
@@ -166,7 +167,7 @@ class BrowserSession:
                 self._frame_focal()
             self._draw()
         # The picture goes out before the words: a slider is judged by it.
-        self._client.flush()
+        self._send_now()
         if after.scenario is not before.scenario:
             self._status.check(with_future=False)
         with self._client.atomic():
@@ -174,6 +175,11 @@ class BrowserSession:
             self._show_panels(after)
         if after.scenario is not before.scenario and not after.is_previewing:
             self._request_check()
+
+    def _send_now(self) -> None:
+        """Send what is queued; viser's thread needs the interpreter for that."""
+        self._client.flush()
+        time.sleep(SEND_PAUSE_S)
 
     def _draw(self) -> None:
         """Draw the scenario at the playhead."""
