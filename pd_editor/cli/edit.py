@@ -1,5 +1,6 @@
 """``pd-editor edit``: start the browser editor."""
 
+import contextlib
 import socket
 import sys
 from pathlib import Path
@@ -42,10 +43,8 @@ def edit(
     sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")
     sys.stdout.flush()
     # Interrupting is how a user ends it, and no failure.
-    try:
+    with contextlib.suppress(KeyboardInterrupt):
         app.run_forever()
-    except KeyboardInterrupt:
-        sys.stdout.write("Stopped.\n")
 
 
 def _check_address(host: str, port: int) -> None:

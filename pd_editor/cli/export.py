@@ -4,7 +4,8 @@ from typing import Literal
 
 from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.cli.arguments import FolderOption, ScenarioArgument, Switch
-from pd_editor.cli.outcome import Outcome, write_outcome
+from pd_editor.cli.outcome import Outcome, write_session
+from pd_editor.editor.session import EditorSession
 from pd_editor.scenario_store import open_scenario
 
 Format = Literal["av2"]
@@ -29,10 +30,9 @@ def export(
         overwrite: Replace what an earlier run wrote.
     """
     assert format == "av2"
-    opened = open_scenario(scenario)
-    folder = write_outcome(
-        out, opened.scenario_id, opened, (), opened, overwrite=overwrite
-    )
+    session = EditorSession(open_scenario(scenario))
+    opened = session.scenario
+    folder = write_session(out, opened.scenario_id, session, overwrite=overwrite)
     remarks: tuple[str, ...] = ()
     if verify:
         check_with_official_loaders(folder)

@@ -6,9 +6,10 @@ from typing import Annotated
 import tyro
 
 from pd_editor.cli.arguments import FolderOption, ScenarioArgument, Switch
-from pd_editor.cli.outcome import Outcome, write_outcome
+from pd_editor.cli.outcome import Outcome, write_session
 from pd_editor.cli.progress import run_showing_progress
 from pd_editor.editor.commands import traffic_command
+from pd_editor.editor.session import EditorSession
 from pd_editor.errors import GenerationError
 from pd_editor.generation import GenerationRequest
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
@@ -64,14 +65,15 @@ def generate(
     for name in names:
         check_free(out, name, opened, overwrite=overwrite)
     traffic = run_showing_progress(generator.generate(request))
-    commands = [traffic_command(request, traffic, index) for index in range(samples)]
-    scenarios = tuple(command.apply(opened) for command in commands)
+    sessions = [EditorSession(opened) for _ in names]
+    for index, session in enumerate(sessions):
+        session.apply(traffic_command(request, traffic, index))
     return Outcome(
         folders=tuple(
-            write_outcome(out, name, opened, (command,), result, overwrite=overwrite)
-            for name, command, result in zip(names, commands, scenarios, strict=True)
+            write_session(out, name, session, overwrite=overwrite)
+            for name, session in zip(names, sessions, strict=True)
         ),
-        scenarios=scenarios,
+        scenarios=tuple(session.scenario for session in sessions),
         remarks=(*_left_out(opened, wanted, request.agent_ids), *traffic.notes),
     )
 

@@ -1,10 +1,10 @@
 """What the commands hand back, and how they write it."""
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
-from pd_editor.editor.commands import Command
-from pd_editor.editor.recipe import BaseReference, Recipe
+from pd_editor.editor.session import EditorSession
 from pd_editor.scenario_store import export_into
 from pd_editor.scene.scenario import Scenario
 
@@ -34,21 +34,15 @@ class Outcome:
         return "\n".join([*map(str, self.folders), *self.remarks])
 
 
-def write_outcome(
-    out: str | Path,
-    name: str,
-    base: Scenario,
-    commands: tuple[Command, ...],
-    scenario: Scenario,
-    *,
-    overwrite: bool,
+def write_session(
+    out: str | Path, name: str, session: EditorSession, *, overwrite: bool
 ) -> Path:
-    """Write ``out/name``: a scenario and the commands that lead to it from its base.
+    """Write ``out/name``: a session's scenario, and the recipe that leads to it.
 
     The recipe carries no date, so equal work gives equal files.
 
     Raises:
         ExportError: the folder cannot be written, or holds something else.
     """
-    recipe = Recipe(base=BaseReference.of(base), commands=commands)
-    return export_into(out, name, scenario, recipe, overwrite=overwrite)
+    recipe = dataclasses.replace(session.recipe(), created_at="")
+    return export_into(out, name, session.scenario, recipe, overwrite=overwrite)

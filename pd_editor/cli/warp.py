@@ -6,8 +6,9 @@ from typing import Annotated
 import tyro
 
 from pd_editor.cli.arguments import FolderOption, ScenarioArgument, Switch
-from pd_editor.cli.outcome import Outcome, write_outcome
+from pd_editor.cli.outcome import Outcome, write_session
 from pd_editor.editor.commands import SetRoadWarp
+from pd_editor.editor.session import EditorSession
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.perturbation.anchor import pose_of_anchor
@@ -67,13 +68,12 @@ def warp(
         warp=RoadWarp(anchor=_anchor_pose(opened, anchor), terms=terms),
         friction_coefficient=None if friction is None else float(friction),
     )
-    warped = command.apply(opened)
-    folder = write_outcome(
-        out, opened.scenario_id, opened, (command,), warped, overwrite=overwrite
-    )
+    session = EditorSession(opened)
+    session.apply(command)
+    folder = write_session(out, opened.scenario_id, session, overwrite=overwrite)
     return Outcome(
         folders=(folder,),
-        scenarios=(warped,),
+        scenarios=(session.scenario,),
         remarks=(_figures(command, friction),),
     )
 
