@@ -1,0 +1,6 @@
+"""Running many work items: on local processes; a cluster may join behind the port."""
+
+from pd_editor.work_engine.local_processes import LocalProcesses
+from pd_editor.work_engine.work_engine import WorkEngine, WorkResult, run_items
+
+__all__ = ["LocalProcesses", "WorkEngine", "WorkResult", "run_items"]

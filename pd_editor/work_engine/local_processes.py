@@ -1,0 +1,174 @@
+"""Work items on processes of this machine."""
+
+import multiprocessing
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Final, TypeVar
+
+from pd_editor.work_engine.work_engine import WorkFailure, WorkResult, failure_of
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+
+ONE_THREAD: Final = dict.fromkeys(
+    (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "NUMEXPR_NUM_THREADS",
+    ),
+    "1",
+)
+"""Read by NumPy's libraries and by torch when they are first imported."""
+_QUEUED_PER_WORKER: Final = 2
+"""Items handed over ahead, so that no worker waits for the caller."""
+PROCESS_DIED: Final = WorkFailure(
+    error="ProcessDied",
+    message="The process that worked on it died; it may have run out of memory.",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalProcesses:
+    """A pool of fresh processes, one thread of arithmetic each."""
+
+    num_workers: int | None = None
+    """None: as many as this process may use cores."""
+
+    def __post_init__(self) -> None:
+        assert self.num_workers is None or self.num_workers >= 1
+
+    def run(
+        self,
+        function: Callable[[Item], Value],
+        items: Mapping[str, Item],
+        *,
+        on_result: Callable[[WorkResult[Value]], None],
+    ) -> None:
+        """Call ``function`` on every item; see ``WorkEngine.run``.
+
+        If a process dies (killed, out of memory), the items that were under way run
+        again one by one, so that only the one that kills its process fails.
+        """
+        left = dict(items)
+        while left:
+            suspects = self._run_together(function, left, on_result)
+            for key in suspects:
+                left.pop(key)
+            for key, item in suspects.items():
+                alone = {key: item}
+                if LocalProcesses(num_workers=1)._run_together(
+                    function, alone, on_result
+                ):
+                    on_result(WorkResult(key=key, failure=PROCESS_DIED))
+
+    def _run_together(
+        self,
+        function: Callable[[Item], Value],
+        left: dict[str, Item],
+        on_result: Callable[[WorkResult[Value]], None],
+    ) -> dict[str, Item]:
+        """Run until all is done, or a process dies: then the items under way.
+
+        Items that are done, are taken out of ``left``.
+        """
+        waiting = iter(list(left))
+        num_workers = min(self.num_workers or available_cores(), max(len(left), 1))
+        running: dict[Future[WorkResult[Value]], str] = {}
+        with _pool(num_workers) as pool:
+            while True:
+                try:
+                    while len(running) < num_workers * _QUEUED_PER_WORKER:
+                        key = next(waiting, None)
+                        if key is None:
+                            break
+                        future = pool.submit(_one_item, function, key, left[key])
+                        running[future] = key
+                    if not running:
+                        return {}
+                    finished, _ = wait(running, return_when=FIRST_COMPLETED)
+                    for future in sorted(finished, key=lambda one: running[one]):
+                        result = _result_of(future, running[future])
+                        del running[future]
+                        on_result(result)
+                        del left[result.key]
+                except BrokenProcessPool:
+                    return {key: left[key] for key in running.values() if key in left}
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def _pool(num_workers: int) -> Iterator[ProcessPoolExecutor]:
+    """A pool whose processes are gone when it is left, done or not."""
+    with _environment(ONE_THREAD):
+        pool = ProcessPoolExecutor(
+            num_workers,
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_start_worker,
+        )
+        try:
+            yield pool
+        except BaseException:
+            for process in list((pool._processes or {}).values()):
+                process.terminate()
+            raise
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Environment variables that spawned processes inherit, for a while."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _start_worker() -> None:
+    """Leave Ctrl-C to the parent, which ends its workers in order."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _one_item(
+    function: Callable[[Item], Value], key: str, item: Item
+) -> WorkResult[Value]:
+    """Runs in the worker; whatever the function raises becomes a value."""
+    start = time.perf_counter()
+    try:
+        value = function(item)
+    except Exception as error:  # noqa: BLE001  (one item must not stop the rest)
+        return WorkResult(
+            key=key, failure=failure_of(error), elapsed_s=time.perf_counter() - start
+        )
+    return WorkResult(key=key, value=value, elapsed_s=time.perf_counter() - start)
+
+
+def _result_of(future: Future[WorkResult[Value]], key: str) -> WorkResult[Value]:
+    """What a worker answered, or why the item or its value could not travel."""
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        raise
+    except Exception as error:  # noqa: BLE001  (pickling raises errors of any class)
+        return WorkResult(key=key, failure=failure_of(error))

@@ -1,0 +1,148 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pd_editor.work_engine import LocalProcesses, WorkEngine, run_items
+from tests.work_engine.work_functions import (
+    cannot_travel_back,
+    dies_on_three,
+    fails_for_the_user,
+    process_id,
+    square,
+    square_of_odd,
+    threads,
+)
+
+ROOT = Path(__file__).parents[2]
+ENGINE = LocalProcesses(num_workers=2)
+
+
+def results_of(function, numbers, **options) -> dict:
+    found = {}
+
+    def keep(result) -> None:
+        assert result.key not in found
+        found[result.key] = result
+
+    items = {str(number): number for number in numbers}
+    run_items(options.pop("engine", ENGINE), function, items, on_result=keep, **options)
+    return found
+
+
+def test_it_is_a_work_engine():
+    assert isinstance(ENGINE, WorkEngine)
+
+
+def test_every_item_gives_its_value():
+    found = results_of(square, range(20))
+    assert {key: result.value for key, result in found.items()} == {
+        str(number): number**2 for number in range(20)
+    }
+    assert all(result.failure is None for result in found.values())
+
+
+def test_no_items_need_no_process():
+    assert results_of(square, []) == {}
+
+
+def test_a_failing_item_stops_no_other():
+    found = results_of(square_of_odd, range(6))
+    assert [found[str(k)].value for k in (1, 3, 5)] == [1, 9, 25]
+    failure = found["4"].failure
+    assert (failure.error, failure.message) == ("ValueError", "4 is even")
+    assert "square_of_odd" in failure.traceback
+    assert not failure.is_users
+
+
+def test_errors_of_users_are_told_apart():
+    failure = results_of(fails_for_the_user, [0])["0"].failure
+    assert failure.is_users
+    assert failure.message == "The map has no lanes."
+
+
+def test_a_dying_process_fails_its_own_item_only():
+    found = results_of(dies_on_three, range(7))
+    assert found.pop("3").failure.error == "ProcessDied"
+    assert {key: result.value for key, result in found.items()} == {
+        str(number): number for number in (0, 1, 2, 4, 5, 6)
+    }
+
+
+def test_what_cannot_be_pickled_fails_alone():
+    found = results_of(cannot_travel_back, [0, 1])
+    assert found["0"].value == 0
+    assert "pickle" in found["1"].failure.message
+    found = {}
+    ENGINE.run(
+        lambda number: number,
+        {"local": 0},
+        on_result=lambda result: found.update({result.key: result}),
+    )
+    assert found["local"].failure is not None
+
+
+def test_work_is_spread_over_other_processes():
+    ids = {result.value for result in results_of(process_id, range(4)).values()}
+    assert len(ids) == 2
+    assert os.getpid() not in ids
+
+
+def test_workers_have_one_thread():
+    before = dict(os.environ)
+    result = results_of(threads, [0])["0"]
+    assert result.failure is None
+    assert result.value == ("1", 1)
+    assert dict(os.environ) == before
+
+
+def test_done_items_are_left_out_and_progress_counts_the_rest():
+    said = []
+    found = results_of(
+        square_of_odd, range(5), done={"0", "1", "other"}, on_progress=said.append
+    )
+    assert sorted(found) == ["2", "3", "4"]
+    assert [progress.num_done for progress in said] == [0, 1, 2, 3]
+    assert {progress.num_items for progress in said} == {3}
+    assert said[-1].num_failed == 2
+
+
+def test_an_error_of_the_caller_stops_the_run():
+    seen = []
+
+    def refuse(result) -> None:
+        seen.append(result.key)
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        run_items(ENGINE, square, {str(k): k for k in range(50)}, on_result=refuse)
+    assert len(seen) == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to a child")
+def test_an_interrupt_ends_the_workers():
+    run = subprocess.Popen(
+        [sys.executable, "-m", "tests.work_engine.interrupted_run"],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    with run:
+        assert run.stdout is not None
+        worker = int(run.stdout.readline())
+        assert run.stdout.readline() == "sleeping\n"
+        time.sleep(1.0)
+        os.killpg(run.pid, signal.SIGINT)
+        assert run.wait(20) == 130
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+    # The resource tracker of multiprocessing goes a moment after its parent.
+    with pytest.raises(ProcessLookupError):
+        for _ in range(100):
+            os.killpg(run.pid, 0)
+            time.sleep(0.1)
