@@ -8,7 +8,7 @@ from pd_editor.errors import ExportError
 from pd_editor.exporters import bundle
 from pd_editor.exporters.bundle import write_files, zip_files
 
-FILES = {"a.json": b"{}", "b.parquet": b"\x00\x01" * 500}
+FILES = {"a.json": b"{}", "b.parquet": b"\x00\x01" * 500, "recipe.json": b"{}"}
 BAD_NAMES = ("", "..", ".hidden", "a/b", "a\\b", "/abs", "a\nb", "a" * 300, "ä")
 
 
@@ -64,13 +64,17 @@ def test_a_full_folder_is_replaced_only_on_demand(tmp_path: Path) -> None:
 
 def test_a_folder_with_strange_files_is_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("precious")
+    with pytest.raises(ExportError, match="choose a new folder"):
+        write_files(FILES, tmp_path, forbidden=None, overwrite=True)
+    (tmp_path / "recipe.json").write_text("{}")
     with pytest.raises(ExportError, match=r"'thesis.txt', which is not of this export"):
         write_files(FILES, tmp_path, forbidden=None, overwrite=True)
-    assert content(tmp_path) == {"thesis.txt": b"precious"}
+    assert content(tmp_path) == {"thesis.txt": b"precious", "recipe.json": b"{}"}
 
 
 def test_a_folder_with_folders_is_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "a.json").mkdir()
+    (tmp_path / "recipe.json").write_text("{}")
     with pytest.raises(ExportError, match=r"'a\.json', which is not of this export"):
         write_files(FILES, tmp_path, forbidden=None, overwrite=True)
 
