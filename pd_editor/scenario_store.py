@@ -10,12 +10,11 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.recipe import Recipe
 from pd_editor.errors import InputError
-from pd_editor.exporters.bundle import check_place, write_files
+from pd_editor.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.installed_files import demo_folder, demo_names
 from pd_editor.scene.scenario import Scenario
 
 DEMO_PREFIX: Final = "demo:"
-RECIPE_NAME: Final = "recipe.json"
 
 
 def open_scenario(reference: str | Path) -> Scenario:

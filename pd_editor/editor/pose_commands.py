@@ -16,18 +16,12 @@ from pd_editor.editor.edit_limits import (
 )
 from pd_editor.errors import EditError
 from pd_editor.geometry.angles import wrap_angle
-from pd_editor.paths.nearest_lane import nearest_lanes
-from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.road_map import LaneKind
+from pd_editor.paths.nearest_lane import DRIVING_LANES, nearest_lanes
+from pd_editor.paths.route_choice import lane_kinds_of
 from pd_editor.scene.scenario import Scenario
 
 MAX_SNAP_M: Final = 15.0
 """Furthest that an agent may be from the centre line it is snapped to."""
-SNAP_LANES: Final[dict[AgentKind, tuple[LaneKind, ...]]] = {
-    AgentKind.CYCLIST: (LaneKind.BIKE, LaneKind.VEHICLE, LaneKind.BUS)
-}
-"""Lanes that a kind is snapped to; all others to lanes for motor traffic."""
-_MOTOR_LANES: Final = (LaneKind.VEHICLE, LaneKind.BUS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +126,7 @@ class SnapToLane(Command):
         agents, now = scenario.agents, scenario.current_step
         position, heading = agents.position_m[rows, now], agents.heading_rad[rows, now]
         target, lane_heading = np.empty_like(position), np.empty_like(heading)
-        lanes_of = [SNAP_LANES.get(agents.kinds[row], _MOTOR_LANES) for row in rows]
+        lanes_of = [lane_kinds_of(agents.kinds[row]) or DRIVING_LANES for row in rows]
         for kinds in set(lanes_of):
             some = np.array([lanes == kinds for lanes in lanes_of])
             match = nearest_lanes(

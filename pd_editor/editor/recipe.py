@@ -68,6 +68,8 @@ class Recipe:
     commands: tuple[Command, ...] = ()
     created_at: str = ""
     """Date and time, ISO 8601; may be empty."""
+    notes: tuple[str, ...] = ()
+    """What in the result was made up, in sentences; replaying makes them anew."""
 
     def to_text(self) -> str:
         """The recipe as JSON, one command per line."""
@@ -76,6 +78,7 @@ class Recipe:
             "version": RECIPE_VERSION,
             "created_at": self.created_at,
             "base": to_json(self.base),
+            "notes": list(self.notes),
         }
         lines = [json.dumps(command_to_json(command)) for command in self.commands]
         text = json.dumps(head, indent=1)[:-2]
@@ -93,7 +96,14 @@ class Recipe:
         if not isinstance(data, dict) or data.get("format") != RECIPE_FORMAT:
             raise RecipeError(f'This is not a recipe; its format is "{RECIPE_FORMAT}".')
         check_version(data.get("version"), RECIPE_VERSION, "recipe")
-        unknown = set(data) - {"format", "version", "created_at", "base", "commands"}
+        unknown = set(data) - {
+            "format",
+            "version",
+            "created_at",
+            "base",
+            "notes",
+            "commands",
+        }
         if unknown:
             raise RecipeError(f"The recipe has an unknown field {min(unknown)!r}.")
         commands = data.get("commands")
@@ -107,6 +117,9 @@ class Recipe:
             ),
             created_at=from_json(
                 str, data.get("created_at", ""), "The recipe's created_at"
+            ),
+            notes=from_json(
+                tuple[str, ...], data.get("notes", []), "The recipe's notes"
             ),
         )
 

@@ -52,6 +52,11 @@ class EditRecorder(Protocol):
         """The session is over; ``discard`` forgets what was kept."""
         ...
 
+    @property
+    def problem(self) -> str | None:
+        """Why edits are not kept at the moment; None while they are."""
+        ...
+
 
 class EditorSession:
     """An open scenario, its selection and history.
@@ -112,6 +117,11 @@ class EditorSession:
         return self._now.scenario
 
     @property
+    def _committed_scenario(self) -> Scenario:
+        start = self._gesture_start
+        return self._now.scenario if start is None else start.scenario
+
+    @property
     def selection(self) -> tuple[str, ...]:
         """Ids of the selected agents."""
         return self._now.selection
@@ -132,11 +142,26 @@ class EditorSession:
         """Whether something was taken back."""
         return self._history.position < len(self._history)
 
+    @property
+    def journal_problem(self) -> str | None:
+        """Why edits are not kept on disk at the moment; None while they are."""
+        return None if self._journal is None else self._journal.problem
+
     def open(
-        self, scenario: Scenario, base_files: Mapping[str, bytes] | None = None
+        self,
+        scenario: Scenario,
+        base_files: Mapping[str, bytes] | None = None,
+        *,
+        discard_former: bool = False,
     ) -> None:
-        """Start anew on another scenario; its edits get a journal of their own."""
+        """Start anew on another scenario; its edits get a journal of their own.
+
+        ``discard_former`` forgets the journal of what was open, its work being done.
+        """
+        self.commit_gesture()
         if self._journal is not None:
+            if discard_former:
+                self._journal.close(discard=True)
             self._journal.start(scenario, base_files)
         before = self.state
         self._base = scenario
@@ -251,10 +276,15 @@ class EditorSession:
             base=BaseReference.of(self._base),
             commands=tuple(entry.command for entry in in_force),
             created_at=moment.isoformat(timespec="seconds"),
+            notes=self._committed_scenario.provenance.notes,
         )
 
     def close(self, *, discard: bool = False) -> None:
-        """End the session; ``discard`` also forgets its journal."""
+        """End the session, a gesture under way included.
+
+        ``discard`` also forgets its journal.
+        """
+        self.commit_gesture()
         if self._journal is not None:
             self._journal.close(discard=discard)
             self._journal = None

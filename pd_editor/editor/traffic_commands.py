@@ -92,7 +92,10 @@ class ReplaceTraffic(Command):
             )
         if not sample.ids:
             return scenario
-        note = f"Motion of {agents_in_words(sample.ids)} was drawn by {self.generator}."
+        note = (
+            f"Motion of {agents_in_words(sample.ids)} was drawn by {self.generator},"
+            f" seed {self.seed}."
+        )
         old = np.array([name in there for name in sample.ids])
         agents = scenario.agents
         if (~old).any():

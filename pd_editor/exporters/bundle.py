@@ -12,6 +12,8 @@ from typing import Final
 
 from pd_editor.errors import ExportError
 
+RECIPE_NAME: Final = "recipe.json"
+"""The file that every export of ours holds."""
 _ZIP_TIME: Final = (1980, 1, 1, 0, 0, 0)
 _FILE_MODE: Final = 0o644 << 16
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
@@ -43,7 +45,8 @@ def write_files(
 ) -> None:
     """Write the files as the folder ``out``: all of them, or nothing.
 
-    ``overwrite`` replaces a folder that holds nothing but files of the same names.
+    ``overwrite`` replaces a folder that holds just the files of an earlier export:
+    the same names, the recipe among them. A dataset's own folder has no recipe.
     ``forbidden`` is the folder that was read, which is never written to.
 
     Raises:
@@ -110,6 +113,11 @@ def _check_target(
         raise ExportError(
             f"{target}: already holds files; choose a new folder, or ask to overwrite "
             "it."
+        )
+    if RECIPE_NAME not in present:
+        raise ExportError(
+            f"{target}: was not written by the editor (it holds no {RECIPE_NAME}); "
+            "choose a new folder."
         )
     strange = [name for name in present if name not in names]
     if strange or any((target / name).is_dir() for name in present):

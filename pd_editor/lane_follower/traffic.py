@@ -21,6 +21,7 @@ from pd_editor.lane_follower.crossings import (
 from pd_editor.lane_follower.intentions import Drivers, Intentions
 from pd_editor.paths.driving_paths import SPACING_M, velocity_of
 from pd_editor.paths.speed_profiles import MAX_BRAKING_MPS2, RESPONSE_S
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
@@ -56,18 +57,24 @@ class Traffic:
 
 
 def kept_traffic(scenario: Scenario, is_asked: Bool[np.ndarray, "A"]) -> Traffic:
-    """Agents with their given futures; the asked ones at constant velocity."""
+    """Agents with their given futures; the asked ones at constant velocity.
+
+    Agents that are there now but have no future at all, as in the test split, go on
+    at constant velocity too; things stay where they are.
+    """
     agents, step = scenario.agents, scenario.current_step
     position = agents.position_m[:, step:].copy()
     heading = agents.heading_rad[:, step:].copy()
     velocity = agents.velocity_mps[:, step:].copy()
     exists = agents.is_valid[:, step:].copy()
     time_s = scenario.time_axis.times_s()[step:]
-    now = velocity[is_asked, :1]
-    position[is_asked] = position[is_asked, :1] + time_s[:, None] * now
-    velocity[is_asked] = now
-    heading[is_asked] = heading[is_asked, :1]
-    exists[is_asked] = True
+    goes_on = is_asked | (exists[:, 0] & ~exists[:, 1:].any(axis=1))
+    is_thing = ~agents.kind_mask(ROAD_USER_KINDS)
+    now = np.where(is_thing[goes_on, None, None], 0.0, velocity[goes_on, :1])
+    position[goes_on] = position[goes_on, :1] + time_s[:, None] * now
+    velocity[goes_on] = now
+    heading[goes_on] = heading[goes_on, :1]
+    exists[goes_on] = True
     return Traffic(
         position_m=position,
         heading_rad=heading,

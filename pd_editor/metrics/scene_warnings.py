@@ -5,23 +5,20 @@ Left out, because recordings are full of them and nobody can mend them:
 - overlaps without a road user (cones, bins, signs), of pedestrians with each other
   (they walk in groups), and of people with a bicycle that they push;
 - later overlaps of agents that both stand: they merely come into view;
-- pedestrians and things anywhere, and agents beyond the edge of the mapped region.
+- pedestrians and things anywhere.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
-import shapely
 from jaxtyping import Bool, Int
 
 from pd_editor.metrics.collision import first_overlap
-from pd_editor.metrics.off_road import drivable_ground, off_road
+from pd_editor.metrics.off_road import off_road
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
 WarningKind = Literal["overlap", "off-road", "future-overlap", "future-off-road"]
@@ -76,14 +73,26 @@ def scene_warnings(
 
 
 def without_known(
-    warnings: Iterable[SceneWarning], known: Iterable[SceneWarning]
+    warnings: Iterable[SceneWarning],
+    known: Iterable[SceneWarning],
+    untouched: Collection[str],
 ) -> tuple[SceneWarning, ...]:
-    """Only warnings that another list lacks, whatever their step.
+    """Only warnings that edits caused.
 
-    With the warnings of a recording as ``known``, only what edits caused is left.
+    Args:
+        warnings: what is wrong now.
+        known: what was wrong in the recording.
+        untouched: agents that move as in the recording; a known warning is left out
+            as long as all agents it names are among them.
     """
     seen = {(warning.kind, warning.agent_ids) for warning in known}
-    return tuple(w for w in warnings if (w.kind, w.agent_ids) not in seen)
+    there = set(untouched)
+    return tuple(
+        warning
+        for warning in warnings
+        if (warning.kind, warning.agent_ids) not in seen
+        or not there.issuperset(warning.agent_ids)
+    )
 
 
 def _overlaps(
@@ -115,7 +124,6 @@ def _off_road(
 ) -> list[SceneWarning]:
     agents = scenario.agents
     outside = off_road(scenario, steps).center
-    outside[outside] = _in_mapped_region(scenario, outside, steps)
     found = []
     for row in np.flatnonzero(outside.any(axis=1)).tolist():
         step = int(steps[outside[row].argmax()])
@@ -133,26 +141,6 @@ def _off_road(
             )
         )
     return found
-
-
-@lru_cache(maxsize=16)
-def _mapped_region(road_map: RoadMap) -> shapely.Geometry:
-    """Convex hull of the drivable area; maps are cut off somewhere around it."""
-    region = shapely.convex_hull(drivable_ground(road_map))
-    shapely.prepare(region)
-    return region
-
-
-def _in_mapped_region(
-    scenario: Scenario, which: Bool[np.ndarray, "A S"], steps: Int[np.ndarray, "S"]
-) -> Bool[np.ndarray, "N"]:
-    """Whether agents at steps, those marked true in ``which``, are on the map."""
-    row, at = np.nonzero(which)
-    position = scenario.agents.position_m[row, steps[at]]
-    if scenario.applied_warp is not None:
-        position = scenario.applied_warp.warp.undo(position)
-    region = _mapped_region(scenario.original_road_map)
-    return shapely.contains_xy(region, position[:, 0], position[:, 1])
 
 
 def _moves(agents: AgentTracks, steps: Int[np.ndarray, "S"]) -> Bool[np.ndarray, "A"]:

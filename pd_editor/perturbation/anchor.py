@@ -2,6 +2,7 @@
 
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.perturbation.warp_scenario import unwarped
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
@@ -11,10 +12,9 @@ def pose_on_original_road(scenario: Scenario, agent_id: str) -> RigidMotion:
     Raises:
         EditError: there is no such agent, or not at the current step.
     """
-    applied, step = scenario.applied_warp, scenario.current_step
-    agents = scenario.agents
-    if applied is not None and agent_id in applied.original_agents.row_of:
-        agents = applied.original_agents
+    step = scenario.current_step
+    scenario.agents.rows([agent_id])
+    _, agents = unwarped(scenario)
     (row,) = agents.rows([agent_id])
     if not agents.is_valid[row, step]:
         raise EditError(f"Agent {agent_id} is not there at the current step.")

@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from pd_editor.geometry.angles import heading_of, unit_vector
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_warp import RoadWarp
@@ -14,30 +12,21 @@ def warped_agents(
 ) -> AgentTracks:
     """Agents after a warp, or before it (sign -1).
 
-    Positions are sheared, headings and velocities turned by the Jacobian; speeds
-    stay. Whatever lies behind the warp's border keeps its exact values.
+    Positions are sheared; headings and velocities follow by the Jacobian J, so a
+    velocity stays the rate of its position, and a stretched road is driven faster by
+    |J t|. Whatever lies behind the warp's border keeps its exact values.
     """
     ahead = warp.distance_ahead(agents.position_m)
     touched = agents.is_valid & (ahead > warp.border_m())
     before = agents.position_m[touched]
-    velocity_before = agents.velocity_mps[touched]
     direction = unit_vector(agents.heading_rad[touched])
 
     heading = agents.heading_rad.copy()
     heading[touched] = heading_of(warp.turn(before, direction, sign))
     velocity = agents.velocity_mps.copy()
-    velocity[touched] = _with_length_of(
-        warp.turn(before, velocity_before, sign), velocity_before
-    )
+    velocity[touched] = warp.turn(before, agents.velocity_mps[touched], sign)
     position = agents.position_m.copy()
     position[touched] = warp.apply(before) if sign > 0 else warp.undo(before)
     return replace(
         agents, position_m=position, heading_rad=heading, velocity_mps=velocity
     )
-
-
-def _with_length_of(vectors: np.ndarray, lengths_of: np.ndarray) -> np.ndarray:
-    """Vectors scaled to the lengths of others."""
-    length = np.hypot(vectors[:, 0], vectors[:, 1])
-    wanted = np.hypot(lengths_of[:, 0], lengths_of[:, 1])
-    return vectors * (wanted / np.where(length > 0, length, 1.0))[:, None]

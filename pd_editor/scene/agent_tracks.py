@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.errors import EditError
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
@@ -113,6 +113,20 @@ class AgentTracks:
             array[rows] = values
             changed[name] = array
         return replace(self, **changed)
+
+
+def same_motion(
+    one: AgentTracks, other: AgentTracks
+) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
+    """Rows in each of two sets of the agents that move exactly alike in both."""
+    known = [row for row, name in enumerate(one.ids) if name in other.row_of]
+    rows = np.array(known, int)
+    theirs = other.rows(one.ids[row] for row in known)
+    same = np.ones(len(rows), bool)
+    for name in ("position_m", "heading_rad", "velocity_mps", "is_valid"):
+        equal = getattr(one, name)[rows] == getattr(other, name)[theirs]
+        same &= equal.reshape(len(rows), -1).all(axis=1)
+    return rows[same], theirs[same]
 
 
 def empty_tracks(num_steps: int) -> AgentTracks:

@@ -14,14 +14,18 @@ def drivable_agent_ids(
 ) -> tuple[str, ...]:
     """Road users that exist at the current step, among ``wanted`` or all.
 
+    Where a scenario has no future at all, as in the test split, things are driven
+    too: they would be gone otherwise.
+
     Raises:
         EditError: a wanted id is not in the scenario.
         GenerationError: nobody is left.
     """
     agents = scenario.agents
-    drives = agents.is_valid[:, scenario.current_step] & agents.kind_mask(
-        ROAD_USER_KINDS
-    )
+    step = scenario.current_step
+    drives = agents.is_valid[:, step].copy()
+    if agents.is_valid[:, step + 1 :].any():
+        drives &= agents.kind_mask(ROAD_USER_KINDS)
     rows = np.flatnonzero(drives)
     if wanted is not None:
         chosen = agents.rows(wanted)

@@ -32,6 +32,7 @@ from pd_editor.viewer.ribbons_view import RibbonsView
 from pd_editor.viewer.workspace import Workspace
 
 TIMELINE_REFRESH_S: Final = 0.25
+SEARCH_PAUSE_S: Final = 0.02
 FUTURE_CHECK_DELAY_S: Final = 0.4
 """An edit's consequences for the future are looked at when edits pause."""
 SEND_PAUSE_S: Final = 1e-3
@@ -66,7 +67,9 @@ class BrowserSession:
         """Stop working; the workspace lives on."""
         self._inbox.close()
         if self._is_built:
+            self._drive_panel.close()
             self._workspace.session.remove_listener(self._changed)
+            self._workspace.session.commit_gesture()
 
     def _build(self) -> None:
         client, workspace = self._client, self._workspace
@@ -154,6 +157,13 @@ class BrowserSession:
         key("Previous scenario", lambda: self._dataset_panel.go(-1), "pageup")
 
     def _changed(self, before: SessionState, after: SessionState) -> None:
+        """Show a change; a fault in drawing is told, and the change stays."""
+        try:
+            self._show_change(before, after)
+        except Exception as error:  # noqa: BLE001  (the session has changed already)
+            self._report(error)
+
+    def _show_change(self, before: SessionState, after: SessionState) -> None:
         playback = self._workspace.playback
         is_other_scene = (
             before.scenario.time_axis != after.scenario.time_axis
@@ -222,7 +232,8 @@ class BrowserSession:
             with self._client.atomic():
                 self._draw_frame()
                 self._status.show()
-        if self._workspace.search_on():
+        is_searching = self._workspace.search_on()
+        if is_searching:
             self._dataset_panel.show()
         playback = self._workspace.playback
         is_due, pause_s = playback.advance()
@@ -235,7 +246,7 @@ class BrowserSession:
         elif self._drawn_step != playback.step:
             self._draw_frame()
         self._drawn_step = playback.step
-        return pause_s
+        return SEARCH_PAUSE_S if is_searching and pause_s is None else pause_s
 
     def _request_check(self) -> None:
         self._checks_future_at = time.monotonic() + FUTURE_CHECK_DELAY_S

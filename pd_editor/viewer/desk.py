@@ -1,9 +1,8 @@
 """What every panel and pointer handler of one browser tab works with."""
 
-import contextlib
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, Final, Literal
 
 import viser
@@ -114,15 +113,13 @@ class Desk:
 
     def commit_gesture(self) -> None:
         """End the gesture under way, if any, as one undo step."""
-        if self._gesture is not None:
-            self._gesture, self._gesture_deadline = None, None
-            self.session.commit_gesture()
+        self._gesture, self._gesture_deadline = None, None
+        self.session.commit_gesture()
 
     def abort_gesture(self) -> None:
         """End the gesture under way and take back what it showed."""
-        if self._gesture is not None:
-            self._gesture, self._gesture_deadline = None, None
-            self.session.abort_gesture()
+        self._gesture, self._gesture_deadline = None, None
+        self.session.abort_gesture()
 
     def tick(self) -> None:
         """Commit a gesture that has come to rest."""
@@ -151,7 +148,6 @@ class Desk:
 
     def report(self, error: Exception) -> None:
         """Show an error: as it is if the user caused it, else as a bug with a log."""
-        self.abort_gesture()
         if isinstance(error, PdEditorError):
             self.notify("That did not work", str(error), "error")
             return
@@ -161,18 +157,6 @@ class Desk:
             f"{type(error).__name__}: {error}. Your work is kept; the log has details.",
             "error",
         )
-
-    @contextlib.contextmanager
-    def busy(self, title: str) -> Iterator[None]:
-        """Show that something longer is going on."""
-        note = self.client.add_notification(
-            title, "", loading=True, with_close_button=False
-        )
-        self.client.flush()
-        try:
-            yield
-        finally:
-            note.remove()
 
 
 def set_value(handle: Any, value: Any) -> None:

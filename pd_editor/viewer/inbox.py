@@ -4,13 +4,14 @@ viser calls back on many threads, in any order. Every callback therefore only po
 message here; the session's worker alone touches the session and its views.
 """
 
-import contextlib
+import logging
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+_LOG = logging.getLogger(__name__)
 _SLOWEST_POLL_S = 0.25
 _LONGEST_MESSAGE_S = 10.0
 
@@ -54,6 +55,8 @@ class Inbox:
     def post(self, action: Callable[[], None], merge_key: str | None = None) -> None:
         """Queue an action; safe from any thread."""
         with self._changed:
+            if self._is_closed:
+                return
             last = self._messages[-1] if self._messages else None
             if merge_key is not None and last and last.merge_key == merge_key:
                 self._messages.pop()
@@ -97,5 +100,7 @@ class Inbox:
         try:
             action()
         except Exception as error:  # noqa: BLE001  (the worker must outlive any bug)
-            with contextlib.suppress(ConnectionError):
+            try:
                 self._on_error(error)
+            except Exception:  # noqa: BLE001  (likewise)
+                _LOG.exception("An error could not be shown: %s", error)

@@ -9,6 +9,7 @@ import viser
 from jaxtyping import Float
 
 from pd_editor.editor.commands import TransformAgents
+from pd_editor.errors import EditError
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.viewer.agents_view import AgentsView
@@ -207,10 +208,15 @@ class Pointer:
         if agent_id not in session.selection:
             session.select((agent_id,))
         agents = session.scenario.agents
-        rows = agents.rows(session.selection)
         step = session.scenario.current_step
+        rows = agents.rows(session.selection)
+        rows = rows[agents.is_valid[rows, step]]
+        if agents.row_of[agent_id] not in rows:
+            raise EditError(
+                f"Agent {agent_id} is not there at the current step, where edits act."
+            )
         self._grab = _Grab(
-            agent_ids=tuple(session.selection),
+            agent_ids=tuple(agents.ids[row] for row in rows),
             start_m=point,
             center_m=agents.position_m[rows, step].mean(axis=0),
             height_m=float(start[2]),

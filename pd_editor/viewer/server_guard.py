@@ -48,7 +48,9 @@ def limit_uploads(
     max_bytes: int,
     on_refused: Callable[[str, int], None],
 ) -> None:
-    """Refuse uploads that announce more than ``max_bytes`` before they are taken in.
+    """Refuse uploads of more than ``max_bytes`` before they are taken in.
+
+    What a browser announces is checked at the start, what it really sends on the way.
 
     Args:
         client: the browser.
@@ -60,6 +62,19 @@ def limit_uploads(
         client.gui._handle_file_transfer_start,
     )
 
+    states = client.gui._current_file_upload_states
+    take_part = client.gui._handle_file_transfer_part
+
+    def guarded_part(client_id: Any, message: _messages.FileTransferPart) -> None:
+        state = states.get(message.transfer_uuid)
+        if state is not None and (
+            state["transferred_bytes"] + len(message.content) > max_bytes
+        ):
+            states.pop(message.transfer_uuid)
+            on_refused(state["filename"], max_bytes + 1)
+            return
+        take_part(client_id, message)
+
     def guarded(client_id: Any, message: _messages.FileTransferStartUpload) -> None:
         if message.size_bytes > max_bytes:
             on_refused(message.filename, message.size_bytes)
@@ -68,6 +83,8 @@ def limit_uploads(
 
     connection.unregister_handler(_messages.FileTransferStartUpload, accept)
     connection.register_handler(_messages.FileTransferStartUpload, guarded)
+    connection.unregister_handler(_messages.FileTransferPart, take_part)
+    connection.register_handler(_messages.FileTransferPart, guarded_part)
 
 
 @contextlib.contextmanager

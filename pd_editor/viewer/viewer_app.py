@@ -14,7 +14,7 @@ from pd_editor.av2_io.dataset import DatasetIndex
 from pd_editor.generators import GENERATORS
 from pd_editor.scenario_store import open_scenario
 from pd_editor.viewer.browser_session import BrowserSession
-from pd_editor.viewer.server_guard import guarded_server
+from pd_editor.viewer.server_guard import LOOPBACK_HOSTS, guarded_server
 from pd_editor.viewer.workspace import Workspace
 
 _LOG = logging.getLogger(__name__)
@@ -52,6 +52,7 @@ class ViewerApp:
         self._journals = (library or default_library()) / "journals"
         self._workspaces: dict[str, Workspace] = {}
         self._tabs: dict[int, tuple[str, BrowserSession]] = {}
+        self._is_local = host in LOOPBACK_HOSTS
         self._lock = threading.Lock()
         self.server = guarded_server(host, port)
         shown_host = "localhost" if host in ("0.0.0.0", "::") else host
@@ -97,10 +98,15 @@ class ViewerApp:
             if not free:
                 self._forget_old(in_use)
                 self._workspaces[key] = Workspace(
-                    self._scenario, dataset=self._dataset, journals=self._journals
+                    self._scenario,
+                    dataset=self._dataset,
+                    journals=self._journals,
+                    is_local=self._is_local,
                 )
             workspace = self._workspaces[key]
             tab = BrowserSession(client, workspace, GENERATORS)
+            if client.client_id not in self.server.get_clients():
+                return
             self._tabs[client.client_id] = (key, tab)
             remembered = [k for k in known if k in self._workspaces and k != key]
         client.local_storage.set_item(STORAGE_KEY, json.dumps([key, *remembered]))
@@ -108,9 +114,12 @@ class ViewerApp:
 
     def _disconnected(self, client: viser.ClientHandle) -> None:
         with self._lock:
-            _, tab = self._tabs.pop(client.client_id, ("", None))
+            _, tab = self._tabs.get(client.client_id, ("", None))
         if tab is not None:
+            # The key stays in use until the worker has ended: one writer.
             tab.close()
+        with self._lock:
+            self._tabs.pop(client.client_id, None)
 
     def _forget_old(self, in_use: set[str]) -> None:
         idle = [key for key in self._workspaces if key not in in_use]

@@ -1,5 +1,6 @@
 """What one browser tab works on; it outlives the tab's connection."""
 
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -19,8 +20,11 @@ from pd_editor.scenario_store import export_into, exported_files, open_scenario
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.playback import Playback
 
-SEARCH_STEP: Final = 40
-"""Scenario folders looked at between two messages of the user."""
+SEARCH_STEP: Final = 4
+"""Scenario folders looked at before the clock is looked at again."""
+SEARCH_TURN_S: Final = 0.008
+"""How long a search goes on between two messages of the user or frames."""
+PROCESS_STARTED_S: Final = time.time()
 
 
 class DatasetSearch:
@@ -36,10 +40,12 @@ class DatasetSearch:
 
     def go_on(self) -> None:
         """Look at some more folders."""
-        step = self._dataset.search(self.wanted, self.num_seen, SEARCH_STEP)
-        self.cards += step.cards
-        self.num_seen = step.next_start
-        self.is_complete = step.is_complete
+        end = time.monotonic() + SEARCH_TURN_S
+        while not self.is_complete and time.monotonic() < end:
+            step = self._dataset.search(self.wanted, self.num_seen, SEARCH_STEP)
+            self.cards += step.cards
+            self.num_seen = step.next_start
+            self.is_complete = step.is_complete
 
     def cities(self) -> tuple[str, ...]:
         """Cities seen so far."""
@@ -50,9 +56,15 @@ class Workspace:
     """An editing session, its playhead, and where scenarios come from and go to."""
 
     def __init__(
-        self, scenario: Scenario, *, dataset: DatasetIndex | None, journals: Path
+        self,
+        scenario: Scenario,
+        *,
+        dataset: DatasetIndex | None,
+        journals: Path,
+        is_local: bool = True,
     ) -> None:
         """Work on a scenario; edits are journaled in the folder ``journals``."""
+        self.is_local = is_local
         self._journals = journals
         self._exported: Scenario | None = None
         self.session = EditorSession(scenario, journal=Journal(journals))
@@ -64,13 +76,25 @@ class Workspace:
         self.dataset = dataset
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 
+    def refuse_remote(self) -> None:
+        """Keep this machine's folders from browsers of other machines.
+
+        Raises:
+            InputError: the editor listens to other machines.
+        """
+        if not self.is_local:
+            raise InputError(
+                "Folders of the server's machine are closed while the editor listens "
+                "to other machines (--host); upload and download instead."
+            )
+
     def open_reference(self, reference: str) -> None:
         """Open a demo or a scenario folder.
 
         Raises:
             InputError: it cannot be read; what was open stays open.
         """
-        self.session.open(open_scenario(reference))
+        self._open(open_scenario(reference))
 
     def open_upload(self, files: Mapping[str, bytes]) -> None:
         """Open uploaded files; their bytes are kept beside the journal.
@@ -78,7 +102,18 @@ class Workspace:
         Raises:
             InputError: they cannot be read; what was open stays open.
         """
-        self.session.open(scenario_from_upload(files), base_files=files)
+        self._open(scenario_from_upload(files), files)
+
+    def _open(
+        self, scenario: Scenario, base_files: Mapping[str, bytes] | None = None
+    ) -> None:
+        self.session.commit_gesture()
+        self.session.open(scenario, base_files, discard_former=self._is_exported)
+
+    @property
+    def _is_exported(self) -> bool:
+        """Whether the scenario as it is now was exported."""
+        return self.session.scenario is self._exported
 
     def search_for(self, wanted: CardFilter) -> None:
         """Start another search through the dataset."""
@@ -109,11 +144,11 @@ class Workspace:
         """
         if self.dataset is None or self.search is None:
             raise InputError("Start the editor with --data DIR to browse a dataset.")
-        here, wanted = self.session.base.scenario_id, self.search.wanted
-        try:
+        base, wanted = self.session.base, self.search.wanted
+        if self.dataset.root.resolve() in Path(base.provenance.source).parents:
             step = self.dataset.after if direction > 0 else self.dataset.before
-            card = step(here, wanted)
-        except InputError:
+            card = step(base.scenario_id, wanted)
+        else:
             # What is open is no member of the dataset: begin at its start.
             card = next(iter(self.search.cards), None)
         if card is None:
@@ -122,6 +157,7 @@ class Workspace:
 
     def exported_zip(self) -> tuple[str, bytes]:
         """Name and bytes of a zip with the scenario and its recipe."""
+        self.session.commit_gesture()
         scenario = self.session.scenario
         files = exported_files(scenario, self.session.recipe())
         self._exported = scenario
@@ -130,6 +166,7 @@ class Workspace:
 
     def export_into(self, out: Path) -> Path:
         """Write the scenario and its recipe as a new folder in ``out``."""
+        self.session.commit_gesture()
         scenario = self.session.scenario
         folder = export_into(
             out, scenario.scenario_id, scenario, self.session.recipe(), overwrite=True
@@ -138,8 +175,15 @@ class Workspace:
         return folder
 
     def unfinished_work(self) -> list[UnfinishedWork]:
-        """What earlier runs left, the newest first."""
-        return find_unfinished(self._journals)
+        """What earlier runs of the editor left, the newest first.
+
+        What tabs of this run have let go is theirs, and is offered after a restart.
+        """
+        return [
+            work
+            for work in find_unfinished(self._journals)
+            if work.last_time < PROCESS_STARTED_S
+        ]
 
     def restore(self, work: UnfinishedWork) -> None:
         """Take up unfinished work; what was open here stays in its own journal.
@@ -149,13 +193,18 @@ class Workspace:
             RecipeError: the journal cannot be replayed.
         """
         if work.base_files:
-            base = scenario_from_upload(
-                {path.name: path.read_bytes() for path in work.base_files}
-            )
+            try:
+                files = {path.name: path.read_bytes() for path in work.base_files}
+            except OSError as error:
+                raise InputError(
+                    f"The uploaded files of {work.scenario_id} are gone."
+                ) from error
+            base = scenario_from_upload(files)
         else:
             base = open_scenario(work.base.source)
         self.session.take_over(restore(work, base))
 
     def close(self) -> None:
         """End; edits that were not exported stay in their journal to be offered."""
-        self.session.close(discard=self.session.scenario is self._exported)
+        self.session.commit_gesture()
+        self.session.close(discard=self._is_exported)

@@ -53,6 +53,7 @@ def test_the_format_is_plain_and_stays():
             "source": "demo:two-lanes",
             "content_sha256": "c0ffee",
         },
+        "notes": [],
         "commands": [
             {
                 "command": "TransformAgents",

@@ -338,7 +338,9 @@ def test_opening_starts_anew():
     assert session.scenario is session.base is other
     assert session.entries == ()
     assert not session.can_undo
-    (states,) = heard
+    # The gesture is committed first, so that its journal keeps it.
+    committed, states = heard
+    assert committed[1].num_entries == committed[0].num_entries + 1
     assert states[1].scenario is other
     assert not states[1].is_previewing
 

@@ -40,7 +40,9 @@ def test_futures_are_replaced_and_all_else_stays():
         )
     assert result.agents.is_valid[rows, NOW:].all()
     assert result.agents.ids == BASE.agents.ids
-    assert result.provenance.notes == ("Motion of 2 agents was drawn by drift.",)
+    assert result.provenance.notes == (
+        "Motion of 2 agents was drawn by drift, seed 3.",
+    )
 
 
 def test_new_agents_have_no_past_and_no_score():

@@ -69,9 +69,10 @@ def test_off_the_road_now_and_later():
     ]
 
 
-def test_nothing_is_said_about_places_beyond_the_map():
-    agents = straight_drivers([(-40, 60, 0, 0), (300, 3.5, 0, 5)])
-    assert messages(scenario_with(agents, hook_shaped_road())) == []
+@pytest.mark.parametrize("y", [8.0, 30.0, 300.0])
+def test_off_road_is_said_however_far_away(y):
+    (message,) = messages(scenario_with(straight_drivers([(0, y, 0, 0)])))
+    assert "off the road" in message
 
 
 @pytest.mark.parametrize(
@@ -107,9 +108,12 @@ def test_things_have_plain_names():
 
 def test_known_warnings_can_be_left_out():
     warnings = scene_warnings(two_agents_that_collide(), with_future=True)
-    moved = [replace(warning, step=3) for warning in warnings]
-    assert without_known(warnings, moved) == ()
-    assert without_known(warnings, []) == warnings
+    later = [replace(warning, step=3) for warning in warnings]
+    assert warnings
+    assert without_known(warnings, later, untouched=("100", "101")) == ()
+    assert without_known(warnings, [], untouched=("100", "101")) == warnings
+    # One of the two was edited: the user should hear of it again.
+    assert without_known(warnings, later, untouched=("100",)) == warnings
 
 
 @pytest.mark.real_data

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pd_editor.av2_io.write import scenario_files
-from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed
-from pd_editor.errors import EditError
+from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, SetFocalAgent
+from pd_editor.errors import EditError, GenerationError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.desk import GESTURE_PAUSE_S
@@ -175,8 +175,37 @@ def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
         time.sleep(0.05)
     assert len(labels(tab)) == 2
     assert panel._take.visible
+    # The edit changed the state it was made for: taking it would undo the edit.
+    with pytest.raises(GenerationError, match="no longer fits"):
+        tab.run(panel._take_offered)
+    assert len(labels(tab)) == 2
+
+
+def test_an_offered_result_that_still_fits_is_applied(tab):
+    panel, ids = tab.tab._drive_panel, tab.session.scenario.agents.ids
+
+    def start_and_edit() -> None:
+        panel.regenerate()
+        tab.session.apply(SetFocalAgent(agent_id=ids[1]))
+
+    tab.run(start_and_edit)
+    deadline = time.monotonic() + 20
+    while panel._job is not None and time.monotonic() < deadline:
+        time.sleep(0.05)
     tab.run(panel._take_offered)
-    assert len(labels(tab)) == 3
+    assert len(labels(tab)) == 2
+
+
+def test_a_gesture_under_way_survives_an_error_and_a_reload(app):
+    with connected_tab(app) as tab:
+        session, panel = tab.session, tab.tab._road_panel
+        panel._power["smooth-turn"].value = 3.0
+        tab.run(panel._changed)
+        with pytest.raises(EditError):
+            tab.run(tab.tab._agent_panel.snap)
+        assert session.scenario.applied_warp is not None
+    assert [entry.label for entry in session.entries] == ["Warp: smooth turn +3"]
+    assert len(session.recipe().commands) == 1
 
 
 def test_cancel_changes_nothing(tab):

@@ -73,3 +73,16 @@ def test_nothing_runs_after_close():
     inbox.post(lambda: seen.append(1))
     assert not inbox._thread.is_alive()
     assert not seen
+
+
+def test_the_worker_outlives_an_error_that_cannot_be_shown():
+    def refuse(error: Exception) -> None:
+        raise RuntimeError("no screen") from error
+
+    inbox, _ = make(on_error=refuse)
+    done = threading.Event()
+    inbox.post(lambda: 1 / 0)
+    inbox.post(done.set)
+    inbox.start()
+    assert done.wait(5)
+    inbox.close()

@@ -43,6 +43,7 @@ class DrivePanel:
         self._base: Scenario | None = None
         self._job: GenerationJob | None = None
         self._offered: tuple[Scenario, Command] | None = None
+        self._session_base = desk.session.base
         gui = desk.client.gui
         with gui.add_folder("Where could it go"):
             self._show = gui.add_button(
@@ -77,6 +78,10 @@ class DrivePanel:
     def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
         """Follow the session: a fan of an agent that changed or left is put away."""
         set_property(self._show, "disabled", len(selection) != 1)
+        if self._desk.session.base is not self._session_base:
+            self._session_base = self._desk.session.base
+            self._offered = None
+            set_property(self._take, "visible", False)
         if self._agent_id is None:
             return
         if selection != (self._agent_id,):
@@ -178,14 +183,28 @@ class DrivePanel:
         generator = self._generators[self._model.value]()
         started = time.monotonic()
         post = self._desk.post
-        self._job = GenerationJob(
+
+        def only_if_current(action: Callable[[], None]) -> Callable[[], None]:
+            return lambda: action() if self._job is job else None
+
+        job = GenerationJob(
             generator=generator,
             request=request,
-            on_progress=lambda p: post(lambda: self._progressed(p), "progress"),
-            on_done=lambda t: post(lambda: self._finished(request, t, started)),
-            on_error=lambda e: post(lambda: self._failed(e)),
+            on_progress=lambda p: post(
+                only_if_current(lambda: self._progressed(p)), "progress"
+            ),
+            on_done=lambda t: post(
+                only_if_current(lambda: self._finished(request, t, started))
+            ),
+            on_error=lambda e: post(only_if_current(lambda: self._failed(e))),
         )
-        self._job.start()
+        self._job = job
+        job.start()
+
+    def close(self) -> None:
+        """Stop what runs; nobody is there to take it."""
+        if self._job is not None:
+            self._job.cancel()
 
     def cancel(self) -> None:
         """Stop the generator within one step; nothing changes."""
@@ -196,15 +215,12 @@ class DrivePanel:
             set_property(self._status, "content", "Cancelled.")
 
     def _progressed(self, progress: GenerationProgress) -> None:
-        if self._job is not None:
-            set_value(self._progress, round(100 * progress.fraction, 1))
-            set_property(self._status, "content", progress.message)
+        set_value(self._progress, round(100 * progress.fraction, 1))
+        set_property(self._status, "content", progress.message)
 
     def _finished(
         self, request: GenerationRequest, traffic: GeneratedTraffic, started: float
     ) -> None:
-        if self._job is None:
-            return
         self._job = None
         self._set_running(False)
         command = traffic_command(request, traffic)
@@ -223,11 +239,17 @@ class DrivePanel:
         set_property(self._status, "content", status)
 
     def _take_offered(self) -> None:
-        if self._offered is not None:
-            _, command = self._offered
-            self._offered = None
-            set_property(self._take, "visible", False)
-            self._desk.apply(command)
+        if self._offered is None:
+            return
+        (made_for, command), self._offered = self._offered, None
+        set_property(self._take, "visible", False)
+        now = self._desk.session.scenario
+        if now.road_map is not made_for.road_map or not _same_states(made_for, now):
+            raise GenerationError(
+                "The road or agents have changed since that was generated, so it no "
+                "longer fits; regenerate instead."
+            )
+        self._desk.apply(command)
 
     def _failed(self, error: Exception) -> None:
         self._job = None
@@ -240,6 +262,17 @@ class DrivePanel:
         set_property(self._progress, "visible", is_running)
         set_property(self._cancel, "visible", is_running)
         set_value(self._progress, 0.0)
+
+
+def _same_states(one: Scenario, other: Scenario) -> bool:
+    """Whether the same agents stand alike at the current step."""
+    step = one.current_step
+    return one.agents.ids == other.agents.ids and all(
+        np.array_equal(
+            getattr(one.agents, name)[:, step], getattr(other.agents, name)[:, step]
+        )
+        for name in ("position_m", "heading_rad", "velocity_mps", "is_valid")
+    )
 
 
 def candidate_labels(found: CandidateSet) -> tuple[str, ...]:

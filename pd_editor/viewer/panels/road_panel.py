@@ -9,7 +9,7 @@ import viser
 from pd_editor.editor.commands import SetRoadWarp
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.perturbation.anchor import pose_on_original_road
+from pd_editor.perturbation.anchor import pose_of_anchor
 from pd_editor.perturbation.friction_limit import summarise
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,
@@ -19,7 +19,8 @@ from pd_editor.scene.road_warp import (
     WarpKind,
     WarpTerm,
 )
-from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.anchor_gizmo import AnchorGizmo
 from pd_editor.viewer.desk import Desk, set_property, set_value
 
 Anchor = Literal["Focal agent", "Ego", "Selected agent", "Pose on the map"]
@@ -85,7 +86,7 @@ class RoadPanel:
             self._friction = gui.add_slider(
                 "Friction coefficient", min=0.1, max=1.2, step=0.05, initial_value=0.7
             )
-        self._gizmo: viser.TransformControlsHandle | None = None
+        self._gizmo = AnchorGizmo(desk, self._gizmo_moved)
         self._base = desk.session.base
         self._listen(ghost, on_ghost)
 
@@ -95,7 +96,9 @@ class RoadPanel:
         for handle in [*sliders, self._border, self._exponent]:
             desk.on_change(handle, lambda _value: self._changed(), merge_key="warp")
         for handle in (self._slows, self._friction):
-            desk.on_change(handle, lambda _value: self._friction_changed())
+            desk.on_change(
+                handle, lambda _value: self._friction_changed(), merge_key="friction"
+            )
         desk.on_change(self._anchor, lambda _value: self._anchor_changed())
         desk.on_change(ghost, on_ghost)
         desk.on_click(self._reset, self.reset)
@@ -108,9 +111,7 @@ class RoadPanel:
         """Show the warp of a scenario."""
         if self._desk.gesture != "warp":
             self._show_values(scenario)
-        if self._gizmo is not None and self._desk.session.base is not self._base:
-            self._show_gizmo(pose_on_original_road(scenario, scenario.focal_id))
-        self._base = self._desk.session.base
+        self._show_gizmo(scenario)
         set_property(self._reset, "disabled", scenario.applied_warp is None)
         self._show_readout(scenario)
 
@@ -174,66 +175,59 @@ class RoadPanel:
     def _friction_changed(self) -> None:
         applied = self._desk.session.scenario.applied_warp
         if applied is not None:
-            self._desk.apply(self._command(applied.warp.anchor))
+            self._desk.preview("warp", self._command(applied.warp.anchor))
+            self._show_readout(self._desk.session.scenario)
 
     def _anchor_changed(self) -> None:
+        if self._anchor.value != "Pose on the map":
+            self._gizmo.remove()
         pose = self._anchor_pose()
-        self._show_gizmo(pose if self._anchor.value == "Pose on the map" else None)
+        if self._anchor.value == "Pose on the map":
+            self._gizmo.place(pose)
         if self._desk.session.scenario.applied_warp is not None:
             self._desk.apply(self._command(pose))
 
     def _anchor_pose(self) -> RigidMotion:
         """Pose that the warp bends ahead of, on the original road."""
         scenario, choice = self._desk.session.scenario, self._anchor.value
-        if choice == "Pose on the map" and self._gizmo is not None:
-            return _pose_of(self._gizmo)
-        selection = self._desk.session.selection
-        if choice == "Selected agent" and not selection:
-            raise EditError("Select the agent that the road should bend ahead of.")
-        if choice == "Ego" and EGO_ID not in scenario.agents.row_of:
-            raise EditError("This scenario has no ego vehicle (track id AV).")
-        agent_id = {"Ego": EGO_ID, "Selected agent": (*selection, "")[0]}.get(
-            choice, scenario.focal_id
-        )
-        return pose_on_original_road(scenario, agent_id)
-
-    def _show_gizmo(self, pose: RigidMotion | None) -> None:
-        if pose is None:
-            if self._gizmo is not None:
-                self._gizmo.remove()
-                self._gizmo = None
-            return
-        self._gizmo = self._desk.client.scene.add_transform_controls(
-            "/warp_anchor",
-            scale=6.0,
-            active_axes=(True, True, False),
-            depth_test=False,
-            position=(pose.x_m, pose.y_m, 0.3),
-            wxyz=(np.cos(pose.rotation_rad / 2), 0, 0, np.sin(pose.rotation_rad / 2)),
-        )
-
-        @self._gizmo.on_update
-        async def _(event: Any) -> None:
-            phase = event.phase
-            self._desk.post(
-                lambda: self._gizmo_moved(phase),
-                merge_key="anchor" if phase == "update" else None,
-            )
+        if choice == "Pose on the map":
+            return self._gizmo.pose or _starting_pose(scenario)
+        if choice == "Selected agent":
+            selection = self._desk.session.selection
+            if not selection:
+                raise EditError("Select the agent that the road should bend ahead of.")
+            return pose_of_anchor(scenario, selection[0])
+        return pose_of_anchor(scenario, "ego" if choice == "Ego" else "focal")
 
     def _gizmo_moved(self, phase: str) -> None:
-        if self._gizmo is None or self._desk.session.scenario.applied_warp is None:
+        pose = self._gizmo.pose
+        if pose is None or self._desk.session.scenario.applied_warp is None:
             return
-        command = self._command(_pose_of(self._gizmo))
+        command = self._command(pose)
         if command.warp is not None:
             self._desk.preview("anchor", command, has_end=True)
         if phase == "end":
             self._desk.commit_gesture()
 
+    def _show_gizmo(self, scenario: Scenario) -> None:
+        """Keep the gizmo at the anchor in force, or in the scene that was opened."""
+        is_other_base = self._desk.session.base is not self._base
+        self._base = self._desk.session.base
+        pose, applied = self._gizmo.pose, scenario.applied_warp
+        if pose is None or self._desk.gesture == "anchor":
+            return
+        if applied is not None and applied.warp.anchor != pose:
+            self._gizmo.place(applied.warp.anchor)
+        elif applied is None and is_other_base:
+            self._gizmo.place(_starting_pose(scenario))
 
-def _pose_of(gizmo: viser.TransformControlsHandle) -> RigidMotion:
-    w, _, _, z = gizmo.wxyz
-    return RigidMotion(
-        x_m=float(gizmo.position[0]),
-        y_m=float(gizmo.position[1]),
-        rotation_rad=float(2 * np.arctan2(z, w)),
-    )
+
+def _starting_pose(scenario: Scenario) -> RigidMotion:
+    """Where an anchor starts to be dragged: in force, at the focal agent, anywhere."""
+    if scenario.applied_warp is not None:
+        return scenario.applied_warp.warp.anchor
+    try:
+        return pose_of_anchor(scenario, "focal")
+    except EditError:
+        x, y = np.concatenate(scenario.road_map.polylines)[:, :2].mean(axis=0)
+        return RigidMotion(x_m=float(x), y_m=float(y), rotation_rad=0.0)

@@ -13,6 +13,7 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.desk import Desk, set_property
 from pd_editor.viewer.server_guard import limit_uploads
 
+MAX_NOTES: Final = 3
 UPLOAD_TYPES: Final = ".zip,.parquet,.json,application/zip,application/json"
 
 
@@ -70,6 +71,8 @@ class ScenarioPanel:
             f"{html.escape(scenario.city)} · {len(agents)} agents · "
             f"{len(road.lanes)} lanes" + ("" if has_future else " · no logged future"),
         ]
+        notes = scenario.provenance.notes[-MAX_NOTES:]
+        lines += [f"*{html.escape(note)}*" for note in notes]
         set_property(self._card, "content", "  \n".join(lines))
 
     def _open_demo(self) -> None:
@@ -80,6 +83,7 @@ class ScenarioPanel:
         path = str(self._folder.value).strip()
         if not path:
             raise InputError("Type the path of a scenario folder first.")
+        self._workspace.refuse_remote()
         self._desk.commit_gesture()
         self._workspace.open_reference(path)
 
@@ -120,6 +124,7 @@ class ScenarioPanel:
         path = str(self._out.value).strip()
         if not path:
             raise InputError("Type the folder to write into first.")
+        self._workspace.refuse_remote()
         self._desk.commit_gesture()
         written = self._workspace.export_into(Path(path).expanduser())
         self._desk.notify("Exported", str(written), "success")

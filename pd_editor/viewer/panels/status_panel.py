@@ -8,6 +8,7 @@ from pd_editor.metrics.scene_warnings import (
     scene_warnings,
     without_known,
 )
+from pd_editor.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.desk import Desk, set_property
 
@@ -23,6 +24,7 @@ class StatusPanel:
         self._warnings: tuple[SceneWarning, ...] = ()
         self._recorded: tuple[SceneWarning, ...] = ()
         self._base: Scenario | None = None
+        self._journal_problem: str | None = None
         gui = desk.client.gui
         self._text = gui.add_markdown("")
         self._select = gui.add_button(
@@ -40,7 +42,9 @@ class StatusPanel:
             self._base = session.base
             self._recorded = scene_warnings(session.base, with_future=True)
         found = scene_warnings(session.scenario, with_future=with_future)
-        self._warnings = without_known(found, self._recorded)
+        self._warnings = without_known(
+            found, self._recorded, untouched_agent_ids(session.scenario, session.base)
+        )
 
     def warned_now(self) -> frozenset[str]:
         """Agents with something wrong at the current step."""
@@ -53,6 +57,11 @@ class StatusPanel:
 
     def show(self) -> None:
         """Show the warnings found last."""
+        problem = self._desk.session.journal_problem
+        if problem != self._journal_problem:
+            self._journal_problem = problem
+            if problem is not None:
+                self._desk.notify("Autosave failed", problem, "error", stays=True)
         count = len(self._warnings)
         set_property(self._select, "visible", count > 0)
         if not count:
