@@ -25,50 +25,59 @@ def first_overlap(
 
     ``steps`` must rise. Pairs are sorted by row, the lower one first.
     """
-    position, heading = agents.position_m[:, steps], agents.heading_rad[:, steps]
-    is_valid = agents.is_valid[:, steps]
-    pairs = _pairs_that_meet(position, is_valid, agents.size_m)
-    pair, at = np.nonzero(is_valid[pairs[:, 0]] & is_valid[pairs[:, 1]])
-    a, b = pairs[pair, 0], pairs[pair, 1]
-    offset = position[b, at] - position[a, at]
-    near = np.einsum("nd,nd->n", offset, offset) < _reach_m(agents, a, b) ** 2
-    pair, at, a, b, offset = pair[near], at[near], a[near], b[near], offset[near]
-    touching = _boxes_touch(
-        offset, heading[a, at], heading[b, at], agents.size_m[a], agents.size_m[b]
+    position, is_valid = agents.position_m[:, steps], agents.is_valid[:, steps]
+    radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
+    pairs = pairs_that_meet(position, is_valid, radius)
+    pair, at = overlaps_of_pairs(
+        pairs, position, agents.heading_rad[:, steps], is_valid, agents.size_m
     )
-    pair, at, a, b = pair[touching], at[touching], a[touching], b[touching]
-    area = overlap_area(
-        box_corners(position[a, at], heading[a, at], agents.size_m[a]),
-        box_corners(position[b, at], heading[b, at], agents.size_m[b]),
-    )
-    pair, at = pair[area > MIN_OVERLAP_M2], at[area > MIN_OVERLAP_M2]
     found, index = np.unique(pair, return_index=True)
     return pairs[found], np.asarray(steps)[at[index]]
 
 
-def _reach_m(
-    agents: AgentTracks, a: Int[np.ndarray, "N"], b: Int[np.ndarray, "N"]
-) -> Float[np.ndarray, "N"]:
-    """Centre distance within which two boxes may touch."""
-    radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
-    return radius[a] + radius[b]
-
-
-def _pairs_that_meet(
+def pairs_that_meet(
     position_m: Float[np.ndarray, "A S 2"],
     is_valid: Bool[np.ndarray, "A S"],
-    size_m: Float[np.ndarray, "A 2"],
+    radius_m: Float[np.ndarray, "A"],
 ) -> Int[np.ndarray, "P 2"]:
-    """Pairs whose swept areas, as upright rectangles, have a common point."""
-    radius = np.hypot(size_m[:, 0], size_m[:, 1])[:, None] / 2
-    mask = is_valid[..., None]
+    """Pairs whose discs sweep upright rectangles that have a common point.
+
+    Only such pairs can come so close that their discs touch. Pairs are sorted by
+    row, the lower one first.
+    """
+    mask, radius = is_valid[..., None], radius_m[:, None]
     low = np.where(mask, position_m, np.inf).min(axis=1, initial=np.inf) - radius
     high = np.where(mask, position_m, -np.inf).max(axis=1, initial=-np.inf) + radius
     meet = (low[:, None] < high[None]).all(-1) & (low[None] < high[:, None]).all(-1)
     return np.argwhere(np.triu(meet, 1))
 
 
-def _boxes_touch(
+def overlaps_of_pairs(
+    pairs: Int[np.ndarray, "P 2"],
+    position_m: Float[np.ndarray, "A S 2"],
+    heading_rad: Float[np.ndarray, "A S"],
+    is_valid: Bool[np.ndarray, "A S"],
+    size_m: Float[np.ndarray, "A 2"],
+) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
+    """Which of the pairs overlap, at which steps; sorted by pair, then by step."""
+    pair, at = np.nonzero(is_valid[pairs[:, 0]] & is_valid[pairs[:, 1]])
+    a, b = pairs[pair, 0], pairs[pair, 1]
+    offset = position_m[b, at] - position_m[a, at]
+    radius = np.hypot(size_m[:, 0], size_m[:, 1]) / 2
+    near = np.einsum("nd,nd->n", offset, offset) < (radius[a] + radius[b]) ** 2
+    pair, at, a, b, offset = pair[near], at[near], a[near], b[near], offset[near]
+    touching = boxes_touch(
+        offset, heading_rad[a, at], heading_rad[b, at], size_m[a], size_m[b]
+    )
+    pair, at, a, b = pair[touching], at[touching], a[touching], b[touching]
+    area = overlap_area(
+        box_corners(position_m[a, at], heading_rad[a, at], size_m[a]),
+        box_corners(position_m[b, at], heading_rad[b, at], size_m[b]),
+    )
+    return pair[area > MIN_OVERLAP_M2], at[area > MIN_OVERLAP_M2]
+
+
+def boxes_touch(
     offset_m: Float[np.ndarray, "N 2"],
     heading_a_rad: Float[np.ndarray, "N"],
     heading_b_rad: Float[np.ndarray, "N"],

@@ -1,0 +1,82 @@
+"""Values of a metric, with what says where they mean something."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pd_editor.metrics.metric_table import METRICS
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MetricValues:
+    """Values per agent [A], per agent and step [A S], or several per agent [A N].
+
+    Where ``is_valid`` is false the metric says nothing and the value is 0.
+    """
+
+    name: str
+    """Key of ``METRICS``."""
+    value: Float[np.ndarray, "*shape"]
+    is_valid: Bool[np.ndarray, "*shape"]
+
+    def __post_init__(self) -> None:
+        assert self.name in METRICS, self.name
+        assert self.value.shape == self.is_valid.shape
+        assert np.isfinite(self.value).all(), self.name
+        assert not self.value[~self.is_valid].any(), self.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values."""
+        return METRICS[self.name].unit
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    def valid(self) -> Float[np.ndarray, "N"]:
+        """The values that mean something, one after the other."""
+        return self.value[self.is_valid]
+
+    def taken(self, rows: np.ndarray) -> "MetricValues":
+        """Only the agents at ``rows``: indices, or one truth value per agent."""
+        return MetricValues(
+            name=self.name, value=self.value[rows], is_valid=self.is_valid[rows]
+        )
+
+
+def measured(
+    name: str,
+    value: Float[np.ndarray, "*shape"] | Bool[np.ndarray, "*shape"],
+    is_valid: Bool[np.ndarray, "*shape"],
+) -> MetricValues:
+    """Values of a metric; what is not valid may hold anything."""
+    return MetricValues(
+        name=name,
+        value=np.where(is_valid, np.asarray(value, float), 0.0),
+        is_valid=np.asarray(is_valid, bool),
+    )
+
+
+def mean_over_steps(
+    name: str,
+    value: Float[np.ndarray, "A S"] | Bool[np.ndarray, "A S"],
+    is_valid: Bool[np.ndarray, "A S"],
+) -> MetricValues:
+    """Each agent's mean over its valid steps."""
+    count = is_valid.sum(axis=1)
+    total = np.where(is_valid, np.asarray(value, float), 0.0).sum(axis=1)
+    return measured(name, total / np.maximum(count, 1), count > 0)
+
+
+def any_step(
+    name: str, value: Bool[np.ndarray, "A S"], is_valid: Bool[np.ndarray, "A S"]
+) -> MetricValues:
+    """Whether something is so for an agent at any valid step."""
+    return measured(name, np.any(value & is_valid, axis=1), np.any(is_valid, axis=1))
+
+
+def pooled(values: Iterable[MetricValues]) -> Float[np.ndarray, "N"]:
+    """The valid values of several scenes, one after the other."""
+    return np.concatenate([np.zeros(0), *(one.valid() for one in values)])

@@ -1,0 +1,48 @@
+"""All metrics of one scene at once.
+
+What depends on the map only (lane graph, distances between lanes, map points, the
+drivable area) is kept as long as the map value lives; nothing else is.
+"""
+
+from collections.abc import Sequence
+
+from pd_editor.metrics.box_overlap import box_overlap
+from pd_editor.metrics.center_collision import actor_collision_2m, init_collision_2m
+from pd_editor.metrics.displacement import (
+    ade,
+    ade_with_state,
+    best_of_samples,
+    fde,
+    missed,
+)
+from pd_editor.metrics.lane_deviation import lane_deviation
+from pd_editor.metrics.metric_values import MetricValues
+from pd_editor.metrics.off_lane import nearest_edge, off_lane
+from pd_editor.metrics.traffic_view import TrafficView
+
+
+def agent_values(view: TrafficView) -> dict[str, MetricValues]:
+    """Every metric of one sample by its name, with a row per judged agent."""
+    overlap = box_overlap(view)
+    singles = (
+        init_collision_2m(view),
+        actor_collision_2m(view),
+        overlap.at_state(),
+        overlap.newly(),
+        overlap.new_steps(),
+        *nearest_edge(view),
+        ade_with_state(view),
+        ade(view),
+        fde(view),
+        missed(view),
+    )
+    return {
+        **{values.name: values for values in singles},
+        **off_lane(view).values(),
+        **lane_deviation(view).values(),
+    }
+
+
+def sample_values(views: Sequence[TrafficView]) -> dict[str, MetricValues]:
+    """Metrics of several samples of the same agents, with a row per agent."""
+    return best_of_samples(views)

@@ -1,0 +1,238 @@
+"""What is judged: some agents' way from the state on, and the scene around them."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.scene.agent_kind import MOVER_KINDS, ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.scenario import Scenario
+
+AgentGroup = Literal["movers", "pedestrians", "cyclists"]
+GROUP_KINDS: Final[dict[AgentGroup, frozenset[AgentKind]]] = {
+    "movers": MOVER_KINDS,
+    "pedestrians": frozenset({AgentKind.PEDESTRIAN}),
+    "cyclists": frozenset({AgentKind.CYCLIST}),
+}
+"""Rows of all tables."""
+
+
+@runtime_checkable
+class SampledTraffic(Protocol):
+    """G agents at S steps, the state first; ``generation.TrafficSample`` is one."""
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Ids of the agents."""
+        ...
+
+    @property
+    def kinds(self) -> tuple[AgentKind, ...]:
+        """Kinds of the agents."""
+        ...
+
+    @property
+    def size_m(self) -> Float[np.ndarray, "G 2"]:
+        """Length and width."""
+        ...
+
+    @property
+    def position_m(self) -> Float[np.ndarray, "G S 2"]:
+        """Box centres in the scene frame."""
+        ...
+
+    @property
+    def heading_rad(self) -> Float[np.ndarray, "G S"]:
+        """Headings."""
+        ...
+
+    @property
+    def velocity_mps(self) -> Float[np.ndarray, "G S 2"]:
+        """Velocities."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AgentStates:
+    """A agents at H steps, the state first; zero where ``is_valid`` is false."""
+
+    ids: tuple[str, ...]
+    kinds: tuple[AgentKind, ...]
+    size_m: Float[np.ndarray, "A 2"]
+    position_m: Float[np.ndarray, "A H 2"]
+    heading_rad: Float[np.ndarray, "A H"]
+    velocity_mps: Float[np.ndarray, "A H 2"]
+    is_valid: Bool[np.ndarray, "A H"]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @cached_property
+    def group(self) -> Int[np.ndarray, "A"]:
+        """Index into ``GROUP_KINDS`` of each agent; -1 for what is no road user."""
+        index = {
+            kind: row
+            for row, kinds in enumerate(GROUP_KINDS.values())
+            for kind in kinds
+        }
+        return np.array([index.get(kind, -1) for kind in self.kinds], int)
+
+    def is_in(self, group: AgentGroup) -> Bool[np.ndarray, "A"]:
+        """Whether each agent belongs to a group."""
+        return self.group == list(GROUP_KINDS).index(group)
+
+    def joined(self, other: "AgentStates") -> "AgentStates":
+        """These agents, then the others."""
+        return AgentStates(
+            ids=self.ids + other.ids,
+            kinds=self.kinds + other.kinds,
+            size_m=np.concatenate([self.size_m, other.size_m]),
+            position_m=np.concatenate([self.position_m, other.position_m]),
+            heading_rad=np.concatenate([self.heading_rad, other.heading_rad]),
+            velocity_mps=np.concatenate([self.velocity_mps, other.velocity_mps]),
+            is_valid=np.concatenate([self.is_valid, other.is_valid]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrafficView:
+    """A judged agents of one scene at H steps, the state first.
+
+    Results of metrics have one row per judged agent, in this order.
+    """
+
+    scenario: Scenario
+    """Road, time axis and, where there is one, the recorded future."""
+    agents: AgentStates
+    """Who is judged."""
+    kept: AgentStates
+    """Other road users present at the state; they can be hit but are not judged."""
+    logged: AgentStates
+    """The recording of the judged agents; not valid where there is none."""
+
+    def __post_init__(self) -> None:
+        assert self.logged.ids == self.agents.ids
+        assert self.agents.is_valid.shape == self.logged.is_valid.shape
+
+    def __len__(self) -> int:
+        return len(self.agents)
+
+    @property
+    def num_steps(self) -> int:
+        """Steps H, the state included."""
+        return self.agents.is_valid.shape[1]
+
+    @property
+    def step_s(self) -> float:
+        """Time between two steps."""
+        return self.scenario.time_axis.step_s
+
+    @cached_property
+    def everyone(self) -> AgentStates:
+        """The judged agents, then the kept ones."""
+        return self.agents.joined(self.kept)
+
+
+def recorded_traffic(
+    scenario: Scenario, agent_ids: Iterable[str] | None = None
+) -> TrafficView:
+    """The scenario's own agents from the state on.
+
+    Judged are those asked for, else every road user present at the state.
+
+    Raises:
+        EditError: an id is not in the scenario.
+    """
+    present = _road_users(scenario)
+    wanted = present if agent_ids is None else scenario.agents.rows(agent_ids)
+    num_steps = scenario.time_axis.num_steps - scenario.current_step
+    states = _states(scenario, wanted, num_steps)
+    return TrafficView(
+        scenario=scenario,
+        agents=states,
+        kept=_states(scenario, np.setdiff1d(present, wanted), num_steps),
+        logged=states,
+    )
+
+
+def generated_traffic(scenario: Scenario, sample: SampledTraffic) -> TrafficView:
+    """The agents of a sample among the scenario's others.
+
+    A scenario without a future keeps its other agents at the state only.
+    """
+    num_agents, num_steps = sample.heading_rad.shape
+    row_of = scenario.agents.row_of
+    rows = np.array([row_of.get(agent_id, -1) for agent_id in sample.ids], int)
+    return TrafficView(
+        scenario=scenario,
+        agents=AgentStates(
+            ids=sample.ids,
+            kinds=sample.kinds,
+            size_m=sample.size_m,
+            position_m=sample.position_m,
+            heading_rad=sample.heading_rad,
+            velocity_mps=sample.velocity_mps,
+            is_valid=np.ones((num_agents, num_steps), bool),
+        ),
+        kept=_states(scenario, np.setdiff1d(_road_users(scenario), rows), num_steps),
+        logged=_logged(scenario, sample, rows, num_steps),
+    )
+
+
+def _road_users(scenario: Scenario) -> Int[np.ndarray, "A"]:
+    """Rows of the road users that exist at the state."""
+    agents = scenario.agents
+    present = agents.is_valid[:, scenario.current_step]
+    return np.flatnonzero(present & agents.kind_mask(ROAD_USER_KINDS))
+
+
+def _states(
+    scenario: Scenario, rows: Int[np.ndarray, "A"], num_steps: int
+) -> AgentStates:
+    """Rows of a scenario from the state on, cut or padded to a number of steps."""
+    agents, step = scenario.agents, scenario.current_step
+
+    def window(values: np.ndarray) -> np.ndarray:
+        part = values[rows, step : step + num_steps]
+        padding = [(0, 0), (0, num_steps - part.shape[1])]
+        return np.pad(part, padding + [(0, 0)] * (part.ndim - 2))
+
+    return AgentStates(
+        ids=tuple(agents.ids[row] for row in rows),
+        kinds=tuple(agents.kinds[row] for row in rows),
+        size_m=agents.size_m[rows],
+        position_m=window(agents.position_m),
+        heading_rad=window(agents.heading_rad),
+        velocity_mps=window(agents.velocity_mps),
+        is_valid=window(agents.is_valid),
+    )
+
+
+def _logged(
+    scenario: Scenario,
+    sample: SampledTraffic,
+    rows: Int[np.ndarray, "G"],
+    num_steps: int,
+) -> AgentStates:
+    """The recording of a sample's agents; nothing for those that are new."""
+    num_agents = len(rows)
+    is_known = rows >= 0
+    known = _states(scenario, rows[is_known], num_steps)
+
+    def filled(values: np.ndarray) -> np.ndarray:
+        whole = np.zeros((num_agents, *values.shape[1:]), values.dtype)
+        whole[is_known] = values
+        return whole
+
+    return AgentStates(
+        ids=sample.ids,
+        kinds=sample.kinds,
+        size_m=sample.size_m,
+        position_m=filled(known.position_m),
+        heading_rad=filled(known.heading_rad),
+        velocity_mps=filled(known.velocity_mps),
+        is_valid=filled(known.is_valid),
+    )
