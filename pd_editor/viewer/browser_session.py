@@ -1,5 +1,6 @@
 """One browser tab: its views, panels and pointer, kept true to its workspace."""
 
+import threading
 import time
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -57,6 +58,8 @@ class BrowserSession:
         self._drawn_step = -1.0
         self._is_top_view = False
         self._is_built = False
+        self._is_closed = False
+        self._closing = threading.Lock()
 
     def start(self) -> None:
         """Build the page and begin to work."""
@@ -64,7 +67,11 @@ class BrowserSession:
         self._inbox.start()
 
     def close(self) -> None:
-        """Stop working; the workspace lives on."""
+        """Stop working; the workspace lives on. Safe to call twice, from any thread."""
+        with self._closing:
+            if self._is_closed:
+                return
+            self._is_closed = True
         self._inbox.close()
         if self._is_built:
             self._drive_panel.close()
@@ -107,8 +114,17 @@ class BrowserSession:
         client.gui.set_panel_label("Path Diffuser Editor")
         client.gui.main_panel.dock_right()
         client.gui.main_panel.set_width(372)
-        client.scene.configure_environment_map("city", environment_intensity=0.45)
+        # No environment map: the page would prepare it for seconds without a fast GPU,
+        # and keep the picture all but transparent meanwhile. Sky and ground do instead.
+        client.scene.configure_environment_map(None)
         client.scene.configure_default_lights(enabled=True, cast_shadow=False)
+        client.scene.add_light_hemisphere(
+            "/sky",
+            sky_color=(255, 255, 255),
+            ground_color=(150, 150, 150),
+            intensity=2.2,
+            wxyz=(np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0),
+        )
 
     def _build_panels(self) -> None:
         gui, desk, workspace = self._client.gui, self._desk, self._workspace

@@ -1,7 +1,7 @@
 """From ``python app.py`` to its page, and from a visit to the first picture.
 
-Needs Chromium. Run as ``python -m tests.benchmarks.startup``. Each run is a new process;
-the modules it has imported are read when the picture is there.
+Needs Chromium. Run as ``python -m tests.benchmarks.startup``. Each run is a new server
+and a new browser; what the server has imported is asked when the picture is there.
 """
 
 import contextlib
@@ -48,13 +48,15 @@ FIRST_PICTURE = """
     return count > 0;
   });
   if (!has('/map/road') || !has('/map/lanes') || !has('/agents/')) return false;
+  if (parseFloat(viewer.canvas.style.opacity || '1') < 1) return false;
   const frame = points.rendererInfo.render.frame;
   window.__mountedAt ??= frame;
   viewer.requestRender();
   return frame > window.__mountedAt && performance.now();
 }
 """
-"""Milliseconds since the navigation began, once a frame came after road and agents."""
+"""Milliseconds since the navigation began, once a frame with road and agents was drawn
+and is not faded in any more."""
 
 
 def free_port() -> int:
@@ -140,14 +142,19 @@ def one_run(browser: Browser) -> tuple[float, float, float, tuple[bool, bool]]:
 
 def main() -> None:
     """Print the times of some runs."""
-    with opened_chromium() as browser:
-        runs = [one_run(browser) for _ in range(RUNS)]
+    runs = []
+    for _ in range(RUNS):
+        with opened_chromium() as browser:
+            runs.append(one_run(browser))
     printed, served, picture, imports = zip(*runs, strict=True)
     print(f"start of the editor, {RUNS} runs, {load_in_words()}")
     print(f"  process to address line (s)          {spread(printed, 2)}")
     print(f"  process to page served (s)           {spread(served, 2)}")
     print(f"  navigation to first picture (s)      {spread(picture, 2)}")
     together = [a + b for a, b in zip(served, picture, strict=True)]
+    print(
+        f"  pictures in order (s)                {', '.join(f'{s:.2f}' for s in picture)}"
+    )
     print(f"  both together, median (s)            {statistics.median(together):.2f}")
     print(
         f"  torch imported: {any(torch for torch, _ in imports)}, "
