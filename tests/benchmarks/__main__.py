@@ -1,23 +1,61 @@
-"""Runs every benchmark, each in a process of its own."""
+"""Runs all benchmarks, one after the other: ``python -m tests.benchmarks [NAME ...]``.
 
+What a benchmark needs, PD_EDITOR_AV2 or Chromium, its docstring says; without it, it is
+skipped aloud. Each runs in a process of its own.
+"""
+
+import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
 
+from tests.benchmarks.chromium import chromium_path
 
-def main() -> int:
+FOLDER = Path(__file__).parent
+
+
+def benchmarks() -> dict[str, str]:
+    """Docstring of each module here that has a ``main``."""
+    found = {}
+    for path in sorted(FOLDER.glob("[a-z]*.py")):
+        tree = ast.parse(path.read_text())
+        names = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+        if "main" in names:
+            found[path.stem] = ast.get_docstring(tree) or ""
+    return found
+
+
+def missing(docstring: str) -> str | None:
+    """What a benchmark needs and this machine lacks."""
+    if "PD_EDITOR_AV2" in docstring and "PD_EDITOR_AV2" not in os.environ:
+        return "PD_EDITOR_AV2 is not set"
+    if "Chromium" in docstring and chromium_path() is None:
+        return "there is no Chromium"
+    return None
+
+
+def run_all() -> int:
+    """Run those named on the command line, or all; how many failed."""
+    known = benchmarks()
+    unknown = [name for name in sys.argv[1:] if name not in known]
+    if unknown:
+        print(f"No benchmark {', '.join(unknown)}; there are {', '.join(known)}.")
+        return 2
     failed = []
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        if "def main(" not in path.read_text() or path.name == "__main__.py":
+    for name in sys.argv[1:] or known:
+        lack = missing(known[name])
+        if lack:
+            print(f"== {name}: SKIPPED, {lack}", flush=True)
             continue
-        print(f"\n== {path.stem} ==", flush=True)
-        command = [sys.executable, "-m", f"tests.benchmarks.{path.stem}"]
-        if subprocess.run(command, check=False).returncode:
-            failed.append(path.stem)
+        print(f"== {name}", flush=True)
+        command = [sys.executable, "-m", f"tests.benchmarks.{name}"]
+        if subprocess.run(command, cwd=FOLDER.parents[1], check=False).returncode:
+            failed.append(name)
     if failed:
-        print(f"\nFailed: {', '.join(failed)}")
-    return 1 if failed else 0
+        print(f"== FAILED: {', '.join(failed)}")
+    return int(bool(failed))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_all())
