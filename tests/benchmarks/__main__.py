@@ -36,7 +36,7 @@ def missing(docstring: str) -> str | None:
 
 
 def run_all() -> int:
-    """Run those named on the command line, or all; how many failed."""
+    """Run those named on the command line, or all; the exit code."""
     known = benchmarks()
     unknown = [name for name in sys.argv[1:] if name not in known]
     if unknown:
