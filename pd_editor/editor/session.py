@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from pd_editor.editor.command import Command
@@ -55,6 +56,11 @@ class EditRecorder(Protocol):
     @property
     def problem(self) -> str | None:
         """Why edits are not kept at the moment; None while they are."""
+        ...
+
+    @property
+    def path(self) -> Path | None:
+        """Where edits are kept; None before the first one."""
         ...
 
 
@@ -146,6 +152,11 @@ class EditorSession:
     def journal_problem(self) -> str | None:
         """Why edits are not kept on disk at the moment; None while they are."""
         return None if self._journal is None else self._journal.problem
+
+    @property
+    def journal_path(self) -> Path | None:
+        """Where edits are kept on disk; None if they are not, or before the first."""
+        return None if self._journal is None else self._journal.path
 
     def open(
         self,

@@ -24,7 +24,8 @@ SEARCH_STEP: Final = 4
 """Scenario folders looked at before the clock is looked at again."""
 SEARCH_TURN_S: Final = 0.008
 """How long a search goes on between two messages of the user or frames."""
-PROCESS_STARTED_S: Final = time.time()
+_let_go: Final[set[Path]] = set()
+"""Journals of work that tabs of this process have left."""
 
 
 class DatasetSearch:
@@ -107,7 +108,7 @@ class Workspace:
     def _open(
         self, scenario: Scenario, base_files: Mapping[str, bytes] | None = None
     ) -> None:
-        self.session.commit_gesture()
+        self._let_go_of_journal()
         self.session.open(scenario, base_files, discard_former=self._is_exported)
 
     @property
@@ -180,10 +181,13 @@ class Workspace:
         What tabs of this run have let go is theirs, and is offered after a restart.
         """
         return [
-            work
-            for work in find_unfinished(self._journals)
-            if work.last_time < PROCESS_STARTED_S
+            work for work in find_unfinished(self._journals) if work.path not in _let_go
         ]
+
+    def _let_go_of_journal(self) -> None:
+        self.session.commit_gesture()
+        if self.session.journal_path is not None:
+            _let_go.add(self.session.journal_path)
 
     def restore(self, work: UnfinishedWork) -> None:
         """Take up unfinished work; what was open here stays in its own journal.
@@ -202,9 +206,10 @@ class Workspace:
             base = scenario_from_upload(files)
         else:
             base = open_scenario(work.base.source)
+        self._let_go_of_journal()
         self.session.take_over(restore(work, base))
 
     def close(self) -> None:
         """End; edits that were not exported stay in their journal to be offered."""
-        self.session.commit_gesture()
+        self._let_go_of_journal()
         self.session.close(discard=self._is_exported)

@@ -154,8 +154,17 @@ def test_place_duplicate_turn_and_delete(editor):
 
 def test_box_selection_in_the_top_view_and_multiple_edits(editor):
     session = editor.session
+    looked_at = editor.client.camera.update_timestamp
     editor.key("v")
-    editor.until(lambda: editor.client.camera.fov < 0.2, "the top view")
+    editor.until(
+        lambda: (
+            editor.client.camera.fov < 0.2
+            and editor.client.camera.update_timestamp > looked_at
+        ),
+        "the browser's word that it looks from above",
+    )
+    editor.settle()
+    editor.page.wait_for_timeout(300)
     center, _, _ = state_of(editor, session.scenario.focal_id)
     start = editor.pixel(center + np.array([-35.0, 25.0]))
     editor.drag_pixels(start, editor.pixel(center + np.array([35.0, -25.0])))
