@@ -8,13 +8,35 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.metrics.map_points import boxes_near
+from pd_editor.metrics.path_pieces import in_pieces, joined_pieces
 from pd_editor.paths.lane_graph import LaneGraph
 
 DEAD_END_M: Final = 100.0
 """A lane without a successor is thought to go straight on so far."""
-_NEAR_M: Final = 6.0
-"""Lanes are first looked for so far from an agent's way, then everywhere."""
+_SPARE_M: Final = 6.0
+"""How much further from lanes than at first an agent is thought to get."""
 _CHUNK: Final = 200_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pieces:
+    """The paths of agents cut into N pieces of P steps."""
+
+    agent: Int[np.ndarray, "N"]
+    position_m: Float[np.ndarray, "N P 2"]
+    is_valid: Bool[np.ndarray, "N P"]
+
+    @classmethod
+    def of(
+        cls, position_m: Float[np.ndarray, "A H 2"], is_valid: Bool[np.ndarray, "A H"]
+    ) -> "_Pieces":
+        valid = in_pieces(is_valid)
+        num_agents, num_pieces, num_steps = valid.shape
+        return cls(
+            agent=np.repeat(np.arange(num_agents), num_pieces),
+            position_m=in_pieces(position_m).reshape(-1, num_steps, 2),
+            is_valid=valid.reshape(-1, num_steps),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,19 +75,24 @@ class LaneSearch:
 
         Each agent with a valid step must have a lane.
         """
-        squared = np.full(is_valid.shape, np.inf)
-        found = np.zeros(is_valid.shape, int)
-        agent, segment = self._pairs(position_m, is_valid, lanes, _NEAR_M)
-        if len(agent):
-            near = self._squared_m2(position_m[agent], segment[:, None])
-            first = np.flatnonzero(np.diff(agent, prepend=-1))
+        num_steps = is_valid.shape[1]
+        reach = self._first_distance_m(position_m, is_valid, lanes)
+        reach += np.minimum(_excursion_m(position_m, is_valid), _SPARE_M) + 1e-6
+        pieces = _Pieces.of(position_m, is_valid)
+        squared = np.full(pieces.is_valid.shape, np.inf)
+        found = np.zeros(pieces.is_valid.shape, int)
+        piece, segment = self._pairs(pieces, lanes, reach)
+        if len(piece):
+            near = self._squared_m2(pieces.position_m[piece], segment[:, None])
+            first = np.flatnonzero(np.diff(piece, prepend=-1))
             least = np.minimum.reduceat(near, first, axis=0)
-            owner = agent[first]
-            squared[owner] = least
-            number = np.append(first[1:], len(agent)) - first
+            squared[piece[first]] = least
+            number = np.append(first[1:], len(piece)) - first
             pair, step = np.nonzero(near == np.repeat(least, number, axis=0))
-            found[agent[pair], step] = segment[pair]
-        row, step = np.nonzero(is_valid & ~(squared <= _NEAR_M**2))
+            found[piece[pair], step] = segment[pair]
+        squared = joined_pieces(squared, num_steps)
+        found = joined_pieces(found, num_steps)
+        row, step = np.nonzero(is_valid & ~(squared <= reach[:, None] ** 2))
         self._search_everywhere(position_m, lanes, row, step, squared, found)
         return np.where(is_valid, np.sqrt(np.where(is_valid, squared, 0)), 0), found
 
@@ -78,31 +105,55 @@ class LaneSearch:
         reach_m: float,
     ) -> tuple[Bool[np.ndarray, "A H"], Bool[np.ndarray, "A H"]]:
         """Whether a segment is within reach, and one within 90 degrees of the heading."""
-        below, along = np.zeros(is_valid.shape, bool), np.zeros(is_valid.shape, bool)
-        agent, segment = self._pairs(position_m, is_valid, lanes, reach_m)
-        if not len(agent):
-            return below, along
-        near = self._squared_m2(position_m[agent], segment[:, None]) <= reach_m**2
-        ux, uy = self.graph.segments.direction[segment].T[:, :, None]
-        x, y = np.cos(heading_rad), np.sin(heading_rad)
-        first = np.flatnonzero(np.diff(agent, prepend=-1))
-        owner = agent[first]
-        below[owner] = np.logical_or.reduceat(near, first, axis=0)
-        near &= x[agent] * ux + y[agent] * uy > 0
-        along[owner] = np.logical_or.reduceat(near, first, axis=0)
-        return below & is_valid, along & is_valid
+        num_steps = is_valid.shape[1]
+        pieces = _Pieces.of(position_m, is_valid)
+        below = np.zeros(pieces.is_valid.shape, bool)
+        along = np.zeros(pieces.is_valid.shape, bool)
+        piece, segment = self._pairs(pieces, lanes, np.full(len(lanes), reach_m))
+        if len(piece):
+            near = self._squared_m2(pieces.position_m[piece], segment[:, None])
+            near = near <= reach_m**2
+            first = np.flatnonzero(np.diff(piece, prepend=-1))
+            owner = piece[first]
+            below[owner] = np.logical_or.reduceat(near, first, axis=0)
+            ux, uy = self.graph.segments.direction[segment].T[:, :, None]
+            heading = in_pieces(heading_rad).reshape(pieces.is_valid.shape)
+            x, y = np.cos(heading), np.sin(heading)
+            near &= x[piece] * ux + y[piece] * uy > 0
+            along[owner] = np.logical_or.reduceat(near, first, axis=0)
+        below &= pieces.is_valid
+        along &= pieces.is_valid
+        return joined_pieces(below, num_steps), joined_pieces(along, num_steps)
 
-    def _pairs(
+    def _first_distance_m(
         self,
         position_m: Float[np.ndarray, "A H 2"],
         is_valid: Bool[np.ndarray, "A H"],
         lanes: Bool[np.ndarray, "A L"],
-        reach_m: float,
+    ) -> Float[np.ndarray, "A"]:
+        """Distance to the nearest lane at the first valid step; 0 without any."""
+        segments = self.graph.segments
+        result = np.zeros(len(position_m))
+        row = np.flatnonzero(is_valid.any(axis=1))
+        if len(row):
+            first = position_m[row, is_valid[row].argmax(axis=1)]
+            squared = self._squared_m2(first[:, None], np.arange(len(segments.lane)))
+            squared[~lanes[row][:, segments.lane]] = np.inf
+            result[row] = np.sqrt(squared.min(axis=1))
+        return result
+
+    def _pairs(
+        self,
+        pieces: "_Pieces",
+        lanes: Bool[np.ndarray, "A L"],
+        reach_m: Float[np.ndarray, "A"],
     ) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"]]:
-        """Agents and segments of their lanes within reach of all they pass."""
-        agent, segment = boxes_near(position_m, is_valid, *self.bounds_m, reach_m)
-        mine = lanes[agent, self.graph.segments.lane[segment]]
-        return agent[mine], segment[mine]
+        """Pieces and segments of their agents' lanes within reach of all they pass."""
+        piece, segment = boxes_near(
+            pieces.position_m, pieces.is_valid, *self.bounds_m, reach_m[pieces.agent]
+        )
+        mine = lanes[pieces.agent[piece], self.graph.segments.lane[segment]]
+        return piece[mine], segment[mine]
 
     def _squared_m2(
         self,
@@ -146,3 +197,14 @@ class LaneSearch:
             best = far.argmin(axis=1)
             found[some, at] = best
             squared[some, at] = far[np.arange(len(best)), best]
+
+
+def _excursion_m(
+    position_m: Float[np.ndarray, "A H 2"], is_valid: Bool[np.ndarray, "A H"]
+) -> Float[np.ndarray, "A"]:
+    """How far each agent gets from its first valid position."""
+    first = is_valid.argmax(axis=1)[:, None, None]
+    offset = position_m - np.take_along_axis(position_m, first, axis=1)
+    return np.where(is_valid, np.hypot(offset[..., 0], offset[..., 1]), 0.0).max(
+        axis=1, initial=0.0
+    )

@@ -194,7 +194,7 @@ _ALL: Final = (
         "m/s^2",
         "ours",
         "as recorded",
-        "Acceleration along the heading per step, from positions fitted over 1 s.",
+        "Acceleration along the heading per step, from positions fitted over 2 s.",
     ),
     _metric(
         "lateral_acceleration",
@@ -215,24 +215,26 @@ _ALL: Final = (
         "rad/s",
         "ours",
         "as recorded",
-        "Turning rate per step, from headings fitted over 1 s.",
+        "Turning rate per step, from headings fitted over 2 s.",
     ),
     _metric(
         "uncomfortable",
         "share",
         "ours",
         "lower",
-        "Share of steps beyond a nuPlan comfort limit: acceleration ahead -4.05..2.40 "
+        "At any step beyond a nuPlan comfort limit: acceleration ahead -4.05..2.40 "
         "m/s^2, to the side 4.89 m/s^2, jerk 8.37 m/s^3, yaw rate 0.95 rad/s.",
     ),
+    _metric("uncomfortable_steps", "share", "ours", "lower", "Share of such steps."),
     _metric(
         "impossible",
         "share",
         "ours",
         "lower",
-        "Share of steps beyond physics: acceleration over 9.81 m/s^2, or curvature over "
+        "At any step beyond physics: acceleration over 9.81 m/s^2, or curvature over "
         "0.3 1/m above 2 m/s.",
     ),
+    _metric("impossible_steps", "share", "ours", "lower", "Share of such steps."),
     _metric(
         "time_to_collision",
         "s",
@@ -252,8 +254,8 @@ _ALL: Final = (
         "s",
         "ours",
         "as recorded",
-        "Least time between one box leaving a place and another entering it; 0 if both "
-        "are there at once.",
+        "Least time between one box leaving a place and another entering it, following "
+        "included; 0 if both are there at once.",
     ),
     _metric(
         "minimum_gap",

@@ -18,7 +18,7 @@ ON_LANE_M: Final = 3.0
 """Lanes within this distance, and within 60 degrees, are an agent's initial ones."""
 MAX_TURN_RAD: Final = np.pi / 3
 SPARE_M: Final = 10.0
-"""Lanes that begin so far behind an agent's way still count as reachable."""
+"""Lanes that begin so far past the end of an agent's way still count."""
 _CYCLIST_LANES: Final = (*DRIVING_LANES, LaneKind.BIKE)
 
 
@@ -78,6 +78,8 @@ def reachable_lanes(
     heading_rad: Float[np.ndarray, "A"],
     kinds: tuple[AgentKind, ...],
     reach_m: Float[np.ndarray, "A"],
+    *,
+    spare_m: float = SPARE_M,
 ) -> Bool[np.ndarray, "A L"]:
     """Lanes that each agent can get to within a distance, initial ones included.
 
@@ -104,7 +106,7 @@ def reachable_lanes(
     ahead = distances.start_to_start_m[lane] - along[:, None]
     np.minimum.at(start_m, agent, ahead)
     start_m[agent, lane] = -np.inf
-    return usable & (start_m <= reach_m[:, None] + SPARE_M)
+    return usable & (start_m <= reach_m[:, None] + spare_m)
 
 
 def usable_lanes(

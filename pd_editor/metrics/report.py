@@ -15,15 +15,23 @@ from pd_editor.metrics.displacement import (
     fde,
     missed,
 )
+from pd_editor.metrics.diversity import diversity_values
+from pd_editor.metrics.interaction import local_density, nearest_distance
+from pd_editor.metrics.kinematics import kinematics, motion_values
 from pd_editor.metrics.lane_deviation import lane_deviation
 from pd_editor.metrics.metric_values import MetricValues
 from pd_editor.metrics.off_lane import nearest_edge, off_lane
+from pd_editor.metrics.safety import safety_values
 from pd_editor.metrics.traffic_view import TrafficView
 
 
 def agent_values(view: TrafficView) -> dict[str, MetricValues]:
-    """Every metric of one sample by its name, with a row per judged agent."""
-    overlap = box_overlap(view)
+    """Every metric of one sample by its name.
+
+    Each has a row per judged agent: [A], but [A 5] for ``local_density``, and [A H]
+    for the accelerations, ``jerk`` and ``yaw_rate``.
+    """
+    overlap, motion = box_overlap(view), kinematics(view)
     singles = (
         init_collision_2m(view),
         actor_collision_2m(view),
@@ -31,6 +39,8 @@ def agent_values(view: TrafficView) -> dict[str, MetricValues]:
         overlap.newly(),
         overlap.new_steps(),
         *nearest_edge(view),
+        nearest_distance(view),
+        local_density(view),
         ade_with_state(view),
         ade(view),
         fde(view),
@@ -40,9 +50,13 @@ def agent_values(view: TrafficView) -> dict[str, MetricValues]:
         **{values.name: values for values in singles},
         **off_lane(view).values(),
         **lane_deviation(view).values(),
+        **motion_values(view),
+        **motion.per_step(),
+        **motion.values(),
+        **safety_values(view),
     }
 
 
 def sample_values(views: Sequence[TrafficView]) -> dict[str, MetricValues]:
     """Metrics of several samples of the same agents, with a row per agent."""
-    return best_of_samples(views)
+    return {**best_of_samples(views), **diversity_values(views)}
