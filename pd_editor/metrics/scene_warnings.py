@@ -75,6 +75,8 @@ def scene_warnings(
 def without_known(
     warnings: Iterable[SceneWarning],
     known: Iterable[SceneWarning],
+    *,
+    unmoved: Collection[str],
     untouched: Collection[str],
 ) -> tuple[SceneWarning, ...]:
     """Only warnings that edits caused.
@@ -82,16 +84,20 @@ def without_known(
     Args:
         warnings: what is wrong now.
         known: what was wrong in the recording.
-        untouched: agents that move as in the recording; a known warning is left out
-            as long as all agents it names are among them.
+        unmoved: agents whose state at the current step is as in the recording. A known
+            warning about that step is left out as long as it names none but them.
+        untouched: agents whose whole motion is as in the recording; likewise for
+            known warnings about the future.
     """
     seen = {(warning.kind, warning.agent_ids) for warning in known}
-    there = set(untouched)
+    now, later = set(unmoved), set(untouched)
     return tuple(
         warning
         for warning in warnings
         if (warning.kind, warning.agent_ids) not in seen
-        or not there.issuperset(warning.agent_ids)
+        or not (later if warning.kind.startswith("future") else now).issuperset(
+            warning.agent_ids
+        )
     )
 
 

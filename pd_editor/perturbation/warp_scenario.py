@@ -48,12 +48,14 @@ def warp_scenario(
     )
 
 
-def untouched_agent_ids(scenario: Scenario, base: Scenario) -> frozenset[str]:
-    """Agents that move as in ``base``, the warp in force aside."""
+def untouched_agent_ids(
+    scenario: Scenario, base: Scenario, steps: slice = slice(None)
+) -> frozenset[str]:
+    """Agents that move as in ``base`` in ``steps``, the warp in force aside."""
     _, agents = unwarped(scenario)
     if agents is base.agents:
         return frozenset(agents.ids)
-    rows, _ = same_motion(agents, base.agents)
+    rows, _ = same_motion(agents, base.agents, steps)
     return frozenset(agents.ids[row] for row in rows)
 
 

@@ -116,15 +116,16 @@ class AgentTracks:
 
 
 def same_motion(
-    one: AgentTracks, other: AgentTracks
+    one: AgentTracks, other: AgentTracks, steps: slice = slice(None)
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
-    """Rows in each of two sets of the agents that move exactly alike in both."""
+    """Rows in each of two sets of the agents that move exactly alike in ``steps``."""
     known = [row for row, name in enumerate(one.ids) if name in other.row_of]
     rows = np.array(known, int)
     theirs = other.rows(one.ids[row] for row in known)
     same = np.ones(len(rows), bool)
     for name in ("position_m", "heading_rad", "velocity_mps", "is_valid"):
-        equal = getattr(one, name)[rows] == getattr(other, name)[theirs]
+        mine = getattr(one, name)[rows][:, steps]
+        equal = mine == getattr(other, name)[theirs][:, steps]
         same &= equal.reshape(len(rows), -1).all(axis=1)
     return rows[same], theirs[same]
 

@@ -110,10 +110,17 @@ def test_known_warnings_can_be_left_out():
     warnings = scene_warnings(two_agents_that_collide(), with_future=True)
     later = [replace(warning, step=3) for warning in warnings]
     assert warnings
-    assert without_known(warnings, later, untouched=("100", "101")) == ()
-    assert without_known(warnings, [], untouched=("100", "101")) == warnings
-    # One of the two was edited: the user should hear of it again.
-    assert without_known(warnings, later, untouched=("100",)) == warnings
+    both, one = ("100", "101"), ("100",)
+
+    def left(known, unmoved, untouched):
+        return without_known(warnings, known, unmoved=unmoved, untouched=untouched)
+
+    assert left(later, both, both) == ()
+    assert left([], both, both) == warnings
+    # One of the two has another future: the user should hear of it again.
+    assert {w.kind for w in warnings} == {"future-overlap"}
+    assert left(later, both, one) == warnings
+    assert left(later, one, both) == ()
 
 
 @pytest.mark.real_data

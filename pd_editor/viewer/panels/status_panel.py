@@ -42,8 +42,13 @@ class StatusPanel:
             self._base = session.base
             self._recorded = scene_warnings(session.base, with_future=True)
         found = scene_warnings(session.scenario, with_future=with_future)
+        scenario, base = session.scenario, session.base
+        now = scenario.current_step
         self._warnings = without_known(
-            found, self._recorded, untouched_agent_ids(session.scenario, session.base)
+            found,
+            self._recorded,
+            unmoved=untouched_agent_ids(scenario, base, slice(now, now + 1)),
+            untouched=untouched_agent_ids(scenario, base),
         )
 
     def warned_now(self) -> frozenset[str]:
