@@ -103,7 +103,28 @@ def test_from_demo_to_export(editor):
     assert same_scenario(again, session.scenario)
 
 
-def test_a_clicked_candidate_is_adopted(editor):
+def test_a_candidate_clicked_on_the_road_is_adopted(editor):
+    session, focal = editor.session, editor.session.scenario.focal_id
+    row = session.scenario.agents.row_of[focal]
+    editor.click_at(roof(editor, focal))
+    editor.open_tab("Drive")
+    editor.press("Show candidates")
+    fan = editor.until(lambda: editor._tab()._candidates.shown, "the fan")
+    agents = session.scenario.agents
+    others = agents.position_m[agents.is_valid[:, 50], 50]
+    moving = np.flatnonzero(fan.is_valid[0] & ~fan.is_standstill[0])
+    paths = fan.position_m[0, moving]
+    gap = np.linalg.norm(paths[:, :, None] - others, axis=-1).min(axis=-1)
+    path, step = np.unravel_index(gap.argmax(), gap.shape)
+    editor.click_at(paths[path, step])
+    editor.until(lambda: len(session.entries) == 1, "the adoption")
+    end = session.scenario.agents.position_m[row, -1]
+    ends = fan.position_m[0, moving, -1]
+    assert np.linalg.norm(ends - end, axis=-1).min() < 1e-3
+    assert editor._tab()._candidates.shown is None
+
+
+def test_a_candidate_chosen_in_the_list_is_adopted(editor):
     session, focal = editor.session, editor.session.scenario.focal_id
     session_row = session.scenario.agents.row_of[focal]
     editor.click_at(roof(editor, focal))
@@ -150,6 +171,44 @@ def test_place_duplicate_turn_and_delete(editor):
     editor.key("Control+z")
     editor.until(lambda: len(session.scenario.agents) == num_before + 2, "it back")
     assert len(session.selection) == 1
+
+
+def test_a_dragged_anchor_friction_and_writing_to_a_folder(editor, tmp_path):
+    session = editor.session
+    editor.open_tab("Road")
+    editor.choose("Anchor", "Pose on the map")
+    editor.fill("Smooth turn", 8)
+    editor.until(lambda: len(labels(editor)) == 1, "a warp")
+    before = session.scenario.applied_warp.warp.anchor
+    # The arrow that points ahead; it is drawn above the ground.
+    heading = before.rotation_rad
+    tip = np.array([before.x_m, before.y_m]) + 4.0 * np.array(
+        [np.cos(heading), np.sin(heading)]
+    )
+    start = editor.pixel((*tip, 0.3))
+    editor.drag_pixels(start, (start[0], start[1] - 60))
+    editor.until(lambda: len(labels(editor)) == 2, "the anchor dragged, one undo step")
+    after = session.scenario.applied_warp.warp.anchor
+    assert np.hypot(after.x_m - before.x_m, after.y_m - before.y_m) > 1.0
+
+    speeds = session.scenario.agents.speed_mps().max()
+    editor.tick("Slow agents to the friction limit")
+    editor.until(lambda: len(labels(editor)) == 3, "slower agents")
+    assert session.scenario.applied_warp.friction_coefficient == 0.7
+    assert session.scenario.agents.speed_mps().max() <= speeds + 1e-9
+    editor.screenshot("08_friction")
+
+    editor.open_tab("Scene")
+    editor.fill("Into folder", tmp_path)
+    editor.press("Write to folder")
+    written = tmp_path / "signalised-junction"
+    editor.until(lambda: (written / "recipe.json").is_file(), "the folder")
+    again = open_scenario(written)
+    assert again.agents.ids == session.scenario.agents.ids
+    recipe = Recipe.from_text((written / "recipe.json").read_bytes())
+    assert same_scenario(
+        replay(recipe, open_scenario("signalised-junction")), session.scenario
+    )
 
 
 def test_box_selection_in_the_top_view_and_multiple_edits(editor):
