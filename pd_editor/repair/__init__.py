@@ -1,0 +1,17 @@
+"""Mending scenes: onto lanes, apart, and slow enough; pure functions, no torch."""
+
+from pd_editor.repair.future_retiming import retime_futures
+from pd_editor.repair.lane_projection import project_to_lanes
+from pd_editor.repair.repair_scene import repair_scene
+from pd_editor.repair.report import RepairChange, RepairProblem, RepairReport
+from pd_editor.repair.separation import separate_overlaps
+
+__all__ = [
+    "RepairChange",
+    "RepairProblem",
+    "RepairReport",
+    "project_to_lanes",
+    "repair_scene",
+    "retime_futures",
+    "separate_overlaps",
+]

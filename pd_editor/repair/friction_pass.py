@@ -1,0 +1,82 @@
+"""Slowing futures to the friction limit of the curves that they follow."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.paths.retiming import interpolate_rows
+from pd_editor.perturbation.friction_limit import friction_limited_speed
+from pd_editor.perturbation.friction_slowdown import (
+    ACCELERATION_MPS2,
+    BRAKING_MPS2,
+    path_curvature,
+)
+from pd_editor.scene.road_warp import RoadWarp
+
+TOLERANCE: Final = 1.02
+"""Ratio of speed to limit up to which an agent is left alone."""
+_MARGIN: Final = 0.98
+"""Ratio of new speed to limit; re-timing moves the points that curvature is read at."""
+_SLOWEST_MPS: Final = 0.1
+_NO_WARP: Final = RoadWarp(
+    anchor=RigidMotion(x_m=0.0, y_m=0.0, rotation_rad=0.0), terms=()
+)
+
+
+def speed_limit(
+    curve_m: Float[np.ndarray, "G H 2"],
+    heading_rad: Float[np.ndarray, "G H"],
+    friction_coefficient: float,
+) -> Float[np.ndarray, "G H"]:
+    """Friction-limited speed at each point of curves; infinite where straight."""
+    curvature = path_curvature(curve_m, heading_rad, _NO_WARP)
+    return friction_limited_speed(curvature, friction_coefficient)
+
+
+def exceeds(
+    speed_mps: Float[np.ndarray, "G H"], limit_mps: Float[np.ndarray, "G H"]
+) -> Bool[np.ndarray, "G"]:
+    """Who is faster than its limit anywhere."""
+    return np.any(speed_mps > TOLERANCE * limit_mps, axis=1)
+
+
+def drivable_speed(
+    along_m: Float[np.ndarray, "G H"], limit_mps: Float[np.ndarray, "G H"]
+) -> Float[np.ndarray, "G H"]:
+    """The highest speed at each place from which the limits ahead can be kept.
+
+    Braking ahead of a limit and picking up speed after it are those of drivers.
+    """
+    squared = (_MARGIN * limit_mps) ** 2
+    braking, gaining = 2 * BRAKING_MPS2 * along_m, 2 * ACCELERATION_MPS2 * along_m
+    ahead = np.minimum.accumulate((squared + braking)[:, ::-1], axis=1)[:, ::-1]
+    behind = np.minimum.accumulate(squared - gaining, axis=1)
+    return np.sqrt(np.maximum(np.minimum(ahead - braking, behind + gaining), 0.0))
+
+
+def slowed_distance(
+    along_m: Float[np.ndarray, "G H"],
+    speed_mps: Float[np.ndarray, "G H"],
+    allowed_mps: Float[np.ndarray, "G H"],
+    step_s: float,
+) -> tuple[Float[np.ndarray, "G H"], Float[np.ndarray, "G H"]]:
+    """How far each agent comes by each step, and its speed there, if slowed.
+
+    Speed is seen as a function of place: where it is lowered, everything after comes
+    later. Standing times are kept.
+    """
+    slowed = np.minimum(speed_mps, allowed_mps)
+
+    def middle(values: Float[np.ndarray, "G H"]) -> Float[np.ndarray, "G H-1"]:
+        return np.maximum((values[:, 1:] + values[:, :-1]) / 2, _SLOWEST_MPS)
+
+    longer = np.maximum(1 / middle(slowed) - 1 / middle(speed_mps), 0.0)
+    delay = np.cumsum(np.diff(along_m, axis=1) * longer, axis=1)
+    steps = np.broadcast_to(np.arange(along_m.shape[1]) * step_s, along_m.shape)
+    time = steps.copy()
+    time[:, 1:] += delay
+    known = np.stack([along_m, slowed], axis=-1)
+    reached = interpolate_rows(steps, time, known)
+    return reached[..., 0], reached[..., 1]

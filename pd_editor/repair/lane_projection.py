@@ -1,0 +1,153 @@
+"""Putting agents that move beside the road back onto their lanes."""
+
+from collections.abc import Collection, Iterable
+from typing import Final
+
+import numpy as np
+
+from pd_editor.geometry.angles import wrap_angle
+from pd_editor.paths.lane_graph import LaneGraph, lane_graph
+from pd_editor.paths.retiming import STANDING_SPEED_MPS
+from pd_editor.paths.route_choice import MAX_TURN_RAD
+from pd_editor.repair.report import (
+    RepairChange,
+    RepairProblem,
+    RepairReport,
+    name_of,
+    repairable,
+    sentence,
+)
+from pd_editor.repair.sliding import (
+    lanes_of,
+    line_through,
+    poses_along,
+    slides_m,
+)
+from pd_editor.repair.states import States
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
+
+MAX_OFFSET_M: Final = 1.5
+"""A moving agent within this distance of a centre line is on its lane."""
+MAX_SHIFT_M: Final = 15.0
+"""Lanes further away than this are nobody's."""
+
+
+def project_to_lanes(
+    scenario: Scenario,
+    agent_ids: Iterable[str] | None = None,
+    *,
+    keep_ids: Collection[str] | None = None,
+    max_offset_m: float = MAX_OFFSET_M,
+    max_shift_m: float = MAX_SHIFT_M,
+) -> tuple[Scenario, RepairReport]:
+    """Moving lane followers too far from any lane that runs their way, put onto one.
+
+    They keep their speed and head along the lane; whole tracks are carried along.
+    Standing agents stay: parked ones belong beside lanes. Where the place on the lane
+    is taken, the nearest free one along it is used. Agents that would then overlap
+    more others than before stay, and are named. ``agent_ids`` None means all;
+    ``keep_ids`` None keeps the focal agent.
+
+    Raises:
+        EditError: an id is not in the scenario.
+    """
+    agents, step = scenario.agents, scenario.current_step
+    moves = agents.speed_mps()[:, step] >= STANDING_SPEED_MPS
+    rows = np.flatnonzero(repairable(scenario, agent_ids, keep_ids) & moves)
+    states, graph = States.of(scenario), lane_graph(scenario.road_map)
+    choice = lanes_of(
+        graph,
+        states.position_m[rows],
+        states.heading_rad[rows],
+        tuple(agents.kinds[row] for row in rows),
+        reach_m=max_shift_m,
+        max_turn_rad=MAX_TURN_RAD,
+    )
+    off_lane = np.flatnonzero(choice.distance_m > max_offset_m).tolist()
+    left = [index for index in off_lane if choice.lane[index] >= 0]
+    num_left = len(left) + 1
+    # A place may become free when somebody else is moved.
+    while len(left) < num_left:
+        num_left = len(left)
+        left = [
+            index
+            for index in left
+            if not _put_on_lane(
+                states,
+                int(rows[index]),
+                graph,
+                int(choice.lane[index]),
+                float(choice.along_m[index]),
+            )
+        ]
+    changes = tuple(
+        _change(states, int(rows[index]))
+        for index in off_lane
+        if choice.lane[index] >= 0 and index not in left
+    )
+    problems = tuple(
+        _problem(
+            agents,
+            int(rows[index]),
+            "there is no free place on its lane"
+            if choice.lane[index] >= 0
+            else f"no lane within {max_shift_m:g} m runs its way",
+        )
+        for index in off_lane
+        if choice.lane[index] < 0 or index in left
+    )
+    return states.carried(), RepairReport(changes=changes, problems=problems)
+
+
+def _problem(agents: AgentTracks, row: int, reason: str) -> RepairProblem:
+    return RepairProblem(
+        repair="project-to-lanes",
+        agent_ids=(agents.ids[row],),
+        message=sentence(f"{name_of(agents, row)} drives off its lane, and {reason}"),
+    )
+
+
+def _put_on_lane(
+    states: States, row: int, graph: LaneGraph, lane: int, along_m: float
+) -> bool:
+    """Move an agent to the nearest free place of its lane; False if there is none."""
+    on_lane = float(np.clip(along_m, 0.0, graph.lengths_m[lane]))
+    frames, start = line_through(graph, lane)
+    here = start + on_lane
+    position, heading, _ = poses_along(frames, np.array([here]), 0.0)
+    now = states.position_m[row][None], states.heading_rad[row][None]
+    both = states.overlaps(
+        row, np.concatenate([now[0], position]), np.append(now[1], heading)
+    )
+    num_before, num_there = both.sum(axis=1).tolist()
+    best: int | None = 0
+    if num_there > num_before or not states.is_no_worse(row, position)[0]:
+        position, heading, is_there = poses_along(frames, here + slides_m(), 0.0)
+        position, heading = position[is_there], heading[is_there]
+        best = states.first_free(row, position, heading, max_overlaps=num_before)
+    if best is None:
+        return False
+    states.position_m[row] = position[best]
+    states.heading_rad[row] = wrap_angle(heading[best])
+    return True
+
+
+def _change(states: States, row: int) -> RepairChange:
+    agents, step = states.scenario.agents, states.scenario.current_step
+    shift = float(np.hypot(*(states.position_m[row] - agents.position_m[row, step])))
+    turn = float(
+        np.degrees(wrap_angle(states.heading_rad[row] - agents.heading_rad[row, step]))
+    )
+    name = name_of(agents, row)
+    return RepairChange(
+        repair="project-to-lanes",
+        agent_id=agents.ids[row],
+        shift_m=shift,
+        turn_deg=turn,
+        slowdown_mps=0.0,
+        message=sentence(
+            f"{name} was put onto its lane, {shift:.1f} m away, and turned by "
+            f"{turn:.0f} degrees"
+        ),
+    )

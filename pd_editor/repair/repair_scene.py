@@ -1,0 +1,34 @@
+"""All repairs in order."""
+
+from collections.abc import Collection, Iterable
+
+from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.repair.future_retiming import retime_futures
+from pd_editor.repair.lane_projection import project_to_lanes
+from pd_editor.repair.report import RepairReport
+from pd_editor.repair.separation import separate_overlaps
+from pd_editor.scene.scenario import Scenario
+
+
+def repair_scene(
+    scenario: Scenario,
+    agent_ids: Iterable[str] | None = None,
+    *,
+    keep_ids: Collection[str] | None = None,
+    friction_coefficient: float = DRY_ROAD_FRICTION,
+) -> tuple[Scenario, RepairReport]:
+    """States onto lanes, then apart, then futures re-timed; see each of the three.
+
+    Raises:
+        EditError: an id is not in the scenario.
+    """
+    wanted = scenario.agents.ids if agent_ids is None else tuple(agent_ids)
+    scenario, report = project_to_lanes(scenario, wanted, keep_ids=keep_ids)
+    scenario, apart = separate_overlaps(scenario, wanted, keep_ids=keep_ids)
+    scenario, retimed = retime_futures(
+        scenario,
+        wanted,
+        keep_ids=keep_ids,
+        friction_coefficient=friction_coefficient,
+    )
+    return scenario, report.joined(apart).joined(retimed)

@@ -1,0 +1,87 @@
+"""What a repair changed, and what it could not mend; plain values only."""
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool
+
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
+
+RepairKind = Literal["project-to-lanes", "separate-overlaps", "retime-futures"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepairChange:
+    """What was done to one agent."""
+
+    repair: RepairKind
+    agent_id: str
+    shift_m: float
+    """Distance between old and new place: now, or at the end of a re-timed future."""
+    turn_deg: float
+    """Change of the current heading, counter-clockwise."""
+    slowdown_mps: float
+    """By how much the agent became slower, at most, over all steps."""
+    message: str
+    """One sentence for the user."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepairProblem:
+    """Something that was found, but could not be mended."""
+
+    repair: RepairKind
+    agent_ids: tuple[str, ...]
+    message: str
+    """One sentence for the user."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepairReport:
+    """All that was done, in the order of the agents."""
+
+    changes: tuple[RepairChange, ...] = ()
+    problems: tuple[RepairProblem, ...] = ()
+
+    def joined(self, other: "RepairReport") -> "RepairReport":
+        """This report, then another one."""
+        return RepairReport(
+            changes=self.changes + other.changes,
+            problems=self.problems + other.problems,
+        )
+
+
+def name_of(agents: AgentTracks, row: int) -> str:
+    """Kind and id for the middle of a sentence."""
+    return f"{agents.kinds[row].value.replace('_', ' ')} {agents.ids[row]}"
+
+
+def sentence(text: str) -> str:
+    """The text with a capital and a full stop."""
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def repairable(
+    scenario: Scenario,
+    agent_ids: Iterable[str] | None,
+    keep_ids: Collection[str] | None,
+) -> Bool[np.ndarray, "A"]:
+    """Lane followers that exist now, are asked for (None: all) and not kept.
+
+    Without ``keep_ids`` the focal agent is kept.
+
+    Raises:
+        EditError: an id is not in the scenario.
+    """
+    agents = scenario.agents
+    asked = np.zeros(len(agents), bool)
+    asked[agents.rows(agents.ids if agent_ids is None else agent_ids)] = True
+    if keep_ids is None:
+        keep_ids = {scenario.focal_id} & set(agents.ids)
+    asked[agents.rows(keep_ids)] = False
+    follows = agents.kind_mask(LANE_FOLLOWER_KINDS)
+    return asked & follows & agents.is_valid[:, scenario.current_step]
