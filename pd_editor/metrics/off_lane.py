@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.metrics.map_points import map_points, nearest_points, paths_within
@@ -78,18 +78,6 @@ def nearest_edge(view: TrafficView) -> tuple[MetricValues, MetricValues]:
         measured("nearest_edge", distance, is_valid),
         measured("nearest_edge_angle", angle, is_valid),
     )
-
-
-def is_in_lane(
-    view: TrafficView, points_m: Float[np.ndarray, "N 2"]
-) -> Bool[np.ndarray, "N"]:
-    """The paper's filter of agents: 2 m to a boundary or 4 m to a centre point."""
-    points = map_points(view.scenario.road_map)
-    result = np.zeros(len(points_m), bool)
-    for targets, reach in ((points.boundary_m, 2.0), (points.center_m, OFF_LANE_M)):
-        if len(targets):
-            result |= nearest_points(points_m, targets)[1] <= reach
-    return result
 
 
 def judged_steps(view: TrafficView) -> Bool[np.ndarray, "A H"]:

@@ -84,6 +84,19 @@ class AgentStates:
         """Whether each agent belongs to a group."""
         return self.group == list(GROUP_KINDS).index(group)
 
+    def taken(self, rows: np.ndarray) -> "AgentStates":
+        """Only the agents at ``rows``: indices, or one truth value per agent."""
+        index = np.arange(len(self))[rows]
+        return AgentStates(
+            ids=tuple(self.ids[row] for row in index),
+            kinds=tuple(self.kinds[row] for row in index),
+            size_m=self.size_m[index],
+            position_m=self.position_m[index],
+            heading_rad=self.heading_rad[index],
+            velocity_mps=self.velocity_mps[index],
+            is_valid=self.is_valid[index],
+        )
+
     def joined(self, other: "AgentStates") -> "AgentStates":
         """These agents, then the others."""
         return AgentStates(
@@ -134,6 +147,15 @@ class TrafficView:
     def everyone(self) -> AgentStates:
         """The judged agents, then the kept ones."""
         return self.agents.joined(self.kept)
+
+    def only(self, rows: np.ndarray) -> "TrafficView":
+        """Some of the judged agents as if nobody else were in the scene."""
+        return TrafficView(
+            scenario=self.scenario,
+            agents=self.agents.taken(rows),
+            kept=self.kept.taken(np.zeros(0, int)),
+            logged=self.logged.taken(rows),
+        )
 
 
 def recorded_traffic(
