@@ -129,16 +129,15 @@ def _put_on_lane(
     if best is None:
         return False
     states.position_m[row] = position[best]
-    states.heading_rad[row] = wrap_angle(heading[best])
+    states.heading_rad[row] = wrap_angle(heading)[best]
     return True
 
 
 def _change(states: States, row: int) -> RepairChange:
     agents, step = states.scenario.agents, states.scenario.current_step
     shift = float(np.hypot(*(states.position_m[row] - agents.position_m[row, step])))
-    turn = float(
-        np.degrees(wrap_angle(states.heading_rad[row] - agents.heading_rad[row, step]))
-    )
+    turned = wrap_angle(states.heading_rad - agents.heading_rad[:, step])
+    turn = float(np.degrees(turned[row]))
     name = name_of(agents, row)
     return RepairChange(
         repair="project-to-lanes",

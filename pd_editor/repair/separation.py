@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Int
 
+from pd_editor.geometry.angles import wrap_angle
 from pd_editor.metrics.collision import overlapping_pairs
 from pd_editor.paths.lane_graph import LaneGraph, lane_graph
 from pd_editor.paths.route_choice import MAX_TURN_RAD
@@ -108,8 +109,7 @@ def _changes(states: States) -> tuple[RepairChange, ...]:
     agents, step = states.scenario.agents, states.scenario.current_step
     offset = states.position_m - agents.position_m[:, step]
     shift = np.hypot(offset[:, 0], offset[:, 1]) * states.exists
-    turn = np.degrees(states.heading_rad - agents.heading_rad[:, step])
-    turn = (turn + 180) % 360 - 180
+    turn = np.degrees(wrap_angle(states.heading_rad - agents.heading_rad[:, step]))
     return tuple(
         RepairChange(
             repair="separate-overlaps",

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.geometry.angles import heading_of, unit_vector, wrap_angle
+from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.frenet import FrenetFrames
 from pd_editor.geometry.polyline import without_repeats
 from pd_editor.paths.lane_graph import LaneGraph
@@ -127,13 +127,14 @@ def slid_poses(
     position_m: Float[np.ndarray, "2"],
     heading_rad: float,
     slide_m: Float[np.ndarray, "K"],
-) -> tuple[Float[np.ndarray, "K 2"], Float[np.ndarray, "K"]]:
+) -> tuple[Float[np.ndarray, "M 2"], Float[np.ndarray, "M"]]:
     """Poses at distances along a lane, offset and angle to it kept.
 
-    Where the lane has ended there are none. Without a lane (-1) agents go straight.
+    Places before and past the lane's line are left out. Without a lane (-1) agents go
+    straight on.
     """
     if lane < 0:
-        direction = unit_vector(np.array(heading_rad))
+        direction = np.array([np.cos(heading_rad), np.sin(heading_rad)])
         position = position_m + slide_m[:, None] * direction
         return position, np.full(len(slide_m), heading_rad)
     frames, _ = line_through(graph, lane)
