@@ -33,7 +33,7 @@ def maximum_mean_discrepancy(
         return MeanDiscrepancy(squared=0.0, bandwidth=0.0, is_valid=False)
     within = _squared_distances(reference, reference)
     above = within[np.triu_indices(len(reference), 1)]
-    bandwidth = float(np.sqrt(np.median(above)))
+    bandwidth = float(np.median(np.sqrt(above)))
     if bandwidth == 0:
         return MeanDiscrepancy(squared=0.0, bandwidth=0.0, is_valid=False)
 

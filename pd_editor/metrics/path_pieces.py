@@ -13,8 +13,9 @@ def in_pieces(values: np.ndarray) -> np.ndarray:
     num_agents, num_steps = values.shape[:2]
     padding = [(0, 0)] * values.ndim
     padding[1] = (0, -num_steps % PIECE_STEPS)
-    padded = np.pad(values, padding)
-    return padded.reshape(num_agents, -1, PIECE_STEPS, *values.shape[2:])
+    num_pieces = -(-num_steps // PIECE_STEPS)
+    shape = (num_agents, num_pieces, PIECE_STEPS, *values.shape[2:])
+    return np.pad(values, padding).reshape(shape)
 
 
 def joined_pieces(values: np.ndarray, num_steps: int) -> np.ndarray:
