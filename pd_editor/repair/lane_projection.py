@@ -27,8 +27,11 @@ from pd_editor.repair.states import States
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
-MAX_OFFSET_M: Final = 1.5
-"""A moving agent within this distance of a centre line is on its lane."""
+MAX_OFFSET_M: Final = 2.0
+"""A moving agent within this distance of a centre line is on its lane.
+
+Half of a wide lane: whoever changes lane is nowhere further from both.
+"""
 MAX_SHIFT_M: Final = 15.0
 """Lanes further away than this are nobody's."""
 
@@ -65,26 +68,15 @@ def project_to_lanes(
         max_turn_rad=MAX_TURN_RAD,
     )
     off_lane = np.flatnonzero(choice.distance_m > max_offset_m).tolist()
-    left = [index for index in off_lane if choice.lane[index] >= 0]
-    num_left = len(left) + 1
-    # A place may become free when somebody else is moved.
-    while len(left) < num_left:
-        num_left = len(left)
-        left = [
-            index
-            for index in left
-            if not _put_on_lane(
-                states,
-                int(rows[index]),
-                graph,
-                int(choice.lane[index]),
-                float(choice.along_m[index]),
-            )
-        ]
+    left = _placed_until_stuck(
+        states,
+        graph,
+        {int(rows[i]): (int(choice.lane[i]), choice.along_m[i]) for i in off_lane},
+    )
     changes = tuple(
         _change(states, int(rows[index]))
         for index in off_lane
-        if choice.lane[index] >= 0 and index not in left
+        if rows[index] not in left
     )
     problems = tuple(
         _problem(
@@ -95,9 +87,24 @@ def project_to_lanes(
             else f"no lane within {max_shift_m:g} m runs its way",
         )
         for index in off_lane
-        if choice.lane[index] < 0 or index in left
+        if rows[index] in left
     )
     return states.carried(), RepairReport(changes=changes, problems=problems)
+
+
+def _placed_until_stuck(
+    states: States, graph: LaneGraph, place_of: dict[int, tuple[int, float]]
+) -> set[int]:
+    """Put each row at its lane and place; those that stay, lane -1 among them."""
+    left = list(place_of)
+    num_left = len(left) + 1
+    # A place may become free when somebody else is moved.
+    while len(left) < num_left:
+        num_left = len(left)
+        left = [
+            row for row in left if not _put_on_lane(states, row, graph, *place_of[row])
+        ]
+    return set(left)
 
 
 def _problem(agents: AgentTracks, row: int, reason: str) -> RepairProblem:
@@ -112,6 +119,8 @@ def _put_on_lane(
     states: States, row: int, graph: LaneGraph, lane: int, along_m: float
 ) -> bool:
     """Move an agent to the nearest free place of its lane; False if there is none."""
+    if lane < 0:
+        return False
     on_lane = float(np.clip(along_m, 0.0, graph.lengths_m[lane]))
     frames, start = line_through(graph, lane)
     here = start + on_lane

@@ -17,7 +17,7 @@ from pd_editor.work_engine.work_engine import WorkFailure, WorkResult, failure_o
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 
-ONE_THREAD: Final = dict.fromkeys(
+ONE_THREAD: Final[dict[str, str]] = dict.fromkeys(
     (
         "OMP_NUM_THREADS",
         "OPENBLAS_NUM_THREADS",

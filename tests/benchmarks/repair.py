@@ -66,7 +66,8 @@ def print_effects(scenarios: list[Scenario]) -> None:
     rough = [
         at_constant_velocity(shaken(one, seed)) for seed, one in enumerate(scenarios)
     ]
-    for name, scenes in (("recorded", scenarios), ("rough", rough)):
+    for name, given in (("recorded", scenarios), ("rough", rough)):
+        scenes = given
         for repair, count in (
             (project_to_lanes, None),
             (separate_overlaps, num_overlaps),
@@ -93,9 +94,9 @@ def print_effects(scenarios: list[Scenario]) -> None:
 
 
 def print_times(scenarios: list[Scenario]) -> None:
-    """State repairs of 64 moving agents shifted by 1.5 m, in a very crowded scene."""
+    """State repairs of 64 moving agents shifted by 2 m, in a very crowded scene."""
     busiest = max(scenarios, key=lambda one: len(movers_now(one, 0.5)))
-    scene = shaken(crowd(busiest, 64), 0, 1.5)
+    scene = shaken(crowd(busiest, 64), 0)
     on_lanes, _ = project_to_lanes(scene)
     print("\n64 agents          changed  median ms  min ms")
     cases: list[tuple[Callable, Scenario]] = [
