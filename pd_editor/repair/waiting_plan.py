@@ -1,5 +1,6 @@
 """Driving along a given path so late that nobody is run into."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -79,26 +80,29 @@ def blocked_places(path: OwnPath, others: OtherBoxes) -> Bool[np.ndarray, "H N"]
 
 def waiting_distances(
     path: OwnPath, blocked: Bool[np.ndarray, "H N"], step_s: float
-) -> list[tuple[Float[np.ndarray, "H"], Float[np.ndarray, "H"]]]:
+) -> Iterator[tuple[Float[np.ndarray, "H"], Float[np.ndarray, "H"]]]:
     """Timings (distance and speed at each step) to try, gentle braking first.
 
-    Each stays behind whatever blocks the path ahead of it. Empty where the path is
-    blocked in a way that waiting does not help.
+    Each stays behind what blocks the path ahead of it, as far as braking allows.
     """
-    found = []
+    steps = np.arange(len(path.along_m))
     for braking in _BRAKING_MPS2:
         latest = path.along_m.copy()
-        distance, speed = path.along_m, np.zeros(0)
+        distance, speed = path.along_m, None
+        last_hit = (-1, -1)
         for _ in range(_MAX_CAPS):
             cells = np.rint(distance / PLACE_STEP_M).astype(int)
-            hits = np.flatnonzero(blocked[np.arange(len(cells)), cells][1:]) + 1
+            hits = np.flatnonzero(blocked[steps, cells][1:]) + 1
             if len(hits) == 0:
                 break
-            _stay_behind(latest, blocked, int(hits[0]), int(cells[hits[0]]))
+            hit = int(hits[0]), int(cells[hits[0]])
+            if hit == last_hit:
+                break
+            _stay_behind(latest, blocked, *hit)
             distance, speed = _driven(path, latest, braking, step_s)
-        if len(speed):
-            found.append((distance, speed))
-    return found
+            last_hit = hit
+        if speed is not None:
+            yield distance, speed
 
 
 def _stay_behind(
