@@ -16,6 +16,8 @@ from pd_editor.scene.road_map import LaneKind, RoadMap
 
 ON_LANE_M: Final = 3.0
 """Lanes within this distance, and within 60 degrees, are an agent's initial ones."""
+NEAR_LANE_M: Final = 8.0
+"""Who has no initial lane gets the nearest such lane within this distance."""
 MAX_TURN_RAD: Final = np.pi / 3
 SPARE_M: Final = 10.0
 """Lanes that begin so far past the end of an agent's way still count."""
@@ -83,25 +85,24 @@ def reachable_lanes(
 ) -> Bool[np.ndarray, "A L"]:
     """Lanes that each agent can get to within a distance, initial ones included.
 
-    Initial are the lanes beside the agent that run its way; where there is none, the
-    nearest one. Cyclists may use bike lanes. Columns are rows of the lane graph.
+    Initial are the lanes within 3 m beside the agent that run its way, within 60
+    degrees; where there is none, the nearest such lane within 8 m, else the nearest
+    lane. Cyclists may use bike lanes. Columns are rows of the lane graph.
     """
     distances = lane_distances(road_map)
     graph, count = distances.graph, len(position_m)
     if not graph.lane_ids or not count:
         return np.zeros((count, len(graph.lane_ids)), bool)
     usable = usable_lanes(graph, kinds)
-    near = lanes_near(graph, position_m, heading_rad, reach_m=ON_LANE_M, usable=usable)
-    initial = near.is_beside & (np.abs(near.turn_rad) <= MAX_TURN_RAD)
-    agent, lane, along = near.point[initial], near.lane[initial], near.along_m[initial]
+    agent, lane, along = _lanes_ahead(graph, position_m, heading_rad, usable, ON_LANE_M)
     lost = np.setdiff1d(np.arange(count), agent)
     if len(lost):
-        other_lane, other_along = _nearest(
-            road_map, graph, position_m, heading_rad, lost
+        others = _lanes_of_lost(
+            road_map, position_m[lost], heading_rad[lost], usable[lost]
         )
         agent = np.concatenate([agent, lost])
-        lane = np.concatenate([lane, other_lane])
-        along = np.concatenate([along, other_along])
+        lane = np.concatenate([lane, others[0]])
+        along = np.concatenate([along, others[1]])
     start_m = np.full((count, len(graph.lane_ids)), np.inf)
     ahead = distances.start_to_start_m[lane] - along[:, None]
     np.minimum.at(start_m, agent, ahead)
@@ -118,14 +119,36 @@ def usable_lanes(
     return np.where(cycles[:, None], cycling, driving)
 
 
-def _nearest(
-    road_map: RoadMap,
+def _lanes_ahead(
     graph: LaneGraph,
     position_m: Float[np.ndarray, "A 2"],
     heading_rad: Float[np.ndarray, "A"],
-    rows: Int[np.ndarray, "N"],
+    usable: Bool[np.ndarray, "A L"],
+    within_m: float,
+) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"], Float[np.ndarray, "Q"]]:
+    """Agents, lanes beside them that run their way, and where along these they are.
+
+    Sorted by agent, then nearest first.
+    """
+    near = lanes_near(graph, position_m, heading_rad, reach_m=within_m, usable=usable)
+    good = near.is_beside & (np.abs(near.turn_rad) <= MAX_TURN_RAD)
+    return near.point[good], near.lane[good], near.along_m[good]
+
+
+def _lanes_of_lost(
+    road_map: RoadMap,
+    position_m: Float[np.ndarray, "N 2"],
+    heading_rad: Float[np.ndarray, "N"],
+    usable: Bool[np.ndarray, "N L"],
 ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-    """The nearest driving lane of some agents, and where along it they are."""
-    match = nearest_lanes(road_map, position_m[rows], heading_rad=heading_rad[rows])
-    lane = [graph.row_of.get(lane_id, 0) for lane_id in match.lane_id.tolist()]
-    return np.array(lane, int), match.along_m
+    """One lane for each agent that is on none, and where along it the agent is."""
+    graph = lane_graph(road_map)
+    match = nearest_lanes(road_map, position_m, heading_rad=heading_rad)
+    lane = np.array([graph.row_of.get(i, 0) for i in match.lane_id.tolist()], int)
+    along = match.along_m.copy()
+    agent, ahead, where = _lanes_ahead(
+        graph, position_m, heading_rad, usable, NEAR_LANE_M
+    )
+    first = np.flatnonzero(np.diff(agent, prepend=-1))
+    lane[agent[first]], along[agent[first]] = ahead[first], where[first]
+    return lane, along

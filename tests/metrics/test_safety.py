@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 import shapely
 
 from pd_editor.av2_io.read import read_scenario
@@ -139,3 +140,24 @@ def test_gaps_of_real_scenes_are_those_of_all_pairs(
         found = safety_values(view)["minimum_gap"]
         np.testing.assert_array_equal(found.is_valid, np.isfinite(gap))
         np.testing.assert_allclose(found.valid(), gap[found.is_valid], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_post_encroachment_is_the_least_lag_at_which_boxes_meet(seed):
+    random = np.random.default_rng(seed)
+    states = random.uniform([-30, -30, -np.pi, 2], [30, 30, np.pi, 12], (6, 4))
+    view = recorded([tuple(state) for state in states.tolist()])
+    agents = view.agents
+    size = np.broadcast_to(agents.size_m[:, None], (6, 60, 2))
+    boxes = shapely.polygons(box_corners(agents.position_m, agents.heading_rad, size))
+    lag = np.abs(np.arange(60)[:, None] - np.arange(60)) * 0.1
+    expected = np.full(6, np.inf)
+    for one in range(6):
+        for two in range(one + 1, 6):
+            meets = shapely.intersects(boxes[one][:, None], boxes[two])
+            if meets.any() and not meets[0, 0]:
+                least = lag[meets].min()
+                expected[[one, two]] = np.minimum(expected[[one, two]], least)
+    found = safety_values(view)["post_encroachment_time"]
+    np.testing.assert_array_equal(found.is_valid, np.isfinite(expected))
+    np.testing.assert_allclose(found.valid(), expected[found.is_valid])
