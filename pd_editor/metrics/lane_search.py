@@ -7,8 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.metrics.map_points import boxes_near
-from pd_editor.metrics.path_pieces import in_pieces, joined_pieces
+from pd_editor.metrics.path_pieces import PathPieces, in_pieces, joined_pieces
 from pd_editor.paths.lane_graph import LaneGraph
 
 DEAD_END_M: Final = 100.0
@@ -16,27 +15,6 @@ DEAD_END_M: Final = 100.0
 _SPARE_M: Final = 6.0
 """How much further from lanes than at first an agent is thought to get."""
 _CHUNK: Final = 200_000
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Pieces:
-    """The paths of agents cut into N pieces of P steps."""
-
-    agent: Int[np.ndarray, "N"]
-    position_m: Float[np.ndarray, "N P 2"]
-    is_valid: Bool[np.ndarray, "N P"]
-
-    @classmethod
-    def of(
-        cls, position_m: Float[np.ndarray, "A H 2"], is_valid: Bool[np.ndarray, "A H"]
-    ) -> "_Pieces":
-        valid = in_pieces(is_valid)
-        num_agents, num_pieces, num_steps = valid.shape
-        return cls(
-            agent=np.repeat(np.arange(num_agents), num_pieces),
-            position_m=in_pieces(position_m).reshape(-1, num_steps, 2),
-            is_valid=valid.reshape(-1, num_steps),
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +56,7 @@ class LaneSearch:
         num_steps = is_valid.shape[1]
         reach = self._first_distance_m(position_m, is_valid, lanes)
         reach += np.minimum(_excursion_m(position_m, is_valid), _SPARE_M) + 1e-6
-        pieces = _Pieces.of(position_m, is_valid)
+        pieces = PathPieces.of(position_m, is_valid)
         squared = np.full(pieces.is_valid.shape, np.inf)
         found = np.zeros(pieces.is_valid.shape, int)
         piece, segment = self._pairs(pieces, lanes, reach)
@@ -106,7 +84,7 @@ class LaneSearch:
     ) -> tuple[Bool[np.ndarray, "A H"], Bool[np.ndarray, "A H"]]:
         """Whether a segment is within reach, and one within 90 degrees of the heading."""
         num_steps = is_valid.shape[1]
-        pieces = _Pieces.of(position_m, is_valid)
+        pieces = PathPieces.of(position_m, is_valid)
         below = np.zeros(pieces.is_valid.shape, bool)
         along = np.zeros(pieces.is_valid.shape, bool)
         piece, segment = self._pairs(pieces, lanes, np.full(len(lanes), reach_m))
@@ -144,15 +122,14 @@ class LaneSearch:
 
     def _pairs(
         self,
-        pieces: "_Pieces",
+        pieces: PathPieces,
         lanes: Bool[np.ndarray, "A L"],
         reach_m: Float[np.ndarray, "A"],
     ) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"]]:
         """Pieces and segments of their agents' lanes within reach of all they pass."""
-        piece, segment = boxes_near(
-            pieces.position_m, pieces.is_valid, *self.bounds_m, reach_m[pieces.agent]
-        )
-        mine = lanes[pieces.agent[piece], self.graph.segments.lane[segment]]
+        piece, segment = pieces.near_boxes(*self.bounds_m, reach_m)
+        agent = piece // pieces.num_pieces
+        mine = lanes[agent, self.graph.segments.lane[segment]]
         return piece[mine], segment[mine]
 
     def _squared_m2(

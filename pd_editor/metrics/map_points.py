@@ -13,12 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of
 from pd_editor.geometry.polyline import resample
-from pd_editor.metrics.path_pieces import (
-    PIECE_STEPS,
-    bounds_m,
-    in_pieces,
-    joined_pieces,
-)
+from pd_editor.metrics.path_pieces import PathPieces, joined_pieces
 from pd_editor.scene.road_map import Crosswalk, RoadMap
 
 _MIDLINE_SPACING_M: Final = 2.0
@@ -69,38 +64,18 @@ def paths_within(
     reach_m: float,
 ) -> Bool[np.ndarray, "A S"]:
     """Whether some target is within reach of each agent at each step."""
-    num_steps = is_valid.shape[1]
-    valid = in_pieces(is_valid).reshape(-1, PIECE_STEPS)
-    position = in_pieces(position_m).reshape(*valid.shape, 2)
-    reach = np.full(len(valid), reach_m)
-    piece, target = boxes_near(position, valid, targets_m, targets_m, reach)
-    result = np.zeros(valid.shape, bool)
+    reach = np.full(len(position_m), reach_m)
+    pieces = PathPieces.of(position_m, is_valid)
+    piece, target = pieces.near_boxes(targets_m, targets_m, reach)
+    result = np.zeros(pieces.is_valid.shape, bool)
     if len(piece):
-        squared = (position[piece, :, 0] - targets_m[target, 0, None]) ** 2
-        squared += (position[piece, :, 1] - targets_m[target, 1, None]) ** 2
+        position = pieces.position_m[piece]
+        squared = (position[..., 0] - targets_m[target, 0, None]) ** 2
+        squared += (position[..., 1] - targets_m[target, 1, None]) ** 2
         first = np.flatnonzero(np.diff(piece, prepend=-1))
         least = np.minimum.reduceat(squared, first, axis=0)
         result[piece[first]] = least <= reach_m**2
-    return joined_pieces(result & valid, num_steps)
-
-
-def boxes_near(
-    position_m: Float[np.ndarray, "A S 2"],
-    is_valid: Bool[np.ndarray, "A S"],
-    low_m: Float[np.ndarray, "P 2"],
-    high_m: Float[np.ndarray, "P 2"],
-    reach_m: Float[np.ndarray, "A"],
-) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"]]:
-    """Pairs of an agent and an upright box within reach of all it passes.
-
-    Every box within reach of an agent at some step is among them. Sorted by agent.
-    """
-    low, high = bounds_m(position_m, is_valid)
-    low, high = low - reach_m[:, None], high + reach_m[:, None]
-    near = (low[:, None, 0] <= high_m[:, 0]) & (low_m[:, 0] <= high[:, None, 0])
-    near &= (low[:, None, 1] <= high_m[:, 1]) & (low_m[:, 1] <= high[:, None, 1])
-    agent, box = np.nonzero(near)
-    return agent, box
+    return joined_pieces(result & pieces.is_valid, is_valid.shape[1])
 
 
 def _build(road_map: RoadMap) -> MapPoints:

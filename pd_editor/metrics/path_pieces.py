@@ -1,9 +1,10 @@
 """Paths cut into short pieces, whose bounding boxes are small."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 PIECE_STEPS: Final = 12
 
@@ -33,3 +34,54 @@ def bounds_m(
         np.where(mask, position_m, np.inf).min(axis=-2, initial=np.inf),
         np.where(mask, position_m, -np.inf).max(axis=-2, initial=-np.inf),
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathPieces:
+    """The paths of A agents, each cut into pieces of P steps."""
+
+    num_pieces: int
+    position_m: Float[np.ndarray, "N P 2"]
+    is_valid: Bool[np.ndarray, "N P"]
+
+    @classmethod
+    def of(
+        cls, position_m: Float[np.ndarray, "A H 2"], is_valid: Bool[np.ndarray, "A H"]
+    ) -> "PathPieces":
+        """Cut paths of the same number of steps."""
+        valid = in_pieces(is_valid)
+        return cls(
+            num_pieces=valid.shape[1],
+            position_m=in_pieces(position_m).reshape(-1, PIECE_STEPS, 2),
+            is_valid=valid.reshape(-1, PIECE_STEPS),
+        )
+
+    def near_boxes(
+        self,
+        low_m: Float[np.ndarray, "B 2"],
+        high_m: Float[np.ndarray, "B 2"],
+        reach_m: Float[np.ndarray, "A"],
+    ) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"]]:
+        """Pairs of a piece and an upright box whose bounds are within reach.
+
+        Every box within its agent's reach of a piece's valid step is among them.
+        Sorted by piece.
+        """
+        shape = (len(reach_m), self.num_pieces, 2)
+        low, high = bounds_m(self.position_m, self.is_valid)
+        low = low.reshape(shape) - reach_m[:, None, None]
+        high = high.reshape(shape) + reach_m[:, None, None]
+        # First whole paths, then pieces of the few that pass.
+        whole_low, whole_high = low.min(axis=1), high.max(axis=1)
+        near = (whole_low[:, None, 0] <= high_m[:, 0]) & (
+            low_m[:, 0] <= whole_high[:, None, 0]
+        )
+        near &= whole_low[:, None, 1] <= high_m[:, 1]
+        near &= low_m[:, 1] <= whole_high[:, None, 1]
+        agent, box = np.nonzero(near)
+        is_near = (low[agent] <= high_m[box, None]).all(axis=-1)
+        is_near &= (low_m[box, None] <= high[agent]).all(axis=-1)
+        pair, part = np.nonzero(is_near)
+        piece = agent[pair] * self.num_pieces + part
+        order = np.argsort(piece, kind="stable")
+        return piece[order], box[pair[order]]
