@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pd_editor.cli.edit import edit
+    from pd_editor.cli.evaluate import evaluate
     from pd_editor.cli.export import export
     from pd_editor.cli.generate import generate
     from pd_editor.cli.outcome import Outcome
@@ -44,6 +45,7 @@ __all__ = [
     "commands",
     "demo_names",
     "edit",
+    "evaluate",
     "export",
     "generate",
     "open_scenario",
@@ -59,6 +61,7 @@ _HOMES = {
     "Scenario": "pd_editor.scene.scenario",
     "demo_names": "pd_editor.installed_files",
     "edit": "pd_editor.cli.edit",
+    "evaluate": "pd_editor.cli.evaluate",
     "export": "pd_editor.cli.export",
     "generate": "pd_editor.cli.generate",
     "open_scenario": "pd_editor.scenario_store",

@@ -65,7 +65,7 @@ def test_public_names_are_there_and_listed():
 def test_public_functions_stay_functions_when_modules_are_loaded():
     statement = (
         "import pd_editor, pd_editor.cli.main, pd_editor.viewer.viewer_app\n"
-        "for name in ('edit', 'warp', 'generate', 'export', 'replay'):\n"
+        "for name in ('edit', 'warp', 'generate', 'export', 'replay', 'evaluate'):\n"
         "    assert callable(getattr(pd_editor, name)), name"
     )
     assert loaded_after(statement, "torch") == set()

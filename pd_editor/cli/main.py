@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import tyro
 
 from pd_editor.cli.edit import edit
+from pd_editor.cli.evaluate import evaluate
 from pd_editor.cli.export import export
 from pd_editor.cli.generate import generate
 from pd_editor.cli.replay import replay
@@ -20,6 +21,7 @@ _COMMANDS = {
     "generate": generate,
     "export": export,
     "replay": replay,
+    "evaluate": evaluate,
 }
 
 

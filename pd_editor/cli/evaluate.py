@@ -1,0 +1,209 @@
+"""``pd-editor evaluate``: judge generators on many scenes."""
+
+import shlex
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import tyro
+
+from pd_editor.cli.arguments import FolderOption, Switch
+from pd_editor.errors import GenerationError, InputError
+from pd_editor.evaluation.evaluation import (
+    ROWS_NAME,
+    EvaluationPlan,
+    RunRecord,
+    run_evaluation,
+)
+from pd_editor.evaluation.markdown import markdown_of
+from pd_editor.evaluation.method import Method
+from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
+from pd_editor.evaluation.report import report_of
+from pd_editor.evaluation.road_condition import road_conditions
+from pd_editor.evaluation.run_folder import RunFolder
+from pd_editor.evaluation.summary import Summary, summarise
+from pd_editor.generators import GENERATORS, make_generator
+from pd_editor.work_engine import LocalProcesses
+from pd_editor.work_engine.work_engine import WorkProgress
+
+DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower")
+_SECONDS_BETWEEN_LINES = 30.0
+_One = TypeVar("_One", str, str | Path)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """What an evaluation found, and where it was written."""
+
+    folder: Path
+    files: tuple[Path, ...]
+    summary: Summary
+    record: RunRecord
+
+    def __str__(self) -> str:
+        """One line per file, then what is missing."""
+        remarks = []
+        if self.record.without_future:
+            remarks.append(
+                f"{len(self.record.without_future)} of {self.record.num_scenes} scenes "
+                "have no future and were left out."
+            )
+        if self.record.failures:
+            remarks.append(
+                f"{len(self.record.failures)} failures; the report says which and why."
+            )
+        return "\n".join([*map(str, self.files), *remarks])
+
+
+def evaluate(
+    *,
+    data: Annotated[
+        str | Path | tuple[str | Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")
+    ],
+    out: FolderOption,
+    methods: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME [NAME ...]")
+    ] = DEFAULT_METHODS,
+    warps: Annotated[tuple[str, ...], tyro.conf.arg(metavar="WARP [WARP ...]")] = (
+        "none",
+    ),
+    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
+    limit: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
+    ] = None,
+    workers: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
+    ] = None,
+    resume: Switch = False,
+) -> Evaluation:
+    """Let methods fill scenes and judge the results: rows, tables, a report.
+
+    Args:
+        data: Roots of Argoverse 2 datasets; folders below them are searched.
+        out: New folder for finished scenes, rows.parquet, report.md and report.html.
+        methods: Reference methods and generators; ground-truth is what others are compared with.
+        warps: Roads: none (as recorded), KIND:POWER such as smooth-turn:3, or all.
+        samples: Futures of each scene, for methods that draw at random.
+        seed: Seed of all draws; the same seed gives the same numbers.
+        limit: Use only the first N scenarios.
+        workers: Processes to use; they do not change the numbers.
+        resume: Go on with an earlier run of the same settings.
+    """
+    plan = EvaluationPlan(
+        data=tuple(map(Path, _several(data))),
+        methods=_methods(_several(methods)),
+        conditions=road_conditions(_several(warps)),
+        num_samples=_at_least(1, samples, "samples"),
+        seed=_at_least(0, seed, "seed"),
+        limit=None if limit is None else _at_least(1, limit, "limit"),
+    )
+    engine = LocalProcesses(
+        num_workers=None if workers is None else _at_least(1, workers, "workers")
+    )
+    folder = RunFolder(Path(out), plan.settings, resume=resume)
+    record = run_evaluation(plan, folder, engine, on_progress=_progress_shown())
+    summary = summarise(
+        folder.path / ROWS_NAME, plan.settings.methods, plan.conditions, plan.seed
+    )
+    report = report_of(plan, record, summary, _command(plan, out))
+    files = (
+        folder.write("report.md", markdown_of(report).encode()),
+        folder.path / ROWS_NAME,
+    )
+    _check_something_left(summary, record, files[0])
+    return Evaluation(folder=folder.path, files=files, summary=summary, record=record)
+
+
+def _several(value: _One | tuple[_One, ...]) -> tuple[_One, ...]:
+    """A value or several, as a tuple of different ones."""
+    return tuple(dict.fromkeys(value)) if isinstance(value, tuple) else (value,)
+
+
+def _methods(asked: tuple[str, ...]) -> tuple[Method, ...]:
+    known = [*REFERENCE_METHODS, *GENERATORS]
+    for name in asked:
+        if name not in known:
+            raise GenerationError(
+                f"There is no method {name[:60]!r}; choose among {', '.join(known)}."
+            )
+    if not asked:
+        raise GenerationError(
+            f"No method was asked for; choose among {', '.join(known)}."
+        )
+    return tuple(Method(name=name, make_generator=make_generator) for name in asked)
+
+
+def _at_least(least: int, value: int, name: str) -> int:
+    if value < least:
+        raise InputError(f"--{name} is {value}; expected {least} or more.")
+    return value
+
+
+def _check_something_left(summary: Summary, record: RunRecord, report: Path) -> None:
+    """Refuse to call a run done in which a method has not a single scene.
+
+    Raises:
+        GenerationError: the first of the reasons is named.
+    """
+    if record.num_scenes == len(record.without_future):
+        raise InputError(
+            f"None of the {record.num_scenes} scenes has a logged future; there is "
+            "nothing to compare with."
+        )
+    for name, num in zip(
+        summary.methods, summary.num_agents.sum(axis=(1, 2)), strict=True
+    ):
+        if not num:
+            reasons = [f.reason for f in record.failures if f.method in ("", name)]
+            reason = f" ({reasons[0]})" if reasons else ""
+            raise GenerationError(
+                f"{name}: failed on every scene, see {report}{reason}."
+            )
+
+
+def _command(plan: EvaluationPlan, out: str | Path) -> str:
+    """The command line that leads to the same numbers."""
+    words = ["pd-editor", "evaluate", "--data", *map(str, plan.data), "--out", str(out)]
+    words += ["--methods", *(method.name for method in plan.methods)]
+    words += ["--warps", *(one.label for one in plan.conditions)]
+    words += ["--samples", str(plan.num_samples), "--seed", str(plan.seed)]
+    words += [] if plan.limit is None else ["--limit", str(plan.limit)]
+    return shlex.join(words)
+
+
+def _progress_shown() -> Callable[[WorkProgress], None]:
+    """Progress on stderr: one line that is written over, or one now and then."""
+    began = time.monotonic()
+    is_watched, last = sys.stderr.isatty(), began
+
+    def show(progress: WorkProgress) -> None:
+        nonlocal last
+        now = time.monotonic()
+        is_over = progress.num_done == progress.num_items
+        if not is_watched and now - last < _SECONDS_BETWEEN_LINES:
+            return
+        last = now
+        line = progress_line(progress, now - began)
+        if is_watched:
+            sys.stderr.write(f"\r{line:<78}" + ("\n" if is_over else ""))
+        else:
+            sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
+
+    return show
+
+
+def progress_line(progress: WorkProgress, elapsed_s: float) -> str:
+    """How far a run is and how long it will still take."""
+    done, num = progress.num_done, progress.num_items
+    words = f"{done} of {num} scenes on roads"
+    if progress.num_failed:
+        words += f", {progress.num_failed} failed"
+    if 0 < done < num:
+        left = round(elapsed_s / done * (num - done))
+        words += f", {left // 60}:{left % 60:02d} left"
+    return words

@@ -1,0 +1,1 @@
+"""Judging generators on many scenes: rows per agent, tables, a report."""

@@ -1,0 +1,216 @@
+"""Runs an evaluation: every scene on every road, filled by every method."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import pyarrow.parquet as pq
+
+from pd_editor.av2_io.dataset import CardFilter, DatasetIndex
+from pd_editor.errors import ExportError, InputError
+from pd_editor.evaluation.method import Method
+from pd_editor.evaluation.road_condition import RoadCondition
+from pd_editor.evaluation.run_folder import RunFolder, RunSettings
+from pd_editor.evaluation.scene_rows import (
+    ROW_SCHEMA,
+    SceneItem,
+    SceneRows,
+    judge_scene,
+)
+from pd_editor.work_engine import WorkEngine, WorkResult, run_items
+from pd_editor.work_engine.work_engine import WorkProgress
+
+ROWS_NAME: Final = "rows.parquet"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationPlan:
+    """What is evaluated on what."""
+
+    data: tuple[Path, ...]
+    """Roots of datasets; folders below them are searched."""
+    methods: tuple[Method, ...]
+    conditions: tuple[RoadCondition, ...]
+    num_samples: int
+    seed: int
+    limit: int | None = None
+    """No more scenes than these; the first ones by their folders' names."""
+
+    @property
+    def settings(self) -> RunSettings:
+        """What finished scenes depend on."""
+        return RunSettings(
+            data=tuple(str(root.resolve()) for root in self.data),
+            methods=tuple(method.name for method in self.methods),
+            samples=self.num_samples,
+            seed=self.seed,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """A scene that a method, or every method, has no rows for."""
+
+    scene: str
+    condition: str
+    method: str
+    """Empty if the scene failed as a whole."""
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """What was done, apart from the numbers."""
+
+    num_scenes: int
+    num_skipped_folders: int
+    without_future: tuple[str, ...]
+    failures: tuple[Failure, ...]
+    model_sha256: Mapping[str, str]
+    num_resumed: int
+    """Scenes on roads that an earlier run had finished."""
+    num_items: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A scenario's folder, and the name of the split that it is in."""
+
+    folder: Path
+    split: str
+
+
+def scenes_of(plan: EvaluationPlan) -> tuple[list[Scene], int]:
+    """The scenarios below the roots, and how many folders had to be left out.
+
+    Raises:
+        InputError: a root is no folder, there is no scenario, or one is there twice.
+    """
+    found: dict[str, Scene] = {}
+    num_skipped = 0
+    for root in plan.data:
+        index = DatasetIndex(root)
+        start, is_complete = 0, False
+        while not is_complete and (plan.limit is None or len(found) < plan.limit):
+            step = index.search(CardFilter(), start)
+            for card in step.cards:
+                scene = _scene(root, card.folder)
+                if found.setdefault(_place(scene), scene) is not scene:
+                    raise InputError(
+                        f"{card.folder}: was found before as {_place(scene)}; give "
+                        "every folder once."
+                    )
+            start, is_complete = step.next_start, step.is_complete
+        num_skipped += index.num_skipped
+    if not found:
+        raise InputError(
+            f"{' '.join(map(str, plan.data))}: no Argoverse 2 scenario there; expected "
+            "folders with scenario_<id>.parquet and log_map_archive_<id>.json."
+        )
+    return list(found.values())[: plan.limit], num_skipped
+
+
+def _scene(root: Path, folder: Path) -> Scene:
+    parent = folder.relative_to(root).parent.as_posix()
+    split = root.resolve().name if parent == "." else parent
+    return Scene(folder=folder, split=split)
+
+
+def _place(scene: Scene) -> str:
+    return f"{scene.split}/{scene.folder.name}"
+
+
+def items_of(plan: EvaluationPlan, scenes: Sequence[Scene]) -> dict[str, SceneItem]:
+    """The work, scene by scene; keys are the split, the folder and the road."""
+    return {
+        f"{_place(scene)}/{condition.label.replace(':', '_')}": SceneItem(
+            folder=scene.folder,
+            split=scene.split,
+            condition=condition,
+            methods=plan.methods,
+            num_samples=plan.num_samples,
+            seed=plan.seed,
+        )
+        for scene in scenes
+        for condition in plan.conditions
+    }
+
+
+def run_evaluation(
+    plan: EvaluationPlan,
+    folder: RunFolder,
+    engine: WorkEngine,
+    *,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> RunRecord:
+    """Judge what is not finished yet, and write ``rows.parquet`` of all.
+
+    Raises:
+        InputError: there is no scenario to judge.
+        ExportError: the folder cannot be written.
+    """
+    scenes, num_skipped = scenes_of(plan)
+    items = items_of(plan, scenes)
+    done = folder.finished(items)
+    broken: dict[str, str] = {}
+
+    def take(result: WorkResult[SceneRows]) -> None:
+        if result.value is not None:
+            folder.store(result.key, result.value)
+        elif result.failure is not None:
+            reason = result.failure.message
+            if not result.failure.is_users:
+                reason = f"{result.failure.error}: {reason}"
+            broken[result.key] = reason
+
+    run_items(
+        engine, judge_scene, items, on_result=take, on_progress=on_progress, done=done
+    )
+    return _collected(folder, items, broken, num_skipped, len(done))
+
+
+def _collected(
+    folder: RunFolder,
+    items: Mapping[str, SceneItem],
+    broken: Mapping[str, str],
+    num_skipped: int,
+    num_resumed: int,
+) -> RunRecord:
+    """Write the rows of all items in their order, and sum up the rest."""
+    failures: list[Failure] = []
+    without_future: dict[str, None] = {}
+    hashes: dict[str, str] = {}
+    target = folder.path / ROWS_NAME
+    try:
+        with pq.ParquetWriter(target, ROW_SCHEMA) as writer:
+            for key, item in items.items():
+                scene, road = item.folder.name, item.condition.label
+                rows = None if key in broken else folder.load(key)
+                if rows is None:
+                    reason = broken.get(key, "Its finished file cannot be read.")
+                    failures.append(
+                        Failure(scene=scene, condition=road, method="", reason=reason)
+                    )
+                    continue
+                if not rows.has_future:
+                    without_future[scene] = None
+                failures += [
+                    Failure(scene=scene, condition=road, method=name, reason=reason)
+                    for name, reason in rows.failures.items()
+                ]
+                hashes |= {
+                    name: text for name, text in rows.model_sha256.items() if text
+                }
+                writer.write_table(rows.table)
+    except OSError as error:
+        raise ExportError(f"{target}: cannot be written ({error.strerror}).") from error
+    return RunRecord(
+        num_scenes=len({item.folder for item in items.values()}),
+        num_skipped_folders=num_skipped,
+        without_future=tuple(without_future),
+        failures=tuple(failures),
+        model_sha256=hashes,
+        num_resumed=num_resumed,
+        num_items=len(items),
+    )

@@ -1,0 +1,109 @@
+"""The port behind which everything that fills a scene is judged."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from pd_editor.errors import GenerationError
+from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
+from pd_editor.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    ScenarioGenerator,
+    TrafficSample,
+    run_to_end,
+)
+from pd_editor.metrics.traffic_view import TrafficView, generated_traffic
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """A reference method, or a generator, by its name."""
+
+    name: str
+    make_generator: Callable[[str], ScenarioGenerator]
+    """Called with the name in the process that needs the generator."""
+
+    @property
+    def description(self) -> str:
+        """One sentence for the report."""
+        reference = REFERENCE_METHODS.get(self.name)
+        return reference.description if reference else f"Generator {self.name!r}."
+
+    def traffic(self, request: GenerationRequest) -> "JudgedTraffic":
+        """What is to be judged; references that draw nothing give one sample.
+
+        Raises:
+            GenerationError: a generator refused, or answered nonsense.
+        """
+        reference = REFERENCE_METHODS.get(self.name)
+        if reference is not None:
+            return JudgedTraffic(samples=reference.traffic(request))
+        generator = _generator(self.make_generator, self.name)
+        traffic = run_to_end(generator.generate(request))
+        _check(traffic, request)
+        return JudgedTraffic(
+            samples=tuple(
+                generated_traffic(request.scenario, sample)
+                for sample in traffic.samples
+            ),
+            model_sha256=traffic.model_sha256,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JudgedTraffic:
+    """One view for each sample."""
+
+    samples: tuple[TrafficView, ...]
+    model_sha256: str = ""
+
+
+@lru_cache(maxsize=4)
+def _generator(
+    make_generator: Callable[[str], ScenarioGenerator], name: str
+) -> ScenarioGenerator:
+    """Models are loaded once in each process."""
+    return make_generator(name)
+
+
+def _check(traffic: GeneratedTraffic, request: GenerationRequest) -> None:
+    """Refuse an answer that is not what was asked for.
+
+    Raises:
+        GenerationError: samples, agents, shapes or numbers are wrong.
+    """
+    if len(traffic.samples) != request.num_samples:
+        raise GenerationError(
+            f"{len(traffic.samples)} samples came back, {request.num_samples} were "
+            "asked for."
+        )
+    num_agents = len(request.agent_ids)
+    num_steps = request.scenario.time_axis.num_future_steps + 1
+    for number, sample in enumerate(traffic.samples):
+        if sample.ids != request.agent_ids or len(sample.kinds) != num_agents:
+            raise GenerationError(
+                f"Sample {number} holds other agents than were asked for."
+            )
+        _check_arrays(sample, number, num_agents, num_steps)
+
+
+def _check_arrays(
+    sample: TrafficSample, number: int, num_agents: int, num_steps: int
+) -> None:
+    for name, expected in (
+        ("size_m", (num_agents, 2)),
+        ("position_m", (num_agents, num_steps, 2)),
+        ("heading_rad", (num_agents, num_steps)),
+        ("velocity_mps", (num_agents, num_steps, 2)),
+    ):
+        values = np.asarray(getattr(sample, name))
+        if values.shape != expected:
+            raise GenerationError(
+                f"Sample {number}: {name} has the shape {values.shape}; expected "
+                f"{expected}."
+            )
+        if not np.isfinite(values).all():
+            raise GenerationError(f"Sample {number}: {name} holds NaN or infinity.")

@@ -1,0 +1,171 @@
+"""The report of an evaluation: sections of words, tables and figures."""
+
+import platform
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Final
+
+from pd_editor.evaluation.bootstrap import COVERAGE, NUM_RESAMPLES
+from pd_editor.evaluation.evaluation import EvaluationPlan, RunRecord
+from pd_editor.evaluation.report_tables import (
+    ReportTable,
+    complete_tables,
+    definition_table,
+    difference_tables,
+    headline_tables,
+    road_tables,
+)
+from pd_editor.evaluation.summary import Summary
+
+_PACKAGES: Final = ("pd-editor", "numpy", "pyarrow", "shapely", "av2")
+_LISTED: Final = 30
+"""Failures written out; the rest is counted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A heading, paragraphs, then tables."""
+
+    title: str
+    paragraphs: tuple[str, ...] = ()
+    tables: tuple[ReportTable, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """All sections in their order."""
+
+    title: str
+    sections: tuple[Section, ...]
+
+
+def report_of(
+    plan: EvaluationPlan, record: RunRecord, summary: Summary, command: str
+) -> Report:
+    """The report in words and numbers."""
+    return Report(
+        title="Evaluation",
+        sections=(
+            Section(title="What was done", paragraphs=_words(plan, record, summary)),
+            Section(
+                title="Results",
+                paragraphs=(
+                    "Means over agents and samples, with intervals. Final lateral "
+                    "deviation alone is low for whoever stays on some lane, even at "
+                    "random: read it beside overlap, path length, ADE and spread.",
+                ),
+                tables=tuple(headline_tables(summary)),
+            ),
+            Section(
+                title="Differences to the log",
+                paragraphs=(
+                    "Paired on the same agents, where both have a value; the log has "
+                    "none for agents after they left the recording.",
+                ),
+                tables=tuple(difference_tables(summary)),
+            ),
+            Section(title="Road by road", tables=tuple(road_tables(summary))),
+            Section(title="All metrics", tables=tuple(complete_tables(summary))),
+            Section(title="Definitions", tables=(definition_table(),)),
+            Section(
+                title="What failed",
+                paragraphs=_failure_words(record),
+                tables=tuple(_failure_tables(record)),
+            ),
+            Section(
+                title="How to repeat it", tables=(_run_table(plan, record, command),)
+            ),
+        ),
+    )
+
+
+def _words(
+    plan: EvaluationPlan, record: RunRecord, summary: Summary
+) -> tuple[str, ...]:
+    roads = ", ".join(one.label for one in plan.conditions)
+    words = [
+        f"{record.num_scenes} scenes on {len(plan.conditions)} roads ({roads}). Agents "
+        "keep their states at the current step; their futures are redrawn. Methods "
+        f"that draw at random give {plan.num_samples} samples of each scene.",
+        *(f"**{method.name}**: {method.description}" for method in plan.methods),
+        "Counted are road users present at the current step. Movers are vehicles, "
+        "buses and motorcyclists; pedestrians and cyclists have tables of their own. "
+        "Boxes overlap when they share more than 0.05 m^2.",
+        f"Intervals hold {100 * COVERAGE:.0f} % of {NUM_RESAMPLES} bootstrap resamples "
+        "of scenes. Medians have none.",
+    ]
+    if any(not one.is_plain for one in plan.conditions):
+        words.insert(
+            1,
+            "Perturbed roads are Scene-Attack's, bent ahead of the focal agent. The "
+            "agents' states and the logged futures are warped with the map, by the "
+            "same shear; speeds are not limited to what the bends allow. Displacements "
+            "are measured to the warped log.",
+        )
+    if record.without_future:
+        words.append(
+            f"{len(record.without_future)} scenes have no logged future and were left "
+            "out."
+        )
+    if record.num_skipped_folders:
+        words.append(
+            f"{record.num_skipped_folders} folders lack a file or cannot be read, and "
+            "were left out."
+        )
+    lost = [
+        f"{method} has {num} of {most} scenes"
+        for method, num in zip(
+            summary.methods, summary.num_scenes.max(axis=(1, 2)).tolist(), strict=True
+        )
+        if num < (most := int(summary.num_scenes.max(initial=0)))
+    ]
+    if lost:
+        words.append(f"Some methods failed on scenes: {'; '.join(lost)}.")
+    return tuple(words)
+
+
+def _failure_words(record: RunRecord) -> tuple[str, ...]:
+    if not record.failures:
+        return ("Nothing.",)
+    whole = len([one for one in record.failures if not one.method])
+    by_method = Counter(one.method for one in record.failures if one.method)
+    parts = [f"{num} times {method}" for method, num in sorted(by_method.items())]
+    if whole:
+        parts.append(f"{whole} times the whole scene")
+    return (f"Of {record.num_items} scenes on roads: {', '.join(parts)}.",)
+
+
+def _failure_tables(record: RunRecord) -> Sequence[ReportTable]:
+    if not record.failures:
+        return ()
+    shown = record.failures[:_LISTED]
+    left = len(record.failures) - len(shown)
+    return (
+        ReportTable(
+            title="Failed scenes",
+            header=("scene", "road", "method", "reason"),
+            rows=tuple(
+                (one.scene, one.condition, one.method or "all", one.reason)
+                for one in shown
+            ),
+            note=f"And {left} more." if left else "",
+        ),
+    )
+
+
+def _run_table(plan: EvaluationPlan, record: RunRecord, command: str) -> ReportTable:
+    rows = [
+        ("command", command),
+        ("data", " ".join(map(str, plan.data))),
+        ("seed", str(plan.seed)),
+        ("samples", str(plan.num_samples)),
+        ("Python", platform.python_version()),
+        *((name, version(name)) for name in _PACKAGES),
+        *(
+            (f"weights of {name}", text)
+            for name, text in sorted(record.model_sha256.items())
+        ),
+    ]
+    return ReportTable(title="Run", header=("what", "value"), rows=tuple(rows))

@@ -1,0 +1,93 @@
+"""The roads that generators are judged on: as recorded, or bent ahead of the focal agent."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from pd_editor.errors import InputError
+from pd_editor.perturbation.anchor import pose_of_anchor
+from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.road_warp import (
+    DEFAULT_LENGTH_M,
+    MAX_POWER,
+    WARP_KINDS,
+    RoadWarp,
+    WarpTerm,
+)
+from pd_editor.scene.scenario import Scenario
+
+PLAIN: Final = "none"
+ALL_POWERS: Final = (3.0, 6.0, 9.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoadCondition:
+    """A plain road, or one kind of bend at one power."""
+
+    kind: str = PLAIN
+    power: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """How it is written on the shell."""
+        return PLAIN if self.is_plain else f"{self.kind}:{self.power:g}"
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the road is as it was recorded."""
+        return self.kind == PLAIN
+
+    def applied_to(self, scenario: Scenario) -> Scenario:
+        """The scenario on this road: map, states and recorded future all bent alike.
+
+        Raises:
+            EditError: the scenario has no focal agent at its current step.
+        """
+        for kind in WARP_KINDS:
+            if kind == self.kind:
+                term = WarpTerm(
+                    kind=kind, power=self.power, length_m=DEFAULT_LENGTH_M[kind]
+                )
+                anchor = pose_of_anchor(scenario, "focal")
+                return warp_scenario(scenario, RoadWarp(anchor=anchor, terms=(term,)))
+        return scenario
+
+
+ALL_CONDITIONS: Final = (
+    RoadCondition(),
+    *(RoadCondition(kind=k, power=p) for k in WARP_KINDS for p in ALL_POWERS),
+)
+"""Plain, and Scene-Attack's three kinds at three powers."""
+
+
+def road_conditions(texts: Iterable[str]) -> tuple[RoadCondition, ...]:
+    """Conditions as written on the shell: ``none``, ``smooth-turn:3``, ``all``.
+
+    Raises:
+        InputError: a text is none of these.
+    """
+    found: dict[RoadCondition, None] = {}
+    for text in texts:
+        if text == "all":
+            found |= dict.fromkeys(ALL_CONDITIONS)
+        else:
+            found[_parsed(text)] = None
+    if not found:
+        raise InputError("No road was asked for; expected none, all, or KIND:POWER.")
+    return tuple(found)
+
+
+def _parsed(text: str) -> RoadCondition:
+    kind, colon, power = text.partition(":")
+    if kind == PLAIN and not colon:
+        return RoadCondition()
+    try:
+        value = float(power)
+    except ValueError:
+        value = 0.0
+    if kind not in WARP_KINDS or not 0 < abs(value) <= MAX_POWER:
+        raise InputError(
+            f"Warp {text[:60]!r} is not known; expected none, all, or KIND:POWER with "
+            f"a kind among {', '.join(WARP_KINDS)} and a power in -10..10 other than 0."
+        )
+    return RoadCondition(kind=kind, power=value)

@@ -1,0 +1,185 @@
+"""One scene on one road, judged: rows of a table, and what went wrong."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.errors import PdEditorError
+from pd_editor.evaluation.method import JudgedTraffic, Method
+from pd_editor.evaluation.road_condition import RoadCondition
+from pd_editor.generation import GenerationRequest
+from pd_editor.metrics.metric_table import METRICS
+from pd_editor.metrics.metric_values import MetricValues
+from pd_editor.metrics.report import agent_values, sample_values
+from pd_editor.metrics.traffic_view import GROUP_KINDS, AgentStates
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.traffic_choice import drivable_agent_ids
+
+LISTS: Final = ("local_density",)
+"""Metrics with several values for each agent."""
+PER_STEP: Final = (
+    "longitudinal_acceleration",
+    "lateral_acceleration",
+    "jerk",
+    "yaw_rate",
+)
+"""Metrics that would make the rows sixty times as long; left out."""
+METRIC_COLUMNS: Final = tuple(
+    name for name in METRICS if name not in PER_STEP and name not in LISTS
+)
+KEY_FIELDS: Final = (
+    ("scenario_id", pa.string()),
+    ("city", pa.string()),
+    ("split", pa.string()),
+    ("method", pa.string()),
+    ("warp", pa.string()),
+    ("power", pa.float64()),
+    ("seed", pa.int64()),
+    ("sample", pa.int32()),
+    ("agent_id", pa.string()),
+    ("kind", pa.string()),
+    ("group", pa.string()),
+)
+"""``sample`` is null in rows about all samples of an agent together."""
+ROW_SCHEMA: Final = pa.schema(
+    [
+        *KEY_FIELDS,
+        *((name, pa.float32()) for name in METRIC_COLUMNS),
+        *((name, pa.list_(pa.float32())) for name in LISTS),
+    ]
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneItem:
+    """One scene on one road, to be filled by every method."""
+
+    folder: Path
+    split: str
+    """Name of the part of the dataset that it is in."""
+    condition: RoadCondition
+    methods: tuple[Method, ...]
+    num_samples: int
+    seed: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneRows:
+    """What became of an item."""
+
+    table: pa.Table
+    """A row for each method, sample and agent; nulls where a metric is not valid."""
+    failures: Mapping[str, str] = field(default_factory=dict)
+    """Why a method has no rows."""
+    has_future: bool = True
+    model_sha256: Mapping[str, str] = field(default_factory=dict)
+
+
+def judge_scene(item: SceneItem) -> SceneRows:
+    """Fill a scene by every method and judge the result.
+
+    Raises:
+        InputError: the scenario cannot be read.
+        EditError: it has no focal agent to bend the road ahead of.
+        GenerationError: it has no road user at its current step.
+    """
+    recorded = read_scenario(item.folder)
+    later = recorded.agents.is_valid[:, recorded.current_step + 1 :]
+    if not later.any():
+        return SceneRows(table=ROW_SCHEMA.empty_table(), has_future=False)
+    scenario = item.condition.applied_to(recorded)
+    request = GenerationRequest(
+        scenario=scenario,
+        agent_ids=drivable_agent_ids(scenario),
+        num_samples=item.num_samples,
+        seed=scene_seed(item.seed, scenario.scenario_id),
+    )
+    tables, failures, hashes = [ROW_SCHEMA.empty_table()], {}, {}
+    for method in item.methods:
+        try:
+            traffic = method.traffic(request)
+        except PdEditorError as error:
+            failures[method.name] = str(error)
+        except Exception as error:  # noqa: BLE001  (a generator may be anybody's)
+            failures[method.name] = f"{type(error).__name__}: {error}"
+        else:
+            tables += _method_tables(item, scenario, request.seed, method, traffic)
+            hashes[method.name] = traffic.model_sha256
+    return SceneRows(
+        table=pa.concat_tables(tables), failures=failures, model_sha256=hashes
+    )
+
+
+def scene_seed(seed: int, scenario_id: str) -> int:
+    """The seed of one scene, so that scenes draw independently, in any order.
+
+    All roads of a scene share it: their differences are those of the roads.
+    """
+    digest = hashlib.sha256(f"{seed}/{scenario_id}".encode()).digest()
+    return int.from_bytes(digest[:4])
+
+
+def _method_tables(
+    item: SceneItem,
+    scenario: Scenario,
+    seed: int,
+    method: Method,
+    traffic: JudgedTraffic,
+) -> list[pa.Table]:
+    """One table for each sample, and one for all of them together."""
+    values: list[tuple[int | None, Mapping[str, MetricValues]]] = [
+        (number, agent_values(view)) for number, view in enumerate(traffic.samples)
+    ]
+    values.append((None, sample_values(traffic.samples)))
+    agents = traffic.samples[0].agents
+    fixed = {
+        "scenario_id": scenario.scenario_id,
+        "city": scenario.city,
+        "split": item.split,
+        "method": method.name,
+        "warp": item.condition.kind,
+        "power": item.condition.power,
+        "seed": seed,
+    }
+    return [_table({**fixed, "sample": s}, agents, metrics) for s, metrics in values]
+
+
+def _table(
+    fixed: Mapping[str, str | float | None],
+    agents: AgentStates,
+    metrics: Mapping[str, MetricValues],
+) -> pa.Table:
+    count, groups = len(agents), list(GROUP_KINDS)
+    each = {
+        "agent_id": list(agents.ids),
+        "kind": [kind.value for kind in agents.kinds],
+        "group": [groups[row] if row >= 0 else None for row in agents.group.tolist()],
+    }
+    columns = []
+    for one in ROW_SCHEMA:
+        if one.name in fixed:
+            columns.append(pa.repeat(pa.scalar(fixed[one.name], one.type), count))
+        elif one.name in each:
+            columns.append(pa.array(each[one.name], one.type))
+        elif one.name not in metrics:
+            columns.append(pa.nulls(count, one.type))
+        else:
+            columns.append(_column(metrics[one.name], one.type))
+    return pa.Table.from_arrays(columns, schema=ROW_SCHEMA)
+
+
+def _column(values: MetricValues, kind: pa.DataType) -> pa.Array:
+    if values.value.ndim == 1:
+        numbers = values.value.astype(np.float32)
+        return pa.array(numbers, kind, mask=~values.is_valid)
+    lists: Sequence[Sequence[float]] = [
+        row[is_valid].tolist()
+        for row, is_valid in zip(values.value, values.is_valid, strict=True)
+    ]
+    return pa.array(lists, kind)
