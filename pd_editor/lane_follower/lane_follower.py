@@ -14,7 +14,12 @@ from pd_editor.generation import (
     GenerationRequest,
     TrafficSample,
 )
-from pd_editor.lane_follower.intentions import Drivers, draw_intentions, drivers_at
+from pd_editor.lane_follower.intentions import (
+    STANDING_MPS,
+    Drivers,
+    draw_intentions,
+    drivers_at,
+)
 from pd_editor.lane_follower.traffic import Traffic, kept_traffic, simulate
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 
@@ -121,6 +126,7 @@ def _sample(
 def _notes(request: GenerationRequest, drivers: Drivers) -> tuple[str, ...]:
     notes: list[str] = []
     off_lane = np.setdiff1d(np.arange(len(drivers.kinds)), drivers.choice.agent)
+    off_lane = off_lane[drivers.speed_mps[off_lane] > STANDING_MPS]
     if len(off_lane):
         ids = ", ".join(
             request.scenario.agents.ids[row] for row in drivers.row[off_lane]
