@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.oriented_box import box_corners, overlap_area
+from pd_editor.metrics.path_pieces import bounds_m, rectangles_meet
 from pd_editor.scene.agent_tracks import AgentTracks
 
 MIN_OVERLAP_M2: Final = 0.05
@@ -45,10 +46,9 @@ def pairs_that_meet(
     Only such pairs can come so close that their discs touch. Pairs are sorted by
     row, the lower one first.
     """
-    mask, radius = is_valid[..., None], radius_m[:, None]
-    low = np.where(mask, position_m, np.inf).min(axis=1, initial=np.inf) - radius
-    high = np.where(mask, position_m, -np.inf).max(axis=1, initial=-np.inf) + radius
-    meet = (low[:, None] < high[None]).all(-1) & (low[None] < high[:, None]).all(-1)
+    low, high = bounds_m(position_m, is_valid)
+    low, high = low - radius_m[:, None], high + radius_m[:, None]
+    meet = rectangles_meet(low[:, None], high[:, None], low, high)
     return np.argwhere(np.triu(meet, 1))
 
 

@@ -12,7 +12,7 @@ from pd_editor.paths.lane_graph import LaneGraph
 
 DEAD_END_M: Final = 100.0
 """A lane without a successor is thought to go straight on so far."""
-_SPARE_M: Final = 6.0
+_SPARE_M: Final = 3.0
 """How much further from lanes than at first an agent is thought to get."""
 _CHUNK: Final = 200_000
 

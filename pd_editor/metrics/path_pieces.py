@@ -29,11 +29,27 @@ def bounds_m(
     position_m: Float[np.ndarray, "*rows S 2"], is_valid: Bool[np.ndarray, "*rows S"]
 ) -> tuple[Float[np.ndarray, "*rows 2"], Float[np.ndarray, "*rows 2"]]:
     """Least and greatest coordinates; an empty box where no step is valid."""
-    mask = is_valid[..., None]
-    return (
-        np.where(mask, position_m, np.inf).min(axis=-2, initial=np.inf),
-        np.where(mask, position_m, -np.inf).max(axis=-2, initial=-np.inf),
-    )
+    low, high = [], []
+    # Axis by axis: reductions over the last axis are several times quicker.
+    for axis in (0, 1):
+        values = position_m[..., axis]
+        low.append(np.where(is_valid, values, np.inf).min(axis=-1, initial=np.inf))
+        high.append(np.where(is_valid, values, -np.inf).max(axis=-1, initial=-np.inf))
+    return np.stack(low, axis=-1), np.stack(high, axis=-1)
+
+
+def rectangles_meet(
+    low_a_m: Float[np.ndarray, "*a 2"],
+    high_a_m: Float[np.ndarray, "*a 2"],
+    low_b_m: Float[np.ndarray, "*b 2"],
+    high_b_m: Float[np.ndarray, "*b 2"],
+) -> Bool[np.ndarray, "*c"]:
+    """Whether upright rectangles have a common point; shapes are broadcast."""
+    meet = low_a_m[..., 0] <= high_b_m[..., 0]
+    meet = meet & (low_b_m[..., 0] <= high_a_m[..., 0])
+    meet &= low_a_m[..., 1] <= high_b_m[..., 1]
+    meet &= low_b_m[..., 1] <= high_a_m[..., 1]
+    return meet
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,14 +89,12 @@ class PathPieces:
         high = high.reshape(shape) + reach_m[:, None, None]
         # First whole paths, then pieces of the few that pass.
         whole_low, whole_high = low.min(axis=1), high.max(axis=1)
-        near = (whole_low[:, None, 0] <= high_m[:, 0]) & (
-            low_m[:, 0] <= whole_high[:, None, 0]
+        agent, box = np.nonzero(
+            rectangles_meet(whole_low[:, None], whole_high[:, None], low_m, high_m)
         )
-        near &= whole_low[:, None, 1] <= high_m[:, 1]
-        near &= low_m[:, 1] <= whole_high[:, None, 1]
-        agent, box = np.nonzero(near)
-        is_near = (low[agent] <= high_m[box, None]).all(axis=-1)
-        is_near &= (low_m[box, None] <= high[agent]).all(axis=-1)
+        is_near = rectangles_meet(
+            low[agent], high[agent], low_m[box, None], high_m[box, None]
+        )
         pair, part = np.nonzero(is_near)
         piece = agent[pair] * self.num_pieces + part
         order = np.argsort(piece, kind="stable")

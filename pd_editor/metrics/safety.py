@@ -11,7 +11,12 @@ from pd_editor.geometry.oriented_box import box_corners
 from pd_editor.metrics.box_overlap import pairs_that_matter
 from pd_editor.metrics.collision import boxes_touch, pairs_that_meet
 from pd_editor.metrics.metric_values import MetricValues, measured
-from pd_editor.metrics.path_pieces import PIECE_STEPS, bounds_m, in_pieces
+from pd_editor.metrics.path_pieces import (
+    PIECE_STEPS,
+    bounds_m,
+    in_pieces,
+    rectangles_meet,
+)
 from pd_editor.metrics.traffic_view import AgentStates, TrafficView
 
 HORIZON_S: Final = 5.0
@@ -207,13 +212,20 @@ def _steps_nearby(
     position, is_valid = in_pieces(agents.position_m), in_pieces(agents.is_valid)
     a, b = pairs.a[chosen], pairs.b[chosen]
     low, high = bounds_m(position, is_valid)
-    reach = pairs.radius_m[chosen][:, None, None, None]
-    meet = (low[a][:, :, None] - reach <= high[b][:, None]).all(-1)
-    meet &= (low[b][:, None] - reach <= high[a][:, :, None]).all(-1)
+    reach = pairs.radius_m[chosen]
+    spare = reach[:, None, None, None]
+    meet = rectangles_meet(
+        low[a][:, :, None] - spare,
+        high[a][:, :, None] + spare,
+        low[b][:, None],
+        high[b][:, None],
+    )
     row, first, second = np.nonzero(meet)
     a, b = a[row], b[row]
-    offset = position[b, second][:, None] - position[a, first][:, :, None]
-    near = np.einsum("nijd,nijd->nij", offset, offset) < reach[row, 0] ** 2
+    one, two = position[a, first][:, :, None], position[b, second][:, None]
+    squared = (two[..., 0] - one[..., 0]) ** 2
+    squared += (two[..., 1] - one[..., 1]) ** 2
+    near = squared < reach[row, None, None] ** 2
     near &= is_valid[b, second][:, None] & is_valid[a, first][:, :, None]
     pair, at, other = np.nonzero(near)
     return (

@@ -21,7 +21,7 @@ from pd_editor.metrics.paper_agents import paper_init_agents, paper_trajectory_a
 from pd_editor.metrics.report import agent_values, sample_values
 from pd_editor.metrics.traffic_view import TrafficView, recorded_traffic
 
-REPEATS = 5
+REPEATS = 9
 
 
 def real_views() -> list[TrafficView]:
