@@ -18,6 +18,8 @@ from pd_editor.evaluation.evaluation import (
     RunRecord,
     run_evaluation,
 )
+from pd_editor.evaluation.figures import figures_of
+from pd_editor.evaluation.html import html_of
 from pd_editor.evaluation.markdown import markdown_of
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
@@ -110,8 +112,10 @@ def evaluate(
         folder.path / ROWS_NAME, plan.settings.methods, plan.conditions, plan.seed
     )
     report = report_of(plan, record, summary, _command(plan, out))
+    figures = figures_of(summary, plan.conditions)
     files = (
         folder.write("report.md", markdown_of(report).encode()),
+        folder.write("report.html", html_of(report, figures).encode()),
         folder.path / ROWS_NAME,
     )
     _check_something_left(summary, record, files[0])

@@ -19,6 +19,8 @@ from pd_editor.evaluation.report_tables import (
 )
 from pd_editor.evaluation.summary import Summary
 
+FIGURES_TITLE: Final = "Results"
+"""The section that figures belong to."""
 _PACKAGES: Final = ("pd-editor", "numpy", "pyarrow", "shapely", "av2")
 _LISTED: Final = 30
 """Failures written out; the rest is counted."""
@@ -50,19 +52,22 @@ def report_of(
         sections=(
             Section(title="What was done", paragraphs=_words(plan, record, summary)),
             Section(
-                title="Results",
+                title=FIGURES_TITLE,
                 paragraphs=(
                     "Means over agents and samples, with intervals. Final lateral "
                     "deviation alone is low for whoever stays on some lane, even at "
-                    "random: read it beside overlap, path length, ADE and spread.",
+                    "random: read it beside overlap, path length, ADE and spread. Agents "
+                    "of the log are judged while they are recorded, all others to the "
+                    "end; the differences to the log, below, are free of that.",
                 ),
                 tables=tuple(headline_tables(summary)),
             ),
             Section(
                 title="Differences to the log",
                 paragraphs=(
-                    "Paired on the same agents, where both have a value; the log has "
-                    "none for agents after they left the recording.",
+                    "Paired on the same agents on the same roads, of which the log has "
+                    "every later step: an agent that left the recording early has a "
+                    "shorter path there, and less time to go astray.",
                 ),
                 tables=tuple(difference_tables(summary)),
             ),
@@ -91,8 +96,8 @@ def _words(
         f"that draw at random give {plan.num_samples} samples of each scene.",
         *(f"**{method.name}**: {method.description}" for method in plan.methods),
         "Counted are road users present at the current step. Movers are vehicles, "
-        "buses and motorcyclists; pedestrians and cyclists have tables of their own. "
-        "Boxes overlap when they share more than 0.05 m^2.",
+        "buses and motorcyclists; those under way are not slower than 0.3 m/s at the "
+        "current step. An agent counts once on every road. Boxes overlap when they share more than 0.05 m^2.",
         f"Intervals hold {100 * COVERAGE:.0f} % of {NUM_RESAMPLES} bootstrap resamples "
         "of scenes. Medians have none.",
     ]

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
+from jaxtyping import Float
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import PdEditorError
@@ -45,8 +46,10 @@ KEY_FIELDS: Final = (
     ("agent_id", pa.string()),
     ("kind", pa.string()),
     ("group", pa.string()),
+    ("recorded", pa.float32()),
 )
-"""``sample`` is null in rows about all samples of an agent together."""
+"""``sample`` is null in rows about all samples of an agent together; ``recorded`` is
+the share of later steps that the log has of the agent."""
 ROW_SCHEMA: Final = pa.schema(
     [
         *KEY_FIELDS,
@@ -147,12 +150,17 @@ def _method_tables(
         "power": item.condition.power,
         "seed": seed,
     }
-    return [_table({**fixed, "sample": s}, agents, metrics) for s, metrics in values]
+    recorded = traffic.samples[0].logged.is_valid[:, 1:].mean(axis=1)
+    return [
+        _table({**fixed, "sample": sample}, agents, recorded, metrics)
+        for sample, metrics in values
+    ]
 
 
 def _table(
     fixed: Mapping[str, str | float | None],
     agents: AgentStates,
+    recorded: Float[np.ndarray, "A"],
     metrics: Mapping[str, MetricValues],
 ) -> pa.Table:
     count, groups = len(agents), list(GROUP_KINDS)
@@ -160,6 +168,7 @@ def _table(
         "agent_id": list(agents.ids),
         "kind": [kind.value for kind in agents.kinds],
         "group": [groups[row] if row >= 0 else None for row in agents.group.tolist()],
+        "recorded": recorded.astype(np.float32),
     }
     columns = []
     for one in ROW_SCHEMA:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
@@ -14,13 +15,17 @@ from pd_editor.evaluation.bootstrap import Estimate, mean_over_scenes, scene_wei
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.evaluation.scene_rows import METRIC_COLUMNS
-from pd_editor.metrics.traffic_view import GROUP_KINDS
 
 PERTURBED: Final = "perturbed"
 """All bent roads together."""
 FAR_M: Final = 2.0
 FAR_FROM_LANE: Final = "lateral_deviation_final_over_2m"
 """Share of agents that end more than 2 m from their lanes."""
+SUMMARY_GROUPS: Final = ("movers", "movers under way", "pedestrians", "cyclists")
+"""Half of the movers are parked, often off the lanes; so those under way come apart."""
+_SEPARATE: Final = ("movers under way", "movers that stand", "pedestrians", "cyclists")
+_HELD: Final = ((0, 1), (0,), (2,), (3,))
+"""Which separate groups each group of the summary holds."""
 _KEYS: Final = ("scenario_id", "split", "method", "warp", "power", "agent_id", "group")
 
 
@@ -31,7 +36,7 @@ class Statistic:
     mean: Estimate
     """[M W G]."""
     difference: Estimate
-    """Minus the log's, on the same agents [M W G]."""
+    """Minus the log's, on the same agents, all recorded to the end [M W G]."""
     num_values: Int[np.ndarray, "M W G"]
     """Agents times samples."""
     num_scenes: Int[np.ndarray, "M W G"]
@@ -56,35 +61,62 @@ class Summary:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Cells:
-    """Which cell each row falls into."""
+    """Where each of R rows belongs; -1 where nowhere."""
 
     shape: tuple[int, int, int, int]
-    """Methods, roads as judged, groups, scenes."""
-    cell: Int[np.ndarray, "R"]
-    """-1 for rows of no group."""
+    """Methods, roads as judged, groups without those that hold others, scenes."""
+    method: Int[np.ndarray, "R"]
+    road: Int[np.ndarray, "R"]
+    group: Int[np.ndarray, "R"]
+    scene: Int[np.ndarray, "R"]
     agent: Int[np.ndarray, "R"]
     """Number of the agent on its road, the same for all methods."""
     is_logged: Bool[np.ndarray, "R"]
-    bent: Int[np.ndarray, "B"]
-    """Rows of the roads that are bent."""
+    is_complete: Bool[np.ndarray, "R"]
+    """Whether the log has the agent at all later steps."""
+    roads: tuple[tuple[int, ...], ...]
+    """Which roads each road of the summary holds."""
+
+    @cached_property
+    def cell(self) -> Int[np.ndarray, "R"]:
+        """Number of the cell of each row, -1 for rows that count nowhere."""
+        codes = (self.method, self.road, self.group, self.scene)
+        counts = np.min(codes, axis=0) >= 0
+        cell = np.ravel_multi_index(
+            tuple(np.where(counts, code, 0) for code in codes), self.shape
+        )
+        return np.where(counts, cell, -1)
 
     def sums(
         self, values: Float[np.ndarray, "R"], is_valid: Bool[np.ndarray, "R"]
     ) -> tuple[Float[np.ndarray, "M W G N"], Float[np.ndarray, "M W G N"]]:
-        """Sums and counts in each scene, all bent roads together last."""
+        """Sums and counts in each scene."""
         used = is_valid & (self.cell >= 0)
         size = int(np.prod(self.shape))
-        total = np.bincount(self.cell[used], values[used], size).reshape(self.shape)
-        count = np.bincount(self.cell[used], minlength=size).reshape(self.shape)
-        return self.with_bent(total), self.with_bent(count.astype(float))
+        total = np.bincount(self.cell[used], values[used], size)
+        count = np.bincount(self.cell[used], minlength=size).astype(float)
+        return self._united(total), self._united(count)
 
-    def with_bent(self, table: np.ndarray) -> np.ndarray:
-        """A table with a further road: all bent ones, summed."""
-        if not len(self.bent):
-            return table
-        return np.concatenate(
-            [table, table[:, self.bent].sum(axis=1, keepdims=True)], axis=1
-        )
+    def medians(
+        self, values: Float[np.ndarray, "R"], is_valid: Bool[np.ndarray, "R"]
+    ) -> Float[np.ndarray, "M W G"]:
+        """Median of each cell, over all scenes."""
+        used = np.flatnonzero(is_valid & (self.cell >= 0))
+        method, road = self.method[used], self.road[used]
+        group, values = self.group[used], values[used]
+        shape = (self.shape[0], len(self.roads), len(_HELD))
+        found = np.full(shape, np.nan)
+        for m, w, g in np.ndindex(shape):
+            chosen = (method == m) & np.isin(road, self.roads[w])
+            chosen &= np.isin(group, _HELD[g])
+            if chosen.any():
+                found[m, w, g] = np.median(values[chosen])
+        return found
+
+    def _united(self, flat: Float[np.ndarray, "K"]) -> Float[np.ndarray, "M W G N"]:
+        table = flat.reshape(self.shape)
+        table = np.stack([table[:, list(r)].sum(axis=1) for r in self.roads], axis=1)
+        return np.stack([table[:, :, list(g)].sum(axis=2) for g in _HELD], axis=2)
 
 
 def summarise(
@@ -95,8 +127,7 @@ def summarise(
 ) -> Summary:
     """Sum up a file of rows, one metric at a time."""
     file = pq.ParquetFile(rows, memory_map=True)
-    keys = file.read(columns=list(_KEYS))
-    cells = _cells(keys, methods, conditions)
+    cells = _cells(file, methods, conditions)
     weights = scene_weights(cells.shape[3], seed)
     statistics, median = {}, np.zeros(0)
     for name in METRIC_COLUMNS:
@@ -107,16 +138,16 @@ def summarise(
         if name == "lateral_deviation_final":
             far = (values > FAR_M).astype(float)
             statistics[FAR_FROM_LANE] = _statistic(cells, far, is_valid, weights)
-            median = _medians(cells, values, is_valid)
+            median = cells.medians(values, is_valid)
     first = np.zeros(len(cells.cell), bool)
-    whose = cells.agent * len(methods) + _codes(keys, "method", methods)
+    whose = cells.agent * len(methods) + cells.method
     first[np.unique(whose, return_index=True)[1]] = True
     _, agents = cells.sums(np.zeros(len(first)), first)
-    bent = (PERTURBED,) if len(cells.bent) else ()
+    bent = (PERTURBED,) if len(cells.roads) > len(conditions) else ()
     return Summary(
         methods=tuple(methods),
         roads=(*(one.label for one in conditions), *bent),
-        groups=tuple(GROUP_KINDS),
+        groups=SUMMARY_GROUPS,
         num_agents=agents.sum(axis=-1).astype(int),
         num_scenes=(agents > 0).sum(axis=-1),
         median_final_m=median,
@@ -125,8 +156,9 @@ def summarise(
 
 
 def _cells(
-    keys: pa.Table, methods: Sequence[str], conditions: Sequence[RoadCondition]
+    file: pq.ParquetFile, methods: Sequence[str], conditions: Sequence[RoadCondition]
 ) -> _Cells:
+    keys = file.read(columns=[*_KEYS, "standing", "recorded"])
     roads = {(one.kind, one.power): row for row, one in enumerate(conditions)}
     number, _ = _numbered(keys, "warp", "power")
     _, first = np.unique(number, return_index=True)
@@ -135,21 +167,34 @@ def _cells(
     road = np.array(of_number, np.int64)[number] if len(number) else number
     scene, num_scenes = _numbered(keys, "split", "scenario_id")
     method = _codes(keys, "method", methods)
-    group = _codes(keys, "group", tuple(GROUP_KINDS))
     name, num_names = _numbered(keys, "agent_id")
-    shape = (len(methods), len(conditions), len(GROUP_KINDS), max(num_scenes, 1))
-    cell = ((method * shape[1] + road) * shape[2] + group) * shape[3] + scene
-    whole = (scene * shape[1] + road) * max(num_names, 1) + name
+    whole = (scene * len(conditions) + road) * max(num_names, 1) + name
     agent = np.unique(whole, return_inverse=True)[1]
-    is_logged = np.zeros(len(cell), bool)
+    is_logged = np.zeros(len(agent), bool)
     if GROUND_TRUTH in methods:
         is_logged = method == list(methods).index(GROUND_TRUTH)
+    bent = tuple(row for row, one in enumerate(conditions) if not one.is_plain)
+    together = (bent,) if bent else ()
     return _Cells(
-        shape=shape,
-        cell=np.where((group >= 0) & (method >= 0) & (road >= 0), cell, -1),
+        shape=(len(methods), len(conditions), len(_SEPARATE), max(num_scenes, 1)),
+        method=method,
+        road=road,
+        group=_groups(keys, agent),
+        scene=scene,
         agent=agent,
         is_logged=is_logged,
-        bent=np.flatnonzero([not one.is_plain for one in conditions]),
+        is_complete=keys.column("recorded").to_numpy() == 1.0,
+        roads=(*((row,) for row in range(len(conditions))), *together),
+    )
+
+
+def _groups(keys: pa.Table, agent: Int[np.ndarray, "R"]) -> Int[np.ndarray, "R"]:
+    """Index into ``_SEPARATE``; movers are told apart by what they do at the state."""
+    group = _codes(keys, "group", ("", "movers", *_SEPARATE[2:])) - 1
+    stands = np.zeros(int(agent.max(initial=-1)) + 1, bool)
+    stands[agent[keys.column("standing").fill_null(0.0).to_numpy() > 0]] = True
+    return np.where(
+        (group == 0) & stands[agent], 1, np.where(group > 0, group + 1, group)
     )
 
 
@@ -161,7 +206,7 @@ def _statistic(
 ) -> Statistic:
     sums, counts = cells.sums(values, is_valid)
     logged = np.full(int(cells.agent.max(initial=-1)) + 1, np.nan)
-    log = is_valid & cells.is_logged
+    log = is_valid & cells.is_logged & cells.is_complete
     logged[cells.agent[log]] = values[log]
     difference = values - logged[cells.agent]
     is_paired = is_valid & np.isfinite(difference)
@@ -173,28 +218,6 @@ def _statistic(
         num_scenes=(counts > 0).sum(axis=-1),
         num_pairs=pairs.sum(axis=-1).astype(int),
     )
-
-
-def _medians(
-    cells: _Cells, values: Float[np.ndarray, "R"], is_valid: Bool[np.ndarray, "R"]
-) -> Float[np.ndarray, "M W G"]:
-    """Median of each cell, all bent roads together last."""
-    num_methods, num_roads, num_groups, num_scenes = cells.shape
-    used = np.flatnonzero(is_valid & (cells.cell >= 0))
-    cell = cells.cell[used] // num_scenes
-    found = np.full((num_methods, num_roads, num_groups), np.nan)
-    for index in np.unique(cell).tolist():
-        found.flat[index] = np.median(values[used[cell == index]])
-    if not len(cells.bent):
-        return found
-    together = np.full((num_methods, 1, num_groups), np.nan)
-    road = cell // num_groups % num_roads
-    is_bent = np.isin(road, cells.bent)
-    whole = cell // (num_groups * num_roads) * num_groups + cell % num_groups
-    for index in np.unique(whole[is_bent]).tolist():
-        chosen = used[is_bent & (whole == index)]
-        together.flat[index] = np.median(values[chosen])
-    return np.concatenate([found, together], axis=1)
 
 
 def _codes(keys: pa.Table, name: str, known: Sequence[str]) -> Int[np.ndarray, "R"]:
