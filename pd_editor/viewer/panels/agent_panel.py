@@ -1,6 +1,5 @@
 """The agent panel: numbers of the selection, and what to do with it."""
 
-import html
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -27,6 +26,7 @@ from pd_editor.paths.suggested_state import suggested_state
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.desk import Desk, set_property, set_value
+from pd_editor.viewer.page_text import plain
 
 KINDS: Final = tuple(str(kind) for kind in AgentKind)
 _OWN_GESTURE: Final = "agent panel:"
@@ -214,7 +214,7 @@ def _summary(scenario: Scenario, rows: np.ndarray) -> str:
     if len(rows) > 1:
         return f"**{len(rows)} agents selected.** Numbers apply to all of them."
     row = int(rows[0])
-    name = html.escape(agents.ids[row])
+    name = plain(agents.ids[row])
     marks = []
     if agents.ids[row] == scenario.focal_id:
         marks.append("focal agent")

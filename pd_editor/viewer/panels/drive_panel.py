@@ -21,6 +21,7 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import drivable_agent_ids
 from pd_editor.viewer.candidates_view import CandidatesView
 from pd_editor.viewer.desk import Desk, set_property, set_value
+from pd_editor.viewer.page_text import plain
 
 SCOPES: Final = ("All agents", "Selection")
 NO_CANDIDATE: Final[str] = "-"
@@ -216,7 +217,7 @@ class DrivePanel:
 
     def _progressed(self, progress: GenerationProgress) -> None:
         set_value(self._progress, round(100 * progress.fraction, 1))
-        set_property(self._status, "content", progress.message)
+        set_property(self._status, "content", plain(progress.message))
 
     def _finished(
         self, request: GenerationRequest, traffic: GeneratedTraffic, started: float
@@ -226,7 +227,7 @@ class DrivePanel:
         command = traffic_command(request, traffic)
         count = len(request.agent_ids)
         seconds = time.monotonic() - started
-        note = " ".join(traffic.notes)
+        note = plain(" ".join(traffic.notes))
         status = f"{count} futures in {seconds:.1f} s, seed {request.seed}. {note}"
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)

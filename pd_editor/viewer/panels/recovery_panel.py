@@ -1,13 +1,13 @@
 """The recovery panel: work that an earlier run of the editor did not finish."""
 
 import datetime
-import html
 from typing import Final
 
 import viser
 
 from pd_editor.editor.journal import UnfinishedWork
 from pd_editor.viewer.desk import Desk, set_property
+from pd_editor.viewer.page_text import plain
 
 MAX_OFFERED: Final = 3
 
@@ -65,4 +65,4 @@ class RecoveryPanel:
 def _described(work: UnfinishedWork) -> str:
     when = datetime.datetime.fromtimestamp(work.last_time)
     edits = f"{work.num_edits} edit{'s' if work.num_edits != 1 else ''}"
-    return f"**{html.escape(work.scenario_id)}**  \n{edits}, last {when:%d %b %H:%M}"
+    return f"**{plain(work.scenario_id)}**  \n{edits}, last {when:%d %b %H:%M}"

@@ -1,6 +1,5 @@
 """The scenario panel: open a demo, a folder, an upload; export the result."""
 
-import html
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +10,7 @@ from pd_editor.errors import ArchiveError, InputError
 from pd_editor.installed_files import demo_names
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.desk import Desk, set_property
+from pd_editor.viewer.page_text import plain
 from pd_editor.viewer.server_guard import limit_uploads
 
 MAX_NOTES: Final = 3
@@ -67,12 +67,12 @@ class ScenarioPanel:
         agents, road = scenario.agents, scenario.road_map
         has_future = bool(agents.is_valid[:, scenario.current_step + 1 :].any())
         lines = [
-            f"**{html.escape(scenario.scenario_id)}**",
-            f"{html.escape(scenario.city)} · {len(agents)} agents · "
+            f"**{plain(scenario.scenario_id)}**",
+            f"{plain(scenario.city)} · {len(agents)} agents · "
             f"{len(road.lanes)} lanes" + ("" if has_future else " · no logged future"),
         ]
         notes = scenario.provenance.notes[-MAX_NOTES:]
-        lines += [f"*{html.escape(note)}*" for note in notes]
+        lines += [f"*{plain(note)}*" for note in notes]
         set_property(self._card, "content", "  \n".join(lines))
 
     def _open_demo(self) -> None:

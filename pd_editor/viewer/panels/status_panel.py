@@ -1,6 +1,5 @@
 """The status line: what is wrong with the scenario right now, in words."""
 
-import html
 from typing import Final
 
 from pd_editor.metrics.scene_warnings import (
@@ -11,6 +10,7 @@ from pd_editor.metrics.scene_warnings import (
 from pd_editor.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.desk import Desk, set_property
+from pd_editor.viewer.page_text import plain
 
 MAX_LISTED: Final = 4
 
@@ -76,7 +76,7 @@ class StatusPanel:
                 text = f"No new warnings ({recorded} in the recording itself)."
             set_property(self._text, "content", text)
             return
-        lines = [f"- {html.escape(w.message)}" for w in self._warnings[:MAX_LISTED]]
+        lines = [f"- {plain(w.message)}" for w in self._warnings[:MAX_LISTED]]
         if count > MAX_LISTED:
             lines.append(f"- ... and {count - MAX_LISTED} more")
         if any(warning.kind.startswith("future") for warning in self._warnings):
