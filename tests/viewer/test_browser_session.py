@@ -173,6 +173,7 @@ def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
     deadline = time.monotonic() + 20
     while panel._job is not None and time.monotonic() < deadline:
         time.sleep(0.05)
+    tab.run(lambda: None)
     assert len(labels(tab)) == 2
     assert panel._take.visible
     # The edit changed the state it was made for: taking it would undo the edit.
@@ -192,6 +193,7 @@ def test_an_offered_result_that_still_fits_is_applied(tab):
     deadline = time.monotonic() + 20
     while panel._job is not None and time.monotonic() < deadline:
         time.sleep(0.05)
+    tab.run(lambda: None)
     tab.run(panel._take_offered)
     assert len(labels(tab)) == 2
 
