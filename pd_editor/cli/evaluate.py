@@ -17,6 +17,7 @@ from pd_editor.evaluation.evaluation import (
     EvaluationPlan,
     RunRecord,
     run_evaluation,
+    scenes_of,
 )
 from pd_editor.evaluation.figures import figures_of
 from pd_editor.evaluation.html import html_of
@@ -106,8 +107,9 @@ def evaluate(
     engine = LocalProcesses(
         num_workers=None if workers is None else _at_least(1, workers, "workers")
     )
+    found = scenes_of(plan)
     folder = RunFolder(Path(out), plan.settings, resume=resume)
-    record = run_evaluation(plan, folder, engine, on_progress=_progress_shown())
+    record = run_evaluation(plan, found, folder, engine, on_progress=_progress_shown())
     summary = summarise(
         folder.path / ROWS_NAME, plan.settings.methods, plan.conditions, plan.seed
     )

@@ -81,8 +81,17 @@ class Scene:
     split: str
 
 
-def scenes_of(plan: EvaluationPlan) -> tuple[list[Scene], int]:
-    """The scenarios below the roots, and how many folders had to be left out.
+@dataclass(frozen=True, kw_only=True)
+class FoundScenes:
+    """The scenarios to judge."""
+
+    scenes: tuple[Scene, ...]
+    num_skipped: int
+    """Folders that lack a file or cannot be read."""
+
+
+def scenes_of(plan: EvaluationPlan) -> FoundScenes:
+    """The scenarios below the roots.
 
     Raises:
         InputError: a root is no folder, there is no scenario, or one is there twice.
@@ -108,7 +117,8 @@ def scenes_of(plan: EvaluationPlan) -> tuple[list[Scene], int]:
             f"{' '.join(map(str, plan.data))}: no Argoverse 2 scenario there; expected "
             "folders with scenario_<id>.parquet and log_map_archive_<id>.json."
         )
-    return list(found.values())[: plan.limit], num_skipped
+    scenes = tuple(found.values())[: plan.limit]
+    return FoundScenes(scenes=scenes, num_skipped=num_skipped)
 
 
 def _scene(root: Path, folder: Path) -> Scene:
@@ -139,6 +149,7 @@ def items_of(plan: EvaluationPlan, scenes: Sequence[Scene]) -> dict[str, SceneIt
 
 def run_evaluation(
     plan: EvaluationPlan,
+    found: FoundScenes,
     folder: RunFolder,
     engine: WorkEngine,
     *,
@@ -147,11 +158,9 @@ def run_evaluation(
     """Judge what is not finished yet, and write ``rows.parquet`` of all.
 
     Raises:
-        InputError: there is no scenario to judge.
         ExportError: the folder cannot be written.
     """
-    scenes, num_skipped = scenes_of(plan)
-    items = items_of(plan, scenes)
+    items = items_of(plan, found.scenes)
     done = folder.finished(items)
     broken: dict[str, str] = {}
 
@@ -167,7 +176,7 @@ def run_evaluation(
     run_items(
         engine, judge_scene, items, on_result=take, on_progress=on_progress, done=done
     )
-    return _collected(folder, items, broken, num_skipped, len(done))
+    return _collected(folder, items, broken, found.num_skipped, len(done))
 
 
 def _collected(

@@ -8,13 +8,13 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Float
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import PdEditorError
 from pd_editor.evaluation.method import JudgedTraffic, Method
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.generation import GenerationRequest
+from pd_editor.metrics.kinematics import STANDING_MPS
 from pd_editor.metrics.metric_table import METRICS
 from pd_editor.metrics.metric_values import MetricValues
 from pd_editor.metrics.report import agent_values, sample_values
@@ -46,10 +46,12 @@ KEY_FIELDS: Final = (
     ("agent_id", pa.string()),
     ("kind", pa.string()),
     ("group", pa.string()),
+    ("under_way", pa.bool_()),
     ("recorded", pa.float32()),
 )
-"""``sample`` is null in rows about all samples of an agent together; ``recorded`` is
-the share of later steps that the log has of the agent."""
+"""``sample`` is null in rows about all samples of an agent together. ``under_way`` is
+false for agents that stand at the current step of the log, which has the share
+``recorded`` of their later steps."""
 ROW_SCHEMA: Final = pa.schema(
     [
         *KEY_FIELDS,
@@ -150,9 +152,8 @@ def _method_tables(
         "power": item.condition.power,
         "seed": seed,
     }
-    recorded = traffic.samples[0].logged.is_valid[:, 1:].mean(axis=1)
     return [
-        _table({**fixed, "sample": sample}, agents, recorded, metrics)
+        _table({**fixed, "sample": sample}, agents, traffic.samples[0].logged, metrics)
         for sample, metrics in values
     ]
 
@@ -160,7 +161,7 @@ def _method_tables(
 def _table(
     fixed: Mapping[str, str | float | None],
     agents: AgentStates,
-    recorded: Float[np.ndarray, "A"],
+    logged: AgentStates,
     metrics: Mapping[str, MetricValues],
 ) -> pa.Table:
     count, groups = len(agents), list(GROUP_KINDS)
@@ -168,7 +169,8 @@ def _table(
         "agent_id": list(agents.ids),
         "kind": [kind.value for kind in agents.kinds],
         "group": [groups[row] if row >= 0 else None for row in agents.group.tolist()],
-        "recorded": recorded.astype(np.float32),
+        "under_way": np.hypot(*logged.velocity_mps[:, 0].T) >= STANDING_MPS,
+        "recorded": logged.is_valid[:, 1:].mean(axis=1).astype(np.float32),
     }
     columns = []
     for one in ROW_SCHEMA:

@@ -26,7 +26,17 @@ SUMMARY_GROUPS: Final = ("movers", "movers under way", "pedestrians", "cyclists"
 _SEPARATE: Final = ("movers under way", "movers that stand", "pedestrians", "cyclists")
 _HELD: Final = ((0, 1), (0,), (2,), (3,))
 """Which separate groups each group of the summary holds."""
-_KEYS: Final = ("scenario_id", "split", "method", "warp", "power", "agent_id", "group")
+_KEYS: Final = (
+    "scenario_id",
+    "split",
+    "method",
+    "warp",
+    "power",
+    "agent_id",
+    "group",
+    "under_way",
+    "recorded",
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +103,7 @@ class _Cells:
         """Sums and counts in each scene."""
         used = is_valid & (self.cell >= 0)
         size = int(np.prod(self.shape))
-        total = np.bincount(self.cell[used], values[used], size)
+        total = np.bincount(self.cell[used], values[used], size).astype(float)
         count = np.bincount(self.cell[used], minlength=size).astype(float)
         return self._united(total), self._united(count)
 
@@ -158,7 +168,7 @@ def summarise(
 def _cells(
     file: pq.ParquetFile, methods: Sequence[str], conditions: Sequence[RoadCondition]
 ) -> _Cells:
-    keys = file.read(columns=[*_KEYS, "standing", "recorded"])
+    keys = file.read(columns=list(_KEYS))
     roads = {(one.kind, one.power): row for row, one in enumerate(conditions)}
     number, _ = _numbered(keys, "warp", "power")
     _, first = np.unique(number, return_index=True)
@@ -179,7 +189,7 @@ def _cells(
         shape=(len(methods), len(conditions), len(_SEPARATE), max(num_scenes, 1)),
         method=method,
         road=road,
-        group=_groups(keys, agent),
+        group=_groups(keys),
         scene=scene,
         agent=agent,
         is_logged=is_logged,
@@ -188,14 +198,12 @@ def _cells(
     )
 
 
-def _groups(keys: pa.Table, agent: Int[np.ndarray, "R"]) -> Int[np.ndarray, "R"]:
-    """Index into ``_SEPARATE``; movers are told apart by what they do at the state."""
-    group = _codes(keys, "group", ("", "movers", *_SEPARATE[2:])) - 1
-    stands = np.zeros(int(agent.max(initial=-1)) + 1, bool)
-    stands[agent[keys.column("standing").fill_null(0.0).to_numpy() > 0]] = True
-    return np.where(
-        (group == 0) & stands[agent], 1, np.where(group > 0, group + 1, group)
-    )
+def _groups(keys: pa.Table) -> Int[np.ndarray, "R"]:
+    """Index into ``_SEPARATE``; movers are told apart by what the log says."""
+    group = _codes(keys, "group", _SEPARATE)
+    is_mover = _codes(keys, "group", ("movers",)) == 0
+    stands = keys.column("under_way").to_numpy() == 0
+    return np.where(is_mover, stands.astype(int), group)
 
 
 def _statistic(

@@ -1,0 +1,40 @@
+import pytest
+
+from pd_editor.errors import InputError
+from pd_editor.evaluation.road_condition import ALL_CONDITIONS, road_conditions
+from tests.builders import two_agents_that_pass
+
+
+def test_all_is_plain_and_nine_bends():
+    assert road_conditions(["all"]) == ALL_CONDITIONS
+    assert len(ALL_CONDITIONS) == 10
+    labels = [one.label for one in ALL_CONDITIONS]
+    assert road_conditions(labels) == ALL_CONDITIONS
+    assert labels[:2] == ["none", "smooth-turn:3"]
+
+
+def test_each_road_once():
+    found = road_conditions(["none", "ripple-road:6.0", "ripple-road:6", "none"])
+    assert [one.label for one in found] == ["none", "ripple-road:6"]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "bend:3", "none:3", "smooth-turn", "smooth-turn:x", "smooth-turn:0",
+             "ripple-road:11", "ripple-road:nan", "ripple-road:inf"]
+)  # fmt: skip
+def test_other_words_are_refused(text):
+    with pytest.raises(InputError, match="smooth-turn"):
+        road_conditions([text])
+
+
+def test_no_road_is_refused():
+    with pytest.raises(InputError):
+        road_conditions([])
+
+
+def test_a_plain_road_is_the_scenario_itself():
+    scenario = two_agents_that_pass()
+    assert road_conditions(["none"])[0].applied_to(scenario) is scenario
+    bent = road_conditions(["smooth-turn:3"])[0].applied_to(scenario)
+    assert bent.applied_warp is not None
+    assert bent.applied_warp.friction_coefficient is None
