@@ -9,6 +9,7 @@ import numpy as np
 import viser
 
 from pd_editor.editor.session import SessionState
+from pd_editor.errors import PdEditorError
 from pd_editor.generation import ScenarioGenerator
 from pd_editor.viewer import camera
 from pd_editor.viewer.agents_view import AgentsView
@@ -151,6 +152,8 @@ class BrowserSession:
                 on_ribbons=self._ribbons.set_visible,
             )
         self._timeline = TimelinePanel(desk, workspace.playback)
+        # A search that an earlier connection has ended tells of nothing new.
+        self._dataset_panel.show()
 
     def _add_hotkeys(self) -> None:
         key = self._desk.hotkey
@@ -240,7 +243,9 @@ class BrowserSession:
     def _tick(self) -> float | None:
         if not self._is_built:
             return None
-        self._desk.tick()
+        if self._desk.tick():
+            # A refused value is still in its input: nothing changed that shows panels.
+            self._show_panels(self._workspace.session.state)
         now = time.monotonic()
         if self._checks_future_at is not None and now >= self._checks_future_at:
             self._checks_future_at = None
@@ -269,6 +274,12 @@ class BrowserSession:
 
     def _report(self, error: Exception) -> None:
         self._desk.report(error)
+        if (
+            isinstance(error, PdEditorError)
+            and self._is_built
+            and self._desk.gesture is None
+        ):
+            self._show_panels(self._workspace.session.state)
 
     def _ground_clicked(self, point_m: np.ndarray) -> bool:
         if self._agent_panel.is_placing:
@@ -336,13 +347,18 @@ class BrowserSession:
         )
 
     def _look_at(self, center_m: np.ndarray, heading_rad: float | None = None) -> None:
+        """Look at a point; with a heading, at what lies ahead of it in the 3-D view."""
         view = self._client.camera
         with self._client.atomic():
             if self._is_top_view:
                 camera.look_from_above(view, center_m)
                 return
+            target = center_m
             if heading_rad is None:
                 _, heading_rad = self._center_of(
                     (self._workspace.session.scenario.focal_id,)
                 )
-            camera.look_from_behind(view, center_m, heading_rad)
+            else:
+                ahead = np.array([np.cos(heading_rad), np.sin(heading_rad)])
+                target = center_m + camera.LOOK_AHEAD_M * ahead
+            camera.look_from_behind(view, target, heading_rad)

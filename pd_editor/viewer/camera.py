@@ -12,6 +12,8 @@ PERSPECTIVE_FOV_RAD: Final = np.radians(42.0)
 PERSPECTIVE_NEAR_FAR_M: Final = (1.5, 3000.0)
 """Near enough for a close look; nearer would cost depth precision far away."""
 TOP_VIEW_HALF_HEIGHT_M: Final = 65.0
+LOOK_AHEAD_M: Final = 14.0
+"""How far ahead of an agent the default 3-D view looks."""
 NEAR_FAR_MARGIN_M: Final = 400.0
 
 Vector = tuple[float, float, float]
@@ -61,17 +63,15 @@ def projected(
 
 
 def look_from_behind(
-    camera: viser.CameraHandle, center_m: Float[np.ndarray, "2"], heading_rad: float
+    camera: viser.CameraHandle, target_m: Float[np.ndarray, "2"], heading_rad: float
 ) -> None:
-    """The default 3-D view: above and behind a point, looking along a heading."""
-    ahead = np.array([np.cos(heading_rad), np.sin(heading_rad)])
-    target = center_m + 14.0 * ahead
-    position = center_m - 34.0 * ahead
+    """The default 3-D view: from above and behind a point, along a heading."""
+    position = target_m - 48.0 * np.array([np.cos(heading_rad), np.sin(heading_rad)])
     camera.up_direction = (0.0, 0.0, 1.0)
     camera.fov = float(PERSPECTIVE_FOV_RAD)
     camera.near, camera.far = PERSPECTIVE_NEAR_FAR_M
     camera.position = (float(position[0]), float(position[1]), 34.0)
-    camera.look_at = (float(target[0]), float(target[1]), 0.0)
+    camera.look_at = (float(target_m[0]), float(target_m[1]), 0.0)
 
 
 def look_from_above(

@@ -121,11 +121,13 @@ class Desk:
         self._gesture, self._gesture_deadline = None, None
         self.session.abort_gesture()
 
-    def tick(self) -> None:
-        """Commit a gesture that has come to rest."""
+    def tick(self) -> bool:
+        """Commit a gesture that has come to rest; whether one has."""
         deadline = self._gesture_deadline
-        if deadline is not None and time.monotonic() >= deadline:
-            self.commit_gesture()
+        if deadline is None or time.monotonic() < deadline:
+            return False
+        self.commit_gesture()
+        return True
 
     def notify(
         self, title: str, body: str = "", tone: Tone = "info", *, stays: bool = False

@@ -271,3 +271,51 @@ def test_themes_layers_and_views_switch(tab):
     assert tab.desk.client.camera.fov < 0.2
     tab.run(tab.tab._switch_view)
     assert tab.desk.client.camera.fov > 0.5
+
+
+def test_switching_views_there_and_back_looks_at_the_same_place(tab):
+    before = np.array(tab.desk.client.camera.look_at)
+    for _ in range(2):
+        tab.run(tab.tab._switch_view)
+    assert np.allclose(tab.desk.client.camera.look_at, before)
+
+
+def test_inputs_of_a_refused_edit_return_to_the_agents_values(tab):
+    panel = tab.tab._agent_panel
+    tab.run(lambda: tab.session.select((tab.session.scenario.focal_id,)))
+    shown = panel._size.value
+    panel._size.value = (-4.0, 2.0)
+    with pytest.raises(EditError, match="Size"):
+        tab.run(lambda: panel._set_size((-4.0, 2.0)))
+    time.sleep(GESTURE_PAUSE_S + 0.4)
+    tab.run(lambda: None)
+    assert panel._size.value == shown
+    assert not labels(tab)
+
+
+def test_reset_forgets_the_shape_and_friction_and_undo_brings_them_back(tab):
+    panel = tab.tab._road_panel
+    panel._power["ripple-road"].value = 3.0
+    panel._border.value, panel._friction.value = 20.0, 0.3
+    panel._slows.value = True
+    tab.run(panel._changed)
+    tab.run(panel.reset)
+    assert not panel._slows.value
+    assert (panel._border.value, panel._friction.value) == (5.0, 0.7)
+    tab.run(tab.tab._history_panel.undo)
+    assert panel._slows.value
+    assert (panel._border.value, panel._friction.value) == (20.0, 0.3)
+
+
+def test_a_refused_anchor_leaves_the_one_in_force_chosen(tab):
+    panel = tab.tab._road_panel
+    panel._anchor.value = "Selected agent"
+    with pytest.raises(EditError, match="Select the agent"):
+        tab.run(panel._anchor_changed)
+    assert panel._anchor.value == "Focal agent"
+
+
+def test_nothing_to_undo_or_redo_is_no_error(tab):
+    tab.run(tab.tab._history_panel.undo)
+    tab.run(tab.tab._history_panel.redo)
+    assert not labels(tab)

@@ -48,6 +48,9 @@ class AgentPanel:
         self._heading = gui.add_number("Heading (deg)", 0.0, step=1.0)
         self._position = gui.add_vector2("Position (m)", (0.0, 0.0), step=0.1)
         self._size = gui.add_vector2("Length, width (m)", (4.6, 1.9), step=0.1)
+        self._heading.precision = 1
+        for handle in (self._speed, self._position, self._size):
+            handle.precision = 2
         self._size_note = gui.add_markdown(_SIZE_NOTE)
         self._actions = {
             "Snap to lane": gui.add_button("Snap to lane", color="gray"),

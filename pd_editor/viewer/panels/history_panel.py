@@ -34,14 +34,16 @@ class HistoryPanel:
         desk.on_click(self._redo, self.redo)
 
     def undo(self) -> None:
-        """Take back the last edit."""
+        """Take back the last edit, if any."""
         self._desk.commit_gesture()
-        self._desk.session.undo()
+        if self._desk.session.can_undo:
+            self._desk.session.undo()
 
     def redo(self) -> None:
-        """Do again what was taken back."""
+        """Do again what was taken back, if anything."""
         self._desk.commit_gesture()
-        self._desk.session.redo()
+        if self._desk.session.can_redo:
+            self._desk.session.redo()
 
     def show(self) -> None:
         """Show the session's history."""

@@ -10,7 +10,7 @@ from pd_editor.editor.commands import SetRoadWarp
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.perturbation.anchor import pose_of_anchor
-from pd_editor.perturbation.friction_limit import summarise
+from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,
     MAX_POWER,
@@ -40,6 +40,8 @@ _LENGTH_TITLE: Final[dict[WarpKind, str]] = {
     "double-turn": "Turn distance (m)",
     "ripple-road": "Wave length (m)",
 }
+DEFAULT_BORDER_M: Final = 5.0
+DEFAULT_EXPONENT: Final = 3.0
 
 
 class RoadPanel:
@@ -52,6 +54,7 @@ class RoadPanel:
         self._anchor = gui.add_dropdown(
             "Anchor", ANCHORS, hint="Everything ahead of this pose moves."
         )
+        self._anchor_taken = self._anchor.value
         self._power: dict[WarpKind, Any] = {}
         self._length: dict[WarpKind, Any] = {}
         for kind in WARP_KINDS:
@@ -78,13 +81,21 @@ class RoadPanel:
                     initial_value=DEFAULT_LENGTH_M[kind],
                 )
             self._border = gui.add_slider(
-                "Border (m)", min=0.0, max=100.0, step=1.0, initial_value=5.0
+                "Border (m)",
+                min=0.0,
+                max=100.0,
+                step=1.0,
+                initial_value=DEFAULT_BORDER_M,
             )
             self._exponent = gui.add_slider(
-                "Exponent", min=2.0, max=6.0, step=0.5, initial_value=3.0
+                "Exponent", min=2.0, max=6.0, step=0.5, initial_value=DEFAULT_EXPONENT
             )
             self._friction = gui.add_slider(
-                "Friction coefficient", min=0.1, max=1.2, step=0.05, initial_value=0.7
+                "Friction coefficient",
+                min=0.1,
+                max=1.2,
+                step=0.05,
+                initial_value=DRY_ROAD_FRICTION,
             )
         self._gizmo = AnchorGizmo(desk, self._gizmo_moved)
         self._base = desk.session.base
@@ -104,7 +115,14 @@ class RoadPanel:
         desk.on_click(self._reset, self.reset)
 
     def reset(self) -> None:
-        """Take the warp back; the original road returns exactly."""
+        """Take the warp back; the original road returns exactly, inputs as at first."""
+        self._desk.commit_gesture()
+        for kind in WARP_KINDS:
+            set_value(self._length[kind], DEFAULT_LENGTH_M[kind])
+        set_value(self._border, DEFAULT_BORDER_M)
+        set_value(self._exponent, DEFAULT_EXPONENT)
+        set_value(self._friction, DRY_ROAD_FRICTION)
+        set_value(self._slows, False)
         self._desk.apply(SetRoadWarp(warp=None, friction_coefficient=None))
 
     def show(self, scenario: Scenario) -> None:
@@ -179,9 +197,14 @@ class RoadPanel:
             self._show_readout(self._desk.session.scenario)
 
     def _anchor_changed(self) -> None:
+        try:
+            pose = self._anchor_pose()
+        except EditError:
+            set_value(self._anchor, self._anchor_taken)
+            raise
+        self._anchor_taken = self._anchor.value
         if self._anchor.value != "Pose on the map":
             self._gizmo.remove()
-        pose = self._anchor_pose()
         if self._anchor.value == "Pose on the map":
             self._gizmo.place(pose)
         if self._desk.session.scenario.applied_warp is not None:
