@@ -12,6 +12,10 @@ with the folders, the scenarios and what is to be said about them::
     pd_editor.export("winding-street", out="copy", verify=True)
     pd_editor.edit("signalised-junction")  # serves until interrupted
 
+``evaluate`` takes roots of datasets instead, and returns an ``Evaluation``::
+
+    pd_editor.evaluate(data="argoverse/val", warps=("all",), out="table")
+
 Without files: ``open_scenario`` reads a ``Scenario``, an ``EditorSession`` edits it with
 the classes in ``commands``, its ``recipe()`` is a ``Recipe``. Whatever a user or a file
 can cause raises a ``PdEditorError``. All of this is loaded on first use.

@@ -110,15 +110,25 @@ def evaluate(
     found = scenes_of(plan)
     folder = RunFolder(Path(out), plan.settings, resume=resume)
     record = run_evaluation(plan, found, folder, engine, on_progress=_progress_shown())
-    summary = summarise(
-        folder.path / ROWS_NAME, plan.settings.methods, plan.conditions, plan.seed
-    )
-    report = report_of(plan, record, summary, _command(plan, out))
-    figures = figures_of(summary, plan.conditions)
+    return _reported(plan, folder, record, _command(plan, out))
+
+
+def _reported(
+    plan: EvaluationPlan, folder: RunFolder, record: RunRecord, command: str
+) -> Evaluation:
+    """Sum up the rows and write the reports.
+
+    Raises:
+        PdEditorError: there is nothing to sum up for a method; the reports say why.
+    """
+    rows = folder.path / ROWS_NAME
+    summary = summarise(rows, plan.settings.methods, plan.conditions, plan.seed)
+    report = report_of(plan, record, summary, command)
+    page = html_of(report, figures_of(summary, plan.conditions))
     files = (
         folder.write("report.md", markdown_of(report).encode()),
-        folder.write("report.html", html_of(report, figures).encode()),
-        folder.path / ROWS_NAME,
+        folder.write("report.html", page.encode()),
+        rows,
     )
     _check_something_left(summary, record, files[0])
     return Evaluation(folder=folder.path, files=files, summary=summary, record=record)

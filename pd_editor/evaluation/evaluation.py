@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
@@ -41,6 +42,7 @@ class EvaluationPlan:
     def settings(self) -> RunSettings:
         """What finished scenes depend on."""
         return RunSettings(
+            version=version("pd-editor"),
             data=tuple(str(root.resolve()) for root in self.data),
             methods=tuple(method.name for method in self.methods),
             samples=self.num_samples,

@@ -46,6 +46,7 @@ BY_ROAD: Final = (
     "ade",
     "end_spread",
 )
+MEDIAN: Final = "median"
 NONE: Final = "-"
 
 
@@ -75,12 +76,11 @@ def _headline(summary: Summary, group: str, road: str) -> ReportTable | None:
         return None
     rows = []
     for m, method in enumerate(summary.methods):
-        median = summary.median_final_m[m, w, g]
         cells = [
             cell(summary.statistics[name].mean, (m, w, g), unit_of(name))
             for name, _ in HEADLINES
         ]
-        cells.insert(1, NONE if np.isnan(median) else f"{median:.2f}")
+        cells.insert(1, _number(summary.median_final_m[m, w, g]))
         counts = f"{summary.num_agents[m, w, g]} / {summary.num_scenes[m, w, g]}"
         rows.append((method, counts, *cells))
     titles = [title for _, title in HEADLINES]
@@ -124,33 +124,38 @@ def difference_tables(summary: Summary) -> list[ReportTable]:
     return tables
 
 
-def road_tables(summary: Summary, group: str = "movers") -> list[ReportTable]:
+def road_tables(summary: Summary) -> list[ReportTable]:
     """Each road by itself, one table for each of the metrics that belong together."""
     if PERTURBED not in summary.roads:
         return []
-    g = summary.groups.index(group)
     return [
-        ReportTable(
-            title=f"{group.capitalize()}, by road: {named(name)}",
-            header=("method", *summary.roads),
-            rows=tuple(
-                (
-                    method,
-                    *(
-                        cell(
-                            summary.statistics[name].mean,
-                            (m, w, g),
-                            unit_of(name),
-                            with_interval=False,
-                        )
-                        for w in range(len(summary.roads))
-                    ),
-                )
-                for m, method in enumerate(summary.methods)
-            ),
-        )
-        for name in BY_ROAD
+        _road_table(summary, group, name)
+        for group in ("movers", "movers under way")
+        for name in (MEDIAN, *BY_ROAD)
     ]
+
+
+def _road_table(summary: Summary, group: str, name: str) -> ReportTable:
+    g, roads = summary.groups.index(group), range(len(summary.roads))
+    if name == MEDIAN:
+        texts = [
+            [_number(summary.median_final_m[m, w, g]) for w in roads]
+            for m in range(len(summary.methods))
+        ]
+    else:
+        mean, unit = summary.statistics[name].mean, unit_of(name)
+        texts = [
+            [cell(mean, (m, w, g), unit, with_interval=False) for w in roads]
+            for m in range(len(summary.methods))
+        ]
+    title = "median of lateral_deviation_final, m" if name == MEDIAN else named(name)
+    return ReportTable(
+        title=f"{group.capitalize()}, by road: {title}",
+        header=("method", *summary.roads),
+        rows=tuple(
+            (method, *row) for method, row in zip(summary.methods, texts, strict=True)
+        ),
+    )
 
 
 def complete_tables(summary: Summary) -> list[ReportTable]:
@@ -226,6 +231,10 @@ def cell(
     if not with_interval or np.isnan(numbers[1]):
         return texts[0]
     return f"{texts[0]} [{texts[1]}, {texts[2]}]"
+
+
+def _number(value: float) -> str:
+    return NONE if np.isnan(value) else f"{value:.2f}"
 
 
 def unit_of(name: str) -> str:

@@ -22,6 +22,8 @@ _METADATA_KEY: Final = b"pd_editor"
 class RunSettings:
     """What must be equal for finished scenes to be of use."""
 
+    version: str
+    """Of the program, since definitions may change."""
     data: tuple[str, ...]
     methods: tuple[str, ...]
     samples: int

@@ -1,4 +1,5 @@
 import json
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -133,6 +134,7 @@ def test_settings_are_written_down(root, tmp_path):
     run(plan_for(root, "ground-truth"), tmp_path / "out")
     settings = json.loads((tmp_path / "out" / "settings.json").read_text())
     assert settings == {
+        "version": version("pd-editor"),
         "data": [str(root)],
         "methods": ["ground-truth"],
         "samples": 2,

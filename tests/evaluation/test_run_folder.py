@@ -6,7 +6,9 @@ from pd_editor.errors import ExportError, InputError
 from pd_editor.evaluation.run_folder import RunFolder, RunSettings
 from pd_editor.evaluation.scene_rows import ROW_SCHEMA, SceneRows
 
-SETTINGS = RunSettings(data=("/data",), methods=("ground-truth",), samples=2, seed=0)
+SETTINGS = RunSettings(
+    version="1", data=("/data",), methods=("ground-truth",), samples=2, seed=0
+)
 EMPTY = SceneRows(table=ROW_SCHEMA.empty_table(), model_sha256={"m": "1"})
 
 
@@ -36,7 +38,13 @@ def test_a_damaged_file_counts_as_not_finished(tmp_path):
 
 @pytest.mark.parametrize(
     "change",
-    [{"seed": 1}, {"samples": 3}, {"methods": ("a",)}, {"data": ("/other",)}],
+    [
+        {"seed": 1},
+        {"samples": 3},
+        {"methods": ("a",)},
+        {"data": ("/other",)},
+        {"version": "2"},
+    ],
 )
 def test_other_settings_are_refused(tmp_path, change):
     RunFolder(tmp_path, SETTINGS, resume=False)
