@@ -40,7 +40,7 @@ def figures_of(
     summary: Summary, conditions: Sequence[RoadCondition]
 ) -> tuple[Figure, ...]:
     """All figures that the roads allow."""
-    group = "movers under way"
+    group = "movers on their way"
     if not summary.num_agents[:, :, summary.groups.index(group)].any():
         return ()
     panels = "".join(_interval_panel(summary, name, group) for name in SHOWN)

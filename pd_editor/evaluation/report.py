@@ -96,8 +96,11 @@ def _words(
         f"that draw at random give {plan.num_samples} samples of each scene.",
         *(f"**{method.name}**: {method.description}" for method in plan.methods),
         "Counted are road users present at the current step. Movers are vehicles, "
-        "buses and motorcyclists; those under way are not slower than 0.3 m/s at the "
-        "current step. An agent counts once on every road. Boxes overlap when they share more than 0.05 m^2.",
+        "buses and motorcyclists; those on their way are not slower than 0.3 m/s at "
+        "the current step and start within 4 m of a mapped centre line. The others "
+        "are parked, or drive where the map has ended, and dominate mean deviations. "
+        "An agent counts once on every road. Boxes overlap when they share more than "
+        "0.05 m^2.",
         f"Intervals hold {100 * COVERAGE:.0f} % of {NUM_RESAMPLES} bootstrap resamples "
         "of scenes. Medians have none.",
     ]

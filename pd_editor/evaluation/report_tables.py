@@ -130,7 +130,7 @@ def road_tables(summary: Summary) -> list[ReportTable]:
         return []
     return [
         _road_table(summary, group, name)
-        for group in ("movers", "movers under way")
+        for group in ("movers", "movers on their way")
         for name in (MEDIAN, *BY_ROAD)
     ]
 

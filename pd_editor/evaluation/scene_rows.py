@@ -17,9 +17,9 @@ from pd_editor.generation import GenerationRequest
 from pd_editor.metrics.kinematics import STANDING_MPS
 from pd_editor.metrics.metric_table import METRICS
 from pd_editor.metrics.metric_values import MetricValues
+from pd_editor.metrics.off_lane import OFF_LANE_M, nearest_edge
 from pd_editor.metrics.report import agent_values, sample_values
-from pd_editor.metrics.traffic_view import GROUP_KINDS, AgentStates
-from pd_editor.scene.scenario import Scenario
+from pd_editor.metrics.traffic_view import GROUP_KINDS, AgentStates, recorded_traffic
 from pd_editor.scene.traffic_choice import drivable_agent_ids
 
 LISTS: Final = ("local_density",)
@@ -47,11 +47,12 @@ KEY_FIELDS: Final = (
     ("kind", pa.string()),
     ("group", pa.string()),
     ("under_way", pa.bool_()),
+    ("on_lane", pa.bool_()),
     ("recorded", pa.float32()),
 )
-"""``sample`` is null in rows about all samples of an agent together. ``under_way`` is
-false for agents that stand at the current step of the log, which has the share
-``recorded`` of their later steps."""
+"""``sample`` is null in rows about all samples of an agent together. Of the log are
+``under_way`` (not standing at the current step), ``on_lane`` (no farther than 4 m from
+a centre line then) and ``recorded`` (share of later steps)."""
 ROW_SCHEMA: Final = pa.schema(
     [
         *KEY_FIELDS,
@@ -105,6 +106,7 @@ def judge_scene(item: SceneItem) -> SceneRows:
         num_samples=item.num_samples,
         seed=scene_seed(item.seed, scenario.scenario_id),
     )
+    log = _log_columns(request)
     tables, failures, hashes = [ROW_SCHEMA.empty_table()], {}, {}
     for method in item.methods:
         try:
@@ -114,7 +116,7 @@ def judge_scene(item: SceneItem) -> SceneRows:
         except Exception as error:  # noqa: BLE001  (a generator may be anybody's)
             failures[method.name] = f"{type(error).__name__}: {error}"
         else:
-            tables += _method_tables(item, scenario, request.seed, method, traffic)
+            tables += _method_tables(item, request, log, method, traffic)
             hashes[method.name] = traffic.model_sha256
     return SceneRows(
         table=pa.concat_tables(tables), failures=failures, model_sha256=hashes
@@ -130,10 +132,21 @@ def scene_seed(seed: int, scenario_id: str) -> int:
     return int.from_bytes(digest[:4])
 
 
+def _log_columns(request: GenerationRequest) -> dict[str, np.ndarray]:
+    """What the log says of the agents, whatever a method makes of them."""
+    view = recorded_traffic(request.scenario, request.agent_ids)
+    edge, _ = nearest_edge(view)
+    return {
+        "under_way": np.hypot(*view.agents.velocity_mps[:, 0].T) >= STANDING_MPS,
+        "on_lane": edge.is_valid & (edge.value <= OFF_LANE_M),
+        "recorded": view.agents.is_valid[:, 1:].mean(axis=1).astype(np.float32),
+    }
+
+
 def _method_tables(
     item: SceneItem,
-    scenario: Scenario,
-    seed: int,
+    request: GenerationRequest,
+    log: Mapping[str, np.ndarray],
     method: Method,
     traffic: JudgedTraffic,
 ) -> list[pa.Table]:
@@ -144,16 +157,16 @@ def _method_tables(
     values.append((None, sample_values(traffic.samples)))
     agents = traffic.samples[0].agents
     fixed = {
-        "scenario_id": scenario.scenario_id,
-        "city": scenario.city,
+        "scenario_id": request.scenario.scenario_id,
+        "city": request.scenario.city,
         "split": item.split,
         "method": method.name,
         "warp": item.condition.kind,
         "power": item.condition.power,
-        "seed": seed,
+        "seed": request.seed,
     }
     return [
-        _table({**fixed, "sample": sample}, agents, traffic.samples[0].logged, metrics)
+        _table({**fixed, "sample": sample}, agents, log, metrics)
         for sample, metrics in values
     ]
 
@@ -161,7 +174,7 @@ def _method_tables(
 def _table(
     fixed: Mapping[str, str | float | None],
     agents: AgentStates,
-    logged: AgentStates,
+    log: Mapping[str, np.ndarray],
     metrics: Mapping[str, MetricValues],
 ) -> pa.Table:
     count, groups = len(agents), list(GROUP_KINDS)
@@ -169,8 +182,7 @@ def _table(
         "agent_id": list(agents.ids),
         "kind": [kind.value for kind in agents.kinds],
         "group": [groups[row] if row >= 0 else None for row in agents.group.tolist()],
-        "under_way": np.hypot(*logged.velocity_mps[:, 0].T) >= STANDING_MPS,
-        "recorded": logged.is_valid[:, 1:].mean(axis=1).astype(np.float32),
+        **log,
     }
     columns = []
     for one in ROW_SCHEMA:

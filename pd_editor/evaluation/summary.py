@@ -21,9 +21,10 @@ PERTURBED: Final = "perturbed"
 FAR_M: Final = 2.0
 FAR_FROM_LANE: Final = "lateral_deviation_final_over_2m"
 """Share of agents that end more than 2 m from their lanes."""
-SUMMARY_GROUPS: Final = ("movers", "movers under way", "pedestrians", "cyclists")
-"""Half of the movers are parked, often off the lanes; so those under way come apart."""
-_SEPARATE: Final = ("movers under way", "movers that stand", "pedestrians", "cyclists")
+SUMMARY_GROUPS: Final = ("movers", "movers on their way", "pedestrians", "cyclists")
+"""Half of the movers are parked, and some drive where the map has ended; those who
+neither stand nor start away from all lanes tell most, and so come apart as well."""
+_SEPARATE: Final = ("movers on their way", "other movers", "pedestrians", "cyclists")
 _HELD: Final = ((0, 1), (0,), (2,), (3,))
 """Which separate groups each group of the summary holds."""
 _KEYS: Final = (
@@ -35,6 +36,7 @@ _KEYS: Final = (
     "agent_id",
     "group",
     "under_way",
+    "on_lane",
     "recorded",
 )
 
@@ -202,8 +204,8 @@ def _groups(keys: pa.Table) -> Int[np.ndarray, "R"]:
     """Index into ``_SEPARATE``; movers are told apart by what the log says."""
     group = _codes(keys, "group", _SEPARATE)
     is_mover = _codes(keys, "group", ("movers",)) == 0
-    stands = keys.column("under_way").to_numpy() == 0
-    return np.where(is_mover, stands.astype(int), group)
+    drives = keys.column("under_way").to_numpy() & keys.column("on_lane").to_numpy()
+    return np.where(is_mover, np.where(drives, 0, 1), group)
 
 
 def _statistic(

@@ -15,7 +15,7 @@ from pd_editor.cli.evaluate import Evaluation, evaluate
 from tests.benchmarks.figures import load_in_words
 
 NUM_CORES = 2
-GROUPS = ("movers", "movers under way")
+GROUPS = ("movers", "movers on their way")
 SHOWN = (
     "lateral_deviation_final",
     "new_overlap",

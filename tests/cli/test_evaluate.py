@@ -202,4 +202,4 @@ def test_real_scenes(shell: Shell, av2_root: Path, tmp_path: Path):
     ).to_pylist()
     assert {one["ade"] for one in log} == {0.0, None}
     assert {one["split"] for one in log} == {"train"}
-    assert "Movers under way, perturbed roads" in (out / "report.md").read_text()
+    assert "Movers on their way, perturbed roads" in (out / "report.md").read_text()

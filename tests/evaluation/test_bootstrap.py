@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -8,6 +9,8 @@ from pd_editor.evaluation.bootstrap import (
     mean_over_scenes,
     scene_weights,
 )
+from pd_editor.metrics.bootstrap import mean_interval
+from pd_editor.metrics.metric_values import measured
 
 
 def test_every_value_weighs_the_same():
@@ -16,6 +19,22 @@ def test_every_value_weighs_the_same():
     assert found.value.tolist() == [4.0]
     # Only scene one, both, or only scene two: means 2, 4 and 10.
     assert (found.low.tolist(), found.high.tolist()) == ([2.0], [10.0])
+
+
+def test_close_to_the_interval_of_single_metrics():
+    random = np.random.default_rng(5)
+    scenes = [
+        measured("ade", random.exponential(3.0, count), np.ones(count, bool))
+        for count in random.integers(1, 30, 40)
+    ]
+    other = mean_interval(scenes)
+    sums = np.array([[scene.value.sum() for scene in scenes]])
+    counts = np.array([[float(len(scene)) for scene in scenes]])
+    found = mean_over_scenes(sums, counts, scene_weights(40, seed=0))
+    assert found.value == pytest.approx(other.mean)
+    half = (other.high - other.low) / 2
+    assert found.low == pytest.approx(other.low, abs=0.15 * half)
+    assert found.high == pytest.approx(other.high, abs=0.15 * half)
 
 
 def test_equal_scenes_leave_no_doubt():

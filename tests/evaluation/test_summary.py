@@ -25,6 +25,7 @@ def row(scene, method, agent, ade, **more):
         "group": "movers",
         "recorded": 1.0,
         "under_way": True,
+        "on_lane": True,
         "ade": ade,
     }
     return base | more
@@ -53,7 +54,8 @@ def test_means_by_hand(tmp_path):
             row("a", "other", "1", 3.0, sample=1),
             row("a", "other", "2", 8.0),
             row("a", "other", "2", None, sample=1),
-            row("b", "other", "1", 4.0, under_way=False),
+            row("b", "other", "1", 2.0, under_way=False),
+            row("b", "other", "2", 6.0, on_lane=False),
             row("b", "other", "9", 50.0, group="pedestrians"),
             row("b", "other", "7", 99.0, group=None),
         ],
@@ -62,9 +64,9 @@ def test_means_by_hand(tmp_path):
     movers = at(summary, "other", "none", "movers")
     assert ade.mean.value[movers] == 4.0
     assert (ade.mean.low[movers], ade.mean.high[movers]) == (4.0, 4.0)
-    assert (ade.num_values[movers], ade.num_scenes[movers]) == (4, 2)
-    assert (summary.num_agents[movers], summary.num_scenes[movers]) == (3, 2)
-    under_way = at(summary, "other", "none", "movers under way")
+    assert (ade.num_values[movers], ade.num_scenes[movers]) == (5, 2)
+    assert (summary.num_agents[movers], summary.num_scenes[movers]) == (4, 2)
+    under_way = at(summary, "other", "none", "movers on their way")
     assert ade.mean.value[under_way] == 4.0
     assert (ade.num_values[under_way], summary.num_agents[under_way]) == (3, 2)
     assert ade.mean.value[at(summary, "other", "none", "pedestrians")] == 50.0
@@ -109,7 +111,7 @@ def test_values_over_all_samples_have_rows_of_their_own(tmp_path):
             row("a", "other", "1", None, sample=None, min_ade=2.0),
         ],
     )
-    movers = at(summary, "other", "none", "movers under way")
+    movers = at(summary, "other", "none", "movers on their way")
     assert summary.statistics["ade"].num_values[movers] == 1
     assert summary.statistics["min_ade"].mean.value[movers] == 2.0
     assert summary.statistics["min_ade"].difference.value[movers] == 1.5
