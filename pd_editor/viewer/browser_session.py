@@ -202,6 +202,8 @@ class BrowserSession:
         with self._client.atomic():
             self._show_marks()
             self._show_panels(after)
+            if is_other_scene:
+                self._dataset_panel.follow(after.scenario.scenario_id)
         if after.scenario is not before.scenario and not after.is_previewing:
             self._request_check()
 

@@ -12,6 +12,7 @@ from pd_editor.editor.commands import TransformAgents
 from pd_editor.errors import EditError
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
+from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.agents_view import AgentsView
 from pd_editor.viewer.camera import dragged_ground_point, ground_point, projected
 from pd_editor.viewer.desk import Desk
@@ -27,6 +28,7 @@ GroundClick = Callable[[Float[np.ndarray, "2"]], bool]
 class _Grab:
     """An agent held by the pointer."""
 
+    base: Scenario
     agent_ids: tuple[str, ...]
     start_m: np.ndarray
     center_m: np.ndarray
@@ -182,6 +184,13 @@ class Pointer:
         grab = self._grab
         if grab is None:
             return
+        there = self._desk.session.scenario.agents.row_of
+        if self._desk.session.base is not grab.base or any(
+            agent not in there for agent in grab.agent_ids
+        ):
+            # Another scenario was opened, or the agents deleted, under the pointer.
+            self._grab = None
+            return
         point = dragged_ground_point(camera, end, grab.height_m)
         if point is not None and phase != "start":
             self._desk.preview("drag", _command_of(grab, point), has_end=True)
@@ -216,6 +225,7 @@ class Pointer:
                 f"Agent {agent_id} is not there at the current step, where edits act."
             )
         self._grab = _Grab(
+            base=session.base,
             agent_ids=tuple(agents.ids[row] for row in rows),
             start_m=point,
             center_m=agents.position_m[rows, step].mean(axis=0),

@@ -7,7 +7,7 @@ import pytest
 
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, SetFocalAgent
-from pd_editor.errors import EditError, GenerationError
+from pd_editor.errors import EditError, GenerationError, InputError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.desk import GESTURE_PAUSE_S
@@ -109,6 +109,19 @@ def test_a_drag_moves_the_agent_and_is_one_undo_step(tab):
     assert np.allclose(moved - opened.agents.position_m[1], [7.0, -2.0], atol=1e-3)
     tab.run(tab.tab._history_panel.undo)
     assert tab.session.scenario is opened
+
+
+def test_a_drag_ends_when_its_agent_goes(tab):
+    drags = tab.tab._pointer
+    agent_id = tab.session.scenario.agents.ids[1]
+    x, y = tab.session.scenario.agents.position_m[1, 50]
+    pointed = (AgentKind.VEHICLE, 1)
+    camera, start, end = np.array([x, y, 30.0]), (x, y, 1.0), (x + 3.0, y, 1.0)
+    tab.run(lambda: drags._dragged(*pointed, "start", camera, start, start, False))
+    tab.run(lambda: tab.desk.apply(DeleteAgents(agent_ids=(agent_id,))))
+    for phase in ("update", "end"):
+        tab.run(lambda p=phase: drags._dragged(*pointed, p, camera, start, end, False))
+    assert labels(tab) == [f"Delete agent {agent_id}"]
 
 
 def test_overlaps_that_edits_cause_are_told_and_marked(tab):
@@ -243,6 +256,11 @@ def test_agents_come_and_go_in_the_picture(tab):
     batch = tab.tab._agents._batches[AgentKind.VEHICLE]
     assert all(len(node.batched_positions) == 2 for node in batch.nodes)
     assert all(len(node.batched_scales) == 2 for node in batch.nodes)
+
+
+def test_an_upload_of_another_kind_of_file_is_refused(tab):
+    with pytest.raises(InputError, match=r"notes\.txt: expected a \.zip"):
+        tab.run(lambda: tab.tab._scenario_panel._uploaded("notes.txt", b"hello"))
 
 
 def test_an_upload_over_the_limit_is_refused_before_it_is_taken_in(tab):

@@ -80,6 +80,12 @@ class DatasetPanel:
         text = f"{len(found)} of {search.num_seen} scenarios{more}{state}"
         set_property(self._count, "content", text)
 
+    def follow(self, scenario_id: str) -> None:
+        """Choose in the list what is open, if it is listed."""
+        for label in self._list.options:
+            if _id_of(label) == scenario_id:
+                set_value(self._list, label)
+
     def _filter(self) -> None:
         low, high = self._agents.value
         self._workspace.search_for(
@@ -97,4 +103,8 @@ class DatasetPanel:
         if chosen == NONE_FOUND:
             raise InputError("No scenario passes the filter; widen it.")
         self._desk.commit_gesture()
-        self._workspace.open_from_dataset(chosen.split(" · ", 1)[0])
+        self._workspace.open_from_dataset(_id_of(chosen))
+
+
+def _id_of(label: str) -> str:
+    return label.split(" · ", 1)[0]

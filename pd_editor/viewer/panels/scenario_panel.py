@@ -93,6 +93,10 @@ class ScenarioPanel:
             files = {name: content}
         else:
             suffix = Path(name).suffix.lower()
+            if suffix not in (".parquet", ".json"):
+                raise InputError(
+                    f"{name}: expected a .zip, or a .parquet and the .json of its map."
+                )
             kept = {
                 n: c for n, c in self._uploads.items() if not n.lower().endswith(suffix)
             }

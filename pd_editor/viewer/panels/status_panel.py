@@ -80,7 +80,7 @@ class StatusPanel:
         if count > MAX_LISTED:
             lines.append(f"- ... and {count - MAX_LISTED} more")
         if any(warning.kind.startswith("future") for warning in self._warnings):
-            lines.append("\nStale futures: regenerate them in the Drive tab (R).")
+            lines.append("\nFutures can be regenerated in the Drive tab (R).")
         title = f"**{count} warning{'s' if count > 1 else ''}**\n\n"
         set_property(self._text, "content", title + "\n".join(lines))
 
