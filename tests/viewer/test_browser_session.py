@@ -333,6 +333,27 @@ def test_a_refused_anchor_leaves_the_one_in_force_chosen(tab):
     assert panel._anchor.value == "Focal agent"
 
 
+def test_undo_and_redo_choose_the_anchor_in_force(tab):
+    panel = tab.tab._road_panel
+    panel._power["double-turn"].value = 3.0
+    tab.run(panel._changed)
+    for choice in ("Pose on the map", "Focal agent"):
+        panel._anchor.value = choice
+        if choice == "Pose on the map":
+            tab.run(panel._anchor_changed)
+            panel._gizmo._handle.position = (3.0, 1.0, 0.3)
+            tab.run(lambda: panel._gizmo_moved("end"))
+        else:
+            tab.run(panel._anchor_changed)
+    history = tab.tab._history_panel
+    tab.run(history.undo)
+    assert panel._anchor.value == "Pose on the map"
+    assert panel._gizmo.pose == tab.session.scenario.applied_warp.warp.anchor
+    tab.run(history.redo)
+    assert panel._anchor.value == "Focal agent"
+    assert panel._gizmo.pose is None
+
+
 def test_nothing_to_undo_or_redo_is_no_error(tab):
     tab.run(tab.tab._history_panel.undo)
     tab.run(tab.tab._history_panel.redo)

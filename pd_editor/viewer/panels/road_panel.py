@@ -1,5 +1,6 @@
 """The road panel: bend the road ahead of an anchor, live."""
 
+import contextlib
 from collections.abc import Callable
 from typing import Any, Final, Literal
 
@@ -55,6 +56,7 @@ class RoadPanel:
             "Anchor", ANCHORS, hint="Everything ahead of this pose moves."
         )
         self._anchor_taken = self._anchor.value
+        self._own_pose: RigidMotion | None = None
         self._power: dict[WarpKind, Any] = {}
         self._length: dict[WarpKind, Any] = {}
         for kind in WARP_KINDS:
@@ -129,6 +131,7 @@ class RoadPanel:
         """Show the warp of a scenario."""
         if self._desk.gesture != "warp":
             self._show_values(scenario)
+        self._show_anchor(scenario)
         self._show_gizmo(scenario)
         set_property(self._reset, "disabled", scenario.applied_warp is None)
         self._show_readout(scenario)
@@ -178,6 +181,7 @@ class RoadPanel:
         return RoadWarp(anchor=anchor, terms=terms) if terms else None
 
     def _command(self, anchor: RigidMotion) -> SetRoadWarp:
+        self._own_pose = anchor
         warp = self._warp(anchor)
         friction = float(self._friction.value) if self._slows.value else None
         return SetRoadWarp(
@@ -231,6 +235,29 @@ class RoadPanel:
             self._desk.preview("anchor", command, has_end=True)
         if phase == "end":
             self._desk.commit_gesture()
+
+    def _show_anchor(self, scenario: Scenario) -> None:
+        """After undo, redo or a reload, choose the anchor that is in force."""
+        applied = scenario.applied_warp
+        if applied is None or applied.warp.anchor == self._own_pose:
+            return
+        self._own_pose = applied.warp.anchor
+        choice: Anchor = "Pose on the map"
+        named: tuple[tuple[Anchor, str], ...] = (
+            ("Focal agent", "focal"),
+            ("Ego", "ego"),
+        )
+        for title, name in named:
+            with contextlib.suppress(EditError):
+                if pose_of_anchor(scenario, name) == self._own_pose:
+                    choice = title
+                    break
+        set_value(self._anchor, choice)
+        self._anchor_taken = choice
+        if choice == "Pose on the map":
+            self._gizmo.place(self._own_pose)
+        else:
+            self._gizmo.remove()
 
     def _show_gizmo(self, scenario: Scenario) -> None:
         """Keep the gizmo at the anchor in force, or in the scene that was opened."""
