@@ -75,6 +75,8 @@ class DatasetPanel:
         )
         if tuple(self._list.options) != (labels or (NONE_FOUND,)):
             self._list.options = labels or (NONE_FOUND,)
+        if search.is_complete:
+            self.follow(self._workspace.session.base.scenario_id)
         more = "" if len(found) <= MAX_LISTED else f", the first {MAX_LISTED} listed"
         state = "" if search.is_complete else ", still reading"
         text = f"{len(found)} of {search.num_seen} scenarios{more}{state}"
