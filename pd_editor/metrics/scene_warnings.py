@@ -112,7 +112,11 @@ def _overlaps(
         matters = _pair_matters(agents.kinds[one], agents.kinds[two])
         if not matters or (moves is not None and not (moves[one] or moves[two])):
             continue
-        first_name, second_name = _name(agents, one), _name(agents, two)
+        first_name, second_name = (
+            _name(agents, row)
+            + ("" if agents.is_valid[row, scenario.current_step] else " (comes later)")
+            for row in (one, two)
+        )
         verb = "overlap" if moves is None else f"overlap {_delay(scenario, step)}"
         found.append(
             SceneWarning(

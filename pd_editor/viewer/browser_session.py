@@ -91,7 +91,7 @@ class BrowserSession:
             self._agents = AgentsView(client, palette, self._pointer.attach)
             self._ribbons = RibbonsView(client, palette)
             self._marks = MarksView(client)
-            self._candidates = CandidatesView(client)
+            self._candidates = CandidatesView(client, self._ribbons.set_muted)
             self._status = StatusPanel(self._desk)
             self._frame_focal()
             self._draw()

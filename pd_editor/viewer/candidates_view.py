@@ -1,5 +1,6 @@
 """Draws where a selected agent could go, as a fan to choose from."""
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -29,9 +30,17 @@ _FAST: Final = np.array([0, 150, 120]) / 255.0
 class CandidatesView:
     """One node of one browser with the candidates of one agent."""
 
-    def __init__(self, client: viser.ClientHandle) -> None:
-        """Draw nothing yet."""
+    def __init__(
+        self, client: viser.ClientHandle, on_shown: Callable[[bool], None]
+    ) -> None:
+        """Draw nothing yet.
+
+        Args:
+            client: the browser.
+            on_shown: told whether the fan is shown, so that others can step back.
+        """
         self._client = client
+        self._on_shown = on_shown
         self._handle: viser.GlbHandle | None = None
         self.shown: CandidateSet | None = None
 
@@ -46,6 +55,7 @@ class CandidatesView:
         Their reference lanes are drawn under them, as thin lines of ``road_map``.
         """
         self.shown = candidates
+        self._on_shown(candidates is not None)
         if candidates is None:
             if self._handle is not None:
                 self._handle.visible = False

@@ -29,6 +29,7 @@ class RibbonsView:
         self._handle: viser.GlbHandle | None = None
         self._drawn: tuple[AgentTracks, str, Palette] | None = None
         self._is_visible = True
+        self._is_muted = False
         self._scenario: Scenario | None = None
 
     def show(self, scenario: Scenario) -> None:
@@ -55,11 +56,19 @@ class RibbonsView:
         if self._scenario is not None:
             self.show(self._scenario)
 
+    def set_muted(self, is_muted: bool) -> None:
+        """Step back while something else is shown, whatever the user's wish."""
+        self._is_muted = is_muted
+        self._apply_visibility()
+
+    def _apply_visibility(self) -> None:
+        if self._handle is not None:
+            self._handle.visible = self._is_visible and not self._is_muted
+
     def set_visible(self, is_visible: bool) -> None:
         """Show or hide all ribbons."""
         self._is_visible = is_visible
-        if self._handle is not None:
-            self._handle.visible = is_visible
+        self._apply_visibility()
         if is_visible and self._scenario is not None:
             self.show(self._scenario)
 

@@ -107,7 +107,10 @@ def _lane_surface(lane: Lane) -> FlatMesh:
 def _area_meshes(road_map: RoadMap) -> Iterator[FlatMesh]:
     for area in road_map.drivable_areas:
         if len(area.boundary) >= 4:
-            polygon = make_valid(shapely.Polygon(area.boundary[:, :2]))
+            ring = densify(
+                area.boundary[[*range(len(area.boundary)), 0], :2], SPACING_M
+            )
+            polygon = make_valid(shapely.Polygon(ring))
             yield from cell_meshes(polygon)
 
 
