@@ -12,6 +12,7 @@ import tyro
 
 from pd_editor.cli.arguments import FolderOption, Switch
 from pd_editor.errors import GenerationError, InputError
+from pd_editor.evaluation.distances import distance_tables
 from pd_editor.evaluation.evaluation import (
     ROWS_NAME,
     EvaluationPlan,
@@ -123,7 +124,8 @@ def _reported(
     """
     rows = folder.path / ROWS_NAME
     summary = summarise(rows, plan.settings.methods, plan.conditions, plan.seed)
-    report = report_of(plan, record, summary, command)
+    distances = distance_tables(rows, plan.settings.methods)
+    report = report_of(plan, record, summary, command, distances)
     page = html_of(report, figures_of(summary, plan.conditions))
     files = (
         folder.write("report.md", markdown_of(report).encode()),

@@ -44,7 +44,11 @@ class Report:
 
 
 def report_of(
-    plan: EvaluationPlan, record: RunRecord, summary: Summary, command: str
+    plan: EvaluationPlan,
+    record: RunRecord,
+    summary: Summary,
+    command: str,
+    distances: Sequence[ReportTable] = (),
 ) -> Report:
     """The report in words and numbers."""
     return Report(
@@ -70,6 +74,17 @@ def report_of(
                     "shorter path there, and less time to go astray.",
                 ),
                 tables=tuple(difference_tables(summary)),
+            ),
+            Section(
+                title="Distances to the log",
+                paragraphs=(
+                    "Square roots of Jensen-Shannon divergences, natural logarithm (what "
+                    "the paper calls JSD), 0 to 0.833. Read each beside its noise floor: "
+                    "recordings differ that much from recordings. The methods here keep "
+                    "the states, so distances of states (speed, nearest distance, "
+                    "density, nearest edge and its angle) are 0 by construction.",
+                ),
+                tables=tuple(distances),
             ),
             Section(title="Road by road", tables=tuple(road_tables(summary))),
             Section(title="All metrics", tables=tuple(complete_tables(summary))),
