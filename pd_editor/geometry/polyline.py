@@ -3,8 +3,6 @@
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.geometry.angles import heading_of
-
 
 def arc_length(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N"]:
     """Distance along the line from its first point to each of its points."""
@@ -53,14 +51,6 @@ def densify(
     fraction = ((np.arange(len(segment)) - first) / pieces[segment])[:, None]
     start, end = points[:-1][segment], points[1:][segment]
     return np.concatenate([start + fraction * (end - start), points[-1:]])
-
-
-def segment_headings(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N"]:
-    """Heading of the segment that starts at each point; the last one is repeated."""
-    if len(points_m) < 2:
-        return np.zeros(len(points_m))
-    heading = heading_of(np.diff(points_m, axis=0))
-    return np.concatenate([heading, heading[-1:]])
 
 
 def offset_line(

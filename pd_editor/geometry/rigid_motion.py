@@ -51,13 +51,3 @@ class RigidMotion:
         x, y = self.apply(np.array([first.x_m, first.y_m]))
         angle = wrap_angle(np.array([self.rotation_rad + first.rotation_rad]))
         return RigidMotion(x_m=float(x), y_m=float(y), rotation_rad=float(angle[0]))
-
-
-def rotation_about(pivot_m: Float[np.ndarray, "2"], rotation_rad: float) -> RigidMotion:
-    """The rotation that leaves ``pivot_m`` where it is."""
-    turned = RigidMotion(x_m=0.0, y_m=0.0, rotation_rad=rotation_rad).turn(pivot_m)
-    return RigidMotion(
-        x_m=float(pivot_m[0] - turned[0]),
-        y_m=float(pivot_m[1] - turned[1]),
-        rotation_rad=rotation_rad,
-    )

@@ -29,7 +29,8 @@ CHORD_M: Final = 4.0
 
 Tracks jitter by centimetres; shorter chords would turn that into bends.
 """
-_NODES_PER_STEP: Final = 4
+_NODES_PER_STEP: Final = 8
+"""At 30 m/s a node every 0.4 m: the sharpest point of a bend is missed by under 3 %."""
 _TOLERANCE: Final = 1.02
 """Ratio of speed to limit up to which an agent is left alone."""
 _SLOWEST_MPS: Final = 0.1

@@ -9,7 +9,6 @@ from pd_editor.geometry.polyline import (
     offset_line,
     point_at,
     resample,
-    segment_headings,
     without_repeats,
 )
 
@@ -60,12 +59,6 @@ def test_repeats_are_dropped_and_one_point_stays():
     line = np.array([[0.0, 0], [0, 0], [1, 0], [1, 0]])
     np.testing.assert_array_equal(without_repeats(line), [[0, 0], [1, 0]])
     assert len(without_repeats(np.zeros((3, 2)))) == 1
-
-
-def test_headings_of_a_square_corner():
-    line = np.array([[0.0, 0], [1, 0], [1, 1]])
-    np.testing.assert_allclose(segment_headings(line), [0, np.pi / 2, np.pi / 2])
-    np.testing.assert_array_equal(segment_headings(line[:1]), [0])
 
 
 def test_offset_of_a_circle_is_a_circle():

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.geometry.rigid_motion import RigidMotion, rotation_about
+from pd_editor.geometry.rigid_motion import RigidMotion
 
 NUMBERS = st.floats(-100, 100)
 MOTIONS = st.builds(
@@ -39,10 +39,3 @@ def test_agrees_with_complex_numbers(motion, points):
     np.testing.assert_allclose(
         motion.apply(points), np.stack([moved.real, moved.imag], axis=-1), atol=1e-9
     )
-
-
-@given(NUMBERS, NUMBERS, st.floats(-3.1, 3.1))
-def test_rotation_about_a_pivot_leaves_it(x, y, angle):
-    pivot = np.array([x, y])
-    motion = rotation_about(pivot, angle)
-    np.testing.assert_allclose(motion.apply(pivot), pivot, atol=1e-9)
