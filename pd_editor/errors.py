@@ -48,3 +48,15 @@ class GenerationError(PdEditorError):
 
 class ExportError(PdEditorError):
     """A result that cannot be written where it was asked for."""
+
+
+class SynthesisError(PdEditorError):
+    """Synthetic traffic cannot be made: SUMO is missing, or refused a network."""
+
+
+class ModelError(PdEditorError):
+    """Weights that are missing, damaged, or do not fit the model."""
+
+
+class TrainingError(PdEditorError):
+    """A training run that cannot start or go on."""

@@ -28,6 +28,14 @@ class GuidanceTerm:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Region:
+    """A square of the scene frame, along its axes."""
+
+    center_m: tuple[float, float]
+    half_side_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class GenerationRequest:
     """What to generate, on which scenario."""
 
@@ -36,6 +44,10 @@ class GenerationRequest:
     """Agents whose futures are redrawn; the rest is kept."""
     num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
     """How many agents of each kind to add with states of the model's choosing."""
+    redrawn_state_ids: tuple[str, ...] = ()
+    """Those of ``agent_ids`` whose states are drawn anew too; id, kind, size stay."""
+    region: Region | None = None
+    """Where states are drawn. None: the model's own choice, around the traffic."""
     num_samples: int = 1
     num_denoising_steps: int | None = None
     """None: the generator's own default."""

@@ -1,0 +1,1 @@
+"""The two-stage diffusion model; torch only here and in training."""

@@ -1,0 +1,1 @@
+"""Synthetic traffic in Argoverse 2 form, made with SUMO."""

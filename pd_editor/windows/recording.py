@@ -1,0 +1,61 @@
+"""A stretch of road with all its traffic for some minutes, windows of which are cut."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.road_map import RoadMap
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recording:
+    """A agents, each at consecutive steps of its own; P rows of all agents in a row.
+
+    The frame is that of the road map. Positions are box centres, headings point
+    where the vehicle points, velocities are rates of change of the positions.
+    """
+
+    name: str
+    """Unique in a corpus, such as ``roundabout-00017``."""
+    road_map: RoadMap
+    city: str
+    """What a scenario file says; the family of a procedural road."""
+    origin_city_m: Float[np.ndarray, "2"]
+    """Added to positions when they are written in city coordinates."""
+    step_s: float
+    num_steps: int
+    ids: tuple[str, ...]
+    kinds: tuple[AgentKind, ...]
+    size_m: Float[np.ndarray, "A 2"]
+    """True length and width."""
+    is_parked: Bool[np.ndarray, "A"]
+    """Whether it stands aside for good, not in traffic."""
+    first_step: Int[np.ndarray, "A"]
+    """Step of each agent's first row."""
+    first_row: Int[np.ndarray, "A_plus_1"]
+    """Agent a has the rows from ``first_row[a]`` to before ``first_row[a + 1]``."""
+    position_m: Float[np.ndarray, "P 2"]
+    heading_rad: Float[np.ndarray, "P"]
+    velocity_mps: Float[np.ndarray, "P 2"]
+
+    def __post_init__(self) -> None:
+        count = len(self.ids)
+        assert len(self.kinds) == len(self.size_m) == len(self.first_step) == count
+        assert len(self.first_row) == count + 1
+        assert self.first_row[-1] == len(self.position_m) == len(self.heading_rad)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """Where and when to look at a recording."""
+
+    current_step: int
+    """Step of the recording that becomes the scenario's current one."""
+    center_m: tuple[float, float]
+    """Middle of the square that is looked at."""
+    focal_id: str
+    """Agent that the window is about."""
+    seed: int
+    """Of everything that is drawn when the window is cut."""
