@@ -1,9 +1,52 @@
 """What both stages of the model see of a scene, as plain arrays."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+from pd_editor.scene.agent_kind import AgentKind
+
+AGENT_KINDS: Final = (
+    AgentKind.VEHICLE,
+    AgentKind.BUS,
+    AgentKind.MOTORCYCLIST,
+    AgentKind.CYCLIST,
+    AgentKind.PEDESTRIAN,
+)
+NUM_PIECE_KINDS: Final = 4
+NUM_NEAR_PIECES: Final = 24
+NUM_NEAR_AGENTS: Final = 8
+NUM_CANDIDATES: Final = 24
+NUM_FUTURE_STEPS: Final = 59
+STEP_S: Final = 0.1
+PIECE_LENGTH_M: Final = 10.0
+
+PIECE_SHAPE: Final = (
+    "length",
+    "turn_before",
+    "turn",
+    "turn_after",
+    "left_width",
+    "right_width",
+    "has_left",
+    "has_right",
+    "is_intersection",
+    "has_successor",
+    "has_predecessor",
+    "branches",
+)
+"""What is told of each piece, scaled to about one.
+
+Its length in tens of metres; the turns of the piece before, of itself and of the one
+after in radians, left positive; the distances to both boundaries in units of 2 m;
+whether there are lanes to both sides; whether its lane is in an intersection; whether
+another piece follows it, leads to it; whether several follow it.
+"""
+MIRRORED_SHAPE: Final = (0, 1, 2, 3, 5, 4, 7, 6, 8, 9, 10, 11)
+"""Where each number of ``PIECE_SHAPE`` comes from when the scene is mirrored."""
+MIRRORED_SHAPE_SIGNS: Final = (1, -1, -1, -1, 1, 1, 1, 1, 1, 1, 1, 1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
