@@ -18,6 +18,7 @@ from pd_editor.paths.driving_paths import (
 from pd_editor.paths.route_choice import RouteChoice, choose_routes
 from pd_editor.paths.speed_profiles import MAX_ACCELERATION_MPS2, MAX_BRAKING_MPS2
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
+from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
 MAX_SPEED_MPS: Final = 30.0
@@ -132,15 +133,13 @@ class PlannedPaths:
     choice: RouteChoice
 
 
-def plan_paths(scenario: Scenario, start: Start) -> PlannedPaths:
+def plan_paths(road_map: RoadMap, start: Start, duration_s: float) -> PlannedPaths:
     """Paths along routes and, for those who have none, without."""
-    axis = scenario.time_axis
-    duration = axis.num_future_steps * axis.step_s
-    gained = MAX_ACCELERATION_MPS2 * duration**2 / 2
-    longest = MAX_SPEED_MPS * duration
-    needed = np.minimum(start.speed_mps * duration + gained, longest)
+    gained = MAX_ACCELERATION_MPS2 * duration_s**2 / 2
+    longest = MAX_SPEED_MPS * duration_s
+    needed = np.minimum(start.speed_mps * duration_s + gained, longest)
     choice = choose_routes(
-        scenario.road_map, start.position_m, start.heading_rad, start.kinds, needed
+        road_map, start.position_m, start.heading_rad, start.kinds, needed
     )
     route, role, offset = _lateral_grid(choice)
     num_points = num_path_points(longest)

@@ -63,39 +63,100 @@ def candidates(
     An agent's candidates depend on the map and on its own state only. One that does
     not exist at that step has none.
     """
-    assert max_candidates >= 2, "own speed and standstill are always among them"
-    start = Start.of(scenario, np.asarray(rows, int))
-    plans = plan_paths(scenario, start)
-    path, plan = turns(plans, start.exists, 2 * max_candidates)
-    target = targets(start.speed_mps[plans.agent[path]], plan)
     axis = scenario.time_axis
-    reached = drive(
-        plans.paths,
-        path,
-        speed_mps=start.speed_mps[plans.agent[path]],
-        target_mps=target,
-        acceleration_mps2=np.array([p.acceleration_mps2 for p in SPEED_PLANS])[plan],
-        braking_mps2=np.array([p.braking_mps2 for p in SPEED_PLANS])[plan],
+    chosen = _Chosen.of(
+        scenario,
+        rows,
+        max_candidates,
         num_steps=axis.num_future_steps,
         step_s=axis.step_s,
     )
-    kept, slot, stands = _distinct(
-        plans.agent[path],
-        plans.paths.position_at(path, reached[:, [reached.shape[1] // 2, -1]]),
-        target == 0.0,
-        (len(start.kinds), max_candidates),
+    return _packed(chosen, axis.step_s, max_candidates)
+
+
+def candidate_positions(
+    scenario: Scenario,
+    rows: np.ndarray,
+    *,
+    max_candidates: int,
+    num_steps: int,
+    step_s: float,
+) -> tuple[Float[np.ndarray, "A C {num_steps}+1 2"], Bool[np.ndarray, "A C"]]:
+    """Only where the ``candidates`` lead and which are valid, over a time of choice.
+
+    The scenario's own time axis does not matter.
+    """
+    chosen = _Chosen.of(
+        scenario, rows, max_candidates, num_steps=num_steps, step_s=step_s
     )
-    return _packed(
-        start,
-        plans,
-        path=path[kept],
-        slot=slot,
-        stands=stands,
-        reached_m=reached[kept],
-        target_mps=target[kept],
-        step_s=axis.step_s,
-        max_candidates=max_candidates,
-    )
+    positions = chosen.plans.paths.position_at(chosen.path, chosen.reached_m)
+    positions[:, 0] = chosen.start.position_m[chosen.agent]
+    table = np.zeros((len(rows), max_candidates, num_steps + 1, 2))
+    table[chosen.agent, chosen.slot] = positions
+    is_valid = np.zeros(table.shape[:2], bool)
+    is_valid[chosen.agent, chosen.slot] = True
+    return table, is_valid
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Chosen:
+    """The N candidates that are kept."""
+
+    start: Start
+    plans: PlannedPaths
+    path: Int[np.ndarray, "N"]
+    slot: Int[np.ndarray, "N"]
+    """Place among the agent's candidates."""
+    stands: Bool[np.ndarray, "N"]
+    reached_m: Float[np.ndarray, "N H"]
+    target_mps: Float[np.ndarray, "N"]
+
+    @property
+    def agent(self) -> Int[np.ndarray, "N"]:
+        return self.plans.agent[self.path]
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        rows: np.ndarray,
+        most: int,
+        *,
+        num_steps: int,
+        step_s: float,
+    ) -> "_Chosen":
+        assert most >= 2, "own speed and standstill are always among them"
+        start = Start.of(scenario, np.asarray(rows, int))
+        plans = plan_paths(scenario.road_map, start, num_steps * step_s)
+        path, plan = turns(plans, start.exists, 2 * most)
+        target = targets(start.speed_mps[plans.agent[path]], plan)
+        reached = drive(
+            plans.paths,
+            path,
+            speed_mps=start.speed_mps[plans.agent[path]],
+            target_mps=target,
+            acceleration_mps2=np.array([p.acceleration_mps2 for p in SPEED_PLANS])[
+                plan
+            ],
+            braking_mps2=np.array([p.braking_mps2 for p in SPEED_PLANS])[plan],
+            num_steps=num_steps,
+            step_s=step_s,
+        )
+        kept, slot, stands = _distinct(
+            plans.agent[path],
+            plans.paths.position_at(path, reached[:, [reached.shape[1] // 2, -1]]),
+            target == 0.0,
+            (len(start.kinds), most),
+        )
+        return cls(
+            start=start,
+            plans=plans,
+            path=path[kept],
+            slot=slot,
+            stands=stands,
+            reached_m=reached[kept],
+            target_mps=target[kept],
+        )
 
 
 def _distinct(
@@ -133,19 +194,10 @@ def _distinct(
     return np.flatnonzero(chosen), slot[chosen], standing[chosen]
 
 
-def _packed(
-    start: Start,
-    plans: PlannedPaths,
-    *,
-    path: Int[np.ndarray, "N"],
-    slot: Int[np.ndarray, "N"],
-    stands: Bool[np.ndarray, "N"],
-    reached_m: Float[np.ndarray, "N H"],
-    target_mps: Float[np.ndarray, "N"],
-    step_s: float,
-    max_candidates: int,
-) -> CandidateSet:
-    agent, route = plans.agent[path], plans.route[path]
+def _packed(chosen: _Chosen, step_s: float, max_candidates: int) -> CandidateSet:
+    start, plans, path = chosen.start, chosen.plans, chosen.path
+    reached_m, slot = chosen.reached_m, chosen.slot
+    agent, route = chosen.agent, plans.route[path]
     shape = (len(start.kinds), max_candidates)
 
     def placed(values: np.ndarray) -> np.ndarray:
@@ -178,10 +230,10 @@ def _packed(
         velocity_mps=placed(velocity),
         is_valid=placed(np.ones(len(path), bool)),
         lane_ids=tuple(map(tuple, lanes)),
-        target_speed_mps=placed(target_mps),
+        target_speed_mps=placed(chosen.target_mps),
         lateral_shift_m=placed(plans.shift_m[path]),
         beyond_lanes_m=placed(beyond),
-        is_standstill=placed(stands),
+        is_standstill=placed(chosen.stands),
         is_lane_change=placed(plans.role[path] == Role.CHANGE),
         has_lane=np.isin(np.arange(shape[0]), choice.agent),
     )

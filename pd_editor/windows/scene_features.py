@@ -6,7 +6,36 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.errors import GenerationError
+from pd_editor.geometry.angles import unit_vector, wrap_angle
+from pd_editor.paths.motion_primitives import candidate_positions
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.windows.lane_pieces import (
+    MIRRORED_SHAPE,
+    MIRRORED_SHAPE_SIGNS,
+    NUM_PIECE_KINDS,
+    PIECE_LENGTH_M,
+    PIECE_SHAPE,
+    LanePieces,
+    lane_pieces,
+)
+
+__all__ = [
+    "AGENT_KINDS",
+    "MIRRORED_SHAPE",
+    "MIRRORED_SHAPE_SIGNS",
+    "NUM_CANDIDATES",
+    "NUM_FUTURE_STEPS",
+    "NUM_NEAR_AGENTS",
+    "NUM_NEAR_PIECES",
+    "NUM_PIECE_KINDS",
+    "PIECE_LENGTH_M",
+    "PIECE_SHAPE",
+    "SceneFeatures",
+    "scene_center",
+    "scene_features",
+]
 
 AGENT_KINDS: Final = (
     AgentKind.VEHICLE,
@@ -15,38 +44,20 @@ AGENT_KINDS: Final = (
     AgentKind.CYCLIST,
     AgentKind.PEDESTRIAN,
 )
-NUM_PIECE_KINDS: Final = 4
 NUM_NEAR_PIECES: Final = 24
 NUM_NEAR_AGENTS: Final = 8
 NUM_CANDIDATES: Final = 24
 NUM_FUTURE_STEPS: Final = 59
 STEP_S: Final = 0.1
-PIECE_LENGTH_M: Final = 10.0
-
-PIECE_SHAPE: Final = (
-    "length",
-    "turn_before",
-    "turn",
-    "turn_after",
-    "left_width",
-    "right_width",
-    "has_left",
-    "has_right",
-    "is_intersection",
-    "has_successor",
-    "has_predecessor",
-    "branches",
-)
-"""What is told of each piece, scaled to about one.
-
-Its length in tens of metres; the turns of the piece before, of itself and of the one
-after in radians, left positive; the distances to both boundaries in units of 2 m;
-whether there are lanes to both sides; whether its lane is in an intersection; whether
-another piece follows it, leads to it; whether several follow it.
-"""
-MIRRORED_SHAPE: Final = (0, 1, 2, 3, 5, 4, 7, 6, 8, 9, 10, 11)
-"""Where each number of ``PIECE_SHAPE`` comes from when the scene is mirrored."""
-MIRRORED_SHAPE_SIGNS: Final = (1, -1, -1, -1, 1, 1, 1, 1, 1, 1, 1, 1)
+PIECE_REACH_M: Final = 130.0
+"""Pieces further from the middle are left out, unless an agent is near."""
+MOST_PIECES: Final = 512
+"""So many at most, besides those near an agent."""
+_KIND_INDEX: Final = {
+    kind: AGENT_KINDS.index(kind if kind in ROAD_USER_KINDS else AgentKind.PEDESTRIAN)
+    for kind in AgentKind
+}
+"""Things, where they are asked for, count as the kind that is nearest in size."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,3 +94,175 @@ class SceneFeatures:
     """Recorded positions at the future steps, in the frame of the agent's pose."""
     has_future: Bool[np.ndarray, "A"]
     """Whether every future step is recorded; never true of a scenario without."""
+
+
+def scene_features(
+    scenario: Scenario,
+    *,
+    with_candidates: bool = True,
+    agents: np.ndarray | None = None,
+    center_m: Float[np.ndarray, "2"] | None = None,
+) -> SceneFeatures:
+    """Features at the current step of all road users there, or of the rows asked for.
+
+    Without candidates there are none (C = 0). The horizon is always
+    ``NUM_FUTURE_STEPS`` steps of ``STEP_S``, whatever the scenario's time axis is.
+
+    Raises:
+        GenerationError: an agent asked for has no finite state at the current step.
+    """
+    rows = _rows(scenario, agents)
+    center = scene_center(scenario) if center_m is None else np.asarray(center_m, float)
+    tracks, step = scenario.agents, scenario.current_step
+    position, heading = tracks.position_m[rows, step], tracks.heading_rad[rows, step]
+    velocity = tracks.velocity_mps[rows, step]
+    pieces = lane_pieces(scenario.road_map)
+    kept, near_pieces = _near_pieces(pieces, position, center)
+    candidate = np.zeros((len(rows), 0, NUM_FUTURE_STEPS, 2))
+    has_candidate = np.zeros((len(rows), 0), bool)
+    if with_candidates:
+        ahead, has_candidate = candidate_positions(
+            scenario,
+            rows,
+            max_candidates=NUM_CANDIDATES,
+            num_steps=NUM_FUTURE_STEPS,
+            step_s=STEP_S,
+        )
+        candidate = _in_frames(ahead[:, :, 1:], position, heading)
+        candidate[~has_candidate] = 0.0
+    future, has_future = _futures(scenario, rows)
+    middle = np.append(center, 0.0)
+    return SceneFeatures(
+        center_m=center,
+        piece_pose=_single(pieces.pose[kept] - middle),
+        piece_shape=_single(pieces.shape[kept]),
+        piece_kind=pieces.kind[kept],
+        agent_row=rows,
+        agent_pose=_single(np.column_stack([position - center, wrap_angle(heading)])),
+        agent_speed=_single(np.hypot(velocity[:, 0], velocity[:, 1])),
+        agent_size=_single(tracks.size_m[rows]),
+        agent_kind=np.array([_KIND_INDEX[tracks.kinds[row]] for row in rows], int),
+        near_pieces=near_pieces,
+        near_agents=_nearest(position, position, NUM_NEAR_AGENTS, but_itself=True),
+        candidate_m=_single(candidate),
+        has_candidate=has_candidate,
+        future_m=_single(future),
+        has_future=has_future,
+    )
+
+
+def scene_center(scenario: Scenario) -> Float[np.ndarray, "2"]:
+    """Where the focal agent is now, or the ego, or all agents, or the road."""
+    tracks, step = scenario.agents, scenario.current_step
+    there = tracks.is_valid[:, step]
+    for name in (scenario.focal_id, EGO_ID):
+        row = tracks.row_of.get(name)
+        if row is not None and there[row]:
+            return tracks.position_m[row, step].copy()
+    points = tracks.position_m[there, step]
+    if not len(points):
+        points = lane_pieces(scenario.road_map).pose[:, :2]
+    return points.mean(axis=0) if len(points) else np.zeros(2)
+
+
+def _rows(scenario: Scenario, agents: np.ndarray | None) -> Int[np.ndarray, "A"]:
+    tracks, step = scenario.agents, scenario.current_step
+    usable = tracks.is_valid[:, step].copy()
+    for values in (tracks.position_m, tracks.velocity_mps):
+        usable &= np.isfinite(values[:, step]).all(axis=-1)
+    usable &= np.isfinite(tracks.heading_rad[:, step])
+    if agents is None:
+        return np.flatnonzero(usable & tracks.kind_mask(ROAD_USER_KINDS))
+    rows = np.asarray(agents, int)
+    if not usable[rows].all():
+        name = tracks.ids[int(rows[~usable[rows]][0])]
+        raise GenerationError(
+            f"Agent {name} has no finite state at the current step; expected one."
+        )
+    return rows
+
+
+def _near_pieces(
+    pieces: LanePieces,
+    position_m: Float[np.ndarray, "A 2"],
+    center_m: Float[np.ndarray, "2"],
+) -> tuple[Int[np.ndarray, "P"], Int[np.ndarray, "A M"]]:
+    """Pieces that are kept, in the order of the map, and which are near each agent."""
+    points = pieces.pose[:, :2]
+    near = _nearest(position_m, points, NUM_NEAR_PIECES)
+    distance = np.hypot(*(points - center_m).T)
+    wanted = distance <= PIECE_REACH_M
+    if wanted.sum() > MOST_PIECES:
+        wanted &= distance <= np.partition(distance, MOST_PIECES - 1)[MOST_PIECES - 1]
+    wanted[near[near >= 0]] = True
+    place = np.cumsum(wanted) - 1
+    if len(points):
+        near = np.where(near >= 0, place[near], -1)
+    return np.flatnonzero(wanted), near
+
+
+def _nearest(
+    from_m: Float[np.ndarray, "A 2"],
+    points_m: Float[np.ndarray, "P 2"],
+    most: int,
+    *,
+    but_itself: bool = False,
+) -> Int[np.ndarray, "A {most}"]:
+    """The nearest points, nearest first; the first of those equally near first."""
+    near = np.full((len(from_m), most), -1)
+    count = min(most, len(points_m) - but_itself)
+    if count <= 0:
+        return near
+    gap = (from_m[:, None, 0] - points_m[:, 0]) ** 2
+    gap += (from_m[:, None, 1] - points_m[:, 1]) ** 2
+    np.sqrt(gap, out=gap)
+    # Two ways over one crosswalk have the same middle: its first one comes first.
+    gap += np.arange(len(points_m)) * 1e-7
+    if but_itself:
+        np.fill_diagonal(gap, np.inf)
+    found = np.argpartition(gap, count - 1, axis=1)[:, :count]
+    order = np.take_along_axis(gap, found, axis=1).argsort(axis=1)
+    near[:, :count] = np.take_along_axis(found, order, axis=1)
+    return near
+
+
+def _futures(
+    scenario: Scenario, rows: Int[np.ndarray, "A"]
+) -> tuple[Float[np.ndarray, "A H 2"], Bool[np.ndarray, "A"]]:
+    """Recorded futures in the agents' frames, where they are whole."""
+    tracks, step, axis = scenario.agents, scenario.current_step, scenario.time_axis
+    future = np.zeros((len(rows), NUM_FUTURE_STEPS, 2))
+    has_future = np.zeros(len(rows), bool)
+    if axis.num_future_steps < NUM_FUTURE_STEPS or abs(axis.step_s - STEP_S) > 1e-6:
+        return future, has_future
+    steps = slice(step + 1, step + 1 + NUM_FUTURE_STEPS)
+    points = tracks.position_m[rows, steps]
+    known = tracks.is_valid[rows, steps] & np.isfinite(points).all(axis=-1)
+    has_future = known.all(axis=1)
+    whole = rows[has_future]
+    future[has_future] = _in_frames(
+        points[has_future, None],
+        tracks.position_m[whole, step],
+        tracks.heading_rad[whole, step],
+    )[:, 0]
+    return future, has_future
+
+
+def _in_frames(
+    points_m: Float[np.ndarray, "A C H 2"],
+    origin_m: Float[np.ndarray, "A 2"],
+    heading_rad: Float[np.ndarray, "A"],
+) -> Float[np.ndarray, "A C H 2"]:
+    """Points of the scene frame in frames at poses."""
+    forward = unit_vector(heading_rad)[:, :, None, None]
+    cos, sin = forward[:, 0], forward[:, 1]
+    x = points_m[..., 0] - origin_m[:, 0, None, None]
+    y = points_m[..., 1] - origin_m[:, 1, None, None]
+    local = np.empty(points_m.shape)
+    local[..., 0] = cos * x + sin * y
+    local[..., 1] = cos * y - sin * x
+    return local
+
+
+def _single(values: np.ndarray) -> np.ndarray:
+    return np.asarray(values, np.float32)
