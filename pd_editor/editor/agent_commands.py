@@ -157,6 +157,25 @@ class DeleteAgents(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RemoveAllAgents(Command):
+    """Leave a bare road; whoever is drawn on it next brings a focal agent."""
+
+    @property
+    def label(self) -> str:
+        """Says it."""
+        return "Remove all agents"
+
+    @property
+    def selects(self) -> tuple[str, ...]:
+        """Nobody."""
+        return ()
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario without any agent."""
+        return scenario.without_agents(scenario.agents.ids)
+
+
+@dataclass(frozen=True, kw_only=True)
 class SetFocalAgent(Command):
     """Make another agent the one that a benchmark predicts; the former is scored."""
 

@@ -5,6 +5,7 @@ from typing import Any, Final
 from pd_editor.editor.agent_commands import (
     DeleteAgents,
     DuplicateAgents,
+    RemoveAllAgents,
     SetAgentKind,
     SetAgentSize,
     SetFocalAgent,
@@ -44,6 +45,7 @@ COMMANDS: Final[dict[str, type[Command]]] = {
         PlaceAgent,
         DuplicateAgents,
         DeleteAgents,
+        RemoveAllAgents,
         SetFocalAgent,
         ReplaceTraffic,
     )
@@ -57,6 +59,7 @@ __all__ = [
     "DeleteAgents",
     "DuplicateAgents",
     "PlaceAgent",
+    "RemoveAllAgents",
     "ReplaceTraffic",
     "RequestSummary",
     "SetAgentHeading",

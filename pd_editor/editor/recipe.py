@@ -232,7 +232,12 @@ def _drawn_again(
         )
     request = command.request.request(scenario, command.seed)
     traffic = run_to_end(generator.generate(request))
-    return traffic_command(request, traffic, command.request.sample_index)
+    return traffic_command(
+        request,
+        traffic,
+        command.request.sample_index,
+        removed_ids=command.request.removed_ids,
+    )
 
 
 def _comparison(

@@ -14,9 +14,10 @@ from pd_editor.generation import (
     GeneratedTraffic,
     GenerationRequest,
     GuidanceTerm,
+    Region,
     TrafficSample,
 )
-from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.agent_kind import MOVER_KINDS, AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
@@ -30,6 +31,10 @@ class RequestSummary:
 
     agent_ids: tuple[str, ...]
     num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
+    redrawn_state_ids: tuple[str, ...] = ()
+    region: Region | None = None
+    removed_ids: tuple[str, ...] = ()
+    """Agents that were taken out before the generator was asked."""
     num_samples: int = 1
     sample_index: int = 0
     """Which of the samples was taken."""
@@ -37,11 +42,13 @@ class RequestSummary:
     guidance: tuple[GuidanceTerm, ...] = ()
 
     def request(self, scenario: Scenario, seed: int) -> GenerationRequest:
-        """The same request about a scenario."""
+        """The same request about a scenario that holds the removed agents still."""
         return GenerationRequest(
-            scenario=scenario,
+            scenario=scenario.without_agents(self.removed_ids),
             agent_ids=self.agent_ids,
             num_new_agents=self.num_new_agents,
+            redrawn_state_ids=self.redrawn_state_ids,
+            region=self.region,
             num_samples=self.num_samples,
             num_denoising_steps=self.num_denoising_steps,
             guidance=self.guidance,
@@ -52,6 +59,9 @@ class RequestSummary:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReplaceTraffic(Command):
     """Give agents the futures that a generator drew, and add those it invented.
+
+    Agents that the new ones replace leave first. If the focal agent is among them, the
+    vehicle that begins nearest to where it was becomes the focal one.
 
     Agents of the scenario keep their kind, their size and, where the sample agrees
     with it, their current state; where it does not, the sample's state counts and
@@ -73,7 +83,10 @@ class ReplaceTraffic(Command):
     def label(self) -> str:
         """Says who drew how many futures with which seed."""
         agents = agents_in_words(self.sample.ids)
-        return f"Regenerate {agents} ({self.generator}, seed {self.seed})"
+        asked = self.request
+        draws_states = asked.redrawn_state_ids or any(asked.num_new_agents.values())
+        verb = "Resample" if draws_states else "Regenerate"
+        return f"{verb} {agents} ({self.generator}, seed {self.seed})"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with other traffic."""
@@ -83,6 +96,8 @@ class ReplaceTraffic(Command):
                 f"The generated traffic has {sample.position_m.shape[1]} steps; this"
                 f" scenario needs {axis.num_future_steps + 1}."
             )
+        before = scenario
+        scenario = scenario.without_agents(self.request.removed_ids)
         there = scenario.agents.row_of
         gone = [name for name in self.request.agent_ids if name not in there]
         if gone:
@@ -92,8 +107,9 @@ class ReplaceTraffic(Command):
             )
         if not sample.ids:
             return scenario
+        what = "Motion" if set(sample.ids) <= set(there) else "State and motion"
         note = (
-            f"Motion of {agents_in_words(sample.ids)} was drawn by {self.generator},"
+            f"{what} of {agents_in_words(sample.ids)} was drawn by {self.generator},"
             f" seed {self.seed}."
         )
         old = np.array([name in there for name in sample.ids])
@@ -118,7 +134,8 @@ class ReplaceTraffic(Command):
                     heading_rad=sample.heading_rad[some, first - now :],
                     velocity_mps=sample.velocity_mps[some, first - now :],
                 )
-        return scenario.with_agents(_without_past(agents, rows[~same], now), note)
+        agents = _without_past(agents, rows[~same], now)
+        return _with_focal(scenario.with_agents(agents, note), before, rows)
 
 
 def check_sample(sample: TrafficSample) -> None:
@@ -145,9 +162,15 @@ def check_sample(sample: TrafficSample) -> None:
 
 
 def traffic_command(
-    request: GenerationRequest, traffic: GeneratedTraffic, sample_index: int = 0
+    request: GenerationRequest,
+    traffic: GeneratedTraffic,
+    sample_index: int = 0,
+    *,
+    removed_ids: tuple[str, ...] = (),
 ) -> ReplaceTraffic:
     """The command that takes over one generated sample.
+
+    ``removed_ids`` are the agents that had been taken out for the request.
 
     Raises:
         GenerationError: there is no such sample, its shape is wrong, or it speaks of
@@ -181,6 +204,9 @@ def traffic_command(
         request=RequestSummary(
             agent_ids=request.agent_ids,
             num_new_agents=dict(request.num_new_agents),
+            redrawn_state_ids=request.redrawn_state_ids,
+            region=request.region,
+            removed_ids=removed_ids,
             num_samples=request.num_samples,
             sample_index=sample_index,
             num_denoising_steps=request.num_denoising_steps,
@@ -213,6 +239,26 @@ def _blank(sample: TrafficSample, index: np.ndarray, num_steps: int) -> AgentTra
         velocity_mps=np.zeros((count, num_steps, 2)),
         is_valid=np.zeros((count, num_steps), bool),
         observed=np.zeros((count, num_steps), bool),
+    )
+
+
+def _with_focal(scenario: Scenario, before: Scenario, rows: np.ndarray) -> Scenario:
+    """The scenario with a focal agent among ``rows`` if it has lost its own."""
+    agents, step = scenario.agents, scenario.current_step
+    drives = rows[agents.kind_mask(MOVER_KINDS)[rows]]
+    if scenario.focal_id in agents.row_of or not len(drives):
+        return scenario
+    place = np.zeros(2)
+    if before.focal_id in before.agents.row_of:
+        place = before.agents.position_m[before.agents.row_of[before.focal_id], step]
+    gap = np.linalg.norm(agents.position_m[drives, step] - place, axis=-1)
+    row = int(drives[np.argmin(gap)])
+    categories = list(agents.categories)
+    categories[row] = AgentCategory.FOCAL
+    return replace(
+        scenario,
+        agents=replace(agents, categories=tuple(categories)),
+        focal_id=agents.ids[row],
     )
 
 

@@ -1,6 +1,6 @@
 """A traffic scenario: road map, agents, time axis, provenance."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -88,3 +88,14 @@ class Scenario:
         if note is not None:
             provenance = replace(provenance, notes=(*provenance.notes, note))
         return replace(self, agents=agents, provenance=provenance)
+
+    def without_agents(self, agent_ids: Collection[str]) -> "Scenario":
+        """The scenario without some agents; the focal one may be among them.
+
+        Raises:
+            EditError: an id is not in the scenario.
+        """
+        if not agent_ids:
+            return self
+        left = np.delete(np.arange(len(self.agents)), self.agents.rows(agent_ids))
+        return self.with_agents(self.agents.taken(left))

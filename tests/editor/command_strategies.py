@@ -13,6 +13,7 @@ from pd_editor.editor.commands import (
     DeleteAgents,
     DuplicateAgents,
     PlaceAgent,
+    RemoveAllAgents,
     ReplaceTraffic,
     RequestSummary,
     SetAgentHeading,
@@ -244,6 +245,7 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
     DeleteAgents: lambda scenario: st.builds(
         DeleteAgents, agent_ids=some_of(list(scenario.agents.ids))
     ),
+    RemoveAllAgents: lambda _: st.just(RemoveAllAgents()),
     SetFocalAgent: lambda scenario: st.builds(
         SetFocalAgent, agent_id=st.sampled_from(present_ids(scenario))
     ),
@@ -252,8 +254,12 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
 """How to draw each command on a scenario; most of them apply, some do not."""
 
 
+ON_TRAFFIC = sorted(set(STRATEGIES) - {RemoveAllAgents}, key=str)
+"""Commands after which there is somebody left to apply others to."""
+
+
 def any_command(scenario: Scenario) -> st.SearchStrategy[Command]:
-    return st.one_of([make(scenario) for make in STRATEGIES.values()])
+    return st.one_of([STRATEGIES[kind](scenario) for kind in ON_TRAFFIC])
 
 
 ignore_random_checks = pytest.mark.filterwarnings(

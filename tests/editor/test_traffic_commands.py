@@ -5,7 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.editor.commands import ReplaceTraffic, RequestSummary, traffic_command
+from pd_editor.editor.commands import (
+    RemoveAllAgents,
+    ReplaceTraffic,
+    RequestSummary,
+    traffic_command,
+)
 from pd_editor.editor.edit_limits import MAX_POSITION_M
 from pd_editor.errors import EditError, GenerationError
 from pd_editor.generation import (
@@ -83,6 +88,37 @@ def test_an_agent_that_was_absent_comes_into_being():
     agents = command.apply(BASE).agents
     row = agents.row_of[ABSENT_ID]
     assert (agents.is_valid[row] == (np.arange(110) >= NOW)).all()
+
+
+def test_new_agents_take_the_place_of_all_and_one_becomes_focal():
+    drawn = traffic().samples[0]
+    sample = replace(drawn, ids=("new-1", "new-2"))
+    summary = RequestSummary(
+        agent_ids=(),
+        num_new_agents={AgentKind.VEHICLE: 2},
+        removed_ids=BASE.agents.ids,
+    )
+    assert not len(summary.request(BASE, 0).scenario.agents)
+    command = ReplaceTraffic(sample=sample, generator="test", request=summary)
+    assert command.label.startswith("Resample 2 agents")
+    result = command.apply(BASE)
+    assert result.agents.ids == ("new-1", "new-2")
+    focal = BASE.agents.position_m[BASE.agents.row_of[BASE.focal_id], NOW]
+    gap = np.linalg.norm(sample.position_m[:, 0] - focal, axis=-1)
+    assert result.focal_id == sample.ids[int(np.argmin(gap))]
+    row = result.agents.row_of[result.focal_id]
+    assert result.agents.categories[row] is AgentCategory.FOCAL
+    assert sum(one is AgentCategory.FOCAL for one in result.agents.categories) == 1
+
+
+def test_a_bare_road_gets_traffic_and_a_focal_agent():
+    bare = RemoveAllAgents().apply(BASE)
+    assert not len(bare.agents)
+    assert bare.road_map is BASE.road_map
+    sample = replace(traffic().samples[0], ids=("new-1", "new-2"))
+    summary = RequestSummary(agent_ids=(), num_new_agents={AgentKind.VEHICLE: 2})
+    command = ReplaceTraffic(sample=sample, generator="test", request=summary)
+    assert command.apply(bare).focal_id in sample.ids
 
 
 def test_a_scenario_that_moved_on_is_told():
