@@ -1,0 +1,151 @@
+"""Attention over padded sets: what is masked counts exactly nothing."""
+
+import math
+from typing import Final, NamedTuple
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+_NORM_EPSILON: Final = 1e-5
+
+
+def attention_weights(
+    logits: Float[Tensor, "*b Q K"], is_visible: Bool[Tensor, "*#b #Q K"]
+) -> Float[Tensor, "*b Q K"]:
+    """Softmax over the visible keys; all 0 where a query sees none."""
+    sees_any = is_visible.any(dim=-1, keepdim=True)
+    # Blind rows stay finite, so that no gradient becomes NaN.
+    weights = logits.masked_fill(~is_visible & sees_any, -math.inf).softmax(dim=-1)
+    return weights * sees_any
+
+
+class KeysValues(NamedTuple):
+    """Keys and values of B sets of K tokens, per head; differential keys are double."""
+
+    keys: Float[Tensor, "B H2 K C"]
+    values: Float[Tensor, "B H K V"]
+    is_visible: Bool[Tensor, "B 1 1 K"]
+
+
+class DifferentialAttention(nn.Module):
+    """Attention whose weights are the difference of two softmaxes.
+
+    Source: Ye et al., Differential Transformer, 2024. ``is_differential`` false makes
+    it plain multi-head attention of the same width, for comparison.
+    """
+
+    def __init__(
+        self, width: int, num_heads: int, *, depth: int, is_differential: bool = True
+    ) -> None:
+        super().__init__()
+        assert width % (2 * num_heads) == 0
+        self.num_heads = num_heads
+        self.num_maps = 2 if is_differential else 1
+        self.to_queries = nn.Linear(width, width, bias=False)
+        self.to_keys_values = nn.Linear(width, 2 * width, bias=False)
+        self.to_output = nn.Linear(width, width, bias=False)
+        self.initial_share = 0.8 - 0.6 * math.exp(-0.3 * depth)
+        if is_differential:
+            channels = width // num_heads // 2
+            self.share_vectors = nn.Parameter(torch.randn(4, channels) * 0.1)
+            self.norm = nn.RMSNorm(width // num_heads, eps=_NORM_EPSILON)
+
+    def keys_values(
+        self, tokens: Float[Tensor, "B K D"], is_token: Bool[Tensor, "B K"]
+    ) -> KeysValues:
+        """What does not depend on the queries."""
+        keys, values = self.to_keys_values(tokens).chunk(2, dim=-1)
+        return KeysValues(
+            keys=self._split(keys, self.num_heads * self.num_maps).contiguous(),
+            values=self._split(values, self.num_heads).contiguous(),
+            is_visible=is_token[:, None, None],
+        )
+
+    def forward(
+        self, tokens: Float[Tensor, "B Q D"], seen: KeysValues
+    ) -> Float[Tensor, "B Q D"]:
+        """Attend from Q tokens to a set."""
+        num_scenes, num_queries, width = tokens.shape
+        num_maps = self.num_heads * self.num_maps
+        queries = self._split(self.to_queries(tokens), num_maps)
+        scale = (width // num_maps) ** -0.5
+        logits = (queries * scale) @ seen.keys.transpose(-1, -2)
+        weights = attention_weights(logits, seen.is_visible)
+        if self.num_maps == 2:
+            both = weights.view(num_scenes, self.num_heads, 2, num_queries, -1)
+            weights = both[:, :, 0] - self.share() * both[:, :, 1]
+        result = weights.to(seen.values.dtype) @ seen.values
+        if self.num_maps == 2:
+            result = self.norm(result) * (1 - self.initial_share)
+        return self.to_output(result.transpose(1, 2).flatten(2))
+
+    def share(self) -> Float[Tensor, ""]:
+        """How much of the second softmax is taken off."""
+        one, two, three, four = self.share_vectors
+        difference = (one * two).sum().exp() - (three * four).sum().exp()
+        return difference + self.initial_share
+
+    def _split(
+        self, values: Float[Tensor, "B K D"], num_parts: int
+    ) -> Float[Tensor, "B N K C"]:
+        return values.unflatten(-1, (num_parts, -1)).transpose(1, 2)
+
+
+class NeighborAttention(nn.Module):
+    """Attention from each token to neighbours given by embeddings of the relation.
+
+    Keys and values are the embeddings themselves, so nothing has to be gathered;
+    with ``with_tokens`` the neighbours' own tokens count as well.
+    """
+
+    def __init__(
+        self, width: int, relation_width: int, num_heads: int, *, with_tokens: bool
+    ) -> None:
+        super().__init__()
+        self.num_heads = num_heads
+        self.to_queries = nn.Linear(width, num_heads * relation_width, bias=False)
+        self.to_output = nn.Linear(num_heads * relation_width, width, bias=False)
+        self.scale = relation_width**-0.5
+        self.with_tokens = with_tokens
+        if with_tokens:
+            self.to_token_parts = nn.Linear(width, 3 * width, bias=False)
+            self.from_values = nn.Linear(width, width, bias=False)
+
+    def forward(
+        self,
+        tokens: Float[Tensor, "N A D"],
+        relations: Float[Tensor, "N A M R"],
+        is_visible: Bool[Tensor, "N A M"],
+    ) -> Float[Tensor, "N A D"]:
+        """Attend from A tokens to M neighbours each; to all A with ``with_tokens``."""
+        queries = self.to_queries(tokens).unflatten(-1, (self.num_heads, -1))
+        logits = (queries * self.scale) @ relations.transpose(-1, -2)
+        if self.with_tokens:
+            queries, keys, values = (
+                part.unflatten(-1, (self.num_heads, -1)).transpose(1, 2)
+                for part in self.to_token_parts(tokens).chunk(3, dim=-1)
+            )
+            scale = queries.shape[-1] ** -0.5
+            among = (queries * scale) @ keys.transpose(-1, -2)
+            logits = logits + among.transpose(1, 2)
+            weights = attention_weights(logits, is_visible[:, :, None])
+            taken = weights.transpose(1, 2).to(values.dtype) @ values
+            result = self.from_values(taken.transpose(1, 2).flatten(2))
+        else:
+            weights = attention_weights(logits, is_visible[:, :, None])
+            result = torch.zeros((), dtype=tokens.dtype)
+        seen = weights.to(relations.dtype) @ relations
+        return result + self.to_output(seen.flatten(2))
+
+
+def visible_agents(
+    has_agent: Bool[Tensor, "B A"], is_central: Bool[Tensor, "B"]
+) -> Bool[Tensor, "B A A"]:
+    """Whom each agent sees: all others, or nobody in a decentralised scene.
+
+    The paper's Bernoulli mask, with real isolation.
+    """
+    num_agents = has_agent.shape[1]
+    others = ~torch.eye(num_agents, dtype=torch.bool, device=has_agent.device)
+    return others & has_agent[:, None, :] & is_central[:, None, None]

@@ -1,0 +1,65 @@
+"""What the states of a scene are drawn for: everything that does not change."""
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
+from pd_editor.diffusion.scene_tensors import SceneTensors
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PoseTask:
+    """What is to be drawn in B scenes of A agents."""
+
+    is_given: Bool[Tensor, "B A"]
+    """Agents whose state of ``agent_pose`` and ``agent_speed`` stays as it is."""
+    order: Int[Tensor, "B A"]
+    """Place of each drawn agent among those drawn of its kind, from 1; else 0."""
+    half_side_m: Float[Tensor, "B"]
+    """Of the square around the middle in which agents are drawn."""
+    is_central: Bool[Tensor, "B"]
+    """Whether agents see each other; in generation they always do."""
+
+    def repeated(self, num: int) -> "PoseTask":
+        """The task of each scene several times in a row."""
+        return replace(
+            self,
+            is_given=self.is_given.repeat_interleave(num, 0),
+            order=self.order.repeat_interleave(num, 0),
+            half_side_m=self.half_side_m.repeat_interleave(num, 0),
+            is_central=self.is_central.repeat_interleave(num, 0),
+        )
+
+
+def drawing_task(
+    scene: SceneTensors,
+    is_given: Bool[Tensor, "B A"] | None = None,
+    half_side_m: Float[Tensor, "B"] | None = None,
+) -> PoseTask:
+    """The task of generation: drawn agents of a kind are in the order of their rows."""
+    num_scenes, device = scene.num_scenes, scene.has_agent.device
+    given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
+    sides = torch.full((num_scenes,), POSITION_UNIT_M, device=device)
+    rows = torch.arange(scene.has_agent.shape[1], device=device)
+    return PoseTask(
+        is_given=given,
+        order=order_by(rows.expand_as(scene.agent_kind), scene, given),
+        half_side_m=sides if half_side_m is None else half_side_m,
+        is_central=torch.ones(num_scenes, dtype=torch.bool, device=device),
+    )
+
+
+def order_by(
+    key: Float[Tensor, "B A"] | Int[Tensor, "B A"],
+    scene: SceneTensors,
+    is_given: Bool[Tensor, "B A"],
+) -> Int[Tensor, "B A"]:
+    """Place of each drawn agent among those drawn of its kind, by some key."""
+    is_drawn = scene.has_agent & ~is_given
+    same_kind = scene.agent_kind[:, :, None] == scene.agent_kind[:, None]
+    counts = same_kind & is_drawn[:, None]
+    not_after = key[:, None] <= key[:, :, None]
+    return (counts & not_after).sum(dim=-1) * is_drawn

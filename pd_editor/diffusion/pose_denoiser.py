@@ -1,0 +1,323 @@
+"""The network of the first stage: clean initial states from noisy ones."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from pd_editor.diffusion.attention import (
+    DifferentialAttention,
+    KeysValues,
+    NeighborAttention,
+    visible_agents,
+)
+from pd_editor.diffusion.pose_context import PoseTask
+from pd_editor.diffusion.pose_encoding import (
+    NUM_STATE_PARTS,
+    POSITION_UNIT_M,
+    encode_states,
+    unit_vectors,
+)
+from pd_editor.diffusion.pose_features import (
+    NUM_OFFSET_FEATURES,
+    NUM_PLACE_FEATURES,
+    PLACE_WAVELENGTHS_M,
+    agent_relations,
+    nearest_pieces,
+    piece_relations,
+    turned,
+    turned_back,
+    waves,
+)
+from pd_editor.diffusion.pose_noise import noise_scale, preconditioning
+from pd_editor.diffusion.scene_tensors import SceneTensors
+from pd_editor.windows.scene_features import (
+    AGENT_KINDS,
+    NUM_PIECE_KINDS,
+    PIECE_SHAPE,
+)
+
+_CROSSWALK: Final = NUM_PIECE_KINDS - 1
+_PEDESTRIAN: Final = len(AGENT_KINDS) - 1
+_NUM_RELATION_FEATURES: Final = NUM_OFFSET_FEATURES + 2
+_NUM_PIECE_FACTS: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
+_NUM_LEVEL_WAVES: Final = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseDenoiserConfig:
+    """Size and switches of the network."""
+
+    width: int = 128
+    num_heads: int = 4
+    num_layers: int = 3
+    num_near_pieces: int = 16
+    relation_width: int = 48
+    is_differential: bool = True
+    """Plain attention to the map where false."""
+    is_ordered: bool = True
+    """Tell each drawn agent its place among its kind from left to right."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PoseContext:
+    """What the network needs of B scenes at each step; computed once."""
+
+    map_seen: tuple[KeysValues, ...]
+    """Per layer."""
+    piece_pose: Float[Tensor, "B P 3"]
+    piece_facts: Float[Tensor, "B P F"]
+    is_crossing: Bool[Tensor, "B P"]
+    has_piece: Bool[Tensor, "B P"]
+    agent_token: Float[Tensor, "B A D"]
+    is_walking: Bool[Tensor, "B A"]
+    is_given: Bool[Tensor, "B A"]
+    given: Float[Tensor, "B A 5"]
+    """Encoded states of the given agents."""
+    pair_facts: Float[Tensor, "B A A 4"]
+    """Sizes of both."""
+    is_visible: Bool[Tensor, "B A A"]
+
+
+class PoseDenoiser(nn.Module):
+    """Denoises states of all agents of a scene together.
+
+    Each step looks from the noisy poses: with differential attention at all pieces of
+    the road, at the nearest pieces in their own frames, and at the other agents.
+    """
+
+    def __init__(self, config: PoseDenoiserConfig) -> None:
+        super().__init__()
+        self.config = config
+        width, relation_width = config.width, config.relation_width
+        self.piece_token = _mlp(_NUM_PIECE_FACTS + 2 + NUM_PLACE_FEATURES, width)
+        self.kind_token = nn.Embedding(len(AGENT_KINDS), width)
+        self.given_token = nn.Parameter(torch.zeros(width))
+        self.agent_facts = nn.Linear(4, width)
+        self.state_token = nn.Linear(NUM_STATE_PARTS + NUM_PLACE_FEATURES, width)
+        self.level_token = _mlp(2 * _NUM_LEVEL_WAVES + 1, width)
+        self.pair_relation = _mlp(_NUM_RELATION_FEATURES + 4, relation_width)
+        self.piece_relation = _mlp(
+            _NUM_RELATION_FEATURES + _NUM_PIECE_FACTS, relation_width
+        )
+        self.layers = nn.ModuleList(
+            _Layer(config, depth) for depth in range(config.num_layers)
+        )
+        self.norm = nn.LayerNorm(width)
+        self.to_own_frame = nn.Linear(width, NUM_STATE_PARTS)
+        self.to_scene_frame = nn.Linear(width, 4)
+
+    def context(self, scene: SceneTensors, task: PoseTask) -> PoseContext:
+        """Everything that does not depend on the noisy states."""
+        kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
+        piece_facts = torch.cat([scene.piece_shape, kinds], dim=-1)
+        heading = scene.piece_pose[..., 2:]
+        place = waves(scene.piece_pose[..., :2], PLACE_WAVELENGTHS_M)
+        pieces = self.piece_token(
+            torch.cat([piece_facts, heading.cos(), heading.sin(), place], dim=-1)
+        )
+        num_agents = scene.agent_size.shape[1]
+        size = scene.agent_size / 5
+        pairs = torch.cat(
+            [
+                size[:, :, None].expand(-1, -1, num_agents, -1),
+                size[:, None].expand(-1, num_agents, -1, -1),
+            ],
+            dim=-1,
+        )
+        return PoseContext(
+            map_seen=tuple(
+                layer.map_attention.keys_values(pieces, scene.has_piece)
+                for layer in self._layers()
+            ),
+            piece_pose=scene.piece_pose,
+            piece_facts=piece_facts,
+            is_crossing=scene.piece_kind == _CROSSWALK,
+            has_piece=scene.has_piece,
+            agent_token=self._agent_token(scene, task),
+            is_walking=scene.agent_kind == _PEDESTRIAN,
+            is_given=task.is_given,
+            given=encode_states(scene.agent_pose, scene.agent_speed),
+            pair_facts=pairs,
+            is_visible=visible_agents(scene.has_agent, task.is_central),
+        )
+
+    def denoise(
+        self,
+        context: PoseContext,
+        noisy: Float[Tensor, "S B A 5"],
+        level: Float[Tensor, "S #B"],
+    ) -> Float[Tensor, "S B A 5"]:
+        """Clean states that are expected of noisy ones; given agents as they are.
+
+        Args:
+            context: of the B scenes.
+            noisy: S noisy versions of the encoded states.
+            level: noise level of each, 0..1, for ``noise_scale``.
+        """
+        is_given = context.is_given[None]
+        levels = torch.where(is_given, -1.0, level[..., None])
+        noisy = torch.where(is_given[..., None], context.given, noisy)
+        # Scenes first: the road is looked at by all versions of a scene together.
+        noisy, levels = noisy.transpose(0, 1), levels.transpose(0, 1)
+        scale = noise_scale(levels)
+        factor_in, factor_skip, factor_out = preconditioning(scale)
+        token, direction = self._tokens(context, noisy, noisy * factor_in, levels)
+        own = self.to_own_frame(token).float()
+        shift, turn = self.to_scene_frame(token).float().split(2, dim=-1)
+        found = torch.cat(
+            [
+                turned(own[..., :2], direction) + shift,
+                turned(own[..., 2:4], direction) + turn,
+                own[..., 4:],
+            ],
+            dim=-1,
+        )
+        clean = factor_skip * noisy + factor_out * found
+        return torch.where(is_given[..., None], context.given, clean.transpose(0, 1))
+
+    def _tokens(
+        self,
+        context: PoseContext,
+        noisy: Float[Tensor, "B S A 5"],
+        scaled: Float[Tensor, "B S A 5"],
+        levels: Float[Tensor, "B S A"],
+    ) -> tuple[Float[Tensor, "B S A D"], Float[Tensor, "B S A 2"]]:
+        """What the network makes of each agent, and the directions of their frames."""
+        num_scenes, num_versions, num_agents = levels.shape
+        position_m = noisy[..., :2] * POSITION_UNIT_M
+        noise_m = noise_scale(levels)[..., 0] * POSITION_UNIT_M
+        direction = unit_vectors(noisy[..., 2:4])
+        place = waves(position_m, PLACE_WAVELENGTHS_M, noise_m)
+        level_token = self._level_token(levels)
+        token = self.state_token(torch.cat([scaled, place], dim=-1)) + level_token
+        token = token + context.agent_token[:, None]
+        near, has_near = self._piece_relations(context, position_m, direction, noise_m)
+        pairs = agent_relations(
+            position_m.flatten(0, 1), direction.flatten(0, 1), noise_m.flatten(0, 1)
+        )
+        facts = context.pair_facts.repeat_interleave(num_versions, 0)
+        pairs = self.pair_relation(torch.cat([pairs, facts], dim=-1))
+        visible = context.is_visible.repeat_interleave(num_versions, 0)
+        for layer, seen in zip(self._layers(), context.map_seen, strict=True):
+            token = layer(token + level_token, seen, near, has_near, pairs, visible)
+        assert token.shape[:3] == (num_scenes, num_versions, num_agents)
+        return self.norm(token), direction
+
+    def _piece_relations(
+        self,
+        context: PoseContext,
+        position_m: Float[Tensor, "B S A 2"],
+        direction: Float[Tensor, "B S A 2"],
+        noise_m: Float[Tensor, "B S A"],
+    ) -> tuple[Float[Tensor, "B Q M R"], Bool[Tensor, "B Q M"]]:
+        """The nearest pieces of each noisy pose, as the network sees them."""
+        num_versions = position_m.shape[1]
+        position_m = position_m.flatten(1, 2)
+        nearest = nearest_pieces(
+            position_m,
+            context.is_walking.repeat(1, num_versions),
+            context.piece_pose,
+            context.is_crossing,
+            context.has_piece,
+            self.config.num_near_pieces,
+        )
+        relations = piece_relations(
+            position_m,
+            direction.flatten(1, 2),
+            noise_m.flatten(1, 2),
+            _gathered(context.piece_pose, nearest),
+        )
+        facts = _gathered(context.piece_facts, nearest)
+        has_near = _gathered(context.has_piece[..., None], nearest)[..., 0]
+        return self.piece_relation(torch.cat([relations, facts], dim=-1)), has_near
+
+    def _agent_token(
+        self, scene: SceneTensors, task: PoseTask
+    ) -> Float[Tensor, "B A D"]:
+        """Kind, size, part of the task, and the square's size and number of agents."""
+        count = scene.has_agent.sum(dim=-1)
+        of_scene = torch.stack(
+            [task.half_side_m / POSITION_UNIT_M, (1 + count).log() / 4], dim=-1
+        )
+        of_scene = of_scene[:, None].expand(-1, scene.agent_size.shape[1], -1)
+        facts = torch.cat([scene.agent_size / 5, of_scene], dim=-1)
+        token = self.kind_token(scene.agent_kind) + self.agent_facts(facts)
+        token = token + task.is_given[..., None] * self.given_token
+        if self.config.is_ordered:
+            drawn = task.order[..., None] > 0
+            token = token + sinusoids(task.order, self.config.width) * drawn
+        return token
+
+    def _level_token(self, levels: Float[Tensor, "B S A"]) -> Float[Tensor, "B S A D"]:
+        rates = math.pi * torch.arange(1, _NUM_LEVEL_WAVES + 1, device=levels.device)
+        phase = levels.clamp_min(0)[..., None] * rates
+        is_clean = (levels < 0)[..., None].to(levels.dtype)
+        return self.level_token(
+            torch.cat([phase.sin(), phase.cos(), is_clean], dim=-1)
+        )
+
+    def _layers(self) -> list["_Layer"]:
+        return [layer for layer in self.layers if isinstance(layer, _Layer)]
+
+
+class _Layer(nn.Module):
+    """Looks at the whole road, at the road nearby, at the others; then thinks."""
+
+    def __init__(self, config: PoseDenoiserConfig, depth: int) -> None:
+        super().__init__()
+        width, heads = config.width, config.num_heads
+        self.norms = nn.ModuleList(nn.LayerNorm(width) for _ in range(4))
+        self.map_attention = DifferentialAttention(
+            width, heads, depth=depth, is_differential=config.is_differential
+        )
+        self.piece_attention = NeighborAttention(
+            width, config.relation_width, heads, with_tokens=False
+        )
+        self.agent_attention = NeighborAttention(
+            width, config.relation_width, heads, with_tokens=True
+        )
+        self.think = nn.Sequential(
+            nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width)
+        )
+
+    def forward(
+        self,
+        token: Float[Tensor, "B S A D"],
+        seen: KeysValues,
+        near: Float[Tensor, "B Q M R"],
+        has_near: Bool[Tensor, "B Q M"],
+        pairs: Float[Tensor, "N A A R"],
+        is_visible: Bool[Tensor, "N A A"],
+    ) -> Float[Tensor, "B S A D"]:
+        shape = token.shape
+        token = token.flatten(1, 2)
+        token = token + self.map_attention(self.norms[0](token), seen)
+        token = token + self.piece_attention(self.norms[1](token), near, has_near)
+        token = token.view(shape).flatten(0, 1)
+        token = token + self.agent_attention(self.norms[2](token), pairs, is_visible)
+        return (token + self.think(self.norms[3](token))).view(shape)
+
+
+def sinusoids(order: Int[Tensor, "*b"], width: int) -> Float[Tensor, "*b D"]:
+    """The usual position code.
+
+    Source: Vaswani et al., Attention is all you need, 2017.
+    """
+    half = torch.arange(width // 2, device=order.device)
+    phase = order[..., None] * torch.exp(-math.log(10_000.0) * 2 * half / width)
+    return torch.cat([phase.sin(), phase.cos()], dim=-1)
+
+
+def _mlp(num_inputs: int, width: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(num_inputs, width), nn.GELU(), nn.Linear(width, width))
+
+
+def _gathered(
+    values: Float[Tensor, "B P F"] | Bool[Tensor, "B P F"], index: Int[Tensor, "B Q M"]
+) -> Float[Tensor, "B Q M F"] | Bool[Tensor, "B Q M F"]:
+    scene = torch.arange(len(values), device=values.device)[:, None, None]
+    return values[scene, index]

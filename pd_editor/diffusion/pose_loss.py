@@ -1,0 +1,121 @@
+"""What the first stage is trained to: clean states at every noise level."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from pd_editor.diffusion.pose_context import PoseTask, order_by
+from pd_editor.diffusion.pose_denoiser import PoseDenoiser
+from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M, encode_states
+from pd_editor.diffusion.pose_noise import noise_scale, preconditioning
+from pd_editor.diffusion.pose_spacing import overlap_depth_m
+from pd_editor.diffusion.scene_tensors import SceneTensors
+
+_MIN_HALF_SIDE_M: Final = 25.0
+_PARTS: Final = {"position": (0, 1), "heading": (2, 3), "speed": (4,)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseLossConfig:
+    """What each training step draws."""
+
+    num_levels: int = 4
+    """Noise levels per scene; they share the scene's context."""
+    decentralized_share: float = 0.1
+    """Share of scenes whose agents do not see each other."""
+    given_share: float = 0.4
+    """Share of scenes with a random part of the agents given."""
+    small_square_share: float = 0.3
+    overlap_weight: float = 0.2
+    overlap_noise_m: float = 1.0
+    """Overlap counts below this noise only: above, clean states are blurred means."""
+
+
+def pose_loss(
+    model: PoseDenoiser,
+    scene: SceneTensors,
+    random: torch.Generator,
+    config: PoseLossConfig | None = None,
+) -> tuple[Float[Tensor, ""], dict[str, Float[Tensor, ""]]]:
+    """Mean squared error of the network at random levels, and its parts.
+
+    Returns:
+        The loss, and its terms before weighting: position, heading, speed, overlap.
+    """
+    config = PoseLossConfig() if config is None else config
+    scene, task = training_task(scene, random, config)
+    clean = encode_states(scene.agent_pose, scene.agent_speed)
+    level = _levels(config.num_levels, scene.num_scenes, random).to(clean)
+    scale = noise_scale(level)[:, :, None]
+    shape = (config.num_levels, *clean.shape)
+    noise = torch.randn(shape, generator=random).to(clean)
+    found = model.denoise(model.context(scene, task), clean + scale * noise, level)
+    is_drawn = (scene.has_agent & ~task.is_given).to(clean)
+    count = is_drawn.sum().clamp_min(1) * config.num_levels
+    error = (found - clean) / preconditioning(scale)[2]
+    squared = (error.square() * is_drawn[..., None]).sum(dim=(0, 1, 2)) / count
+    parts = {name: squared[list(where)].mean() for name, where in _PARTS.items()}
+    loss = sum(parts.values(), torch.zeros_like(count))
+    if config.overlap_weight:
+        parts["overlap"] = _overlap(scene, clean, found, is_drawn > 0, level, config)
+        loss = loss + config.overlap_weight * parts["overlap"]
+    return loss, {name: part.detach() for name, part in parts.items()}
+
+
+def training_task(
+    scene: SceneTensors, random: torch.Generator, config: PoseLossConfig
+) -> tuple[SceneTensors, PoseTask]:
+    """A random task on real scenes, and the scenes without those who play no part.
+
+    Agents outside the square are given in half of the scenes, absent in the others.
+    """
+    device, num_scenes = scene.has_agent.device, scene.num_scenes
+
+    def chance(*shape: int) -> Float[Tensor, "*s"]:
+        return torch.rand(shape, generator=random).to(device)
+
+    side = POSITION_UNIT_M * torch.ones(num_scenes, device=device)
+    small = _MIN_HALF_SIDE_M + chance(num_scenes) * (side - _MIN_HALF_SIDE_M)
+    side = torch.where(chance(num_scenes) < config.small_square_share, small, side)
+    is_inside = (scene.agent_pose[..., :2].abs() <= side[:, None, None]).all(dim=-1)
+    keeps_outside = chance(num_scenes, 1) < 0.5
+    has_agent = scene.has_agent & (is_inside | keeps_outside)
+    part = torch.where(chance(num_scenes) < config.given_share, chance(num_scenes), 0.0)
+    is_given = has_agent & (
+        ~is_inside | (chance(*has_agent.shape) < part[:, None])
+    )
+    scene = replace(scene, has_agent=has_agent)
+    return scene, PoseTask(
+        is_given=is_given,
+        order=order_by(scene.agent_pose[..., 0], scene, is_given),
+        half_side_m=side,
+        is_central=chance(num_scenes) >= config.decentralized_share,
+    )
+
+
+def _levels(
+    num_levels: int, num_scenes: int, random: torch.Generator
+) -> Float[Tensor, "S B"]:
+    """Levels 0..1, spread evenly over the versions of each scene."""
+    offset = torch.rand((num_levels, num_scenes), generator=random)
+    return (torch.arange(num_levels)[:, None] + offset) / num_levels
+
+
+def _overlap(
+    scene: SceneTensors,
+    clean: Float[Tensor, "B A 5"],
+    found: Float[Tensor, "S B A 5"],
+    is_drawn: Bool[Tensor, "B A"],
+    level: Float[Tensor, "S B"],
+    config: PoseLossConfig,
+) -> Float[Tensor, ""]:
+    """Mean squared depth in metres by which predicted boxes overlap too much."""
+    depth = overlap_depth_m(found, scene) - overlap_depth_m(clean, scene)
+    noise_m = noise_scale(level)[..., 0] * POSITION_UNIT_M
+    counts = (noise_m < config.overlap_noise_m)[..., None] & is_drawn
+    squared = depth.clamp(min=0, max=math.inf).square().sum(dim=-1)
+    return (squared * counts).sum() / counts.sum().clamp_min(1)

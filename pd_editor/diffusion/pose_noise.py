@@ -1,0 +1,64 @@
+"""Noise levels of initial states: from the whole square down to centimetres."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M, STATE_SPREAD
+
+POSITION_NOISE_M: Final = (0.05, 120.0)
+"""Standard deviation of positions at level 0 and at level 1."""
+DIRECTION_NOISE: Final = (0.03, 4.0)
+"""Of headings (unit vectors) and of speed codes.
+
+In between it is chosen so that the direction is known when the lane is: 0.5 at 3.5 m.
+"""
+_RANGES: Final = (
+    *[tuple(noise / POSITION_UNIT_M for noise in POSITION_NOISE_M)] * 2,
+    *[DIRECTION_NOISE] * 3,
+)
+
+
+def noise_scale(level: Float[Tensor, "*b"]) -> Float[Tensor, "*b 5"]:
+    """Standard deviation of the noise on each encoded part at levels in 0..1.
+
+    Its logarithm is linear in the level: each step of the sampler resolves the next
+    smaller scale. A negative level means no noise.
+    """
+    low, high = (
+        torch.tensor([math.log(pair[end]) for pair in _RANGES], device=level.device)
+        for end in (0, 1)
+    )
+    scale = (low + (high - low) * level[..., None]).exp()
+    return torch.where(level[..., None] < 0, 0.0, scale)
+
+
+def preconditioning(
+    scale: Float[Tensor, "*b 5"],
+) -> tuple[Float[Tensor, "*b 5"], Float[Tensor, "*b 5"], Float[Tensor, "*b 5"]]:
+    """Factors of the input, of the skipped input and of the network's output.
+
+    So that input and target of the network are of unit size at each level.
+
+    Source: Karras et al., Elucidating the design space of diffusion models, 2022.
+    """
+    spread = torch.tensor(STATE_SPREAD, device=scale.device)
+    total = scale.square() + spread.square()
+    return total.rsqrt(), spread.square() / total, scale * spread * total.rsqrt()
+
+
+def first_noise(noise: Float[Tensor, "*b 5"]) -> Float[Tensor, "*b 5"]:
+    """Noisy states at level 1 from unit noise; as wide as traffic with its noise."""
+    scale = noise_scale(torch.ones((), device=noise.device))
+    spread = torch.tensor(STATE_SPREAD, device=noise.device)
+    return noise * (scale.square() + spread.square()).sqrt()
+
+
+def sampling_levels(num_steps: int) -> Sequence[float]:
+    """Levels of the steps from 1 down to 0."""
+    assert num_steps >= 1
+    return [1 - step / max(num_steps - 1, 1) for step in range(num_steps)]

@@ -1,0 +1,146 @@
+"""Drawing initial states: from noise to poses, one scale after another."""
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pd_editor.diffusion.pose_context import PoseTask, drawing_task
+from pd_editor.diffusion.pose_denoiser import PoseContext, PoseDenoiser
+from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M, decode_states
+from pd_editor.diffusion.pose_noise import first_noise, noise_scale, sampling_levels
+from pd_editor.diffusion.random_streams import RandomStreams
+from pd_editor.diffusion.scene_tensors import SceneTensors
+
+NUM_STEPS: Final = 20
+"""Default number of calls of the network."""
+
+PoseGuide = Callable[[Tensor, float], Tensor]
+"""From believed clean states [S B A 5], encoded, and the level, to better ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseSamplerConfig:
+    """How states are drawn."""
+
+    num_steps: int = NUM_STEPS
+    fresh_noise: float = 0.0
+    """Share of the noise that is drawn anew at each step: 0 none, 1 ancestral."""
+    is_second_order: bool = False
+    """Extrapolate the clean states from the last two steps."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PoseStep:
+    """What is known after a step."""
+
+    index: int
+    num_steps: int
+    states: Float[Tensor, "S B A 5"]
+    """x and y in metres, cos, sin, speed in m/s: as ``sample_states`` returns them."""
+
+
+def sample_states(
+    model: PoseDenoiser,
+    scene: SceneTensors,
+    *,
+    samples: Sequence[int],
+    seed: int,
+    task: PoseTask | None = None,
+    config: PoseSamplerConfig | None = None,
+    guide: PoseGuide | None = None,
+) -> Generator[PoseStep, None, Float[Tensor, "S B A 5"]]:
+    """Draw initial states for all agents of B scenes that are not given.
+
+    Yields after each step; a caller cancels by not asking for the next one. Sample k
+    of a seed is the same alone and among others.
+
+    Args:
+        model: in evaluation mode.
+        scene: its pieces, and of its agents kind, size and ``has_agent``; poses and
+            speeds are read of given agents only.
+        samples: indices of the S samples to draw.
+        seed: of all samples.
+        task: who is given, and the square; None draws everybody in the whole square.
+        config: steps and noise.
+        guide: changes the believed clean states of each step.
+
+    Returns:
+        States [S, B, A, 5]: x and y in metres around the middle of the scene, cosine
+        and sine of the heading, speed in m/s. Given agents come out bit-identical.
+    """
+    config = PoseSamplerConfig() if config is None else config
+    task = drawing_task(scene) if task is None else task
+    streams = RandomStreams(seed, "states", samples)
+    shape = scene.has_agent.shape
+    with torch.inference_mode():
+        context = model.context(scene, task)
+        noisy = first_noise(streams.normal(*shape, 5).to(scene.agent_pose))
+        levels = sampling_levels(config.num_steps)
+        last = None
+        states = noisy
+        for index, level in enumerate(levels):
+            clean = _clean(model, context, task, noisy, level)
+            if guide is not None:
+                clean = guide(clean, level)
+            better = clean
+            if config.is_second_order and last is not None:
+                better = 1.5 * clean - 0.5 * last
+            last, states = clean, _finished(scene, task, clean)
+            if index + 1 < len(levels):
+                noisy = _next(noisy, better, level, levels[index + 1], config, streams)
+            yield PoseStep(index=index, num_steps=len(levels), states=states)
+    return states
+
+
+def _clean(
+    model: PoseDenoiser,
+    context: PoseContext,
+    task: PoseTask,
+    noisy: Float[Tensor, "S B A 5"],
+    level: float,
+) -> Float[Tensor, "S B A 5"]:
+    """What the network believes in, inside the square."""
+    levels = torch.full(noisy.shape[:2], level, device=noisy.device)
+    clean = model.denoise(context, noisy, levels)
+    side = (task.half_side_m / POSITION_UNIT_M)[:, None, None]
+    inside = torch.minimum(torch.maximum(clean[..., :2], -side), side)
+    return torch.cat([inside, clean[..., 2:]], dim=-1)
+
+
+def _next(
+    noisy: Float[Tensor, "S B A 5"],
+    clean: Float[Tensor, "S B A 5"],
+    level: float,
+    next_level: float,
+    config: PoseSamplerConfig,
+    streams: RandomStreams,
+) -> Float[Tensor, "S B A 5"]:
+    """Noisy states at the next level."""
+    both = torch.tensor([level, next_level], device=noisy.device)
+    scale, next_scale = noise_scale(both)
+    left = (1 - (next_scale / scale).square()).clamp_min(0).sqrt()
+    fresh = config.fresh_noise * next_scale * left
+    kept = (next_scale.square() - fresh.square()).clamp_min(0).sqrt()
+    result = clean + kept / scale * (noisy - clean)
+    if config.fresh_noise:
+        result = result + fresh * streams.normal(*noisy.shape[1:]).to(noisy)
+    return result
+
+
+def _finished(
+    scene: SceneTensors, task: PoseTask, clean: Float[Tensor, "S B A 5"]
+) -> Float[Tensor, "S B A 5"]:
+    """States in metres, with those of the given agents put back."""
+    heading = scene.agent_pose[..., 2]
+    given = torch.cat(
+        [
+            scene.agent_pose[..., :2],
+            torch.stack([heading.cos(), heading.sin(), scene.agent_speed], dim=-1),
+        ],
+        dim=-1,
+    )
+    return torch.where(task.is_given[..., None], given, decode_states(clean))
