@@ -1,0 +1,56 @@
+"""Procedural road networks of many families, drawn from a seed."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+from zlib import crc32
+
+import numpy as np
+
+from pd_editor.errors import SynthesisError
+from pd_editor.synthesis.family_grid import draw_grid
+from pd_editor.synthesis.net_road_map import net_road_map
+from pd_editor.synthesis.network import Network
+from pd_editor.synthesis.plain_network import PlainNetwork, convert
+from pd_editor.synthesis.sumo_net import read_sumo_net
+
+_DRAW: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
+    "grid": draw_grid,
+}
+FAMILIES: Final[tuple[str, ...]] = tuple(_DRAW)
+
+
+def draw_network(family: str, seed: int, folder: Path) -> Network:
+    """A network of a family; the same seed makes the same road map.
+
+    Raises:
+        SynthesisError: SUMO is missing, refused the network, the family is unknown,
+            or the folder cannot be written.
+    """
+    if family not in _DRAW:
+        raise SynthesisError(
+            f"There is no family of roads '{family}'; "
+            f"expected one of {', '.join(FAMILIES)}."
+        )
+    random = np.random.default_rng([seed, crc32(family.encode())])
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        net_file = convert(_DRAW[family](random), folder)
+    except OSError as error:
+        raise SynthesisError(
+            f"{folder}: expected a folder that can be written ({error})."
+        ) from error
+    net = read_sumo_net(net_file)
+    mapped = net_road_map(net, random)
+    return Network(
+        name=f"{family}-{seed:05d}",
+        family=family,
+        folder=folder,
+        net_file=net_file,
+        road_map=mapped.road_map,
+        lane_of_sumo=mapped.lane_of_sumo,
+        has_signals=net.has_signals,
+        parking_strips_m=tuple(
+            lane.shape_m for lane in net.lanes.values() if lane.is_parking
+        ),
+    )

@@ -1,0 +1,77 @@
+"""Curves that streets follow: straight, arcs, S-curves, clothoids."""
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+SPACING_M: Final = 3.0
+"""Between the points of a curve."""
+
+
+class CurveKind(StrEnum):
+    """How curvature runs along a curve."""
+
+    STRAIGHT = "straight"
+    ARC = "arc"
+    S_CURVE = "s-curve"
+    CLOTHOID = "clothoid"
+    """Curvature rises evenly to the middle and falls again."""
+
+
+_CURVATURE: Final[
+    dict[CurveKind, Callable[[Float[np.ndarray, "N"]], Float[np.ndarray, "N"]]]
+] = {
+    CurveKind.STRAIGHT: np.zeros_like,
+    CurveKind.ARC: np.ones_like,
+    CurveKind.S_CURVE: lambda s: np.pi * np.sin(2 * np.pi * s),
+    CurveKind.CLOTHOID: lambda s: 2.0 - 4.0 * np.abs(s - 0.5),
+}
+"""Curvature over the fraction of the way; its absolute value, or the half of an
+S-curve, sums to one."""
+
+
+def curve(
+    start_m: Float[np.ndarray, "2"],
+    end_m: Float[np.ndarray, "2"],
+    kind: CurveKind,
+    turn_rad: float,
+) -> Float[np.ndarray, "N 2"]:
+    """A curve between two points that turns left by an angle in all.
+
+    An S-curve turns by that angle to the left and back again.
+    """
+    chord = end_m - start_m
+    count = max(int(np.ceil(np.linalg.norm(chord) * 1.2 / SPACING_M)) + 1, 2)
+    fine = np.linspace(0.0, 1.0, 16 * count)
+    rate = turn_rad * _CURVATURE[kind](fine)
+    heading = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2)])
+    heading /= len(fine) - 1
+    step = np.exp(1j * (heading[1:] + heading[:-1]) / 2)
+    line = np.concatenate([[0.0], np.cumsum(step)])
+    line = line * (complex(*chord) / line[-1])
+    at = np.interp(np.linspace(0, 1, count), fine, np.arange(len(fine)))
+    x = start_m[0] + np.interp(at, np.arange(len(fine)), line.real)
+    y = start_m[1] + np.interp(at, np.arange(len(fine)), line.imag)
+    return np.stack([x, y], axis=-1)
+
+
+def between_poses(
+    start_m: Float[np.ndarray, "2"],
+    start_direction: Float[np.ndarray, "2"],
+    end_m: Float[np.ndarray, "2"],
+    end_direction: Float[np.ndarray, "2"],
+) -> Float[np.ndarray, "N 2"]:
+    """A smooth curve (cubic) that leaves and arrives in given unit directions."""
+    reach = float(np.linalg.norm(end_m - start_m))
+    t = np.linspace(0.0, 1.0, max(int(np.ceil(reach * 1.2 / SPACING_M)) + 1, 6))[
+        :, None
+    ]
+    return (
+        (2 * t**3 - 3 * t**2 + 1) * start_m
+        + (t**3 - 2 * t**2 + t) * reach * start_direction
+        + (3 * t**2 - 2 * t**3) * end_m
+        + (t**3 - t**2) * reach * end_direction
+    )

@@ -1,0 +1,237 @@
+"""A SUMO net as an Argoverse 2 map."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.geometry.polyline import arc_length, offset_line
+from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap
+from pd_editor.synthesis.drivable_area import drivable_areas
+from pd_editor.synthesis.lane_chains import LaneChain, LaneChains, lane_chains
+from pd_editor.synthesis.lane_geometry import (
+    WideLine,
+    pieces,
+    wide_line,
+    with_end_normals,
+)
+from pd_editor.synthesis.lane_paint import LanePaint, lane_paint
+from pd_editor.synthesis.sumo_net import SumoLane, SumoNet
+
+FIRST_LANE_ID: Final = 1000
+FIRST_CROSSWALK_ID: Final = 1
+FIRST_AREA_ID: Final = 500
+_SECTION_LENGTHS_M: Final = (14.0, 55.0)
+_MIN_SECTION_M: Final = 7.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NetRoadMap:
+    """The map of a net, and where each of the net's lanes went."""
+
+    road_map: RoadMap
+    lane_of_sumo: Mapping[str, tuple[int, ...]]
+    """Lanes of the map along each SUMO lane that is driven on, in driving order."""
+
+
+def net_road_map(net: SumoNet, random: np.random.Generator) -> NetRoadMap:
+    """The map of a net; long lanes are cut into segments at random places.
+
+    Lanes of one edge are cut at the same places, so that neighbours stay side by
+    side.
+    """
+    chains = lane_chains(net)
+    cuts = _edge_cuts(net, random)
+    paint = lane_paint(net, chains, random)
+    lines = _chain_lines(chains)
+    sections = [
+        _sections(chain, line, cuts.get(chain.main.edge, []))
+        for chain, line in zip(chains.chains, lines, strict=True)
+    ]
+    first_id = FIRST_LANE_ID + np.concatenate(
+        [[0], np.cumsum([len(parts) for parts in sections])]
+    )
+    ids = [
+        [int(first_id[n]) + k for k in range(len(parts))]
+        for n, parts in enumerate(sections)
+    ]
+    lanes = tuple(
+        lane
+        for n in range(len(sections))
+        for lane in _lanes_of_chain(net, chains, n, sections, ids, paint)
+    )
+    lanes = _with_predecessors(lanes)
+    road_map = RoadMap(
+        lanes=lanes,
+        crosswalks=_crosswalks(net),
+        drivable_areas=drivable_areas(net, lanes, FIRST_AREA_ID),
+    )
+    return NetRoadMap(
+        road_map=road_map, lane_of_sumo=_lane_of_sumo(chains, sections, ids)
+    )
+
+
+def _edge_cuts(net: SumoNet, random: np.random.Generator) -> dict[str, list[float]]:
+    """Fractions along each normal edge where its lanes are cut."""
+    cuts = {}
+    for edge in net.junction_of:
+        lane = net.lanes_of_edge[edge][-1]
+        length = float(arc_length(lane.shape_m)[-1])
+        at, fractions = 0.0, []
+        while True:
+            at += float(random.uniform(*_SECTION_LENGTHS_M))
+            if at > length - _MIN_SECTION_M:
+                break
+            fractions.append(at / length)
+        cuts[edge] = fractions
+    return cuts
+
+
+def _chain_lines(chains: LaneChains) -> list[WideLine]:
+    """The centre line of each chain; the ends of neighbours in a row agree."""
+    lines = [_own_line(chain, n, chains) for n, chain in enumerate(chains.chains)]
+    front = {after: n for n, following in chains.next_of.items() for after in following}
+    for n, chain in enumerate(chains.chains):
+        if chain.main.is_internal:
+            before, after = front.get(n), chains.next_of[n]
+            lines[n] = with_end_normals(
+                lines[n],
+                None if before is None else lines[before].normal[-1],
+                lines[after[0]].normal[0] if after else None,
+            )
+    return lines
+
+
+def _own_line(chain: LaneChain, number: int, chains: LaneChains) -> WideLine:
+    width = []
+    for lane in chain.lanes:
+        start = end = lane.width_m
+        if lane.is_internal:
+            start, end = _end_widths(chain, number, chains)
+        along = arc_length(lane.shape_m)
+        fraction = along / max(float(along[-1]), 1e-6)
+        width.append(start + fraction * (end - start))
+    points = np.concatenate([lane.shape_m for lane in chain.lanes])
+    return wide_line(points, np.concatenate(width))
+
+
+def _end_widths(
+    chain: LaneChain, number: int, chains: LaneChains
+) -> tuple[float, float]:
+    """Widths of the lanes before and after a junction lane."""
+    if not chain.main.is_internal:
+        return chain.main.width_m, chain.main.width_m
+    before = [n for n, following in chains.next_of.items() if number in following]
+    after = chains.next_of[number]
+    widths = [chains.chains[n].main.width_m for n in (*before[:1], *after[:1])]
+    return (widths[0], widths[-1]) if widths else (3.2, 3.2)
+
+
+def _main_span(chain: LaneChain) -> tuple[float, float]:
+    """Where along the chain its main lane begins, and how long it is."""
+    lengths = [float(arc_length(lane.shape_m)[-1]) for lane in chain.lanes]
+    row = chain.lanes.index(chain.main)
+    return sum(lengths[:row]), lengths[row]
+
+
+def _sections(
+    chain: LaneChain, line: WideLine, fractions: list[float]
+) -> list[WideLine]:
+    start, length = _main_span(chain)
+    return pieces(line, [start + fraction * length for fraction in fractions])
+
+
+def _lanes_of_chain(
+    net: SumoNet,
+    chains: LaneChains,
+    number: int,
+    sections: list[list[WideLine]],
+    ids: list[list[int]],
+    paint: LanePaint,
+) -> list[Lane]:
+    chain = chains.chains[number]
+    left, right = (_neighbor_chain(net, chains, chain.main, step) for step in (1, -1))
+    following = [ids[after][0] for after in chains.next_of[number]]
+    lanes = []
+    last = len(sections[number]) - 1
+    for k, section in enumerate(sections[number]):
+        marks = paint.marks(chain, at_end=k == last)
+        lanes.append(
+            Lane(
+                lane_id=ids[number][k],
+                kind=chain.main.kind,
+                is_intersection=chain.is_intersection,
+                centerline=_flat(section.points_m),
+                left=_flat(section.left_m()),
+                right=_flat(section.right_m()),
+                left_mark=marks[0],
+                right_mark=marks[1],
+                successors=tuple(following) if k == last else (ids[number][k + 1],),
+                predecessors=(),
+                left_neighbor=None if left is None else ids[left][k],
+                right_neighbor=None if right is None else ids[right][k],
+            )
+        )
+    return lanes
+
+
+def _flat(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 3"]:
+    return np.column_stack([points_m, np.zeros(len(points_m))])
+
+
+def _neighbor_chain(
+    net: SumoNet, chains: LaneChains, lane: SumoLane, step: int
+) -> int | None:
+    """The chain of the lane beside a road's lane, in the same direction."""
+    if lane.is_internal:
+        return None
+    for other in net.lanes_of_edge[lane.edge]:
+        if other.index == lane.index + step and other.kind is not None:
+            return chains.chain_of[other.sumo_id]
+    return None
+
+
+def _with_predecessors(lanes: tuple[Lane, ...]) -> tuple[Lane, ...]:
+    before: dict[int, list[int]] = {lane.lane_id: [] for lane in lanes}
+    for lane in lanes:
+        for after in lane.successors:
+            before[after].append(lane.lane_id)
+    return tuple(
+        replace(lane, predecessors=tuple(before[lane.lane_id])) for lane in lanes
+    )
+
+
+def _lane_of_sumo(
+    chains: LaneChains,
+    sections: list[list[WideLine]],
+    ids: list[list[int]],
+) -> dict[str, tuple[int, ...]]:
+    result = {}
+    for n, chain in enumerate(chains.chains):
+        ends = np.cumsum([arc_length(part.points_m)[-1] for part in sections[n]])
+        at = 0.0
+        for lane in chain.lanes:
+            length = float(arc_length(lane.shape_m)[-1])
+            first = int(np.searchsorted(ends, at + 0.1))
+            last = int(np.searchsorted(ends, at + length - 0.1))
+            first = min(first, len(ids[n]) - 1)
+            last = min(max(last, first), len(ids[n]) - 1)
+            result[lane.sumo_id] = tuple(ids[n][first : last + 1])
+            at += length
+    return result
+
+
+def _crosswalks(net: SumoNet) -> tuple[Crosswalk, ...]:
+    result = []
+    for number, (middle, width) in enumerate(net.crossings):
+        ends = middle[[0, -1]]
+        result.append(
+            Crosswalk(
+                crosswalk_id=FIRST_CROSSWALK_ID + number,
+                edge1=_flat(offset_line(ends, width / 2)),
+                edge2=_flat(offset_line(ends, -width / 2)),
+            )
+        )
+    return tuple(result)

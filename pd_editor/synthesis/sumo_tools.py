@@ -1,0 +1,62 @@
+"""SUMO's command line tools: found, and run with a time limit."""
+
+import shutil
+import subprocess
+import sysconfig
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from pd_editor.errors import SynthesisError
+
+TIME_LIMIT_S: Final = 60.0
+"""A network takes well under a second; beyond this something hangs."""
+
+
+def sumo_tool(name: str) -> Path:
+    """Where a SUMO tool, such as ``netconvert``, is installed.
+
+    Raises:
+        SynthesisError: SUMO is not installed.
+    """
+    folders = [Path(sysconfig.get_path("scripts"))]
+    package = find_spec("sumo")
+    if package is not None and package.submodule_search_locations:
+        folders += [Path(path) / "bin" for path in package.submodule_search_locations]
+    for folder in folders:
+        found = shutil.which(name, path=str(folder))
+        if found is not None:
+            return Path(found)
+    found = shutil.which(name)
+    if found is None:
+        raise SynthesisError(
+            f"SUMO's {name} is not installed; "
+            "expected it from pip install 'pd-editor[synth]'."
+        )
+    return Path(found)
+
+
+def run_sumo_tool(name: str, arguments: list[str], folder: Path) -> None:
+    """Run a SUMO tool in a folder.
+
+    Raises:
+        SynthesisError: SUMO is not installed, the tool failed, or took too long.
+    """
+    command = [str(sumo_tool(name)), *arguments]
+    try:
+        result = subprocess.run(
+            command,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=TIME_LIMIT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise SynthesisError(
+            f"{folder}: {name} did not finish within {TIME_LIMIT_S:.0f} s."
+        ) from error
+    if result.returncode != 0:
+        said = [line for line in result.stderr.splitlines() if "Error" in line]
+        reason = said[0] if said else f"exit status {result.returncode}"
+        raise SynthesisError(f"{folder}: {name} refused the network ({reason}).")
