@@ -1,0 +1,280 @@
+"""Cuts a scenario in Argoverse 2's form out of a recording.
+
+Measured on 35 scenarios of Argoverse 2's train split, and followed here:
+
+- focal, scored and unscored tracks, and the ego ``AV``, have all 110 steps; every other
+  track is a fragment of at least 10 steps without a gap;
+- the map has the lanes within 35 m (31..37 m) of the paths of focal, scored and ego;
+- half of the tracks are within 40 m of the ego, nine of ten within 86 m.
+"""
+
+import uuid
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Int
+
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
+from pd_editor.scene.time_axis import TimeAxis
+from pd_editor.windows.recording import Recording, Window
+from pd_editor.windows.tracking_noise import TrackingNoise, noisy, seen
+
+SIDE_M: Final = 200.0
+"""Side of the square whose agents are in a scenario."""
+PAST_STEPS: Final = 50
+FUTURE_STEPS: Final = 59
+MAP_MARGIN_M: Final = 35.0
+"""Lanes that come so near to the main agents' paths are in a scenario's map."""
+MIN_TRACK_STEPS: Final = 10
+MEAN_NUM_SCORED: Final = 2.1
+_NEAR_M: Final = 25.0
+"""Distance from the focal agent over which ego and scored agents become rarer by e."""
+_PATH_STRIDE: Final = 5
+_ID_SPACE: Final = uuid.UUID("6f1c1a52-31f3-5c0e-9f2d-3a0c54f1b7d6")
+_EPOCH_NS: Final = 315_964_800_000_000_000
+"""Argoverse 2's clocks show about this."""
+_NOTE: Final = "Synthetic traffic, simulated with SUMO."
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Cast:
+    """Who plays which part among the agents of a window; -1 if nobody does."""
+
+    focal: int
+    ego: int
+    scored: Int[np.ndarray, "S"]
+
+    @property
+    def main(self) -> Int[np.ndarray, "M"]:
+        """Rows of all of them."""
+        rows = np.array([self.focal, self.ego, *self.scored], int)
+        return rows[rows >= 0]
+
+    @property
+    def observer(self) -> int:
+        """From whose place the others are seen."""
+        return self.ego if self.ego >= 0 else self.focal
+
+
+def cut_scenario(
+    recording: Recording,
+    window: Window,
+    *,
+    side_m: float = SIDE_M,
+    past_steps: int = PAST_STEPS,
+    future_steps: int = FUTURE_STEPS,
+    noise: TrackingNoise | None = None,
+) -> Scenario:
+    """The scenario that a window shows, in the recording's frame.
+
+    Agents in the square of side ``side_m`` at the current step are there as long as the
+    recording has them; others only while they are in it. With ``noise``, tracks also
+    begin and end as a tracker's do, and states are blurred. Equal arguments give equal
+    scenarios.
+    """
+    num_steps = past_steps + 1 + future_steps
+    first = window.current_step - past_steps
+    assert first >= 0
+    assert first + num_steps <= recording.num_steps
+    rows, tracks = _gathered(recording, window, first, num_steps, side_m)
+    random = np.random.default_rng(window.seed)
+    cast = _cast(recording, window, rows, tracks, past_steps, random)
+    road_map = _cropped(recording.road_map, tracks, cast)
+    is_valid = tracks.is_valid
+    if noise is not None:
+        is_valid = seen(
+            tracks, cast.observer, cast.main, noise, random, recording.step_s
+        )
+        tracks = noisy(tracks, noise, random, recording.step_s)
+    tracks = _finished(tracks, cast, longest_runs(is_valid), past_steps)
+    name = f"{recording.name}/{window.current_step}/{window.focal_id}/{window.seed}"
+    return Scenario(
+        scenario_id=str(uuid.uuid5(_ID_SPACE, name)),
+        city=recording.city,
+        origin_city_m=recording.origin_city_m,
+        road_map=road_map,
+        agents=tracks,
+        time_axis=_time_axis(recording, first, num_steps, past_steps),
+        focal_id=window.focal_id,
+        provenance=Provenance(notes=(_NOTE,)),
+    )
+
+
+def has_focal_agent(
+    recording: Recording,
+    window: Window,
+    past_steps: int = PAST_STEPS,
+    future_steps: int = FUTURE_STEPS,
+) -> bool:
+    """Whether the window's focal agent is in the square, and exists all the time."""
+    if window.focal_id not in recording.ids:
+        return False
+    row = recording.ids.index(window.focal_id)
+    start, end = recording.first_row[row : row + 2]
+    at = window.current_step - int(recording.first_step[row])
+    if at < past_steps or at + future_steps >= end - start:
+        return False
+    away = np.abs(recording.position_m[start + at] - np.array(window.center_m))
+    return bool(away.max() <= SIDE_M / 2)
+
+
+def _time_axis(
+    recording: Recording, first: int, num_steps: int, past_steps: int
+) -> TimeAxis:
+    step_ns = recording.step_s * 1e9
+    start = _EPOCH_NS + round(first * step_ns)
+    return TimeAxis(
+        num_steps=num_steps,
+        current_step=past_steps,
+        step_s=recording.step_s,
+        start_timestamp_ns=float(start),
+        end_timestamp_ns=float(start + round((num_steps - 1) * step_ns)),
+    )
+
+
+def _gathered(
+    recording: Recording, window: Window, first: int, num_steps: int, side_m: float
+) -> tuple[Int[np.ndarray, "A"], AgentTracks]:
+    """Agents that enter the square for a while: their rows in the recording, tracks."""
+    counts = np.diff(recording.first_row)
+    ends = recording.first_step + counts
+    common = np.minimum(ends, first + num_steps) - np.maximum(
+        recording.first_step, first
+    )
+    there = np.flatnonzero(common >= MIN_TRACK_STEPS)
+    steps = first + np.arange(num_steps) - recording.first_step[there, None]
+    is_valid = (steps >= 0) & (steps < counts[there, None])
+    row = recording.first_row[there, None] + np.clip(steps, 0, counts[there, None] - 1)
+    away = np.abs(recording.position_m[row] - np.array(window.center_m)).max(axis=-1)
+    is_inside = is_valid & (away <= side_m / 2)
+    current = window.current_step - first
+    is_valid &= is_inside[:, current, None] | is_inside
+    stays = np.flatnonzero(is_valid.sum(axis=1) >= MIN_TRACK_STEPS)
+    row, is_valid, there = row[stays], is_valid[stays], there[stays]
+    ids = tuple(recording.ids[one] for one in there)
+    kinds = tuple(recording.kinds[one] for one in there)
+    return there, AgentTracks(
+        ids=ids,
+        kinds=kinds,
+        categories=(AgentCategory.FRAGMENT,) * len(there),
+        size_m=recording.size_m[there],
+        has_known_size=np.ones(len(there), bool),
+        position_m=np.where(is_valid[..., None], recording.position_m[row], 0.0),
+        heading_rad=np.where(is_valid, recording.heading_rad[row], 0.0),
+        velocity_mps=np.where(is_valid[..., None], recording.velocity_mps[row], 0.0),
+        is_valid=is_valid,
+        observed=is_valid & (np.arange(num_steps) < current),
+    )
+
+
+def longest_runs(is_valid: Bool[np.ndarray, "A T"]) -> Bool[np.ndarray, "A T"]:
+    """Only the longest run of true values of each row, the first of equal ones."""
+    rises = np.diff(is_valid.astype(np.int8), axis=1, prepend=0) == 1
+    broken = np.flatnonzero(rises.sum(axis=1) > 1)
+    result = is_valid.copy()
+    for row in broken:
+        run = np.where(is_valid[row], np.cumsum(rises[row]), 0)
+        lengths = np.bincount(run)
+        lengths[0] = 0
+        result[row] = run == lengths.argmax()
+    return result
+
+
+def _cast(
+    recording: Recording,
+    window: Window,
+    rows: Int[np.ndarray, "A"],
+    tracks: AgentTracks,
+    current: int,
+    random: np.random.Generator,
+) -> _Cast:
+    """The focal agent, an ego near it, and a few scored ones."""
+    focal = tracks.row_of[window.focal_id]
+    assert tracks.is_valid[focal].all(), "the focal agent must be there all the time"
+    is_free = tracks.is_valid.all(axis=1) & ~recording.is_parked[rows]
+    is_free[focal] = False
+    gap = np.linalg.norm(
+        tracks.position_m[:, current] - tracks.position_m[focal, current], axis=-1
+    )
+    # One draw per agent, the smallest wins: drawing by weight without replacement.
+    wait = random.exponential(size=len(tracks)) * np.exp(gap / _NEAR_M)
+    moved = np.linalg.norm(tracks.position_m[:, -1] - tracks.position_m[:, 0], axis=-1)
+    wait = np.where(moved < 1.0, 3.0 * wait, wait)
+    cars = np.flatnonzero(is_free & tracks.kind_mask({AgentKind.VEHICLE}))
+    ego = int(cars[wait[cars].argmin()]) if len(cars) else -1
+    if len(cars):
+        is_free[ego] = False
+    others = np.flatnonzero(is_free & tracks.kind_mask(ROAD_USER_KINDS) & (gap < 100))
+    num = random.geometric(1 / (1 + MEAN_NUM_SCORED)) - 1
+    return _Cast(focal=focal, ego=ego, scored=others[np.argsort(wait[others])][:num])
+
+
+def _finished(
+    tracks: AgentTracks, cast: _Cast, is_valid: Bool[np.ndarray, "A T"], current: int
+) -> AgentTracks:
+    """The tracks where they are valid, with categories, the ego under its name."""
+    is_full = is_valid.all(axis=1)
+    categories = np.where(is_full, AgentCategory.UNSCORED, AgentCategory.FRAGMENT)
+    categories[cast.scored] = AgentCategory.SCORED
+    categories[cast.focal] = AgentCategory.FOCAL
+    ids = list(tracks.ids)
+    if cast.ego >= 0:
+        ids[cast.ego] = EGO_ID
+    whole = replace(
+        tracks,
+        ids=tuple(ids),
+        categories=tuple(AgentCategory(int(value)) for value in categories),
+        position_m=np.where(is_valid[..., None], tracks.position_m, 0.0),
+        heading_rad=np.where(is_valid, tracks.heading_rad, 0.0),
+        velocity_mps=np.where(is_valid[..., None], tracks.velocity_mps, 0.0),
+        is_valid=is_valid,
+        observed=is_valid & (np.arange(tracks.num_steps) < current),
+    )
+    return whole.taken(np.flatnonzero(is_valid.sum(axis=1) >= MIN_TRACK_STEPS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _MapIndex:
+    """Searchable geometry of a map's lanes, crosswalks and drivable areas."""
+
+    lanes: shapely.STRtree
+    crosswalks: shapely.STRtree
+    areas: shapely.STRtree
+
+
+@lru_cache(maxsize=16)
+def _index_of(road_map: RoadMap) -> _MapIndex:
+    lines = [shapely.LineString(lane.centerline_m) for lane in road_map.lanes]
+    crossings = [shapely.Polygon(one.outline_m()) for one in road_map.crosswalks]
+    rings = [shapely.Polygon(one.boundary[:, :2]) for one in road_map.drivable_areas]
+    return _MapIndex(
+        lanes=shapely.STRtree(lines),
+        crosswalks=shapely.STRtree(crossings),
+        areas=shapely.STRtree(rings),
+    )
+
+
+def _cropped(road_map: RoadMap, tracks: AgentTracks, cast: _Cast) -> RoadMap:
+    """What lies near the paths of the main agents."""
+    index = _index_of(road_map)
+    paths = shapely.MultiLineString(
+        list(tracks.position_m[cast.main][:, ::_PATH_STRIDE])
+    )
+
+    def near(tree: shapely.STRtree) -> list[int]:
+        found = tree.query(paths, predicate="dwithin", distance=MAP_MARGIN_M)
+        return sorted(found.tolist())
+
+    lanes = tuple(road_map.lanes[row] for row in near(index.lanes))
+    return RoadMap(
+        lanes=lanes,
+        crosswalks=tuple(road_map.crosswalks[row] for row in near(index.crosswalks)),
+        drivable_areas=tuple(road_map.drivable_areas[row] for row in near(index.areas)),
+        source_fields=road_map.source_fields,
+    )

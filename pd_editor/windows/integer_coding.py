@@ -1,0 +1,57 @@
+"""Series of whole numbers as bytes that compress well, and back.
+
+A series that changes smoothly has small differences; those are folded to non-negative
+numbers (0, -1, 1, -2, ... to 0, 1, 2, 3, ...) and written byte plane by byte plane, the
+lowest first, so that the higher planes are mostly zeros.
+"""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Int
+
+MAX_MAGNITUDE: Final = 2**31 - 1
+_PLANES: Final = 4
+
+
+def coded(
+    values: Int[np.ndarray, "P"], first_row: Int[np.ndarray, "S_plus_1"], order: int
+) -> bytes:
+    """Series s, rows ``first_row[s]`` to ``first_row[s + 1]``, as differences' bytes."""
+    assert np.abs(values, dtype=np.int64).max(initial=0) < MAX_MAGNITUDE // 4**order
+    numbers = values.astype(np.int64)
+    starts = first_row[:-1][np.diff(first_row) > 0]
+    for _ in range(order):
+        before = np.concatenate([numbers[:1], numbers[:-1]])
+        before[starts] = 0
+        numbers = numbers - before
+    folded = np.where(numbers < 0, -2 * numbers - 1, 2 * numbers).astype("<u4")
+    planes = folded.view(np.uint8).reshape(-1, _PLANES)
+    return planes.T.tobytes()
+
+
+def num_coded_bytes(count: int) -> int:
+    """Bytes of ``count`` coded numbers."""
+    return count * _PLANES
+
+
+def decoded(
+    data: bytes, first_row: Int[np.ndarray, "S_plus_1"], order: int
+) -> Int[np.ndarray, "P"]:
+    """The series that ``coded`` was given.
+
+    Raises:
+        ValueError: the number of bytes is not that of the series.
+    """
+    count = int(first_row[-1])
+    if len(data) != num_coded_bytes(count):
+        raise ValueError(f"{len(data)} bytes do not hold {count} numbers")
+    planes = np.frombuffer(data, np.uint8).reshape(_PLANES, count)
+    folded = np.ascontiguousarray(planes.T).view("<u4")[:, 0].astype(np.int64)
+    numbers = np.where(folded & 1, -(folded + 1) // 2, folded // 2)
+    lengths = np.diff(first_row)
+    for _ in range(order):
+        total = np.cumsum(numbers)
+        before = np.concatenate([[0], total])[first_row[:-1]]
+        numbers = total - np.repeat(before, lengths)
+    return numbers
