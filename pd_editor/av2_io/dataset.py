@@ -107,6 +107,11 @@ class DatasetIndex:
             damaged = sum(card is None for card in self._cards.values())
             return self._num_incomplete + damaged
 
+    def folders(self) -> tuple[Path, ...]:
+        """Folders of the scenarios listed so far."""
+        with self._lock:
+            return tuple(entry.folder for entry in self._found)
+
     def cities(self) -> tuple[str, ...]:
         """Cities of the scenarios read so far, sorted."""
         with self._lock:

@@ -1,9 +1,14 @@
 """What the models are trained on, of one window."""
 
 from dataclasses import dataclass
+from typing import Final, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+from pd_editor.windows.scene_features import SceneFeatures
+
+LATENT_SIZE: Final = 10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,3 +35,39 @@ class PackedScene:
     future: Float[np.ndarray, "A D"]
     """Zero where ``has_future`` is false."""
     has_future: Bool[np.ndarray, "A"]
+
+
+class Encoder(Protocol):
+    """Makes latents of futures; ``TrajectoryBasis.encode`` is one."""
+
+    def __call__(
+        self, future_m: Float[np.ndarray, "*s H 2"], speed_mps: np.ndarray, /
+    ) -> Float[np.ndarray, "*s D"]:
+        """Latents; speeds are broadcast against the leading axes of the futures."""
+        ...
+
+
+def packed(features: SceneFeatures, encode: Encoder) -> PackedScene:
+    """A scene with latents in the place of candidates and futures."""
+    speed = features.agent_speed
+    has_candidate, has_future = features.has_candidate, features.has_future
+    candidates = np.zeros((*has_candidate.shape, LATENT_SIZE), np.float32)
+    agent, slot = np.nonzero(has_candidate)
+    candidates[agent, slot] = encode(features.candidate_m[agent, slot], speed[agent])
+    future = np.zeros((len(speed), LATENT_SIZE), np.float32)
+    future[has_future] = encode(features.future_m[has_future], speed[has_future])
+    return PackedScene(
+        piece_pose=features.piece_pose,
+        piece_shape=features.piece_shape,
+        piece_kind=features.piece_kind,
+        agent_pose=features.agent_pose,
+        agent_speed=features.agent_speed,
+        agent_size=features.agent_size,
+        agent_kind=features.agent_kind,
+        near_pieces=features.near_pieces,
+        near_agents=features.near_agents,
+        candidates=candidates,
+        has_candidate=has_candidate,
+        future=future,
+        has_future=has_future,
+    )

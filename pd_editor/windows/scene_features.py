@@ -232,13 +232,12 @@ def _futures(
     """Recorded futures in the agents' frames, where they are whole."""
     tracks, step, axis = scenario.agents, scenario.current_step, scenario.time_axis
     future = np.zeros((len(rows), NUM_FUTURE_STEPS, 2))
-    has_future = np.zeros(len(rows), bool)
     if axis.num_future_steps < NUM_FUTURE_STEPS or abs(axis.step_s - STEP_S) > 1e-6:
-        return future, has_future
+        return future, np.zeros(len(rows), bool)
     steps = slice(step + 1, step + 1 + NUM_FUTURE_STEPS)
     points = tracks.position_m[rows, steps]
     known = tracks.is_valid[rows, steps] & np.isfinite(points).all(axis=-1)
-    has_future = known.all(axis=1)
+    has_future = np.asarray(known.all(axis=1))
     whole = rows[has_future]
     future[has_future] = _in_frames(
         points[has_future, None],
