@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.geometry.angles import wrap_angle
+from pd_editor.windows.packed_scene import LATENT_SIZE
 
 NUM_ALONG: Final = 5
-NUM_ACROSS: Final = 5
-LATENT_SIZE: Final = NUM_ALONG + NUM_ACROSS
+NUM_ACROSS: Final = LATENT_SIZE - NUM_ALONG
 MIRRORED_LATENT_SIGNS: Final = (1.0,) * NUM_ALONG + (-1.0,) * NUM_ACROSS
 """Signs of the latent of the mirrored future."""
 

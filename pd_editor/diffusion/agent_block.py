@@ -1,0 +1,92 @@
+"""A block of the second stage: agents look at lanes, candidates and neighbours."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from pd_editor.diffusion.trajectory_context import (
+    BlockMemory,
+    Memory,
+    TrajectoryContext,
+)
+from pd_editor.diffusion.way_points import NUM_WAY_FEATURES
+from pd_editor.windows.packed_scene import LATENT_SIZE
+
+
+class AgentBlock(nn.Module):
+    """Three attentions side by side, a feed-forward part, and a guess at the result.
+
+    The attentions share their input and output projections, so that a block is few
+    operations: at a few agents it is their number that takes the time.
+    """
+
+    def __init__(self, width: int, num_heads: int, edge_width: int) -> None:
+        super().__init__()
+        self.num_heads = num_heads
+        self.width = width
+        self.norm = nn.LayerNorm(width)
+        self.queries = nn.Linear(width, 5 * width)
+        """Of pieces, candidates and neighbours; keys and values for neighbours."""
+        self.way_in = nn.Linear(NUM_WAY_FEATURES, edge_width, bias=False)
+        self.edge_out = nn.Linear(edge_width, 2 * width, bias=False)
+        self.attended = nn.Linear(3 * width, width)
+        self.feed_forward = nn.Sequential(
+            nn.LayerNorm(width),
+            nn.Linear(width, 4 * width),
+            nn.GELU(),
+            nn.Linear(4 * width, width),
+        )
+        self.guess = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, LATENT_SIZE))
+
+    def forward(
+        self,
+        hidden: Float[Tensor, "S G E"],
+        ways: Float[Tensor, "S G K 24"] | None,
+        memory: BlockMemory,
+        context: TrajectoryContext,
+    ) -> tuple[Float[Tensor, "S G E"], Float[Tensor, "S G 10"]]:
+        """Hidden states after the block, and the network output guessed from them."""
+        queries, own = self.queries(self.norm(hidden)).split(
+            [3 * self.width, 2 * self.width], dim=-1
+        )
+        to_pieces, to_candidates, to_neighbors = queries.chunk(3, dim=-1)
+        seen = torch.cat(
+            [
+                self._recall(to_pieces, memory.pieces),
+                self._recall(to_candidates, memory.candidates),
+                self._neighbors(to_neighbors, own, ways, memory, context),
+            ],
+            dim=-1,
+        )
+        hidden = hidden + self.attended(seen)
+        hidden = hidden + self.feed_forward(hidden)
+        return hidden, self.guess(hidden)
+
+    def _recall(
+        self, query: Float[Tensor, "S G E"], memory: Memory
+    ) -> Float[Tensor, "S G E"]:
+        heads = query.unflatten(-1, (self.num_heads, -1)).permute(1, 2, 0, 3)
+        found = nn.functional.scaled_dot_product_attention(
+            heads, memory.keys, memory.values, attn_mask=memory.exists
+        )
+        return found.permute(2, 0, 1, 3).flatten(-2)
+
+    def _neighbors(
+        self,
+        query: Float[Tensor, "S G E"],
+        own: Float[Tensor, "S G F"],
+        ways: Float[Tensor, "S G K 24"] | None,
+        memory: BlockMemory,
+        context: TrajectoryContext,
+    ) -> Float[Tensor, "S G E"]:
+        edge = memory.edge if ways is None else memory.edge + self.way_in(ways)
+        seen = own[:, context.neighbor] + self.edge_out(nn.functional.gelu(edge))
+        heads = seen.unflatten(-1, (2, self.num_heads, -1))
+        keys, values = heads.permute(3, 0, 1, 4, 2, 5)
+        found = nn.functional.scaled_dot_product_attention(
+            query.unflatten(-1, (self.num_heads, 1, -1)),
+            keys,
+            values,
+            attn_mask=context.has_neighbor,
+        )
+        return found.flatten(-3)

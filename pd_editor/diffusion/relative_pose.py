@@ -1,0 +1,70 @@
+"""Where one thing is, seen from another: all that the models know of places.
+
+Nothing here changes when a whole scene is turned or moved.
+"""
+
+from typing import Final
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+NUM_POSE_FEATURES: Final = 10
+
+_FAR_M: Final = 30.0
+_NEAR_M: Final = 4.0
+
+
+def relative_pose(
+    pose: Float[Tensor, "*#shape 3"], seen_from: Float[Tensor, "*#shape 3"]
+) -> Float[Tensor, "*shape 4"]:
+    """x, y in metres, cosine and sine of ``pose`` in the frame of ``seen_from``."""
+    gap = pose[..., :2] - seen_from[..., :2]
+    cos, sin = seen_from[..., 2].cos(), seen_from[..., 2].sin()
+    turn = pose[..., 2] - seen_from[..., 2]
+    return torch.stack(
+        [
+            cos * gap[..., 0] + sin * gap[..., 1],
+            cos * gap[..., 1] - sin * gap[..., 0],
+            turn.cos(),
+            turn.sin(),
+        ],
+        dim=-1,
+    )
+
+
+def pose_features(relative: Float[Tensor, "*shape 4"]) -> Float[Tensor, "*shape 10"]:
+    """A relative pose in numbers of about one, fine where it is near.
+
+    Place as seen from the viewer, near and far; closeness; direction; and the
+    viewer's own place as seen from the other, which for a lane is how far along and
+    how far beside it one is.
+    """
+    x, y, cos, sin = relative.unbind(-1)
+    distance = torch.sqrt(x.square() + y.square() + 1e-6)
+    squash = 1 / (distance + _NEAR_M)
+    ahead = -(cos * x + sin * y)
+    beside = sin * x - cos * y
+    return torch.stack(
+        [
+            x / _FAR_M,
+            y / _FAR_M,
+            x * squash,
+            y * squash,
+            _NEAR_M * squash,
+            cos,
+            sin,
+            ahead * squash,
+            beside * squash,
+            torch.tanh(beside / _NEAR_M),
+        ],
+        dim=-1,
+    )
+
+
+def gathered(
+    values: Float[Tensor, "B N *feature"], index: Int[Tensor, "B A K"]
+) -> Float[Tensor, "B A K *feature"]:
+    """Rows of each scene by index; any row where the index is -1."""
+    batch = torch.arange(len(values), device=values.device)[:, None, None]
+    return values[batch, index.clamp_min(0)]
