@@ -55,7 +55,7 @@ def write_lane_net(lines: LaneLines, network: LaneRoads, folder: Path) -> LaneNe
     options = "--offset.disable-normalization --precision 4 --no-turnarounds"
     options += " --junctions.join false --junctions.limit-turn-speed 3.5"
     options += " --check-lane-foes.all"
-    arguments: list[str] = f"{parts} {options}".split()
+    arguments = [*parts.split(), *options.split()]
     run_sumo_tool("netconvert", arguments, folder)
     path = folder / NET_FILE
     tree = ElementTree.parse(path)
