@@ -4,9 +4,9 @@ A generator is an iterator of progress that returns its result, so a caller show
 progress, and cancels, simply by iterating or not.
 """
 
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -44,6 +44,8 @@ class GenerationRequest:
     """Agents whose futures are redrawn; the rest is kept."""
     num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
     """How many agents of each kind to add with states of the model's choosing."""
+    draws_num_agents: bool = False
+    """Whether the model also chooses how many of each kind, to suit the road."""
     redrawn_state_ids: tuple[str, ...] = ()
     """Those of ``agent_ids`` whose states are drawn anew too; id, kind, size stay."""
     region: Region | None = None
@@ -113,6 +115,23 @@ class ScenarioGenerator(Protocol):
             GenerationError: the request cannot be met.
         """
         ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeneratorOffer:
+    """A generator that users may choose; made, and loaded, when it is asked for."""
+
+    make: Callable[[], ScenarioGenerator]
+    draws_states: bool = False
+    """Whether it can place agents, not only drive those that are there."""
+    default_num_steps: int | None = None
+    """Denoising steps; None if it takes no such number."""
+    default_guidance: float | None = None
+    """Weight of ``LANE_GUIDANCE``; None if it takes no guidance."""
+
+
+LANE_GUIDANCE: Final = "nearest-candidate"
+"""Name of the term that pulls every agent to the nearest way along the lanes."""
 
 
 def run_to_end(

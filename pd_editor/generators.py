@@ -1,10 +1,10 @@
 """All generators by name; heavy ones are made when they are asked for."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 from pd_editor.errors import GenerationError
-from pd_editor.generation import ScenarioGenerator
+from pd_editor.generation import GeneratorOffer, ScenarioGenerator
 
 
 def _lane_follower() -> ScenarioGenerator:
@@ -13,8 +13,8 @@ def _lane_follower() -> ScenarioGenerator:
     return LaneFollower()
 
 
-GENERATORS: Final[Mapping[str, Callable[[], ScenarioGenerator]]] = {
-    "lane-follower": _lane_follower,
+GENERATORS: Final[Mapping[str, GeneratorOffer]] = {
+    "lane-follower": GeneratorOffer(make=_lane_follower),
 }
 DEFAULT_GENERATOR: Final = "lane-follower"
 
@@ -29,4 +29,4 @@ def make_generator(name: str) -> ScenarioGenerator:
         raise GenerationError(
             f"There is no generator {name!r}; choose one of {', '.join(GENERATORS)}."
         )
-    return GENERATORS[name]()
+    return GENERATORS[name].make()

@@ -31,6 +31,7 @@ class RequestSummary:
 
     agent_ids: tuple[str, ...]
     num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
+    draws_num_agents: bool = False
     redrawn_state_ids: tuple[str, ...] = ()
     region: Region | None = None
     removed_ids: tuple[str, ...] = ()
@@ -47,6 +48,7 @@ class RequestSummary:
             scenario=scenario.without_agents(self.removed_ids),
             agent_ids=self.agent_ids,
             num_new_agents=self.num_new_agents,
+            draws_num_agents=self.draws_num_agents,
             redrawn_state_ids=self.redrawn_state_ids,
             region=self.region,
             num_samples=self.num_samples,
@@ -84,7 +86,11 @@ class ReplaceTraffic(Command):
         """Says who drew how many futures with which seed."""
         agents = agents_in_words(self.sample.ids)
         asked = self.request
-        draws_states = asked.redrawn_state_ids or any(asked.num_new_agents.values())
+        draws_states = (
+            asked.draws_num_agents
+            or asked.redrawn_state_ids
+            or any(asked.num_new_agents.values())
+        )
         verb = "Resample" if draws_states else "Regenerate"
         return f"{verb} {agents} ({self.generator}, seed {self.seed})"
 
@@ -204,6 +210,7 @@ def traffic_command(
         request=RequestSummary(
             agent_ids=request.agent_ids,
             num_new_agents=dict(request.num_new_agents),
+            draws_num_agents=request.draws_num_agents,
             redrawn_state_ids=request.redrawn_state_ids,
             region=request.region,
             removed_ids=removed_ids,

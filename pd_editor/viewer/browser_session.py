@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -10,7 +10,7 @@ import viser
 
 from pd_editor.editor.session import SessionState
 from pd_editor.errors import PdEditorError
-from pd_editor.generation import ScenarioGenerator
+from pd_editor.generation import GeneratorOffer
 from pd_editor.viewer import camera
 from pd_editor.viewer.agents_view import AgentsView
 from pd_editor.viewer.candidates_view import CandidatesView
@@ -20,8 +20,9 @@ from pd_editor.viewer.inbox import Inbox
 from pd_editor.viewer.map_view import MapView
 from pd_editor.viewer.marks_view import MarksView
 from pd_editor.viewer.panels.agent_panel import AgentPanel
+from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
 from pd_editor.viewer.panels.dataset_panel import DatasetPanel
-from pd_editor.viewer.panels.drive_panel import DrivePanel
+from pd_editor.viewer.panels.generation_panel import GenerationPanel
 from pd_editor.viewer.panels.history_panel import HistoryPanel
 from pd_editor.viewer.panels.recovery_panel import RecoveryPanel
 from pd_editor.viewer.panels.road_panel import RoadPanel
@@ -39,7 +40,7 @@ FUTURE_CHECK_DELAY_S: Final = 0.4
 """An edit's consequences for the future are looked at when edits pause."""
 SEND_PAUSE_S: Final = 1e-3
 
-Generators = Mapping[str, Callable[[], ScenarioGenerator]]
+Generators = Mapping[str, GeneratorOffer]
 
 
 class BrowserSession:
@@ -75,7 +76,7 @@ class BrowserSession:
             self._is_closed = True
         self._inbox.close()
         if self._is_built:
-            self._drive_panel.close()
+            self._generation_panel.close()
             self._workspace.session.remove_listener(self._changed)
             self._workspace.session.commit_gesture()
 
@@ -139,7 +140,13 @@ class BrowserSession:
         with tabs.add_tab("Agents"):
             self._agent_panel = AgentPanel(desk, self._placing_changed)
         with tabs.add_tab("Drive"):
-            self._drive_panel = DrivePanel(desk, self._candidates, self._generators)
+            self._candidates_panel = CandidatesPanel(desk, self._candidates)
+            self._generation_panel = GenerationPanel(
+                desk,
+                self._generators,
+                next(iter(self._generators)),
+                lambda: np.asarray(self._client.camera.look_at)[:2],
+            )
         with tabs.add_tab("History"):
             self._history_panel = HistoryPanel(desk)
         with tabs.add_tab("View"):
@@ -166,8 +173,8 @@ class BrowserSession:
         key("Duplicate selection", self._agent_panel.duplicate, "D", "cmd/ctrl")
         key("Snap to lane", self._agent_panel.snap, "L")
         key("Place an agent", self._agent_panel.toggle_placing, "P")
-        key("Show candidates", self._drive_panel.toggle_candidates, "G")
-        key("Regenerate futures", self._drive_panel.regenerate, "R")
+        key("Show candidates", self._candidates_panel.toggle_candidates, "G")
+        key("Regenerate futures", self._generation_panel.regenerate, "R")
         key("Reset road", self._road_panel.reset)
         key("Switch 3-D and top view", self._switch_view, "V")
         key("Frame selection", self._frame_selection, "F")
@@ -237,7 +244,8 @@ class BrowserSession:
         self._scenario_panel.show(scenario)
         self._road_panel.show(scenario)
         self._agent_panel.show(scenario, selection)
-        self._drive_panel.show(scenario, selection)
+        self._candidates_panel.show(scenario, selection)
+        self._generation_panel.show(scenario)
         self._history_panel.show()
         self._timeline.show()
         self._status.show()
@@ -287,8 +295,9 @@ class BrowserSession:
         if self._agent_panel.is_placing:
             self._agent_panel.place(point_m)
             return True
-        return self._drive_panel.shows_candidates and self._drive_panel.adopt_near(
-            point_m
+        return (
+            self._candidates_panel.shows_candidates
+            and self._candidates_panel.adopt_near(point_m)
         )
 
     def _placing_changed(self, is_placing: bool) -> None:
@@ -299,8 +308,8 @@ class BrowserSession:
         self._desk.abort_gesture()
         if self._agent_panel.is_placing:
             self._agent_panel.toggle_placing()
-        elif self._drive_panel.shows_candidates:
-            self._drive_panel.hide_candidates()
+        elif self._candidates_panel.shows_candidates:
+            self._candidates_panel.hide_candidates()
         else:
             self._workspace.session.select(())
 

@@ -131,7 +131,7 @@ def test_a_candidate_chosen_in_the_list_is_adopted(editor):
     editor.open_tab("Drive")
     editor.press("Show candidates")
     view = editor.until(lambda: editor._tab()._candidates.shown, "the fan")
-    labels_shown = editor._tab()._drive_panel._choice.options
+    labels_shown = editor._tab()._candidates_panel._choice.options
     assert any("stand still" in label for label in labels_shown)
     still = next(label for label in labels_shown if "stand still" in label)
     editor.choose("Candidate", still)

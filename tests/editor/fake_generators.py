@@ -6,7 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pd_editor.generation import GeneratedTraffic, GenerationProgress, TrafficSample
+from pd_editor.generation import (
+    GeneratedTraffic,
+    GenerationProgress,
+    GenerationRequest,
+    TrafficSample,
+)
 
 
 @dataclass
@@ -50,4 +55,47 @@ class DriftGenerator:
         )
         return GeneratedTraffic(
             samples=(sample,), generator=self.name, seed=request.seed
+        )
+
+
+@dataclass
+class PlacingGenerator:
+    """New agents stand in a row from the origin on; others keep standing."""
+
+    name: str = "placing"
+    requests: list[GenerationRequest] = field(default_factory=list)
+
+    def generate(self, request):
+        self.requests.append(request)
+        yield GenerationProgress(fraction=1.0, message="placed")
+        agents, axis = request.scenario.agents, request.scenario.time_axis
+        rows = agents.rows(request.agent_ids)
+        new = [
+            kind for kind, count in request.num_new_agents.items() for _ in range(count)
+        ]
+        kinds = (*(agents.kinds[row] for row in rows), *new)
+        states = agents.position_m[rows, axis.current_step]
+        drawn = np.isin(request.agent_ids, request.redrawn_state_ids)
+        samples = []
+        for number in range(request.num_samples):
+            placed = np.arange(len(new) + drawn.sum())[:, None] * [8.0, 0.0]
+            placed = placed + np.array([0.0, float(number)])
+            state = np.concatenate([states, placed[drawn.sum() :]])
+            state[: len(rows)][drawn] = placed[: drawn.sum()]
+            shape = (len(kinds), axis.num_future_steps + 1)
+            samples.append(
+                TrafficSample(
+                    ids=(
+                        *request.agent_ids,
+                        *(f"new-{i + 1}" for i in range(len(new))),
+                    ),
+                    kinds=kinds,
+                    size_m=np.full((len(kinds), 2), 2.0),
+                    position_m=np.broadcast_to(state[:, None], (*shape, 2)).copy(),
+                    heading_rad=np.zeros(shape),
+                    velocity_mps=np.zeros((*shape, 2)),
+                )
+            )
+        return GeneratedTraffic(
+            samples=tuple(samples), generator=self.name, seed=request.seed
         )

@@ -169,7 +169,7 @@ def test_deleting_the_focal_agent_is_refused_in_words_and_changes_nothing(tab):
 
 
 def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
-    panel = tab.tab._drive_panel
+    panel = tab.tab._generation_panel
     tab.run(panel.regenerate)
     deadline = time.monotonic() + 20
     while not labels(tab) and time.monotonic() < deadline:
@@ -184,19 +184,19 @@ def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
 
     tab.run(start_and_edit)
     deadline = time.monotonic() + 20
-    while panel._job is not None and time.monotonic() < deadline:
+    while panel._result.is_running and time.monotonic() < deadline:
         time.sleep(0.05)
     tab.run(lambda: None)
     assert len(labels(tab)) == 2
-    assert panel._take.visible
+    assert panel._result._take.visible
     # The edit changed the state it was made for: taking it would undo the edit.
     with pytest.raises(GenerationError, match="no longer fits"):
-        tab.run(panel._take_offered)
+        tab.run(panel._result.take_offered)
     assert len(labels(tab)) == 2
 
 
 def test_an_offered_result_that_still_fits_is_applied(tab):
-    panel, ids = tab.tab._drive_panel, tab.session.scenario.agents.ids
+    panel, ids = tab.tab._generation_panel, tab.session.scenario.agents.ids
 
     def start_and_edit() -> None:
         panel.regenerate()
@@ -204,10 +204,10 @@ def test_an_offered_result_that_still_fits_is_applied(tab):
 
     tab.run(start_and_edit)
     deadline = time.monotonic() + 20
-    while panel._job is not None and time.monotonic() < deadline:
+    while panel._result.is_running and time.monotonic() < deadline:
         time.sleep(0.05)
     tab.run(lambda: None)
-    tab.run(panel._take_offered)
+    tab.run(panel._result.take_offered)
     assert len(labels(tab)) == 2
 
 
@@ -224,11 +224,11 @@ def test_a_gesture_under_way_survives_an_error_and_a_reload(app):
 
 
 def test_cancel_changes_nothing(tab):
-    panel, opened = tab.tab._drive_panel, tab.session.scenario
+    panel, opened = tab.tab._generation_panel, tab.session.scenario
 
     def start_and_cancel() -> None:
         panel.regenerate()
-        panel.cancel()
+        panel._result.cancel()
 
     tab.run(start_and_cancel)
     time.sleep(0.3)

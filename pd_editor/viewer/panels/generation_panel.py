@@ -1,0 +1,233 @@
+"""The generation panel: futures redrawn, agents drawn anew, by a chosen generator."""
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+import viser
+
+from pd_editor.errors import GenerationError
+from pd_editor.generation import (
+    LANE_GUIDANCE,
+    GenerationRequest,
+    GeneratorOffer,
+    GuidanceTerm,
+    Region,
+)
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.traffic_choice import drivable_agent_ids
+from pd_editor.viewer.desk import Desk, set_property, set_value
+from pd_editor.viewer.panels.generation_run import Draw, GenerationRun
+
+SCOPES: Final = ("All agents", "Selection")
+REPLACE_ALL: Final = "All agents"
+REDRAW_SELECTION: Final = "Selection"
+ADD_AGENTS: Final = "Add to the scene"
+AROUND_TRAFFIC: Final = "Around the traffic"
+AROUND_VIEW: Final = "Where I look"
+KIND_LABELS: Final[Mapping[AgentKind, str]] = {
+    AgentKind.VEHICLE: "Vehicles",
+    AgentKind.BUS: "Buses",
+    AgentKind.MOTORCYCLIST: "Motorcyclists",
+    AgentKind.CYCLIST: "Cyclists",
+    AgentKind.PEDESTRIAN: "Pedestrians",
+}
+MAX_SAMPLES: Final = 16
+MAX_STEPS: Final = 50
+MAX_AGENTS_OF_A_KIND: Final = 100
+REGION_HALF_SIDE_M: Final = 62.0
+
+
+class GenerationPanel:
+    """The generator and its options; Regenerate and Resample."""
+
+    def __init__(
+        self,
+        desk: Desk,
+        generators: Mapping[str, GeneratorOffer],
+        default: str,
+        looked_at_m: Callable[[], np.ndarray],
+    ) -> None:
+        """Build it into the current tab.
+
+        Args:
+            desk: the session and its page.
+            generators: what may be chosen.
+            default: name of what is chosen at first.
+            looked_at_m: the point of the ground in the middle of the view.
+        """
+        self._desk = desk
+        self._generators = generators
+        self._looked_at_m = looked_at_m
+        self._counted: Scenario | None = None
+        gui = desk.client.gui
+        with gui.add_folder("Generator"):
+            self._model = gui.add_dropdown(
+                "Model", tuple(generators), initial_value=default
+            )
+            self._seed = gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
+            self._renews = gui.add_checkbox("New seed after each run", True)
+            self._samples = gui.add_slider("Samples", 1, MAX_SAMPLES, 1, 1)
+            self._steps = gui.add_slider(
+                "Denoising steps", 1, MAX_STEPS, 1, 4, hint="More are slower"
+            )
+            self._guidance = gui.add_slider(
+                "Keep to lanes", 0.0, 1.0, 0.05, 0.3, hint="Strength of the guidance"
+            )
+        with gui.add_folder("Regenerate futures"):
+            self._scope = gui.add_dropdown("Agents", SCOPES)
+            self._run = gui.add_button(
+                "Regenerate", icon=viser.Icon.PLAYER_PLAY, hint="R"
+            )
+        self._build_resample(gui)
+        self._result = GenerationRun(desk, self._set_running)
+        desk.on_click(self._run, self.regenerate)
+        desk.on_change(self._model, lambda _name: self._show_options())
+        self._show_options()
+
+    def _build_resample(self, gui: viser.GuiApi) -> None:
+        self._resample_folder = gui.add_folder("Resample agents")
+        with self._resample_folder:
+            self._which = gui.add_dropdown(
+                "Draw anew", (REPLACE_ALL, REDRAW_SELECTION, ADD_AGENTS)
+            )
+            self._fits = gui.add_checkbox(
+                "As many as suit the road", False, hint="The model chooses how many"
+            )
+            self._counts = {
+                kind: gui.add_number(label, 0, min=0, max=MAX_AGENTS_OF_A_KIND, step=1)
+                for kind, label in KIND_LABELS.items()
+            }
+            self._where = gui.add_dropdown("Where", (AROUND_TRAFFIC, AROUND_VIEW))
+            self._resample = gui.add_button("Resample", icon=viser.Icon.ARROWS_SHUFFLE)
+        self._desk.on_click(self._resample, self.resample)
+        self._desk.on_change(self._which, lambda _value: self._show_counts())
+        self._desk.on_change(self._fits, lambda _value: self._show_counts())
+
+    def show(self, scenario: Scenario) -> None:
+        """Follow the session."""
+        self._result.show()
+        if self._which.value == REPLACE_ALL and self._counted is not scenario:
+            self._count_present(scenario)
+
+    def close(self) -> None:
+        """Stop what runs."""
+        self._result.close()
+
+    def regenerate(self) -> None:
+        """Draw new futures for the selection or for all agents."""
+        self._desk.commit_gesture()
+        session = self._desk.session
+        wanted = session.selection if self._scope.value == "Selection" else None
+        self._start(
+            session.scenario, agent_ids=drivable_agent_ids(session.scenario, wanted)
+        )
+
+    def resample(self) -> None:
+        """Draw new states and futures: of all agents, of some, or of more.
+
+        Raises:
+            GenerationError: nobody is to be drawn.
+        """
+        self._desk.commit_gesture()
+        session = self._desk.session
+        scenario = session.scenario
+        if self._which.value == REDRAW_SELECTION:
+            if not session.selection:
+                raise GenerationError("Select the agents to draw anew.")
+            ids = drivable_agent_ids(scenario, session.selection)
+            self._start(scenario, agent_ids=ids, redrawn_state_ids=ids)
+            return
+        counts = {
+            kind: int(count.value)
+            for kind, count in self._counts.items()
+            if count.value and not self._fits.value
+        }
+        if not counts and not self._fits.value:
+            raise GenerationError("Say how many agents of which kind to draw.")
+        removed: tuple[str, ...] = ()
+        if self._which.value == REPLACE_ALL:
+            users = scenario.agents.kind_mask(ROAD_USER_KINDS)
+            removed = tuple(np.array(scenario.agents.ids)[users].tolist())
+        self._start(
+            scenario,
+            removed_ids=removed,
+            num_new_agents=counts,
+            draws_num_agents=bool(self._fits.value),
+        )
+
+    def _start(
+        self,
+        base: Scenario,
+        *,
+        removed_ids: tuple[str, ...] = (),
+        agent_ids: tuple[str, ...] = (),
+        redrawn_state_ids: tuple[str, ...] = (),
+        num_new_agents: Mapping[AgentKind, int] | None = None,
+        draws_num_agents: bool = False,
+    ) -> None:
+        offer = self._generators[self._model.value]
+        region = None
+        draws_states = bool(redrawn_state_ids or num_new_agents or draws_num_agents)
+        if draws_states and self._where.value == AROUND_VIEW:
+            x, y = (float(value) for value in self._looked_at_m())
+            region = Region(center_m=(x, y), half_side_m=REGION_HALF_SIDE_M)
+        guidance: tuple[GuidanceTerm, ...] = ()
+        if offer.default_guidance is not None:
+            weight = float(self._guidance.value)
+            guidance = (GuidanceTerm(name=LANE_GUIDANCE, weight=weight),)
+        request = GenerationRequest(
+            scenario=base.without_agents(removed_ids),
+            agent_ids=agent_ids,
+            num_new_agents=num_new_agents or {},
+            draws_num_agents=draws_num_agents,
+            redrawn_state_ids=redrawn_state_ids,
+            region=region,
+            num_samples=int(self._samples.value),
+            num_denoising_steps=None
+            if offer.default_num_steps is None
+            else int(self._steps.value),
+            guidance=guidance,
+            seed=int(self._seed.value),
+        )
+        draw = Draw(base=base, request=request, removed_ids=removed_ids)
+        self._result.start(offer.make, draw)
+        if self._renews.value:
+            set_value(self._seed, int(self._seed.value) + 1)
+
+    def _show_options(self) -> None:
+        """Offer what the chosen generator understands."""
+        offer = self._generators[self._model.value]
+        set_property(self._steps, "visible", offer.default_num_steps is not None)
+        set_property(self._guidance, "visible", offer.default_guidance is not None)
+        set_property(self._resample_folder, "visible", offer.draws_states)
+        if offer.default_num_steps is not None:
+            set_value(self._steps, offer.default_num_steps)
+        if offer.default_guidance is not None:
+            set_value(self._guidance, offer.default_guidance)
+
+    def _show_counts(self) -> None:
+        is_selection = self._which.value == REDRAW_SELECTION
+        set_property(self._fits, "visible", not is_selection)
+        for count in self._counts.values():
+            set_property(count, "visible", not is_selection and not self._fits.value)
+            if self._which.value == ADD_AGENTS:
+                set_value(count, 0)
+        if self._which.value == REPLACE_ALL:
+            self._count_present(self._desk.session.scenario)
+
+    def _count_present(self, scenario: Scenario) -> None:
+        """Propose as many of each kind as there are; a bare road keeps the numbers."""
+        self._counted = scenario
+        agents = scenario.agents
+        present = agents.is_valid[:, scenario.current_step]
+        if not (present & agents.kind_mask(ROAD_USER_KINDS)).any():
+            return
+        for kind, count in self._counts.items():
+            number = int((present & agents.kind_mask({kind})).sum())
+            set_value(count, min(number, MAX_AGENTS_OF_A_KIND))
+
+    def _set_running(self, is_running: bool) -> None:
+        set_property(self._run, "disabled", is_running)
+        set_property(self._resample, "disabled", is_running)

@@ -1,0 +1,184 @@
+"""Regenerating and resampling in the whole tab, without a browser."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from pd_editor.av2_io.write import scenario_files
+from pd_editor.editor.commands import RemoveAllAgents
+from pd_editor.errors import GenerationError
+from pd_editor.exporters.bundle import write_files
+from pd_editor.generation import LANE_GUIDANCE, GeneratorOffer, GuidanceTerm
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.viewer import viewer_app
+from pd_editor.viewer.panels.generation_panel import (
+    ADD_AGENTS,
+    AROUND_VIEW,
+    REDRAW_SELECTION,
+    REGION_HALF_SIDE_M,
+)
+from tests.builders import two_agents_that_pass
+from tests.editor.fake_generators import PlacingGenerator
+from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
+
+
+@pytest.fixture
+def placing(monkeypatch) -> PlacingGenerator:
+    generator = PlacingGenerator()
+    offers = {
+        "placing": GeneratorOffer(
+            make=lambda: generator,
+            draws_states=True,
+            default_num_steps=6,
+            default_guidance=0.4,
+        ),
+        "plain": GeneratorOffer(make=lambda: generator),
+    }
+    monkeypatch.setattr(viewer_app, "GENERATORS", offers)
+    return generator
+
+
+@pytest.fixture
+def tab(tmp_path, placing):
+    folder = tmp_path / "scene"
+    write_files(scenario_files(two_agents_that_pass()), folder, forbidden=None)
+    with (
+        running_app(tmp_path / "library", str(folder)) as app,
+        connected_tab(app) as opened,
+    ):
+        opened.tab._workspace.playback.pause()
+        yield opened
+
+
+def run_to_end(tab: FakeTab, start: Callable[[], None]) -> None:
+    panel = tab.tab._generation_panel
+    tab.run(start)
+    deadline = time.monotonic() + 20
+    while panel._result.is_running and time.monotonic() < deadline:
+        time.sleep(0.02)
+    tab.run(lambda: None)
+
+
+def labels(tab: FakeTab) -> list[str]:
+    return [entry.label for entry in tab.session.entries]
+
+
+def test_options_reach_the_request(tab, placing):
+    panel = tab.tab._generation_panel
+    panel._steps.value, panel._guidance.value, panel._samples.value = 9, 0.7, 3
+    run_to_end(tab, panel.regenerate)
+    (request,) = placing.requests
+    assert request.num_denoising_steps == 9
+    assert request.num_samples == 3
+    assert request.guidance == (GuidanceTerm(name=LANE_GUIDANCE, weight=0.7),)
+    assert not request.redrawn_state_ids
+    assert labels(tab) == ["Regenerate 2 agents (placing, seed 0)"]
+    assert panel._seed.value == 1
+
+
+def test_a_plain_generator_is_offered_without_what_it_does_not_know(tab, placing):
+    panel = tab.tab._generation_panel
+    assert (panel._steps.value, panel._guidance.value) == (6, 0.4)
+    panel._model.value = "plain"
+    tab.run(panel._show_options)
+    hidden = (panel._steps, panel._guidance, panel._resample_folder)
+    assert not any(handle.visible for handle in hidden)
+    run_to_end(tab, panel.regenerate)
+    (request,) = placing.requests
+    assert request.num_denoising_steps is None
+    assert not request.guidance
+
+
+def test_all_agents_are_replaced_by_as_many_as_there_were(tab, placing):
+    panel, before = tab.tab._generation_panel, tab.session.scenario
+    assert panel._counts[AgentKind.VEHICLE].value == 2
+    run_to_end(tab, panel.resample)
+    (request,) = placing.requests
+    assert not len(request.scenario.agents)
+    assert request.num_new_agents == {AgentKind.VEHICLE: 2}
+    after = tab.session.scenario
+    assert after.agents.ids == ("new-1", "new-2")
+    assert after.focal_id in after.agents.ids
+    assert labels(tab) == ["Resample 2 agents (placing, seed 0)"]
+    tab.run(tab.tab._history_panel.undo)
+    assert tab.session.scenario is before
+
+
+def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
+    panel = tab.tab._generation_panel
+    tab.run(lambda: tab.desk.apply(RemoveAllAgents()))
+    panel._counts[AgentKind.VEHICLE].value = 0
+    with pytest.raises(GenerationError, match="how many agents"):
+        tab.run(panel.resample)
+    panel._counts[AgentKind.PEDESTRIAN].value = 1
+    panel._counts[AgentKind.VEHICLE].value = 3
+    run_to_end(tab, panel.resample)
+    kinds = tab.session.scenario.agents.kinds
+    assert sorted(kinds) == [AgentKind.PEDESTRIAN] + [AgentKind.VEHICLE] * 3
+
+
+def test_the_model_may_choose_how_many(tab, placing):
+    panel = tab.tab._generation_panel
+    panel._fits.value = True
+    tab.run(panel._show_counts)
+    assert not panel._counts[AgentKind.VEHICLE].visible
+    run_to_end(tab, panel.resample)
+    (request,) = placing.requests
+    assert request.draws_num_agents
+    assert not request.num_new_agents
+
+
+def test_a_selected_agent_gets_a_new_state_and_the_rest_stays(tab, placing):
+    panel, before = tab.tab._generation_panel, tab.session.scenario
+    panel._which.value = REDRAW_SELECTION
+    with pytest.raises(GenerationError, match="Select"):
+        tab.run(panel.resample)
+    other, one = before.agents.ids
+    tab.run(lambda: tab.session.select((one,)))
+    run_to_end(tab, panel.resample)
+    (request,) = placing.requests
+    assert request.agent_ids == request.redrawn_state_ids == (one,)
+    agents = tab.session.scenario.agents
+    assert agents.ids == before.agents.ids
+    row = agents.row_of[other]
+    assert (agents.position_m[row] == before.agents.position_m[row]).all()
+    assert not agents.is_valid[agents.row_of[one], : before.current_step].any()
+
+
+def test_agents_are_added_where_one_looks(tab, placing):
+    panel, before = tab.tab._generation_panel, tab.session.scenario
+    panel._which.value, panel._where.value = ADD_AGENTS, AROUND_VIEW
+    tab.run(panel._show_counts)
+    panel._counts[AgentKind.CYCLIST].value = 1
+    run_to_end(tab, panel.resample)
+    (request,) = placing.requests
+    assert request.scenario is before
+    assert request.region is not None
+    assert request.region.half_side_m == REGION_HALF_SIDE_M
+    assert tab.session.scenario.agents.ids == (*before.agents.ids, "new-1")
+
+
+def test_another_sample_takes_the_place_of_the_first(tab, placing):
+    panel = tab.tab._generation_panel
+    panel._samples.value = 3
+    run_to_end(tab, panel.resample)
+    chooser = panel._result._sample
+    assert chooser.visible
+    assert chooser.max == 3
+    first = tab.session.scenario
+    tab.run(lambda: panel._result._sample_chosen(3))
+    now = first.current_step
+    assert labels(tab) == ["Resample 2 agents (placing, seed 0)"]
+    np.testing.assert_allclose(
+        tab.session.scenario.agents.position_m[:, now]
+        - first.agents.position_m[:, now],
+        [[0, 2], [0, 2]],
+        atol=1e-5,
+    )
+    # After any other edit the samples are not offered any more.
+    tab.run(lambda: tab.desk.apply(RemoveAllAgents()))
+    tab.run(lambda: panel._result._sample_chosen(2))
+    assert not chooser.visible
+    assert labels(tab)[-1] == "Remove all agents"
