@@ -92,12 +92,15 @@ class TrajectoryDenoiser(nn.Module):
         """All that does not depend on the noisy futures."""
         scenes, agents = scene.has_agent.shape
         features = _agent_features(scene)
-        pieces = self._seen(0, self._pieces(scene), scene.near_pieces >= 0)
+        sees = (scene.near_pieces >= 0) & gathered(scene.has_piece, scene.near_pieces)
+        pieces = self._seen(0, self._pieces(scene), sees)
         candidates = self._seen(
             1, self.candidate_memory(scene.candidates), scene.has_candidate
         )
         own = torch.arange(agents, device=features.device).expand(scenes, agents)
         near = torch.cat([own[..., None], scene.near_agents], dim=-1)
+        meets = (near >= 0) & gathered(scene.has_agent, near)
+        meets[:, :, 0] = True
         pose = relative_pose(
             gathered(scene.agent_pose, near), scene.agent_pose[:, :, None]
         )
@@ -118,7 +121,7 @@ class TrajectoryDenoiser(nn.Module):
                 for one, two, three in zip(pieces, candidates, edges, strict=True)
             ),
             neighbor=(near.clamp_min(0) + offset[:, None, None]).flatten(0, 1),
-            has_neighbor=(near >= 0).flatten(0, 1)[:, None, None],
+            has_neighbor=meets.flatten(0, 1)[:, None, None],
             neighbor_pose=pose.flatten(0, 1),
             way_matrix=way_matrix,
             way_offset=way_offset,

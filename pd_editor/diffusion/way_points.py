@@ -31,6 +31,11 @@ class TrajectoryDecoder(nn.Module):
             self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
 
     @property
+    def num_steps(self) -> int:
+        """Number of future points."""
+        return len(self.get_buffer("mean_m"))
+
+    @property
     def basis(self) -> TrajectoryBasis:
         """The basis in NumPy."""
         return TrajectoryBasis.of_arrays(
