@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 import pyarrow
-import pyarrow.compute
 import pyarrow.parquet
 from jaxtyping import Float, Int
 
@@ -82,9 +81,9 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
         columns = {name.split("_", 1)[1]: table[name] for name in table.column_names}
         if missing := {"id", "time", *_COLUMNS} - columns.keys():
             raise SynthesisError(f"{path} lacks the column {sorted(missing)[0]!r}.")
-        there = pyarrow.compute.is_valid(columns["id"]).to_numpy()
+        there = columns["id"].is_valid().to_numpy()
         coded = columns["id"].combine_chunks().dictionary_encode()
-        code = pyarrow.compute.fill_null(coded.indices, 0).to_numpy()[there]
+        code = coded.indices.fill_null(0).to_numpy()[there]
         names.append(np.array(coded.dictionary.to_pylist(), dtype=object)[code])
         kept = [columns[name].to_numpy()[there] for name in ("time", *_COLUMNS)]
         values.append(np.column_stack(kept).astype(float))

@@ -1,0 +1,111 @@
+"""Traffic on a network for some minutes, as a recording."""
+
+import tempfile
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pd_editor.synthesis.demand import draw_demand
+from pd_editor.synthesis.demand_options import DemandOptions
+from pd_editor.synthesis.motion_check import has_artefact, without_overlaps
+from pd_editor.synthesis.network import Network
+from pd_editor.synthesis.parked_vehicles import ParkedVehicles, draw_parked_vehicles
+from pd_editor.synthesis.sumo_states import read_raw_tracks
+from pd_editor.synthesis.sumo_tools import run_sumo_tool
+from pd_editor.synthesis.traffic_graph import read_traffic_graph
+from pd_editor.synthesis.traffic_tracks import TrafficTracks, traffic_tracks
+from pd_editor.windows.recording import Recording
+
+STEP_S: Final = 0.1
+WARM_UP_S: Final = 20.0
+"""Time in which vehicles that are put onto the roads find their places."""
+
+LATERAL_RESOLUTION_M: Final = 0.6
+"""Of SUMO's sublane model."""
+
+JAM_S: Final = 90.0
+"""Whoever waits longer at the head of a lane is taken off the road."""
+
+
+def simulate(
+    network: Network,
+    seed: int,
+    *,
+    duration_s: float = 160.0,
+    demand: DemandOptions | None = None,
+) -> Recording:
+    """Road users of all kinds on a network, and vehicles parked beside its roads.
+
+    The same network, seed and options give the same arrays. Positions are in the
+    frame of the network's road map.
+
+    Raises:
+        SynthesisError: SUMO is missing, or refused the network or the traffic.
+    """
+    options = demand or DemandOptions()
+    random = np.random.default_rng(seed)
+    graph = read_traffic_graph(network.net_file)
+    drawn = draw_demand(graph, options, WARM_UP_S + duration_s, random)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        drawn.write(folder / "trips.rou.xml")
+        _run(network.net_file, folder, seed, WARM_UP_S + duration_s)
+        raw = read_raw_tracks(
+            (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
+        )
+    tracks = traffic_tracks(raw.shifted(round(WARM_UP_S / STEP_S)), drawn.types, STEP_S)
+    tracks = tracks.taken(~has_artefact(tracks, STEP_S))
+    tracks = tracks.taken(without_overlaps(tracks))
+    parked = draw_parked_vehicles(network, tracks, options.parking, random)
+    return _recording(network, seed, tracks, parked, round(duration_s / STEP_S))
+
+
+def _run(net_file: Path, folder: Path, seed: int, end_s: float) -> None:
+    files = "--route-files trips.rou.xml --fcd-output vehicles.parquet"
+    files += " --person-fcd-output persons.parquet"
+    files += " --fcd-output.attributes id,x,y,angle"
+    clock = f"--step-length {STEP_S} --device.fcd.begin {WARM_UP_S} --end {end_s}"
+    model = f"--lateral-resolution {LATERAL_RESOLUTION_M} --seed {seed % 2**31}"
+    model += " --pedestrian.striping.stripe-width 0.5"
+    rules = f"--time-to-teleport {JAM_S} --time-to-teleport.remove true"
+    rules += " --collision.action none --intermodal-collision.action none"
+    rules += " --max-depart-delay 15 --ignore-route-errors true"
+    quiet = "--no-step-log true --no-warnings true --duration-log.disable true"
+    quiet += " --xml-validation never"
+    arguments = f"{files} {clock} {model} {rules} {quiet}".split()
+    run_sumo_tool("sumo", ["--net-file", str(net_file), *arguments], folder)
+
+
+def _recording(
+    network: Network,
+    seed: int,
+    tracks: TrafficTracks,
+    parked: ParkedVehicles,
+    num_steps: int,
+) -> Recording:
+    num_parked = len(parked.kinds)
+    counts = np.concatenate([np.diff(tracks.first_row), np.full(num_parked, num_steps)])
+    return Recording(
+        name=f"{network.name}-{seed}",
+        road_map=network.road_map,
+        city=network.family,
+        origin_city_m=np.zeros(2),
+        step_s=STEP_S,
+        num_steps=num_steps,
+        ids=(*tracks.ids, *(f"parked-{row:04d}" for row in range(num_parked))),
+        kinds=(*tracks.kinds, *parked.kinds),
+        size_m=np.concatenate([tracks.size_m, parked.size_m]),
+        is_parked=np.arange(len(counts)) >= len(tracks.ids),
+        first_step=np.concatenate([tracks.first_step, np.zeros(num_parked, int)]),
+        first_row=np.concatenate([[0], np.cumsum(counts)]).astype(int),
+        position_m=np.concatenate(
+            [tracks.position_m, np.repeat(parked.position_m, num_steps, axis=0)]
+        ),
+        heading_rad=np.concatenate(
+            [tracks.heading_rad, np.repeat(parked.heading_rad, num_steps)]
+        ),
+        velocity_mps=np.concatenate(
+            [tracks.velocity_mps, np.zeros((num_parked * num_steps, 2))]
+        ),
+    )
