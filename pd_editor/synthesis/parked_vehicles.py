@@ -4,7 +4,7 @@ They are drawn after the simulation, where no one drove or walked.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -204,7 +204,7 @@ def _is_free(
     traffic: TrafficTracks,
 ) -> Bool[np.ndarray, "K"]:
     """Which may stay: apart from traffic, lanes of others, crosswalks, each other."""
-    boxes = np.atleast_1d(shapely.polygons(parked.corners_m()))
+    boxes = _polygons(parked.corners_m())
     free = ~_touched(boxes, _swept(traffic))
     free &= on_road | ~_touched(boxes, _areas(road_map.lanes))
     junctions = tuple(lane for lane in road_map.lanes if lane.is_intersection)
@@ -221,8 +221,13 @@ def _areas(parts: tuple[Lane | Crosswalk, ...]) -> np.ndarray:
     rings = [part.outline_m() for part in parts]
     index = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
     points = np.concatenate([np.zeros((0, 2)), *rings])
-    lines = shapely.linearrings(points, indices=index)
-    return np.atleast_1d(shapely.polygons(lines))
+    lines: Any = shapely.linearrings(points, indices=index)
+    return _polygons(lines)
+
+
+def _polygons(rings: np.ndarray) -> np.ndarray:
+    polygons: Any = shapely.polygons(rings)
+    return polygons
 
 
 def _touched(boxes: np.ndarray, areas: np.ndarray) -> Bool[np.ndarray, "K"]:
@@ -243,4 +248,4 @@ def _swept(traffic: TrafficTracks) -> np.ndarray:
     size = traffic.size_m[traffic.agent[wanted]]
     size = size + np.array([SWEEP_SPACING_M, 0.0]) + 2 * CLEARANCE_M
     corners = box_corners(traffic.position_m[wanted], traffic.heading_rad[wanted], size)
-    return np.atleast_1d(shapely.polygons(corners))
+    return _polygons(corners)
