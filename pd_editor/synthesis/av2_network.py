@@ -7,6 +7,7 @@ from typing import Final
 
 from pd_editor.errors import SynthesisError
 from pd_editor.scene.road_map import RoadMap
+from pd_editor.synthesis.kerb_strips import kerb_strips
 from pd_editor.synthesis.lane_links import lane_roads
 from pd_editor.synthesis.lane_net_file import write_lane_net
 from pd_editor.synthesis.lane_roads import LaneLines, Stretch, lane_pairs
@@ -52,6 +53,7 @@ def network_of_map(road_map: RoadMap, name: str, folder: Path) -> Av2Network:
             for sumo_id, parts in net.stretches.items()
         },
         has_signals=net.has_signals,
+        parking_strips_m=kerb_strips(road_map),
         stretches=net.stretches,
     )
 

@@ -11,6 +11,7 @@ import shapely
 from jaxtyping import Float
 
 from pd_editor.errors import SynthesisError
+from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.polyline import arc_length, resample
 from pd_editor.scene.road_map import LaneKind
 from pd_editor.synthesis.lane_links import LaneRoads, Link, junction_points
@@ -27,6 +28,11 @@ _MANY_LANES: Final = 6
 """Lanes towards a junction whose ways cross; with so many it has signals."""
 _SPEED_MPS: Final = (11.5, 13.5, 16.0)
 """Limit on roads with one, two and more lanes; Argoverse 2 maps carry none."""
+
+_BEND_MPS2: Final = 2.2
+"""Lateral acceleration of an average driver in a bend."""
+_BEND_M: Final = 3.0
+"""Length over which a bend is measured."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -219,8 +225,21 @@ def _mean_length_m(road: Road) -> float:
 def _set_line(
     lane: ElementTree.Element, points_m: Float[np.ndarray, "N 2"], length_m: float
 ) -> None:
+    """Give a lane its line, its length, and a speed for its sharpest bend."""
     lane.set("shape", _shape(points_m))
     lane.set("length", f"{length_m:.4f}")
+    limit = float(lane.attrib["speed"])
+    lane.set("speed", f"{min(limit, _speed_in_bend_mps(points_m)):.2f}")
+
+
+def _speed_in_bend_mps(points_m: Float[np.ndarray, "N 2"]) -> float:
+    length = float(arc_length(points_m)[-1])
+    if length < 2 * _BEND_M:
+        return np.inf
+    points = resample(points_m, int(length / _BEND_M) + 1)
+    turn = np.diff(heading_of(np.diff(points, axis=0)))
+    curvature = np.abs(wrap_angle(turn)).max() / _BEND_M
+    return float(np.sqrt(_BEND_MPS2 / max(curvature, 1e-6)))
 
 
 def _divide(

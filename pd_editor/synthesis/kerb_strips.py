@@ -1,0 +1,65 @@
+"""Room to park beside the lanes of a map, as its drivable area shows it."""
+
+from typing import Final
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from pd_editor.geometry.angles import left_of
+from pd_editor.geometry.polyline import arc_length, point_at
+from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
+
+SPACING_M: Final = 1.0
+NEEDED_M: Final = 1.9
+"""Least width of paved ground beside a lane on which vehicles park."""
+MAX_ROOM_M: Final = 5.0
+"""With more ground than this beside it, a lane has no kerb but a square."""
+HALF_VEHICLE_M: Final = 1.15
+"""From the kerb to the middle of a vehicle that is parked along it."""
+MIN_LENGTH_M: Final = 14.0
+
+
+def kerb_strips(road_map: RoadMap) -> tuple[Float[np.ndarray, "_ 2"], ...]:
+    """Middle lines of strips to park on, beside the rightmost lanes, as driven."""
+    if not road_map.drivable_areas:
+        return ()
+    paved = shapely.union_all(
+        [
+            shapely.Polygon(area.boundary[:, :2]).buffer(0)
+            for area in road_map.drivable_areas
+        ]
+    )
+    shapely.prepare(paved)
+    return tuple(
+        strip
+        for lane in road_map.lanes
+        if lane.right_neighbor is None
+        and lane.kind is not LaneKind.BIKE
+        and not lane.is_intersection
+        for strip in _beside(lane, paved)
+    )
+
+
+def _beside(lane: Lane, paved: shapely.Geometry) -> list[Float[np.ndarray, "_ 2"]]:
+    """Where the paved ground to the right of a lane is as wide as a vehicle."""
+    length = float(arc_length(lane.right_m)[-1])
+    if length < MIN_LENGTH_M:
+        return []
+    along = np.arange(0.0, length, SPACING_M)
+    edge = point_at(lane.right_m, along)
+    ahead = point_at(lane.right_m, along + 1.0) - point_at(lane.right_m, along - 1.0)
+    norm = np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+    right = -left_of(ahead / norm)
+    reach = np.arange(0.2, MAX_ROOM_M + 0.4, 0.2)
+    probes = edge[:, None] + reach[:, None] * right[:, None]
+    outside = ~shapely.contains_xy(paved, probes[..., 0], probes[..., 1])
+    room = np.where(outside.any(axis=1), reach[outside.argmax(axis=1)], np.inf)
+    fits = (room >= NEEDED_M) & (room <= MAX_ROOM_M)
+    middle = edge + (np.minimum(room, MAX_ROOM_M) - HALF_VEHICLE_M)[:, None] * right
+    bounds = np.flatnonzero(np.diff(fits.astype(int), prepend=0, append=0))
+    return [
+        middle[start:end]
+        for start, end in zip(bounds[::2], bounds[1::2], strict=True)
+        if (end - start) * SPACING_M >= MIN_LENGTH_M
+    ]

@@ -1,0 +1,59 @@
+"""Traffic on real maps stays on the maps' own lanes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.geometry.polyline import arc_length
+from pd_editor.scene.agent_kind import MOVER_KINDS
+from pd_editor.scene.road_map import DrivableArea, RoadMap
+from pd_editor.synthesis.av2_network import network_of_map
+from pd_editor.synthesis.kerb_strips import kerb_strips
+from pd_editor.synthesis.simulate import simulate
+from tests.builders import straight_lane
+
+
+@pytest.fixture(scope="module")
+def folders(av2_scenario_folders: list[Path]) -> list[Path]:
+    return [path for path in av2_scenario_folders if path.parent.name == "train"]
+
+
+def test_traffic_on_real_maps(folders: list[Path], tmp_path: Path) -> None:
+    for folder in folders[:2]:
+        road_map = read_scenario(folder).road_map
+        network = network_of_map(road_map, folder.name, tmp_path / folder.name)
+        recording = simulate(network, 3, duration_s=40.0)
+        assert recording.road_map is road_map
+        drives = np.array([kind in MOVER_KINDS for kind in recording.kinds])
+        drives &= ~recording.is_parked
+        assert drives.sum() > 5
+        agent = np.repeat(np.arange(len(drives)), np.diff(recording.first_row))
+        step = np.linalg.norm(np.diff(recording.position_m, axis=0), axis=1)
+        assert step[np.diff(agent) == 0].max() < 3.0
+        lines = shapely.union_all(
+            [shapely.LineString(lane.centerline_m) for lane in road_map.lanes]
+        )
+        points = shapely.points(recording.position_m[drives[agent]][::5])
+        off = shapely.distance(lines, points)
+        assert np.median(off) < 0.5
+        assert np.percentile(off, 99) < 2.5, "but for changes of lane"
+
+
+def test_strips_lie_on_paved_ground_beside_lanes() -> None:
+    lane = straight_lane(1, (0, 0), (60, 0))
+
+    def strips(room_m: float) -> list[np.ndarray]:
+        edge = -1.75 - room_m
+        ring = np.array([[0, edge, 0], [40, edge, 0], [40, 5, 0], [0, 5, 0]], float)
+        area = DrivableArea(area_id=1, boundary=ring)
+        return list(kerb_strips(RoadMap(lanes=(lane,), drivable_areas=(area,))))
+
+    (strip,) = strips(2.5)
+    np.testing.assert_allclose(strip[:, 1], -1.75 - 2.5 + 1.15, atol=0.21)
+    assert arc_length(strip)[-1] > 35
+    assert strip[:, 0].max() <= 40
+    assert strips(1.0) == strips(9.0) == []
+    assert kerb_strips(RoadMap(lanes=(lane,))) == ()
