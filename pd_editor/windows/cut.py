@@ -91,8 +91,9 @@ def cut_scenario(
         is_valid = seen(
             tracks, cast.observer, cast.main, noise, random, recording.step_s
         )
-        tracks = noisy(tracks, noise, random, recording.step_s)
     tracks = _finished(tracks, cast, longest_runs(is_valid), past_steps)
+    if noise is not None:
+        tracks = noisy(tracks, noise, random, recording.step_s)
     name = f"{recording.name}/{window.current_step}/{window.focal_id}/{window.seed}"
     return Scenario(
         scenario_id=str(uuid.uuid5(_ID_SPACE, name)),
@@ -147,16 +148,21 @@ def _gathered(
     common = np.minimum(ends, first + num_steps) - np.maximum(
         recording.first_step, first
     )
-    there = np.flatnonzero(common >= MIN_TRACK_STEPS)
+    low, high = np.array(window.center_m) + side_m / 2 * np.array([[-1], [1]])
+    least, greatest = recording.extent_m
+    comes = ((least <= high) & (greatest >= low)).all(axis=1)
+    there = np.flatnonzero(comes & (common >= MIN_TRACK_STEPS))
     steps = first + np.arange(num_steps) - recording.first_step[there, None]
     is_valid = (steps >= 0) & (steps < counts[there, None])
     row = recording.first_row[there, None] + np.clip(steps, 0, counts[there, None] - 1)
-    away = np.abs(recording.position_m[row] - np.array(window.center_m)).max(axis=-1)
-    is_inside = is_valid & (away <= side_m / 2)
+    position = recording.position_m[row]
+    is_in_square = (position >= low) & (position <= high)
+    is_inside = is_valid & is_in_square[..., 0] & is_in_square[..., 1]
     current = window.current_step - first
     is_valid &= is_inside[:, current, None] | is_inside
     stays = np.flatnonzero(is_valid.sum(axis=1) >= MIN_TRACK_STEPS)
     row, is_valid, there = row[stays], is_valid[stays], there[stays]
+    position = position[stays]
     ids = tuple(recording.ids[one] for one in there)
     kinds = tuple(recording.kinds[one] for one in there)
     return there, AgentTracks(
@@ -165,7 +171,7 @@ def _gathered(
         categories=(AgentCategory.FRAGMENT,) * len(there),
         size_m=recording.size_m[there],
         has_known_size=np.ones(len(there), bool),
-        position_m=np.where(is_valid[..., None], recording.position_m[row], 0.0),
+        position_m=np.where(is_valid[..., None], position, 0.0),
         heading_rad=np.where(is_valid, recording.heading_rad[row], 0.0),
         velocity_mps=np.where(is_valid[..., None], recording.velocity_mps[row], 0.0),
         is_valid=is_valid,

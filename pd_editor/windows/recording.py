@@ -1,6 +1,7 @@
 """A stretch of road with all its traffic for some minutes, windows of which are cut."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -45,6 +46,15 @@ class Recording:
         assert len(self.kinds) == len(self.size_m) == len(self.first_step) == count
         assert len(self.first_row) == count + 1
         assert self.first_row[-1] == len(self.position_m) == len(self.heading_rad)
+
+    @cached_property
+    def extent_m(self) -> Float[np.ndarray, "2 A 2"]:
+        """Least and greatest coordinates of each agent."""
+        if not self.ids:
+            return np.zeros((2, 0, 2))
+        starts = self.first_row[:-1]
+        least = np.minimum.reduceat(self.position_m, starts, axis=0)
+        return np.stack([least, np.maximum.reduceat(self.position_m, starts, axis=0)])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.scene.agent_kind import AgentKind
@@ -47,8 +47,35 @@ def coded_recording(recording: Recording) -> tuple[dict[str, Any], bytes, bytes]
         ]
     )
     numbers = np.rint(columns / _STEPS).astype(np.int64)
-    rows = b"".join(coded(one, recording.first_row, _ORDER) for one in numbers.T)
+    is_still = _is_still(numbers, recording.first_row)
+    about["still"] = np.flatnonzero(is_still).tolist()
+    numbers = numbers[_is_coded(recording.first_row, is_still)]
+    first_row = _coded_first_row(np.diff(recording.first_row), is_still)
+    rows = b"".join(coded(one, first_row, _ORDER) for one in numbers.T)
     return about, rows, points
+
+
+def _is_still(
+    numbers: Int[np.ndarray, "P C"], first_row: Int[np.ndarray, "A_plus_1"]
+) -> Bool[np.ndarray, "A"]:
+    """Whether all rows of an agent are alike; of those only the first is coded."""
+    first = np.repeat(numbers[first_row[:-1]], np.diff(first_row), axis=0)
+    is_other = np.concatenate([[0], np.cumsum((numbers != first).any(axis=1))])
+    return is_other[first_row[1:]] == is_other[first_row[:-1]]
+
+
+def _is_coded(
+    first_row: Int[np.ndarray, "A_plus_1"], is_still: Bool[np.ndarray, "A"]
+) -> Bool[np.ndarray, "P"]:
+    keep = ~np.repeat(is_still, np.diff(first_row))
+    keep[first_row[:-1]] = True
+    return keep
+
+
+def _coded_first_row(
+    counts: Int[np.ndarray, "A"], is_still: Bool[np.ndarray, "A"]
+) -> Int[np.ndarray, "A_plus_1"]:
+    return np.concatenate([[0], np.cumsum(np.where(is_still, 1, counts))])
 
 
 def decoded_recording(about: dict[str, Any], rows: bytes, points: bytes) -> Recording:
@@ -65,13 +92,20 @@ def decoded_recording(about: dict[str, Any], rows: bytes, points: bytes) -> Reco
     if (ends > about["num_steps"]).any():
         raise ValueError("an agent has steps after the last")
     first_row = np.concatenate([[0], np.cumsum(counts)])
+    is_parked, is_still = np.zeros((2, len(counts)), bool)
+    is_parked[np.array(about["parked"], int)] = True
+    is_still[np.array(about["still"], int)] = True
+    coded_first_row = _coded_first_row(counts, is_still)
+    times = np.ones(coded_first_row[-1], int)
+    times[coded_first_row[:-1][is_still]] = counts[is_still]
     size = len(rows) // len(_STEPS)
     columns = [
-        decoded(rows[k * size : (k + 1) * size], first_row, _ORDER) * step
+        np.repeat(
+            decoded(rows[k * size : (k + 1) * size], coded_first_row, _ORDER) * step,
+            times,
+        )
         for k, step in enumerate(_STEPS)
     ]
-    is_parked = np.zeros(len(counts), bool)
-    is_parked[np.array(about["parked"], int)] = True
     return Recording(
         name=about["name"],
         road_map=decoded_map(about["map"], points),
