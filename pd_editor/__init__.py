@@ -16,6 +16,10 @@ with the folders, the scenarios and what is to be said about them::
 
     pd_editor.evaluate(data="argoverse/val", warps=("all",), out="table")
 
+``synth`` takes none; it makes scenarios of simulated traffic, and returns a ``Synthesis``::
+
+    pd_editor.synth(num=100, seed=1, out="synthetic")
+
 Without files: ``open_scenario`` reads a ``Scenario``, an ``EditorSession`` edits it with
 the classes in ``commands``, its ``recipe()`` is a ``Recipe``. Whatever a user or a file
 can cause raises a ``PdEditorError``. All of this is loaded on first use.
@@ -31,6 +35,7 @@ if TYPE_CHECKING:
     from pd_editor.cli.generate import generate
     from pd_editor.cli.outcome import Outcome
     from pd_editor.cli.replay import replay
+    from pd_editor.cli.synth import synth
     from pd_editor.cli.warp import warp
     from pd_editor.editor import commands
     from pd_editor.editor.recipe import Recipe
@@ -54,6 +59,7 @@ __all__ = [
     "generate",
     "open_scenario",
     "replay",
+    "synth",
     "warp",
 ]
 
@@ -70,6 +76,7 @@ _HOMES = {
     "generate": "pd_editor.cli.generate",
     "open_scenario": "pd_editor.scenario_store",
     "replay": "pd_editor.cli.replay",
+    "synth": "pd_editor.cli.synth",
     "warp": "pd_editor.cli.warp",
 }
 _MODULES = {"commands": "pd_editor.editor.commands"}

@@ -1,9 +1,6 @@
 """``pd-editor evaluate``: judge generators on many scenes."""
 
 import shlex
-import sys
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -11,6 +8,7 @@ from typing import Annotated, TypeVar
 import tyro
 
 from pd_editor.cli.arguments import FolderOption, Switch
+from pd_editor.cli.progress import progress_shown
 from pd_editor.errors import GenerationError, InputError
 from pd_editor.evaluation.distances import distance_tables
 from pd_editor.evaluation.evaluation import (
@@ -31,10 +29,8 @@ from pd_editor.evaluation.run_folder import RunFolder
 from pd_editor.evaluation.summary import Summary, summarise
 from pd_editor.generators import GENERATORS, make_generator
 from pd_editor.work_engine import LocalProcesses
-from pd_editor.work_engine.work_engine import WorkProgress
 
 DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower")
-_SECONDS_BETWEEN_LINES = 30.0
 _One = TypeVar("_One", str, str | Path)
 
 
@@ -110,7 +106,9 @@ def evaluate(
     )
     found = scenes_of(plan)
     folder = RunFolder(Path(out), plan.settings, resume=resume)
-    record = run_evaluation(plan, found, folder, engine, on_progress=_progress_shown())
+    record = run_evaluation(
+        plan, found, folder, engine, on_progress=progress_shown("scenes on roads")
+    )
     return _reported(plan, folder, record, _command(plan, out))
 
 
@@ -191,37 +189,3 @@ def _command(plan: EvaluationPlan, out: str | Path) -> str:
     words += ["--samples", str(plan.num_samples), "--seed", str(plan.seed)]
     words += [] if plan.limit is None else ["--limit", str(plan.limit)]
     return shlex.join(words)
-
-
-def _progress_shown() -> Callable[[WorkProgress], None]:
-    """Progress on stderr: one line that is written over, or one now and then."""
-    began = time.monotonic()
-    is_watched, last = sys.stderr.isatty(), began
-
-    def show(progress: WorkProgress) -> None:
-        nonlocal last
-        now = time.monotonic()
-        is_over = progress.num_done == progress.num_items
-        if not is_watched and now - last < _SECONDS_BETWEEN_LINES:
-            return
-        last = now
-        line = progress_line(progress, now - began)
-        if is_watched:
-            sys.stderr.write(f"\r{line:<78}" + ("\n" if is_over else ""))
-        else:
-            sys.stderr.write(f"{line}\n")
-        sys.stderr.flush()
-
-    return show
-
-
-def progress_line(progress: WorkProgress, elapsed_s: float) -> str:
-    """How far a run is and how long it will still take."""
-    done, num = progress.num_done, progress.num_items
-    words = f"{done} of {num} scenes on roads"
-    if progress.num_failed:
-        words += f", {progress.num_failed} failed"
-    if 0 < done < num:
-        left = round(elapsed_s / done * (num - done))
-        words += f", {left // 60}:{left % 60:02d} left"
-    return words

@@ -11,6 +11,7 @@ from pd_editor.cli.evaluate import evaluate
 from pd_editor.cli.export import export
 from pd_editor.cli.generate import generate
 from pd_editor.cli.replay import replay
+from pd_editor.cli.synth import synth
 from pd_editor.cli.warp import warp
 from pd_editor.errors import PdEditorError
 from pd_editor.installed_files import demo_names
@@ -22,6 +23,7 @@ _COMMANDS = {
     "export": export,
     "replay": replay,
     "evaluate": evaluate,
+    "synth": synth,
 }
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import pd_editor
 from pd_editor.cli import evaluate as evaluate_module
-from pd_editor.cli.evaluate import progress_line
+from pd_editor.cli.progress import progress_line
 from pd_editor.work_engine.work_engine import WorkProgress
 from tests.builders import scenario_with, straight_drivers
 from tests.cli.shell import ROOT, Shell
@@ -182,7 +182,7 @@ def test_bad_input_is_refused_and_leaves_nothing(
 def test_progress_in_words():
     def line(done: int, failed: int = 0) -> str:
         progress = WorkProgress(num_done=done, num_failed=failed, num_items=10)
-        return progress_line(progress, 60.0)
+        return progress_line(progress, 60.0, "scenes on roads")
 
     assert line(0) == "0 of 10 scenes on roads"
     assert line(4, failed=1) == "4 of 10 scenes on roads, 1 failed, 1:30 left"

@@ -1,0 +1,107 @@
+"""``pd-editor synth``: synthetic traffic in Argoverse 2's form."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from pd_editor.cli.arguments import FolderOption, Switch
+from pd_editor.cli.progress import progress_shown
+from pd_editor.errors import InputError
+from pd_editor.synthesis.corpus import CorpusPlan, CorpusRecord, build_corpus
+from pd_editor.synthesis.corpus_folder import MANIFEST_NAME, CorpusFolder
+from pd_editor.work_engine import LocalProcesses
+
+_MAX_REASONS = 5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Synthesis:
+    """What was made, and where it was written."""
+
+    folder: Path
+    record: CorpusRecord
+    num_asked: int
+    elapsed_s: float
+    files: tuple[Path, ...]
+    """The manifest, and the reports if they were asked for."""
+
+    def __str__(self) -> str:
+        """One line per file, then figures, then what went wrong."""
+        record, failures = self.record, self.record.failures
+        lines = [*map(str, self.files)]
+        lines.append(
+            f"{record.num_windows} windows on {len(record.networks)} networks with "
+            f"{record.num_agents} agents in {self.elapsed_s:.0f} s."
+        )
+        if record.num_windows < self.num_asked:
+            lines.append(f"{self.num_asked} windows were asked for.")
+        if failures:
+            lines.append(f"{len(failures)} networks failed:")
+            lines += [f"  {failures[key]}" for key in sorted(failures)[:_MAX_REASONS]]
+        return "\n".join(lines)
+
+
+def synth(
+    *,
+    out: FolderOption,
+    num: Annotated[int, tyro.conf.arg(metavar="N")],
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
+    families: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(metavar="NAME [NAME ...]", help_behavior_hint="(default: all)"),
+    ] = (),
+    maps: Annotated[
+        str | Path | tuple[str | Path, ...],
+        tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(optional)"),
+    ] = (),
+    shards: Switch = False,
+    noise: Switch = False,
+    workers: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
+    ] = None,
+    resume: Switch = False,
+) -> Synthesis:
+    """Simulate traffic on drawn roads or real maps, as Argoverse 2 scenarios.
+
+    Needs SUMO: pip install 'pd-editor[synth]'.
+
+    Args:
+        out: New folder for the scenarios, and manifest.json with what they are.
+        num: Number of scenarios.
+        seed: Seed of all draws; the same seed gives the same files.
+        families: Families of roads to draw.
+        maps: Roots of Argoverse 2 datasets, on whose maps to drive instead.
+        shards: Write compact shards for training instead of scenario folders.
+        noise: Blur states and break off tracks as a tracker does.
+        workers: Processes to use; they do not change the files.
+        resume: Go on with an earlier run of the same settings.
+    """
+    began = time.monotonic()
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers is {workers}; expected 1 or more.")
+    roots = maps if isinstance(maps, tuple) else (maps,)
+    plan = CorpusPlan(
+        num=num,
+        seed=seed,
+        families=tuple(dict.fromkeys(families)),
+        maps=tuple(dict.fromkeys(map(Path, roots))),
+        as_shards=shards,
+        with_noise=noise,
+    )
+    folder = CorpusFolder(Path(out), plan.settings, resume=resume)
+    record = build_corpus(
+        plan,
+        folder,
+        LocalProcesses(num_workers=workers),
+        on_progress=progress_shown("networks"),
+    )
+    return Synthesis(
+        folder=folder.path,
+        record=record,
+        num_asked=num,
+        elapsed_s=time.monotonic() - began,
+        files=(folder.path / MANIFEST_NAME,),
+    )
