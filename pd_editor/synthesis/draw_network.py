@@ -8,7 +8,14 @@ from zlib import crc32
 import numpy as np
 
 from pd_editor.errors import SynthesisError
-from pd_editor.synthesis.family_grid import draw_grid
+from pd_editor.synthesis.family_arterial import draw_arterial, draw_t_junctions
+from pd_editor.synthesis.family_grid import draw_downtown, draw_grid
+from pd_editor.synthesis.family_residential import (
+    draw_dead_ends,
+    draw_winding_street,
+)
+from pd_editor.synthesis.family_roundabout import draw_roundabout
+from pd_editor.synthesis.family_town import draw_town
 from pd_editor.synthesis.net_road_map import net_road_map
 from pd_editor.synthesis.network import Network
 from pd_editor.synthesis.plain_network import PlainNetwork, convert
@@ -16,6 +23,13 @@ from pd_editor.synthesis.sumo_net import read_sumo_net
 
 _DRAW: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
     "grid": draw_grid,
+    "downtown": draw_downtown,
+    "town": draw_town,
+    "arterial": draw_arterial,
+    "t-junctions": draw_t_junctions,
+    "roundabout": draw_roundabout,
+    "winding-street": draw_winding_street,
+    "dead-ends": draw_dead_ends,
 }
 FAMILIES: Final[tuple[str, ...]] = tuple(_DRAW)
 

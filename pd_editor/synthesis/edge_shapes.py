@@ -75,3 +75,20 @@ def between_poses(
         + (3 * t**2 - 2 * t**3) * end_m
         + (t**3 - t**2) * reach * end_direction
     )
+
+
+def bent_land(
+    random: np.random.Generator, amplitude_m: float
+) -> Callable[[Float[np.ndarray, "N 2"]], Float[np.ndarray, "N 2"]]:
+    """A smooth bend of the plane, of waves 300-600 m long."""
+    waves = 4
+    angle = random.uniform(0, 2 * np.pi, waves)
+    number = 2 * np.pi / random.uniform(300, 600, waves)
+    wave = np.stack([np.cos(angle), np.sin(angle)]) * number
+    phase = random.uniform(0, 2 * np.pi, waves)
+    push = random.normal(0.0, amplitude_m / np.sqrt(waves), (waves, 2))
+
+    def bend(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
+        return points_m + np.sin(points_m @ wave + phase) @ push
+
+    return bend

@@ -1,91 +1,101 @@
-"""Urban grids: avenues and side streets at nearly right angles."""
+"""Grids of streets: with avenues, or one-way downtown."""
+
+from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float
 
-from pd_editor.synthesis.edge_shapes import CurveKind
+from pd_editor.synthesis.edge_shapes import CurveKind, bent_land
+from pd_editor.synthesis.network_sketch import NetworkSketch
 from pd_editor.synthesis.plain_network import NodeKind, PlainNetwork
-from pd_editor.synthesis.street import Carriageway, NetworkSketch
-from pd_editor.synthesis.street_styles import avenue, collector, median_m, residential
+from pd_editor.synthesis.street import Carriageway
+from pd_editor.synthesis.street_styles import (
+    avenue,
+    collector,
+    control,
+    crossing_width_m,
+    one_way,
+    residential,
+)
+
+Style = Callable[[np.random.Generator], Carriageway]
 
 
 def draw_grid(random: np.random.Generator) -> PlainNetwork:
-    """Blocks of 70-150 m; each street keeps its style all along."""
-    columns = _places(random)
-    rows = _places(random)
-    angle = float(random.uniform(0, np.pi / 2))
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    style = {
-        (axis, k): _style(random)
-        for axis, places in ((0, columns), (1, rows))
-        for k in range(1, len(places) - 1)
-    }
-    sketch = NetworkSketch()
-    shift = random.normal(0.0, 3.0, (len(columns), len(rows), 2))
-    for i in range(len(columns)):
-        for j in range(len(rows)):
-            inner = 0 < i < len(columns) - 1, 0 < j < len(rows) - 1
-            if not any(inner):
-                continue
-            kind = NodeKind.PRIORITY
-            if all(inner):
-                kind = _control(style[0, i][0], style[1, j][0], random)
-            point = np.array([columns[i], rows[j]]) + shift[i, j]
-            sketch.node(f"n{i}.{j}", point @ turn, kind, float(random.uniform(5, 9)))
-    for i in range(len(columns)):
-        for j in range(len(rows)):
-            if 0 < j < len(rows) - 1 and i + 1 < len(columns):
-                _street(sketch, f"n{i}.{j}", f"n{i + 1}.{j}", style[1, j], random)
-            if 0 < i < len(columns) - 1 and j + 1 < len(rows):
-                _street(sketch, f"n{i}.{j}", f"n{i}.{j + 1}", style[0, i], random)
-    return sketch.network(float(random.uniform(3.0, 5.5)))
+    """Blocks of 70-150 m between avenues, through streets and quiet streets."""
+    return _grid(random, {residential: 0.42, collector: 0.3, avenue: 0.28})
 
 
-def _places(random: np.random.Generator) -> np.ndarray:
+def draw_downtown(random: np.random.Generator) -> PlainNetwork:
+    """Blocks between one-way streets, with some avenues."""
+    return _grid(random, {one_way: 0.65, avenue: 0.2, collector: 0.15})
+
+
+def _grid(random: np.random.Generator, shares: dict[Style, float]) -> PlainNetwork:
+    columns, rows = _places(random), _places(random)
+    style = [
+        [_style(random, shares) for _ in range(len(places))]
+        for places in (columns, rows)
+    ]
+    forward = random.random((2, max(len(columns), len(rows)))) < 0.5
+    sketch = NetworkSketch(land=bent_land(random, float(random.choice([0, 5, 12]))))
+    _nodes(sketch, columns, rows, style, random)
+    bay_m = float(random.uniform(25, 45))
+    for i in range(len(columns)):
+        for j in range(len(rows)):
+            for axis, (di, dj) in enumerate([(0, 1), (1, 0)]):
+                along, across = ((j, rows), (i, columns))[:: 1 if axis == 0 else -1]
+                inner = 0 < across[0] < len(across[1]) - 1
+                if not inner or along[0] + 1 == len(along[1]):
+                    continue
+                ends = [f"n{i}.{j}", f"n{i + di}.{j + dj}"]
+                bays = along[0] > 0, along[0] + 2 < len(along[1])
+                if style[axis][across[0]].is_one_way and not forward[axis, across[0]]:
+                    ends.reverse()
+                _block(sketch, ends, style[axis][across[0]], bay_m, bays, random)
+    return sketch.network(crossing_width_m(random))
+
+
+def _places(random: np.random.Generator) -> Float[np.ndarray, "N"]:
     """Where parallel streets lie; the first and last place are their ends."""
-    blocks = random.uniform(70, 150, int(random.integers(4, 6)))
+    blocks = random.uniform(70, 150, int(random.integers(3, 6)))
     return np.concatenate([[0.0], np.cumsum(blocks)])
 
 
-def _style(random: np.random.Generator) -> tuple[Carriageway, float]:
-    draw = random.choice([residential, collector, avenue], p=[0.45, 0.3, 0.25])
-    carriageway = draw(random)
-    return carriageway, median_m(random) if draw is avenue else 0.0
+def _style(random: np.random.Generator, shares: dict[Style, float]) -> Carriageway:
+    drawn = random.choice(len(shares), p=list(shares.values()))
+    return list(shares)[drawn](random)
 
 
-def _control(
-    one: Carriageway, two: Carriageway, random: np.random.Generator
-) -> NodeKind:
-    more, fewer = (
-        max(one.num_lanes, two.num_lanes),
-        min(one.num_lanes, two.num_lanes),
-    )
-    if more == 1:
-        return NodeKind(
-            random.choice(
-                [NodeKind.ALL_WAY_STOP, NodeKind.MINOR_STOP, NodeKind.SIGNALS],
-                p=[0.5, 0.3, 0.2],
-            )
-        )
-    if fewer == 1:
-        return NodeKind(
-            random.choice([NodeKind.MINOR_STOP, NodeKind.SIGNALS], p=[0.4, 0.6])
-        )
-    return NodeKind.SIGNALS
-
-
-def _street(
+def _nodes(
     sketch: NetworkSketch,
-    start: str,
-    end: str,
-    style: tuple[Carriageway, float],
+    columns: Float[np.ndarray, "C"],
+    rows: Float[np.ndarray, "R"],
+    style: list[list[Carriageway]],
     random: np.random.Generator,
 ) -> None:
-    carriageway, median = style
-    bent = random.random() < 0.3
-    line = sketch.line_m(
-        start,
-        end,
-        CurveKind.ARC if bent else CurveKind.STRAIGHT,
-        float(random.uniform(-0.25, 0.25)),
-    )
-    sketch.two_way(start, end, line, carriageway, median, carriageway.num_lanes)
+    angle = float(random.uniform(0, np.pi / 2))
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    for i, x in enumerate(columns):
+        for j, y in enumerate(rows):
+            inside = 0 < i < len(columns) - 1, 0 < j < len(rows) - 1
+            if not any(inside):
+                continue
+            kind = NodeKind.PRIORITY
+            if all(inside):
+                kind = control(style[0][i], style[1][j], random)
+            point = (np.array([x, y]) + random.normal(0.0, 2.0, 2)) @ turn
+            sketch.node(f"n{i}.{j}", point, kind, float(random.uniform(5, 9)))
+
+
+def _block(
+    sketch: NetworkSketch,
+    ends: list[str],
+    carriageway: Carriageway,
+    bay_m: float,
+    bays: tuple[bool, bool],
+    random: np.random.Generator,
+) -> None:
+    kind = CurveKind.S_CURVE if random.random() < 0.15 else CurveKind.STRAIGHT
+    line = sketch.line_m(ends[0], ends[1], kind, float(random.uniform(-0.2, 0.2)))
+    sketch.street(ends[0], ends[1], line, carriageway, bay_m=bay_m, bays=bays)

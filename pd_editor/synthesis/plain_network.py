@@ -86,6 +86,8 @@ class PlainNetwork:
     nodes: tuple[PlainNode, ...]
     edges: tuple[PlainEdge, ...]
     connections: tuple[PlainConnection, ...] = ()
+    removed: tuple[tuple[str, str], ...] = ()
+    """Pairs of edges between which nobody may turn, whatever is guessed."""
     crossing_width_m: float = 4.0
     roundabouts: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = ()
     """Node ids and edge ids of each ring."""
@@ -173,4 +175,6 @@ def _connections(plain: PlainNetwork) -> ElementTree.Element:
                 "toLane": str(connection.end_strip),
             },
         )
+    for start, end in plain.removed:
+        ElementTree.SubElement(root, "delete", {"from": start, "to": end})
     return root

@@ -4,6 +4,7 @@ from typing import Final
 
 import numpy as np
 
+from pd_editor.synthesis.plain_network import NodeKind
 from pd_editor.synthesis.street import Carriageway
 
 _LANE_WIDTHS_M: Final = (3.0, 3.7)
@@ -11,12 +12,14 @@ _SIDEWALK_M: Final = 2.5
 
 
 def residential(random: np.random.Generator) -> Carriageway:
-    """A quiet street of one lane a direction, mostly with room to park."""
+    """A quiet street of one lane a direction, with room to park or wide lanes."""
+    parking = _drawn(random, 0.6, 2.0, 2.5)
+    width = _width(random) if parking else round(float(random.uniform(3.2, 4.6)), 2)
     return Carriageway(
         num_lanes=1,
-        lane_width_m=_width(random),
+        lane_width_m=width,
         speed_mps=float(random.uniform(8.0, 11.5)),
-        parking_width_m=_drawn(random, 0.6, 2.0, 2.5),
+        parking_width_m=parking,
         sidewalk_width_m=_SIDEWALK_M,
     )
 
@@ -27,28 +30,61 @@ def collector(random: np.random.Generator) -> Carriageway:
         num_lanes=int(random.choice([1, 2], p=[0.6, 0.4])),
         lane_width_m=_width(random),
         speed_mps=float(random.uniform(10.0, 14.0)),
-        bike_width_m=_drawn(random, 0.35, 1.5, 2.0),
+        bike_width_m=_drawn(random, 0.4, 1.5, 2.0),
         parking_width_m=_drawn(random, 0.4, 2.1, 2.6),
         sidewalk_width_m=_SIDEWALK_M,
     )
 
 
 def avenue(random: np.random.Generator) -> Carriageway:
-    """A main street of two to four lanes a direction."""
+    """A main street of two to four lanes a direction, often with a median."""
+    medians = [0.0, 0.5, random.uniform(1.5, 3.0), random.uniform(3.8, 5.5)]
     return Carriageway(
-        num_lanes=int(random.choice([2, 3, 4], p=[0.55, 0.35, 0.1])),
+        num_lanes=int(random.choice([2, 3, 4], p=[0.6, 0.32, 0.08])),
         lane_width_m=_width(random),
         speed_mps=float(random.uniform(11.5, 17.0)),
-        has_bus_lane=bool(random.random() < 0.12),
-        bike_width_m=_drawn(random, 0.3, 1.5, 2.0),
+        has_bus_lane=bool(random.random() < 0.1),
+        bike_width_m=_drawn(random, 0.35, 1.5, 2.0),
         parking_width_m=_drawn(random, 0.15, 2.2, 2.6),
         sidewalk_width_m=_SIDEWALK_M,
+        median_m=round(float(random.choice(medians, p=[0.3, 0.15, 0.15, 0.4])), 2),
     )
 
 
-def median_m(random: np.random.Generator) -> float:
-    """Width between the directions of a main street: paint, or an island."""
-    return float(random.choice([0.0, 0.5, random.uniform(1.5, 4.0)], p=[0.4, 0.3, 0.3]))
+def one_way(random: np.random.Generator) -> Carriageway:
+    """A one-way street downtown."""
+    return Carriageway(
+        num_lanes=int(random.choice([1, 2, 3, 4], p=[0.2, 0.4, 0.3, 0.1])),
+        lane_width_m=_width(random),
+        speed_mps=float(random.uniform(9.0, 13.5)),
+        has_bus_lane=False,
+        bike_width_m=_drawn(random, 0.4, 1.5, 2.0),
+        parking_width_m=_drawn(random, 0.5, 2.1, 2.5),
+        sidewalk_width_m=_SIDEWALK_M,
+        is_one_way=True,
+    )
+
+
+def control(
+    one: Carriageway, two: Carriageway, random: np.random.Generator
+) -> NodeKind:
+    """Right of way where two streets meet; main streets mostly have signals."""
+    fewer, more = sorted((one.num_lanes, two.num_lanes))
+    shares = {NodeKind.SIGNALS: 1.0}
+    if more == 1:
+        shares = {
+            NodeKind.ALL_WAY_STOP: 0.45,
+            NodeKind.MINOR_STOP: 0.4,
+            NodeKind.SIGNALS: 0.15,
+        }
+    elif fewer == 1:
+        shares = {NodeKind.MINOR_STOP: 0.45, NodeKind.SIGNALS: 0.55}
+    return list(shares)[random.choice(len(shares), p=list(shares.values()))]
+
+
+def crossing_width_m(random: np.random.Generator) -> float:
+    """Width of pedestrian crossings."""
+    return float(random.uniform(3.0, 5.5))
 
 
 def _width(random: np.random.Generator) -> float:
