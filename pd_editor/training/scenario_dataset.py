@@ -126,7 +126,7 @@ def prepare_features(
     """
     folder = Path(folder)
     source = open_roots(roots)
-    works = _parts(source, roots, augmentation, seed, most_per_root)
+    works = _parts(source, roots, augmentation, seed, most_per_root, PART_SIZE)
     index = StoreIndex(
         fingerprint=_fingerprint(source, basis, augmentation, seed, most_per_root),
         roots=tuple(map(str, roots)),
@@ -174,7 +174,7 @@ def fit_basis(
     """
     source = open_roots(roots)
     most = max(1, count // len(source.roots))
-    works = _parts(source, roots, augmentation, seed, most, size=_FIT_SIZE)
+    works = _parts(source, roots, augmentation, seed, most, _FIT_SIZE)
     futures: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def take(result: WorkResult[tuple[np.ndarray, np.ndarray]]) -> None:
@@ -208,7 +208,7 @@ def _parts(
     augmentation: Augmentation | None,
     seed: int,
     most_per_root: int | None,
-    size: int = PART_SIZE,
+    size: int,
 ) -> dict[str, _Work]:
     """Work by name; names sort as roots and scenarios do."""
     works = {}

@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,6 +18,7 @@ BLUR_ONLY: Final = TrackingNoise(range_m=np.inf, occlusions_per_s=0.0)
 """Tracks of simulated agents are blurred, but not broken off: futures stay whole."""
 
 
+@runtime_checkable
 class ScenarioRoot(Protocol):
     """Scenarios by number."""
 

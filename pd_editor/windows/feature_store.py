@@ -238,7 +238,8 @@ def _tables(
         [
             (len(one.piece_pose), len(one.agent_pose), int(one.has_candidate.sum()))
             for one in scenes
-        ]
+        ],
+        dtype=np.int64,
     ).reshape(-1, 3)
     table = np.zeros(len(scenes) + 1, _SCENE)
     for column, name in enumerate(("piece", "agent", "candidate")):
@@ -247,20 +248,25 @@ def _tables(
     table["group"][:-1] = groups
     pieces = np.zeros(counts[:, 0].sum(), _PIECE)
     agents = np.zeros(counts[:, 1].sum(), _AGENT)
+    if not scenes:
+        return table, pieces, agents, np.zeros((0, LATENT_SIZE), np.float16)
     for name in ("pose", "shape", "kind"):
-        pieces[name] = _stacked([getattr(one, f"piece_{name}") for one in scenes])
+        pieces[name] = np.concatenate([getattr(one, f"piece_{name}") for one in scenes])
     for name in ("pose", "speed", "size", "kind"):
-        agents[name] = _stacked([getattr(one, f"agent_{name}") for one in scenes])
-    for name in ("near_pieces", "near_agents", "future", "has_future"):
-        agents[name] = _stacked([getattr(one, name) for one in scenes])
-    agents["num_candidates"] = _stacked([one.has_candidate.sum(1) for one in scenes])
-    latents = _stacked([one.candidates[one.has_candidate] for one in scenes])
-    latents = np.clip(latents.reshape(-1, LATENT_SIZE), -_MOST_HALF, _MOST_HALF)
-    return table, pieces, agents, latents.astype(np.float16)
+        agents[name] = np.concatenate([getattr(one, f"agent_{name}") for one in scenes])
+    for name in ("near_pieces", "near_agents", "has_future"):
+        agents[name] = np.concatenate([getattr(one, name) for one in scenes])
+    agents["future"] = _half([one.future for one in scenes])
+    agents["num_candidates"] = np.concatenate(
+        [one.has_candidate.sum(1) for one in scenes]
+    )
+    latents = _half([one.candidates[one.has_candidate] for one in scenes])
+    return table, pieces, agents, latents
 
 
-def _stacked(arrays: list[np.ndarray]) -> np.ndarray:
-    return np.concatenate(arrays) if arrays else np.zeros(0)
+def _half(latents: list[np.ndarray]) -> np.ndarray:
+    values = np.concatenate(latents)
+    return np.clip(values, -_MOST_HALF, _MOST_HALF).astype(np.float16)
 
 
 def _part_names(folder: Path) -> list[str]:

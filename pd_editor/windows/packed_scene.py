@@ -1,7 +1,8 @@
 """What the models are trained on, of one window."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -37,14 +38,8 @@ class PackedScene:
     has_future: Bool[np.ndarray, "A"]
 
 
-class Encoder(Protocol):
-    """Makes latents of futures; ``TrajectoryBasis.encode`` is one."""
-
-    def __call__(
-        self, future_m: Float[np.ndarray, "*s H 2"], speed_mps: np.ndarray, /
-    ) -> Float[np.ndarray, "*s D"]:
-        """Latents; speeds are broadcast against the leading axes of the futures."""
-        ...
+Encoder = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Latents of futures [.. H 2] at speeds, as ``TrajectoryBasis.encode`` makes them."""
 
 
 def packed(features: SceneFeatures, encode: Encoder) -> PackedScene:

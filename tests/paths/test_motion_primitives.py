@@ -8,7 +8,12 @@ from hypothesis import strategies as st
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.paths.motion_primitives import SAME_M, CandidateSet, candidates
+from pd_editor.paths.motion_primitives import (
+    SAME_M,
+    CandidateSet,
+    candidate_positions,
+    candidates,
+)
 from pd_editor.paths.nearest_lane import nearest_lanes
 from pd_editor.scene.agent_kind import MOVER_KINDS, AgentKind
 from pd_editor.scene.road_map import LaneKind, RoadMap
@@ -303,3 +308,19 @@ def test_no_future_or_no_lanes_is_fine():
     last = straight_drivers([(0, 0, 0, 10)], time_axis=axis)
     scenario = replace(scenario_with(agents), agents=last, time_axis=axis)
     assert found_for(scenario).position_m.shape == (1, 32, 1, 2)
+
+
+def test_positions_alone_are_those_of_the_candidates(real_scenarios):
+    for scenario in real_scenarios:
+        axis = scenario.time_axis
+        rows = np.flatnonzero(scenario.agents.is_valid[:, scenario.current_step])
+        expected = candidates(scenario, rows, max_candidates=12)
+        position, is_valid = candidate_positions(
+            scenario,
+            rows,
+            max_candidates=12,
+            num_steps=axis.num_future_steps,
+            step_s=axis.step_s,
+        )
+        assert (is_valid == expected.is_valid).all()
+        assert (position == expected.position_m).all()
