@@ -11,12 +11,18 @@ from pd_editor.cli.progress import run_showing_progress
 from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import GenerationError
-from pd_editor.generation import GenerationRequest
+from pd_editor.generation import (
+    LANE_GUIDANCE,
+    GenerationRequest,
+    GuidanceTerm,
+    Region,
+    ScenarioGenerator,
+)
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scenario_store import check_free, open_scenario
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids
+from pd_editor.scene.traffic_choice import drivable_agent_ids, road_user_ids
 
 
 def generate(
@@ -28,22 +34,40 @@ def generate(
         tuple[str, ...],
         tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(default: all)"),
     ] = (),
+    redraw_states: Switch = False,
     num_agents: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(optional)")
+        tuple[str, ...],
+        tyro.conf.arg(metavar="N|KIND=N|fit", help_behavior_hint="(optional)"),
+    ] = (),
+    add: Switch = False,
+    region: Annotated[
+        tuple[float, float, float] | None,
+        tyro.conf.arg(metavar="X Y HALF_SIDE", help_behavior_hint="(optional)"),
     ] = None,
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
+    steps: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(model's own)")
+    ] = None,
+    keep_to_lanes: Annotated[
+        float | None, tyro.conf.arg(metavar="W", help_behavior_hint="(model's own)")
+    ] = None,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
     overwrite: Switch = False,
 ) -> Outcome:
-    """Keep agents and their states, redraw their futures.
+    """Redraw futures; or whole traffic, states and all, where the model can.
 
     Args:
         scenario: A demo's name or an Argoverse 2 scenario folder.
         out: Folder that receives DIR/<scenario id>/; several samples get _s00, _s01.
         agents: Ids of the agents to drive; the others keep their futures.
-        num_agents: Add N vehicles with states of the model's choosing, if it can.
-        samples: How many futures to draw.
+        redraw_states: Draw the states of these agents anew too.
+        num_agents: Put new agents in the place of all: 20 (vehicles), vehicle=12 pedestrian=4, or fit (as many as suit the road).
+        add: Keep the present agents and add the new ones.
+        region: Square of the scene in which states are drawn, in metres.
+        samples: How many samples to draw.
+        steps: Denoising steps.
+        keep_to_lanes: Strength of the guidance towards the lanes, 0 for none.
         seed: Seed of the draw; the same seed gives the same files.
         model: Name of the generator.
         overwrite: Replace what earlier runs wrote.
@@ -53,21 +77,47 @@ def generate(
     generator = make_generator(model)
     opened = open_scenario(scenario)
     wanted = tuple(dict.fromkeys(agents))
+    counts, fits = _wanted_counts(num_agents)
+    draws_agents = bool(counts) or fits
+    _check_choice(draws_agents, bool(wanted), redraw_states=redraw_states, add=add)
+    removed = road_user_ids(opened) if draws_agents and not add else ()
+    driven: tuple[str, ...] = ()
+    if not draws_agents or (wanted and add):
+        driven = drivable_agent_ids(opened, wanted or None)
     request = GenerationRequest(
-        scenario=opened,
-        agent_ids=drivable_agent_ids(opened, wanted or None),
-        num_new_agents={} if num_agents is None else {AgentKind.VEHICLE: num_agents},
+        scenario=opened.without_agents(removed),
+        agent_ids=driven,
+        num_new_agents=counts,
+        draws_num_agents=fits,
+        redrawn_state_ids=driven if redraw_states else (),
+        region=region and Region(center_m=region[:2], half_side_m=region[2]),
         num_samples=samples,
+        num_denoising_steps=steps,
+        guidance=_lane_guidance(keep_to_lanes),
         seed=seed,
     )
-    ending = [""] if samples == 1 else [f"_s{index:02d}" for index in range(samples)]
+    return _written(out, opened, request, removed, generator, overwrite, wanted)
+
+
+def _written(
+    out: FolderOption,
+    opened: Scenario,
+    request: GenerationRequest,
+    removed: tuple[str, ...],
+    generator: ScenarioGenerator,
+    overwrite: bool,
+    wanted: Sequence[str],
+) -> Outcome:
+    """Let the generator draw, and write each sample as a folder of its own."""
+    count = request.num_samples
+    ending = [""] if count == 1 else [f"_s{index:02d}" for index in range(count)]
     names = [f"{opened.scenario_id}{end}" for end in ending]
     for name in names:
         check_free(out, name, opened, overwrite=overwrite)
     traffic = run_showing_progress(generator.generate(request))
     sessions = [EditorSession(opened) for _ in names]
     for index, session in enumerate(sessions):
-        session.apply(traffic_command(request, traffic, index))
+        session.apply(traffic_command(request, traffic, index, removed_ids=removed))
     return Outcome(
         folders=tuple(
             write_session(out, name, session, overwrite=overwrite)
@@ -76,6 +126,58 @@ def generate(
         scenarios=tuple(session.scenario for session in sessions),
         remarks=(*_left_out(opened, wanted, request.agent_ids), *traffic.notes),
     )
+
+
+def _wanted_counts(texts: Sequence[str]) -> tuple[dict[AgentKind, int], bool]:
+    """How many new agents of each kind, and whether that is the model's choice.
+
+    Raises:
+        GenerationError: a text is neither a number, nor KIND=NUMBER, nor ``fit``.
+    """
+    if tuple(texts) == ("fit",):
+        return {}, True
+    counts: dict[AgentKind, int] = {}
+    for text in texts:
+        name, _, number = text.rpartition("=")
+        name = name or AgentKind.VEHICLE.value
+        if name not in {kind.value for kind in ROAD_USER_KINDS} or not number.isdigit():
+            names = ", ".join(sorted(kind.value for kind in ROAD_USER_KINDS))
+            raise GenerationError(
+                f"--num-agents: {text!r} is neither a number, nor KIND=NUMBER with a "
+                f"kind out of {names}, nor fit alone."
+            )
+        counts[AgentKind(name)] = counts.get(AgentKind(name), 0) + int(number)
+    return counts, False
+
+
+def _check_choice(
+    draws_agents: bool, names_agents: bool, *, redraw_states: bool, add: bool
+) -> None:
+    """Refuse options that contradict each other.
+
+    Raises:
+        GenerationError: they do.
+    """
+    if redraw_states and draws_agents:
+        raise GenerationError(
+            "--redraw-states is for agents that stay, --num-agents for new ones; give "
+            "one of them."
+        )
+    if names_agents and draws_agents and not add:
+        raise GenerationError(
+            "--num-agents puts new agents in the place of all, so --agents names "
+            "nobody; give --add to keep them."
+        )
+    if add and not draws_agents:
+        raise GenerationError("--add needs --num-agents, which says how many.")
+
+
+def _lane_guidance(weight: float | None) -> tuple[GuidanceTerm, ...]:
+    if weight is None:
+        return ()
+    if not 0 <= weight <= 1:
+        raise GenerationError(f"--keep-to-lanes must be between 0 and 1, not {weight}.")
+    return (GuidanceTerm(name=LANE_GUIDANCE, weight=weight),)
 
 
 def _left_out(

@@ -9,6 +9,12 @@ from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
 
 
+def road_user_ids(scenario: Scenario) -> tuple[str, ...]:
+    """All agents that move by their own will, whenever they are there."""
+    users = scenario.agents.kind_mask(ROAD_USER_KINDS)
+    return tuple(scenario.agents.ids[row] for row in np.flatnonzero(users))
+
+
 def drivable_agent_ids(
     scenario: Scenario, wanted: Iterable[str] | None = None
 ) -> tuple[str, ...]:

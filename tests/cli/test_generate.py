@@ -4,9 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pd_editor import generators
 from pd_editor.cli.generate import generate
+from pd_editor.generation import LANE_GUIDANCE, GeneratorOffer, Region
 from pd_editor.scenario_store import open_scenario
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from tests.cli.shell import JUNCTION, Shell, files_of
+from tests.editor.fake_generators import PlacingGenerator
 
 
 def test_the_same_seed_gives_the_same_files(shell: Shell, tmp_path: Path):
@@ -68,6 +72,13 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
         ("--model crystal-ball", "There is no generator 'crystal-ball'"),
         ("--agents nobody", "There is no agent 'nobody' here."),
         ("--num-agents 3", "cannot place new agents"),
+        ("--num-agents three", "neither a number, nor KIND=NUMBER"),
+        ("--num-agents dragon=3", "a kind out of bus, cyclist, motorcyclist"),
+        ("--num-agents fit 3", "'fit' is neither a number"),
+        ("--num-agents 3 --redraw-states", "give one of them"),
+        ("--num-agents 3 --agents AV", "give --add to keep them"),
+        ("--add", "--add needs --num-agents"),
+        ("--keep-to-lanes 3", "must be between 0 and 1"),
     ],
 )
 def test_impossible_requests_are_refused(
@@ -112,3 +123,61 @@ def test_who_cannot_be_driven_is_said(av2_scenario_folders: list[Path], tmp_path
     done = generate(folder, agents=names, out=tmp_path)
     assert f"Agent {things[0]} keeps its future" in done.remarks[0]
     assert f"Agent {gone[0]} keeps its future" in done.remarks[1]
+
+
+@pytest.fixture
+def placing(monkeypatch: pytest.MonkeyPatch) -> PlacingGenerator:
+    generator = PlacingGenerator()
+    offer = GeneratorOffer(make=lambda: generator, draws_states=True)
+    monkeypatch.setattr(generators, "GENERATORS", {"placing": offer})
+    return generator
+
+
+def test_new_agents_take_the_place_of_all(tmp_path: Path, placing: PlacingGenerator):
+    done = generate(
+        JUNCTION, out=tmp_path, num_agents=("2", "pedestrian=1"), model="placing"
+    )
+    (request,) = placing.requests
+    assert request.num_new_agents == {AgentKind.VEHICLE: 2, AgentKind.PEDESTRIAN: 1}
+    written = open_scenario(done.folder)
+    present = written.agents.kind_mask(ROAD_USER_KINDS)
+    assert present.sum() == 3
+    assert written.focal_id in written.agents.ids
+
+
+def test_new_agents_may_join_those_that_stay(tmp_path: Path, placing: PlacingGenerator):
+    before = open_scenario(JUNCTION)
+    done = generate(
+        JUNCTION, out=tmp_path, num_agents=("2",), add=True, model="placing", steps=5
+    )
+    (request,) = placing.requests
+    assert request.num_denoising_steps == 5
+    assert len(done.scenarios[0].agents) == len(before.agents) + 2
+
+
+def test_states_of_named_agents_are_redrawn_in_a_region(
+    tmp_path: Path, placing: PlacingGenerator
+):
+    generate(
+        JUNCTION,
+        out=tmp_path,
+        agents=("AV",),
+        redraw_states=True,
+        region=(1.0, 2.0, 30.0),
+        keep_to_lanes=0.25,
+        model="placing",
+    )
+    (request,) = placing.requests
+    assert request.agent_ids == request.redrawn_state_ids == ("AV",)
+    assert request.region == Region(center_m=(1.0, 2.0), half_side_m=30.0)
+    (term,) = request.guidance
+    assert (term.name, term.weight) == (LANE_GUIDANCE, 0.25)
+
+
+def test_as_many_as_suit_the_road_is_the_models_choice(
+    tmp_path: Path, placing: PlacingGenerator
+):
+    generate(JUNCTION, out=tmp_path, num_agents=("fit",), model="placing")
+    (request,) = placing.requests
+    assert request.draws_num_agents
+    assert not request.num_new_agents

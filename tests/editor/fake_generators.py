@@ -12,6 +12,7 @@ from pd_editor.generation import (
     GenerationRequest,
     TrafficSample,
 )
+from pd_editor.scene.agent_kind import AgentKind
 
 
 @dataclass
@@ -70,9 +71,10 @@ class PlacingGenerator:
         yield GenerationProgress(fraction=1.0, message="placed")
         agents, axis = request.scenario.agents, request.scenario.time_axis
         rows = agents.rows(request.agent_ids)
-        new = [
-            kind for kind, count in request.num_new_agents.items() for _ in range(count)
-        ]
+        counts = request.num_new_agents
+        if request.draws_num_agents:
+            counts = {AgentKind.VEHICLE: 2}
+        new = [kind for kind, count in counts.items() for _ in range(count)]
         kinds = (*(agents.kinds[row] for row in rows), *new)
         states = agents.position_m[rows, axis.current_step]
         drawn = np.isin(request.agent_ids, request.redrawn_state_ids)

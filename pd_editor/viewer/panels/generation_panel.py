@@ -16,7 +16,7 @@ from pd_editor.generation import (
 )
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids
+from pd_editor.scene.traffic_choice import drivable_agent_ids, road_user_ids
 from pd_editor.viewer.desk import Desk, set_property, set_value
 from pd_editor.viewer.panels.generation_run import Draw, GenerationRun
 
@@ -148,8 +148,7 @@ class GenerationPanel:
             raise GenerationError("Say how many agents of which kind to draw.")
         removed: tuple[str, ...] = ()
         if self._which.value == REPLACE_ALL:
-            users = scenario.agents.kind_mask(ROAD_USER_KINDS)
-            removed = tuple(np.array(scenario.agents.ids)[users].tolist())
+            removed = road_user_ids(scenario)
         self._start(
             scenario,
             removed_ids=removed,
