@@ -81,12 +81,13 @@ class AgentBlock(nn.Module):
     ) -> Float[Tensor, "S G E"]:
         edge = memory.edge if ways is None else memory.edge + self.way_in(ways)
         seen = own[:, context.neighbor] + self.edge_out(nn.functional.gelu(edge))
-        heads = seen.unflatten(-1, (2, self.num_heads, -1))
-        keys, values = heads.permute(3, 0, 1, 4, 2, 5)
+        heads = seen.flatten(0, 1).unflatten(-1, (2, self.num_heads, -1))
+        keys, values = heads.permute(2, 0, 3, 1, 4)
+        exists = context.has_neighbor.expand(len(query), *(-1,) * 4).flatten(0, 1)
         found = nn.functional.scaled_dot_product_attention(
-            query.unflatten(-1, (self.num_heads, 1, -1)),
+            query.flatten(0, 1).unflatten(-1, (self.num_heads, 1, -1)),
             keys,
             values,
-            attn_mask=context.has_neighbor,
+            attn_mask=exists,
         )
-        return found.flatten(-3)
+        return found.flatten(1).unflatten(0, query.shape[:2])

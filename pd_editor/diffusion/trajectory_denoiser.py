@@ -49,7 +49,7 @@ class TrajectoryConfig:
     """What decides the shapes of the weights, and what they mean."""
 
     width: int = 128
-    num_heads: int = 8
+    num_heads: int = 4
     num_blocks: int = 3
     edge_width: int = 64
     """Width in which a neighbour's place and way are looked at."""
