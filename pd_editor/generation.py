@@ -128,6 +128,8 @@ class GeneratorOffer:
     """Denoising steps; None if it takes no such number."""
     default_guidance: float | None = None
     """Weight of ``LANE_GUIDANCE``; None if it takes no guidance."""
+    warm_up: Callable[[], None] | None = None
+    """Loads what the first call would have to wait for; for a thread of its own."""
 
 
 LANE_GUIDANCE: Final = "nearest-candidate"

@@ -11,6 +11,7 @@ from typing import Final
 import viser
 
 from pd_editor.av2_io.dataset import DatasetIndex
+from pd_editor.errors import PdEditorError
 from pd_editor.generators import GENERATORS
 from pd_editor.scenario_store import open_scenario
 from pd_editor.viewer.browser_session import BrowserSession
@@ -22,6 +23,8 @@ STORAGE_KEY: Final = "pd-editor-sessions"
 STORAGE_TIMEOUT_S: Final = 2.0
 MAX_KEPT_WORKSPACES: Final = 16
 """Workspaces without a browser that are kept for a reload; older ones are let go."""
+WARM_UP_AFTER_S: Final = 3.0
+"""By then the first picture has been sent; loading a model must not delay it."""
 
 
 def default_library() -> Path:
@@ -54,6 +57,9 @@ class ViewerApp:
         self._tabs: dict[int, tuple[str, BrowserSession]] = {}
         self._is_local = host in LOOPBACK_HOSTS
         self._lock = threading.Lock()
+        self._warm_up = threading.Timer(WARM_UP_AFTER_S, _warm_up_generators)
+        self._warm_up.daemon = True
+        self._warms_up = False
         self.server = guarded_server(host, port)
         shown_host = "localhost" if host in ("0.0.0.0", "::") else host
         self.address = f"http://{shown_host}:{self.server.get_port()}"
@@ -69,6 +75,7 @@ class ViewerApp:
 
     def stop(self) -> None:
         """Stop serving; journals of unfinished work stay on disk."""
+        self._warm_up.cancel()
         with self._lock:
             tabs = list(self._tabs.values())
             self._tabs.clear()
@@ -108,6 +115,9 @@ class ViewerApp:
             if client.client_id not in self.server.get_clients():
                 return
             self._tabs[client.client_id] = (key, tab)
+            if not self._warms_up:
+                self._warms_up = True
+                self._warm_up.start()
             remembered = [k for k in known if k in self._workspaces and k != key]
         client.local_storage.set_item(STORAGE_KEY, json.dumps([key, *remembered]))
         tab.start()
@@ -125,6 +135,17 @@ class ViewerApp:
         idle = [key for key in self._workspaces if key not in in_use]
         for key in idle[: max(len(idle) - MAX_KEPT_WORKSPACES + 1, 0)]:
             self._workspaces.pop(key).close()
+
+
+def _warm_up_generators() -> None:
+    """Load what the first generation would wait for; it says itself what is wrong."""
+    for name, offer in GENERATORS.items():
+        if offer.warm_up is None:
+            continue
+        try:
+            offer.warm_up()
+        except PdEditorError as error:
+            _LOG.info("%s cannot be prepared: %s", name, error)
 
 
 def _stored_keys(client: viser.ClientHandle) -> list[str]:

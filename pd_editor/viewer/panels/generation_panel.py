@@ -191,7 +191,7 @@ class GenerationPanel:
             seed=int(self._seed.value),
         )
         draw = Draw(base=base, request=request, removed_ids=removed_ids)
-        self._result.start(offer.make, draw)
+        self._result.start(self._model.value, offer.make, draw)
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)
 

@@ -1,7 +1,7 @@
 """One generation at a time: its progress, its samples, what becomes of them."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,25 @@ class Draw:
     """The session's scenario, which still holds the agents to be removed."""
     request: GenerationRequest
     removed_ids: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeWhenAsked:
+    """A generator that is made by the thread that lets it draw."""
+
+    name: str
+    make: Callable[[], ScenarioGenerator]
+
+    def generate(
+        self, request: GenerationRequest
+    ) -> Generator[GenerationProgress, None, GeneratedTraffic]:
+        """Make it, then let it draw.
+
+        Raises:
+            PdEditorError: it cannot be made, or refuses the request.
+        """
+        yield GenerationProgress(fraction=0.0, message=f"Preparing {self.name}")
+        return (yield from self.make().generate(request))
 
 
 class GenerationRun:
@@ -59,15 +78,16 @@ class GenerationRun:
         """Whether a generator is at work."""
         return self._job is not None
 
-    def start(self, generator: Callable[[], ScenarioGenerator], draw: Draw) -> None:
-        """Let a generator draw.
+    def start(
+        self, name: str, make: Callable[[], ScenarioGenerator], draw: Draw
+    ) -> None:
+        """Let a generator draw; it is made, and loaded, off this thread.
 
         Raises:
-            GenerationError: one is at work already, or it cannot be made.
+            GenerationError: one is at work already.
         """
         if self._job is not None:
             raise GenerationError("A generation is running already; cancel it first.")
-        made = generator()
         self._forget()
         self._set_running(True)
         started = time.monotonic()
@@ -77,7 +97,7 @@ class GenerationRun:
             return lambda: action() if self._job is job else None
 
         job = GenerationJob(
-            generator=made,
+            generator=MadeWhenAsked(name=name, make=make),
             request=draw.request,
             on_progress=lambda p: post(
                 only_if_current(lambda: self._progressed(p)), "progress"
