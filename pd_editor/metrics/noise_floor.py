@@ -2,13 +2,34 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
-
-from pd_editor.metrics.metric_values import MetricValues
+from jaxtyping import Bool, Float
 
 NUM_DRAWS: Final = 200
+
+
+@runtime_checkable
+class RowsOfValues(Protocol):
+    """Values with a row for each agent of a scene; ``MetricValues`` are such."""
+
+    @property
+    def is_valid(self) -> Bool[np.ndarray, "A *shape"]:
+        """Which values mean something."""
+        ...
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        ...
+
+    def taken(self, rows: np.ndarray) -> "RowsOfValues":
+        """Only some rows: indices, or one truth value per row."""
+        ...
+
+    def valid(self) -> Float[np.ndarray, "N"]:
+        """The values that mean something, one after the other."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +42,7 @@ class NoiseFloor:
 
 
 def noise_floor(
-    real_scenes: Sequence[MetricValues],
+    real_scenes: Sequence[RowsOfValues],
     distance: Callable[[np.ndarray, np.ndarray], float],
     *,
     num_agents: int,
@@ -40,11 +61,31 @@ def noise_floor(
         draws: number of draws.
         seed: of the draws.
     """
-    scenes = [scene.taken(_has_value(scene)) for scene in real_scenes]
+    everything = np.concatenate(
+        [np.zeros(0), *(scene.valid() for scene in real_scenes)]
+    )
+    return distance_of_draws(
+        real_scenes, everything, distance, num_agents=num_agents, draws=draws, seed=seed
+    )
+
+
+def distance_of_draws(
+    scenes: Sequence[RowsOfValues],
+    target: Float[np.ndarray, "N"],
+    distance: Callable[[np.ndarray, np.ndarray], float],
+    *,
+    num_agents: int,
+    draws: int = NUM_DRAWS,
+    seed: int = 0,
+) -> NoiseFloor:
+    """Mean distance from some values to agents of scenes, drawn as for a noise floor.
+
+    With as many agents as a noise floor was drawn with, it can be compared to it.
+    """
+    scenes = [scene.taken(_has_value(scene)) for scene in scenes]
     scenes = [scene for scene in scenes if len(scene)]
     assert scenes, "a noise floor needs real values"
     assert num_agents > 0
-    everything = np.concatenate([scene.valid() for scene in scenes])
     random = np.random.default_rng(seed)
     found = np.zeros(draws)
     for draw in range(draws):
@@ -56,9 +97,9 @@ def noise_floor(
                 scene = scene.taken(random.permutation(len(scene))[:missing])
             parts.append(scene.valid())
             missing -= len(scene)
-        found[draw] = distance(np.concatenate(parts), everything)
+        found[draw] = distance(np.concatenate(parts), target)
     return NoiseFloor(mean=float(found.mean()), std=float(found.std()), num_draws=draws)
 
 
-def _has_value(scene: MetricValues) -> np.ndarray:
+def _has_value(scene: RowsOfValues) -> np.ndarray:
     return np.any(scene.is_valid.reshape(len(scene), -1), axis=1)
