@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.geometry.polyline import densify
+from pd_editor.geometry.polyline import densify_all
 
 DENSE_SPACING_M = 2.0
 """Spacing at which a polyline follows the sharpest allowed bend within 0.1 m."""
@@ -173,10 +173,9 @@ class RoadMap:
         Bending a road bends its points only, so its lines need enough of them.
         """
         num_open = len(self.polylines) - len(self.drivable_areas)
-        lines = [densify(line, DENSE_SPACING_M) for line in self.polylines[:num_open]]
-        for ring in self.polylines[num_open:]:
-            closed = np.concatenate([ring, ring[:1]])
-            lines.append(densify(closed, DENSE_SPACING_M)[:-1])
+        rings = [np.concatenate([ring, ring[:1]]) for ring in self.polylines[num_open:]]
+        lines = densify_all([*self.polylines[:num_open], *rings], DENSE_SPACING_M)
+        lines[num_open:] = [ring[:-1] for ring in lines[num_open:]]
         return self.with_polylines(tuple(lines))
 
     def moved(
