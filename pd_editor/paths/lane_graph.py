@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of
-from pd_editor.geometry.polyline import without_repeats
 from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
 
 MAX_GAP_M: Final = 3.0
@@ -126,16 +125,7 @@ def lane_graph(road_map: RoadMap) -> LaneGraph:
 
 
 def _build(road_map: RoadMap) -> LaneGraph:
-    lanes: list[Lane] = []
-    lines: list[np.ndarray] = []
-    for lane in road_map.lanes:
-        line = lane.centerline_m
-        if len(line) < 2 or not np.isfinite(line).all():
-            continue
-        line = without_repeats(line, _REPEAT_M)
-        if len(line) >= 2:
-            lanes.append(lane)
-            lines.append(line)
+    lanes, lines = _usable(road_map.lanes)
     row_of = {lane.lane_id: row for row, lane in enumerate(lanes)}
     return LaneGraph(
         lane_ids=tuple(lane.lane_id for lane in lanes),
@@ -151,6 +141,25 @@ def _build(road_map: RoadMap) -> LaneGraph:
             for lane in lanes
         ),
     )
+
+
+def _usable(all_lanes: tuple[Lane, ...]) -> tuple[list[Lane], list[np.ndarray]]:
+    """Lanes that have a direction, and their centre lines without repeats."""
+    lanes = [lane for lane in all_lanes if len(lane.centerline) >= 2]
+    if not lanes:
+        return [], []
+    points = np.concatenate([lane.centerline_m for lane in lanes])
+    ends = np.cumsum([len(lane.centerline) for lane in lanes])
+    starts = np.concatenate([[0], ends[:-1]])
+    is_finite = np.logical_and.reduceat(np.isfinite(points).all(axis=1), starts)
+    points = np.where(np.isfinite(points), points, 0.0)
+    step = np.linalg.norm(np.diff(points, axis=0), axis=-1)
+    kept = np.concatenate([[True], step > _REPEAT_M])
+    kept[starts] = True
+    counts = np.add.reduceat(kept.astype(int), starts)
+    parts = np.split(points[kept], np.cumsum(counts)[:-1])
+    rows = np.flatnonzero(is_finite & (counts >= 2)).tolist()
+    return [lanes[row] for row in rows], [parts[row] for row in rows]
 
 
 def _near_successors(
