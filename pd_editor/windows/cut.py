@@ -10,18 +10,16 @@ Measured on 35 scenarios of Argoverse 2's train split, and followed here:
 
 import uuid
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
-import shapely
 from jaxtyping import Bool, Int
 
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
 from pd_editor.scene.time_axis import TimeAxis
+from pd_editor.windows.map_crop import cropped_map
 from pd_editor.windows.recording import Recording, Window
 from pd_editor.windows.tracking_noise import TrackingNoise, noisy, seen
 
@@ -29,8 +27,6 @@ SIDE_M: Final = 200.0
 """Side of the square whose agents are in a scenario."""
 PAST_STEPS: Final = 50
 FUTURE_STEPS: Final = 59
-MAP_MARGIN_M: Final = 35.0
-"""Lanes that come so near to the main agents' paths are in a scenario's map."""
 MIN_TRACK_STEPS: Final = 10
 MEAN_NUM_SCORED: Final = 2.1
 _NEAR_M: Final = 25.0
@@ -85,7 +81,8 @@ def cut_scenario(
     rows, tracks = _gathered(recording, window, first, num_steps, side_m)
     random = np.random.default_rng(window.seed)
     cast = _cast(recording, window, rows, tracks, past_steps, random)
-    road_map = _cropped(recording.road_map, tracks, cast)
+    paths = tracks.position_m[cast.main][:, ::_PATH_STRIDE]
+    road_map = cropped_map(recording.road_map, paths)
     is_valid = tracks.is_valid
     if noise is not None:
         is_valid = seen(
@@ -243,44 +240,3 @@ def _finished(
         observed=is_valid & (np.arange(tracks.num_steps) < current),
     )
     return whole.taken(np.flatnonzero(is_valid.sum(axis=1) >= MIN_TRACK_STEPS))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _MapIndex:
-    """Searchable geometry of a map's lanes, crosswalks and drivable areas."""
-
-    lanes: shapely.STRtree
-    crosswalks: shapely.STRtree
-    areas: shapely.STRtree
-
-
-@lru_cache(maxsize=16)
-def _index_of(road_map: RoadMap) -> _MapIndex:
-    lines = [shapely.LineString(lane.centerline_m) for lane in road_map.lanes]
-    crossings = [shapely.Polygon(one.outline_m()) for one in road_map.crosswalks]
-    rings = [shapely.Polygon(one.boundary[:, :2]) for one in road_map.drivable_areas]
-    return _MapIndex(
-        lanes=shapely.STRtree(lines),
-        crosswalks=shapely.STRtree(crossings),
-        areas=shapely.STRtree(rings),
-    )
-
-
-def _cropped(road_map: RoadMap, tracks: AgentTracks, cast: _Cast) -> RoadMap:
-    """What lies near the paths of the main agents."""
-    index = _index_of(road_map)
-    paths = shapely.MultiLineString(
-        list(tracks.position_m[cast.main][:, ::_PATH_STRIDE])
-    )
-
-    def near(tree: shapely.STRtree) -> list[int]:
-        found = tree.query(paths, predicate="dwithin", distance=MAP_MARGIN_M)
-        return sorted(found.tolist())
-
-    lanes = tuple(road_map.lanes[row] for row in near(index.lanes))
-    return RoadMap(
-        lanes=lanes,
-        crosswalks=tuple(road_map.crosswalks[row] for row in near(index.crosswalks)),
-        drivable_areas=tuple(road_map.drivable_areas[row] for row in near(index.areas)),
-        source_fields=road_map.source_fields,
-    )
