@@ -12,6 +12,7 @@ from pd_editor.cli.export import export
 from pd_editor.cli.generate import generate
 from pd_editor.cli.replay import replay
 from pd_editor.cli.synth import synth
+from pd_editor.cli.train import train
 from pd_editor.cli.warp import warp
 from pd_editor.errors import PdEditorError
 from pd_editor.installed_files import demo_names
@@ -24,6 +25,7 @@ _COMMANDS = {
     "replay": replay,
     "evaluate": evaluate,
     "synth": synth,
+    "train": train,
 }
 
 

@@ -1,0 +1,203 @@
+"""``pd-editor train``: train a stage of the model."""
+
+import math
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from pd_editor.cli.arguments import OptionalFolder, Switch
+from pd_editor.errors import TrainingError
+from pd_editor.work_engine.work_engine import WorkProgress
+
+if TYPE_CHECKING:
+    from pd_editor.training.train_loop import TrainingProgress
+
+StageName = Literal["init", "traj"]
+_SECONDS_BETWEEN_LINES = 30.0
+_OPTIONAL = "(optional)"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Training:
+    """What a training has come to, and where it is."""
+
+    folder: Path
+    model: Path
+    """Folder of the weights, as ``generate --model`` takes it."""
+    steps: int
+    minutes: float
+    held_out_loss: float
+    """NaN where nothing was held out."""
+    num_scenes: int
+    num_left_out: int
+    """Scenarios that could not be used."""
+    is_stopped: bool
+    """Whether it was stopped before its time; it can be resumed."""
+
+    def __str__(self) -> str:
+        """The model's folder, then what is to be said about it."""
+        remarks = [
+            f"{self.steps} steps in {self.minutes:.1f} minutes on {self.num_scenes} "
+            f"scenes; held-out loss {self.held_out_loss:.4f}."
+        ]
+        if self.num_left_out:
+            remarks.append(f"{self.num_left_out} scenarios could not be used.")
+        if self.is_stopped:
+            remarks.append(f"Stopped; go on with --resume --out {self.folder}")
+        return "\n".join([str(self.model), *remarks])
+
+
+def train(
+    stage: Annotated[StageName, tyro.conf.Positional],
+    /,
+    *,
+    data: Annotated[
+        str | Path | tuple[str | Path, ...],
+        tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(required)"),
+    ] = (),
+    weights: Annotated[
+        tuple[float, ...],
+        tyro.conf.arg(metavar="W [W ...]", help_behavior_hint="(default: by scenes)"),
+    ] = (),
+    out: OptionalFolder = None,
+    preset: Annotated[
+        Literal["default", "gpu", "tiny"] | None,
+        tyro.conf.arg(help_behavior_hint="(default: by device)"),
+    ] = None,
+    minutes: Annotated[
+        float | None,
+        tyro.conf.arg(metavar="M", help_behavior_hint="(default: the preset's)"),
+    ] = None,
+    steps: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help_behavior_hint=_OPTIONAL)
+    ] = None,
+    batch_size: Annotated[
+        int | None,
+        tyro.conf.arg(metavar="N", help_behavior_hint="(default: the preset's)"),
+    ] = None,
+    device: Literal["auto", "cpu", "cuda"] = "auto",
+    devices: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
+    threads: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
+    ] = None,
+    precision: Literal["auto", "32", "bf16"] = "auto",
+    cache: OptionalFolder = None,
+    seed: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: 0)")
+    ] = None,
+    resume: Switch = False,
+) -> Training:
+    """Train initial states (init) or trajectories (traj) on scenarios.
+
+    Ctrl-C stops after the step in hand; --resume goes on as if nothing had happened.
+
+    Args:
+        stage: What is learned: init places agents, traj drives them.
+        data: Roots of Argoverse 2 datasets, and folders of synthetic shards.
+        weights: Shares of the roots in what is learned from.
+        out: New folder of the run; runs/STAGE unless given.
+        preset: Size of the network and of the batches.
+        minutes: Time of training; the preparation of the data comes on top.
+        steps: Train so many steps instead.
+        batch_size: Scenes of a step.
+        device: Where to compute; auto takes a GPU if there is one.
+        devices: GPUs to use.
+        threads: CPU threads to use.
+        precision: Of the products; auto takes bf16 where it is fast.
+        cache: Folder in which prepared scenes are kept for later runs.
+        seed: Seed of everything that is drawn.
+        resume: Go on with the run in the folder; its settings are taken from there.
+    """
+    from pd_editor.training.run_request import RunRequest
+    from pd_editor.training.training_data import default_cache
+    from pd_editor.training.training_run import Hardware, run_asked_for
+
+    for name, value in (("devices", devices), ("threads", threads)):
+        if value is not None and value < 1:
+            raise TrainingError(f"--{name} is {value}; expected 1 or more.")
+    roots = data if isinstance(data, tuple) else (data,)
+    request = RunRequest(
+        stage=stage,
+        data=tuple(str(Path(root).resolve()) for root in roots) or None,
+        weights=weights or None,
+        preset=preset,
+        minutes=minutes,
+        steps=steps,
+        batch_size=batch_size,
+        precision=None if precision == "auto" else precision,
+        seed=seed,
+    )
+    outcome = run_asked_for(
+        request,
+        Path("runs") / stage if out is None else Path(out),
+        default_cache() if cache is None else Path(cache),
+        Hardware(device=device, num_devices=devices, threads=threads),
+        resume=resume,
+        on_preparation=_preparation_shown(),
+        on_progress=_progress_shown(),
+    )
+    return Training(
+        folder=outcome.folder,
+        model=outcome.model,
+        steps=outcome.standing.step,
+        minutes=outcome.standing.trained_s / 60,
+        held_out_loss=outcome.held_out_loss,
+        num_scenes=outcome.num_scenes,
+        num_left_out=outcome.num_left_out,
+        is_stopped=outcome.is_stopped,
+    )
+
+
+def _preparation_shown() -> Callable[[WorkProgress], None]:
+    show = _lines_shown()
+
+    def show_progress(progress: WorkProgress) -> None:
+        done, num = progress.num_done, progress.num_items
+        show(f"Preparing scenes: {done} of {num} parts", is_over=done == num)
+
+    return show_progress
+
+
+def _progress_shown() -> "Callable[[TrainingProgress], None]":
+    show = _lines_shown()
+
+    def show_progress(progress: "TrainingProgress") -> None:
+        show(progress_line(progress), is_over=progress.fraction >= 1)
+
+    return show_progress
+
+
+def progress_line(progress: "TrainingProgress") -> str:
+    """How far a training is, how well it does, and how long it will still take."""
+    left = round(progress.left_s)
+    held_out = progress.held_out_loss
+    checked = "" if math.isnan(held_out) else f" (held out {held_out:.4f})"
+    return (
+        f"{100 * progress.fraction:3.0f} % step {progress.standing.step}, loss "
+        f"{progress.loss:.4f}{checked}, {progress.scenes_per_s:.0f} scenes/s, "
+        f"{left // 60}:{left % 60:02d} left"
+    )
+
+
+def _lines_shown() -> Callable[..., None]:
+    """Writes to stderr: one line that is written over, or one now and then."""
+    is_watched, last = sys.stderr.isatty(), time.monotonic()
+
+    def show(line: str, *, is_over: bool) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if not is_watched and now - last < _SECONDS_BETWEEN_LINES:
+            return
+        last = now
+        if is_watched:
+            sys.stderr.write(f"\r{line:<78}" + ("\n" if is_over else ""))
+        else:
+            sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
+
+    return show

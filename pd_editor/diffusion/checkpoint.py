@@ -1,0 +1,189 @@
+"""Named tensors in one file: written whole or not at all, read without running code."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Final, Literal, TypeVar, get_args, get_origin
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor, nn
+
+from pd_editor.errors import ModelError
+
+FORMAT: Final = "pd-editor-tensors-1"
+_Config = TypeVar("_Config")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TensorFile:
+    """What a file of tensors holds."""
+
+    kind: str
+    """What the tensors are for, such as ``traj``; files of another kind are refused."""
+    about: Mapping[str, Any]
+    """Plain JSON values."""
+    tensors: Mapping[str, Tensor]
+    sha256: str
+
+
+def write_tensors(
+    path: Path, kind: str, tensors: Mapping[str, Tensor], about: Mapping[str, Any]
+) -> str:
+    """Write tensors and what is to be known about them; equal input, equal bytes.
+
+    Returns:
+        The file's SHA-256.
+
+    Raises:
+        ModelError: the file cannot be written.
+    """
+    metadata = {
+        "format": FORMAT,
+        "kind": kind,
+        "about": json.dumps(about, sort_keys=True),
+    }
+    plain = {name: one.detach().cpu().contiguous() for name, one in tensors.items()}
+    data = save(plain, metadata)
+    write_whole(path, data)
+    return hashlib.sha256(data).hexdigest()
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Replace a file in one step, so that a kill leaves the old one or the new one.
+
+    Raises:
+        ModelError: it cannot be written.
+    """
+    fresh = path.with_name(f".{path.name}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with fresh.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(path)
+    except OSError as error:
+        raise ModelError(
+            f"{path}: cannot be written ({error.strerror or error})."
+        ) from error
+
+
+def read_tensors(path: Path, kind: str) -> TensorFile:
+    """Read a file of tensors onto the CPU; nothing in it is ever executed.
+
+    Raises:
+        ModelError: it is missing, damaged, from another program, or of another kind.
+    """
+    try:
+        with path.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        with safe_open(path, framework="pt", device="cpu") as opened:
+            metadata = opened.metadata() or {}
+            tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
+    except OSError as error:
+        raise ModelError(
+            f"{path}: cannot be read ({error.strerror or error})."
+        ) from error
+    except SafetensorError as error:
+        raise ModelError(
+            f"{path}: is damaged or no safetensors file ({error})."
+        ) from error
+    if metadata.get("format") != FORMAT:
+        raise ModelError(
+            f"{path}: was written by another program or version; expected format "
+            f"{FORMAT}."
+        )
+    if metadata.get("kind") != kind:
+        raise ModelError(
+            f"{path}: holds {metadata.get('kind', 'nothing named')!r}; expected {kind!r}."
+        )
+    return TensorFile(
+        kind=kind,
+        about=json.loads(metadata["about"]),
+        tensors=tensors,
+        sha256=sha256,
+    )
+
+
+def load_into(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -> None:
+    """Fill a model with tensors that fit it exactly, in its own precision.
+
+    Args:
+        model: Left as it is if anything does not fit.
+        tensors: As of ``model.state_dict()``, in any floating-point precision.
+        source: Where they are from, for messages.
+
+    Raises:
+        ModelError: names, shapes or values do not fit.
+    """
+    wanted = model.state_dict()
+    missing, foreign = sorted(wanted.keys() - tensors), sorted(tensors.keys() - wanted)
+    if missing or foreign:
+        raise ModelError(
+            f"{source}: does not fit the model ({len(missing)} tensors missing, "
+            f"{len(foreign)} unknown, such as {(missing or foreign)[0]!r})."
+        )
+    for name, one in wanted.items():
+        given = tensors[name]
+        if given.shape != one.shape:
+            raise ModelError(
+                f"{source}: {name} has the shape {tuple(given.shape)}; expected "
+                f"{tuple(one.shape)}."
+            )
+        if given.is_floating_point() != one.is_floating_point():
+            raise ModelError(
+                f"{source}: {name} holds {given.dtype}; expected {one.dtype}."
+            )
+        if not torch.isfinite(given).all():
+            raise ModelError(f"{source}: {name} holds NaN or infinity.")
+    model.load_state_dict(dict(tensors))
+
+
+def in_half_precision(model: nn.Module) -> dict[str, Tensor]:
+    """A model's tensors for shipping: weights in float16, all else as it is."""
+    weights = {name for name, _ in model.named_parameters()}
+    return {
+        name: one.half() if name in weights and one.is_floating_point() else one
+        for name, one in model.state_dict().items()
+    }
+
+
+def config_from_json(
+    config_type: type[_Config], values: Mapping[str, Any], source: object
+) -> _Config:
+    """A model's flat configuration out of a file.
+
+    Raises:
+        ModelError: fields are missing, unknown, or hold something else.
+    """
+    kinds = {one.name: one.type for one in fields(config_type)}  # type: ignore[arg-type]
+    other = sorted(kinds.keys() ^ values.keys())
+    if other:
+        raise ModelError(
+            f"{source}: is of another version of the model (field {other[0]!r})."
+        )
+    plain = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in values.items()
+    }
+    for name, value in plain.items():
+        if not _fits(value, kinds[name]):
+            raise ModelError(f"{source}: {name} is {value!r}, which it cannot be.")
+    try:
+        return config_type(**plain)
+    except (TypeError, ValueError, AssertionError) as error:
+        raise ModelError(f"{source}: holds an impossible model ({error}).") from error
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Whether a JSON value can be a field of a plain type or of a ``Literal``."""
+    if get_origin(kind) is Literal:
+        return value in get_args(kind)
+    if not isinstance(kind, type):
+        return True
+    return type(value) is kind or (kind is float and type(value) is int)

@@ -1,0 +1,60 @@
+"""Settings that are known to work, by the hardware they are for."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
+
+from pd_editor.diffusion.pose_denoiser import PoseDenoiserConfig
+from pd_editor.diffusion.trajectory_denoiser import TrajectoryConfig
+from pd_editor.training.run_config import Optimisation
+
+PresetName = Literal["default", "gpu", "tiny"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preset:
+    """Size of a network, how it is trained, and for how long."""
+
+    model: Mapping[str, Any]
+    optimisation: Optimisation
+    minutes: float
+
+
+PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
+    "traj": {
+        "default": Preset(
+            model=asdict(TrajectoryConfig()),
+            optimisation=Optimisation(batch_size=16),
+            minutes=20.0,
+        ),
+        "gpu": Preset(
+            model=asdict(TrajectoryConfig(width=192, num_blocks=4)),
+            optimisation=Optimisation(batch_size=256, learning_rate=1.5e-3),
+            minutes=12.0,
+        ),
+        "tiny": Preset(
+            model=asdict(
+                TrajectoryConfig(width=32, num_heads=4, num_blocks=1, edge_width=16)
+            ),
+            optimisation=Optimisation(batch_size=4, warmup_steps=10, ema_decay=0.98),
+            minutes=1.0,
+        ),
+    },
+    "init": {
+        "default": Preset(
+            model=asdict(PoseDenoiserConfig()),
+            optimisation=Optimisation(batch_size=16),
+            minutes=30.0,
+        ),
+        "gpu": Preset(
+            model=asdict(PoseDenoiserConfig(width=192, num_layers=4)),
+            optimisation=Optimisation(batch_size=192, learning_rate=1.5e-3),
+            minutes=15.0,
+        ),
+        "tiny": Preset(
+            model=asdict(PoseDenoiserConfig(width=32, num_layers=1, relation_width=16)),
+            optimisation=Optimisation(batch_size=4, warmup_steps=10, ema_decay=0.98),
+            minutes=1.0,
+        ),
+    },
+}

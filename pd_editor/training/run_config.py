@@ -1,0 +1,146 @@
+"""What a training run is: everything that decides what comes out of it."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final, Literal, TypeVar
+
+from pd_editor.errors import TrainingError
+
+Precision = Literal["32", "bf16"]
+PRECISIONS: Final[tuple[Precision, ...]] = ("32", "bf16")
+_Part = TypeVar("_Part")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Optimisation:
+    """How the weights are found: AdamW, a rate that warms up, stays, and falls."""
+
+    batch_size: int = 24
+    """Scenes of a step, over all devices."""
+    learning_rate: float = 1e-3
+    """The highest; reached at the end of the warm-up."""
+    weight_decay: float = 0.01
+    """Of matrices; biases and gains are free."""
+    warmup_steps: int = 100
+    constant_share: float = 0.4
+    """Of the budget, before the learning rate begins to fall."""
+    max_gradient_norm: float = 1.0
+    ema_decay: float = 0.999
+    """Of the running mean of the weights, which is what is kept."""
+
+    def __post_init__(self) -> None:
+        _check_least(self, 1, "batch_size")
+        _check_least(self, 0, "warmup_steps", "weight_decay")
+        for name in ("ema_decay", "constant_share"):
+            if not 0 <= getattr(self, name) < 1:
+                raise TrainingError(
+                    f"{name} is {getattr(self, name)}; expected at least 0 and below 1."
+                )
+        if self.learning_rate <= 0 or self.max_gradient_norm <= 0:
+            raise TrainingError(
+                "learning_rate and max_gradient_norm must be greater than 0."
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """When a run is over, and how often it is looked at. Steps count before minutes."""
+
+    minutes: float = 20.0
+    """Of training; the preparation of the data comes on top."""
+    steps: int | None = None
+    checkpoint_minutes: float = 2.0
+    held_out_share: float = 0.04
+    """Of the networks or cities, for validation."""
+    held_out_scenes: int = 240
+    """At most so many are validated on."""
+
+    def __post_init__(self) -> None:
+        if self.steps is not None:
+            _check_least(self, 1, "steps")
+        if not self.minutes > 0 or not self.checkpoint_minutes > 0:
+            raise TrainingError("A budget in minutes must be greater than 0.")
+        if not 0 <= self.held_out_share < 1:
+            raise TrainingError(
+                f"held_out_share is {self.held_out_share}; expected at least 0 and "
+                "below 1."
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """A run: the same values and the same data give the same weights."""
+
+    stage: str
+    data: tuple[str, ...]
+    """Roots of Argoverse 2 datasets or of shards."""
+    weights: tuple[float, ...] = ()
+    """Share of each root in a batch. Empty: by the number of their scenes."""
+    seed: int = 0
+    precision: Precision = "32"
+    model: Mapping[str, Any]
+    """Configuration of the stage's network."""
+    optimisation: Optimisation
+    budget: Budget
+
+    def __post_init__(self) -> None:
+        if self.weights and len(self.weights) != len(self.data):
+            raise TrainingError(
+                f"{len(self.weights)} weights were given for {len(self.data)} data "
+                "roots; expected one for each."
+            )
+        if any(not 0 < one < float("inf") for one in self.weights):
+            raise TrainingError("The weights of data roots must be greater than 0.")
+
+    def to_json(self) -> str:
+        """As text; ``from_json`` reads it."""
+        return json.dumps(asdict(self), indent=2, sort_keys=True) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> "RunConfig":
+        """What ``to_json`` wrote.
+
+        Raises:
+            TrainingError: it is something else, or of another version.
+        """
+        try:
+            values = json.loads(text)
+        except ValueError as error:
+            raise TrainingError(f"The run's configuration is no JSON ({error}).") from (
+                error
+            )
+        return _part(
+            cls,
+            values,
+            data=tuple,
+            weights=tuple,
+            optimisation=lambda part: _part(Optimisation, part),
+            budget=lambda part: _part(Budget, part),
+        )
+
+
+def _part(kind: type[_Part], values: Any, **convert: Callable[[Any], Any]) -> _Part:
+    """A dataclass out of JSON values, with every field present and none unknown."""
+    names = {one.name for one in fields(kind)}  # type: ignore[arg-type]
+    if not isinstance(values, dict) or values.keys() != names:
+        raise TrainingError(
+            f"The run's configuration is of another version ({kind.__name__})."
+        )
+    same: Callable[[Any], Any] = lambda value: value  # noqa: E731
+    try:
+        return kind(
+            **{name: convert.get(name, same)(one) for name, one in values.items()}
+        )
+    except TypeError as error:
+        raise TrainingError(
+            f"The run's configuration holds an impossible value ({error})."
+        ) from error
+
+
+def _check_least(part: Any, least: float, *names: str) -> None:
+    for name in names:
+        if getattr(part, name) < least:
+            raise TrainingError(
+                f"{name} is {getattr(part, name)}; expected {least} or more."
+            )

@@ -1,0 +1,100 @@
+"""What somebody asks of a run, and the settings that come of it."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import torch
+
+from pd_editor.errors import TrainingError
+from pd_editor.training.presets import PRESETS, PresetName
+from pd_editor.training.run_config import Budget, Precision, RunConfig
+
+StageName = Literal["init", "traj"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRequest:
+    """Settings of a run; None leaves the choice to the program."""
+
+    stage: StageName
+    data: tuple[str, ...] | None = None
+    """Absolute paths of roots."""
+    weights: tuple[float, ...] | None = None
+    preset: PresetName | None = None
+    minutes: float | None = None
+    steps: int | None = None
+    batch_size: int | None = None
+    precision: Precision | None = None
+    seed: int | None = None
+
+
+def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
+    """Settings of a new run.
+
+    Raises:
+        TrainingError: they make no sense, or there is no data.
+    """
+    if not request.data:
+        raise TrainingError(
+            "No data was given; expected --data with the root of an Argoverse 2 "
+            "dataset or a folder of synthetic shards."
+        )
+    preset = PRESETS[request.stage][request.preset or ("gpu" if is_gpu else "default")]
+    size = request.batch_size
+    return RunConfig(
+        stage=request.stage,
+        data=request.data,
+        weights=request.weights or (),
+        seed=request.seed or 0,
+        precision=request.precision or fast_precision(is_gpu=is_gpu),
+        model=preset.model,
+        optimisation=preset.optimisation
+        if size is None
+        else replace(preset.optimisation, batch_size=size),
+        budget=_asked_budget(Budget(minutes=preset.minutes), request),
+    )
+
+
+def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
+    """Settings of a run that goes on: the earlier ones, perhaps for another time.
+
+    Raises:
+        TrainingError: other settings are asked for.
+    """
+    same: dict[str, tuple[Any, Any]] = {
+        "stage": (request.stage, earlier.stage),
+        "data": (request.data, earlier.data),
+        "weights": (request.weights, earlier.weights),
+        "preset": (
+            None if request.preset is None else _model_of(request),
+            earlier.model,
+        ),
+        "batch-size": (request.batch_size, earlier.optimisation.batch_size),
+        "precision": (request.precision, earlier.precision),
+        "seed": (request.seed, earlier.seed),
+    }
+    other = [name for name, (new, old) in same.items() if new not in (None, old)]
+    if other:
+        raise TrainingError(
+            f"The run was begun with another {' and '.join(other)}; leave that out to "
+            "go on with it, or begin a new run."
+        )
+    return replace(earlier, budget=_asked_budget(earlier.budget, request))
+
+
+def fast_precision(*, is_gpu: bool) -> Precision:
+    """bf16 where products in it are much faster than others."""
+    return "bf16" if is_gpu or torch.cpu._is_amx_tile_supported() else "32"
+
+
+def _asked_budget(budget: Budget, request: RunRequest) -> Budget:
+    if request.minutes is not None:
+        budget = replace(budget, minutes=request.minutes, steps=None)
+    if request.steps is not None:
+        budget = replace(budget, steps=request.steps)
+    return budget
+
+
+def _model_of(request: RunRequest) -> Any:
+    assert request.preset is not None
+    return PRESETS[request.stage][request.preset].model

@@ -1,0 +1,155 @@
+"""Scenes to train on: prepared once for all runs on the same data, part held out."""
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+from filelock import FileLock
+from jaxtyping import Int
+
+from pd_editor.diffusion.checkpoint import read_tensors, write_tensors
+from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
+from pd_editor.diffusion.trajectory_basis import TrajectoryBasis
+from pd_editor.errors import TrainingError
+from pd_editor.training.run_config import Budget
+from pd_editor.training.scenario_dataset import (
+    fit_basis,
+    open_roots,
+    prepare_features,
+)
+from pd_editor.training.stages import augmented_scenes
+from pd_editor.training.train_loop import TrainingData
+from pd_editor.windows.feature_store import FeatureStore
+from pd_editor.work_engine.work_engine import WorkProgress
+
+_BASIS_NAME: Final = "basis.safetensors"
+_BASIS_KIND: Final = "trajectory-basis"
+_STORE_NAME: Final = "scenes"
+_LEAST_SCENES: Final = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PreparedData:
+    """Scenes of some roots in the form that networks are fed, and their basis."""
+
+    store: FeatureStore
+    basis: TrajectoryBasis
+    num_scenarios: int
+    """As there are in the roots; those that cannot be used are not in the store."""
+
+    @property
+    def num_left_out(self) -> int:
+        """Scenarios that cannot be used."""
+        return self.num_scenarios - len(self.store)
+
+
+def default_cache() -> Path:
+    """Where prepared scenes are kept, unless somebody says otherwise."""
+    beside = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(beside) / "pd-editor" / "scenes"
+
+
+def prepared_data(
+    roots: Sequence[Path],
+    cache: Path,
+    *,
+    workers: int | None = None,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> PreparedData:
+    """Scenes of the roots, prepared if no earlier run has done so.
+
+    Of several runs at once one prepares and the others wait. An interrupted
+    preparation goes on where it was.
+
+    Raises:
+        InputError: a root is neither a dataset nor shards.
+        TrainingError: no scenario can be used, or the cache cannot be written.
+    """
+    source = open_roots(roots)
+    prints = [root.fingerprint for root in source.roots]
+    names = [str(Path(root).resolve()) for root in roots]
+    key = hashlib.sha256("\n".join([*names, *prints]).encode()).hexdigest()[:16]
+    folder = cache / key
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with FileLock(folder / ".lock"):
+            basis = _basis(roots, folder / _BASIS_NAME, workers)
+            store = prepare_features(
+                roots,
+                folder / _STORE_NAME,
+                basis,
+                workers=workers,
+                on_progress=on_progress,
+            )
+    except OSError as error:
+        raise TrainingError(
+            f"{folder}: cannot be written ({error.strerror or error})."
+        ) from error
+    return PreparedData(store=store, basis=basis, num_scenarios=len(source))
+
+
+def _basis(roots: Sequence[Path], path: Path, workers: int | None) -> TrajectoryBasis:
+    if path.exists():
+        arrays = read_tensors(path, _BASIS_KIND).tensors
+        return TrajectoryBasis.of_arrays(
+            {name: one.numpy() for name, one in arrays.items()}
+        )
+    basis = fit_basis(roots, workers=workers)
+    arrays = {name: torch.from_numpy(one) for name, one in basis.arrays().items()}
+    write_tensors(path, _BASIS_KIND, arrays, {})
+    return basis
+
+
+def training_data(store: FeatureStore, budget: Budget, seed: int) -> TrainingData:
+    """What of a store is trained on and what is held out.
+
+    Raises:
+        TrainingError: a root has too few scenes.
+    """
+    held_out = held_out_scenes(store.group, budget.held_out_share, seed)
+    rows = np.arange(len(store))
+    training = tuple(
+        rows[(store.root == root) & ~held_out] for root in range(len(store.roots))
+    )
+    for name, part in zip(store.roots, training, strict=True):
+        if len(part) < _LEAST_SCENES:
+            raise TrainingError(
+                f"{name}: has {len(part)} scenarios to train on that can be used; "
+                f"expected {_LEAST_SCENES} or more."
+            )
+    checked = rows[held_out]
+    step = -(-len(checked) // max(budget.held_out_scenes, 1))
+
+    def batch(chosen: Int[np.ndarray, "_"]) -> SceneTensors:
+        return batch_of([store[int(row)] for row in chosen])
+
+    return TrainingData(
+        training_rows=training,
+        held_out_rows=checked[:: max(step, 1)],
+        size=store.num_agents + store.num_pieces // 16,
+        batch=batch,
+        augment=augmented_scenes,
+    )
+
+
+def held_out_scenes(group: np.ndarray, share: float, seed: int) -> np.ndarray:
+    """Which scenes [N] are not trained on: whole networks or cities, by chance.
+
+    Scenes here and there, where no network or city is small enough.
+    """
+    room = share * len(group)
+    held_out = np.zeros(len(group), bool)
+    names, place, counts = np.unique(group, return_inverse=True, return_counts=True)
+    random = np.random.default_rng([seed, 5])
+    for index in random.permutation(len(names)):
+        if counts[index] <= room:
+            held_out |= place == index
+            room -= counts[index]
+    if not held_out.any():
+        held_out[random.permutation(len(group))[: int(share * len(group))]] = True
+    return held_out

@@ -1,0 +1,231 @@
+"""A training run from data roots to a model folder."""
+
+import importlib.metadata
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from lightning_fabric import Fabric
+
+from pd_editor.diffusion.checkpoint import config_from_json, write_whole
+from pd_editor.diffusion.model_folder import TrainedStage, save_model
+from pd_editor.errors import TrainingError
+from pd_editor.training.loss_curves import loss_curves_png
+from pd_editor.training.run_config import Precision, RunConfig
+from pd_editor.training.run_folder import RunFolder
+from pd_editor.training.run_request import RunRequest, continued_config, new_config
+from pd_editor.training.stages import STAGES
+from pd_editor.training.stop_request import stop_requests
+from pd_editor.training.train_loop import TrainingProgress, TrainLoop
+from pd_editor.training.training_data import (
+    PreparedData,
+    prepared_data,
+    training_data,
+)
+from pd_editor.training.training_state import Standing
+from pd_editor.work_engine.work_engine import WorkProgress
+
+DeviceName = Literal["auto", "cpu", "cuda"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hardware:
+    """Where a run computes."""
+
+    device: DeviceName = "auto"
+    num_devices: int = 1
+    """GPUs, or processes on a CPU; a batch is shared out among them."""
+    threads: int | None = None
+    """Of one process on a CPU. None: all cores."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOutcome:
+    """What a run has come to."""
+
+    folder: Path
+    model: Path
+    standing: Standing
+    held_out_loss: float
+    """NaN if nothing was held out, or validated since it was resumed."""
+    num_scenes: int
+    num_left_out: int
+    is_stopped: bool
+    """Whether it was stopped before the budget was spent."""
+
+
+def has_gpu(hardware: Hardware) -> bool:
+    """Whether to compute on GPUs.
+
+    Raises:
+        TrainingError: they are asked for, and there are none or not as many.
+    """
+    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if hardware.device == "cuda" and not count:
+        raise TrainingError(
+            "A GPU was asked for, but none can be used here; train with --device cpu, "
+            "or check the driver and that torch is built for CUDA."
+        )
+    if hardware.device == "cpu" or not count:
+        return False
+    if hardware.num_devices > count:
+        raise TrainingError(
+            f"{hardware.num_devices} GPUs were asked for; there are {count}."
+        )
+    return True
+
+
+def _fabric(hardware: Hardware, precision: Precision, *, is_gpu: bool) -> Fabric:
+    """The devices, ready to compute; from here on one process for each."""
+    if hardware.threads is not None:
+        torch.set_num_threads(hardware.threads)
+    fabric = Fabric(
+        accelerator="cuda" if is_gpu else "cpu",
+        devices=hardware.num_devices,
+        precision="bf16-mixed" if precision == "bf16" else "32-true",
+    )
+    fabric.launch()
+    return fabric
+
+
+def run_asked_for(
+    request: RunRequest,
+    folder: Path,
+    cache: Path,
+    hardware: Hardware,
+    *,
+    resume: bool = False,
+    on_preparation: Callable[[WorkProgress], None] | None = None,
+    on_progress: Callable[[TrainingProgress], None] = lambda _: None,
+) -> RunOutcome:
+    """Prepare the data, train, and leave a model in the run's folder.
+
+    Args:
+        request: What is wanted of the run.
+        folder: New, or that of the run that goes on.
+        cache: Prepared scenes are kept below it.
+        hardware: Where it computes.
+        resume: Go on where the folder's checkpoint stands.
+        on_preparation: Told how far the preparation of the data is.
+        on_progress: Told how far the training is.
+
+    Raises:
+        PdEditorError: data, folder or hardware cannot be used, or training failed.
+    """
+    run = RunFolder(folder)
+    is_gpu = has_gpu(hardware)
+    if resume:
+        config = continued_config(run.config(), request)
+    else:
+        config = new_config(request, is_gpu=is_gpu)
+        run.check_free()
+    fabric = _fabric(hardware, config.precision, is_gpu=is_gpu)
+    # The first process prepares and begins; the others find what it has left.
+    if fabric.is_global_zero:
+        _begin(config, run, cache, resume=resume, on_preparation=on_preparation)
+    fabric.barrier()
+    prepared = prepared_data(_roots(config), cache)
+    return _train(config, run, prepared, fabric, on_progress)
+
+
+def _train(
+    config: RunConfig,
+    run: RunFolder,
+    prepared: PreparedData,
+    fabric: Fabric,
+    on_progress: Callable[[TrainingProgress], None],
+) -> RunOutcome:
+    stage = STAGES[config.stage]
+    model_config = config_from_json(stage.kind.config_type, config.model, run.path)
+    loop = TrainLoop(
+        config,
+        stage.fresh_model(model_config, prepared.basis, config.seed),
+        stage.loss,
+        training_data(prepared.store, config.budget, config.seed),
+        run,
+        fabric,
+    )
+    if run.state_path.exists():
+        loop.resume()
+
+    def write_results() -> None:
+        trained = TrainedStage(
+            kind=stage.kind,
+            config=model_config,
+            model=loop.averaged_model,
+            about=_about(config, prepared, loop),
+        )
+        save_model(run.model_path, {stage.kind.name: trained})
+        write_curves(run, config)
+
+    with stop_requests() as is_stopped:
+        for progress in loop.run(is_stopped=is_stopped, on_checkpoint=write_results):
+            on_progress(progress)
+        return RunOutcome(
+            folder=run.path,
+            model=run.model_path,
+            standing=loop.standing,
+            held_out_loss=loop.held_out_loss,
+            num_scenes=len(prepared.store),
+            num_left_out=prepared.num_left_out,
+            is_stopped=is_stopped(),
+        )
+
+
+def write_curves(run: RunFolder, config: RunConfig) -> None:
+    """Draw the losses of a run that has logged some."""
+    entries = run.logged()
+    if entries:
+        title = f"{config.stage}: {run.path.name}"
+        write_whole(run.curves_path, loss_curves_png(entries, title))
+
+
+def _begin(
+    config: RunConfig,
+    run: RunFolder,
+    cache: Path,
+    *,
+    resume: bool,
+    on_preparation: Callable[[WorkProgress], None] | None,
+) -> None:
+    """Prepare the data, and make the run's folder or check it against the data."""
+    prepared = prepared_data(_roots(config), cache, on_progress=on_preparation)
+    data = {
+        "fingerprint": prepared.store.fingerprint,
+        "scenes": len(prepared.store),
+        "left_out": prepared.num_left_out,
+        "networks": len(set(prepared.store.group.tolist())),
+        "version": importlib.metadata.version("pd-editor"),
+    }
+    if resume:
+        run.go_on(config, data)
+    else:
+        run.begin(config, data)
+
+
+def _roots(config: RunConfig) -> list[Path]:
+    return [Path(root) for root in config.data]
+
+
+def _about(
+    config: RunConfig,
+    prepared: PreparedData,
+    loop: TrainLoop,
+) -> Mapping[str, Any]:
+    """How the weights came to be, as it is stored with them."""
+    held_out = loop.held_out_loss
+    return {
+        "steps": loop.standing.step,
+        "minutes": round(loop.standing.trained_s / 60, 2),
+        "held_out_loss": None if math.isnan(held_out) else round(held_out, 6),
+        "scenes": len(prepared.store),
+        "roots": [Path(root).name for root in config.data],
+        "data_fingerprint": prepared.store.fingerprint,
+        "batch_size": config.optimisation.batch_size,
+        "precision": config.precision,
+        "seed": config.seed,
+        "version": importlib.metadata.version("pd-editor"),
+    }

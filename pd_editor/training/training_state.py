@@ -1,0 +1,91 @@
+"""Where a training run stands: enough to go on as if it had never stopped."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import torch
+from torch import Tensor, nn
+from torch.optim import Optimizer
+
+from pd_editor.diffusion.checkpoint import load_into, read_tensors, write_tensors
+from pd_editor.errors import ModelError
+
+_KIND: Final = "training-state"
+_MODEL, _AVERAGE, _OPTIMISER = "model/", "average/", "optimiser/"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standing:
+    """How far a run is."""
+
+    step: int = 0
+    """Steps done."""
+    trained_s: float = 0.0
+    """Time spent on them."""
+
+
+def write_state(
+    path: Path,
+    standing: Standing,
+    *,
+    model: nn.Module,
+    average: nn.Module,
+    optimiser: Optimizer,
+) -> None:
+    """Write all that a run needs to go on.
+
+    Random numbers are functions of the seed and the step, so none are kept.
+
+    Raises:
+        ModelError: the file cannot be written.
+    """
+    tensors = {_MODEL + name: one for name, one in model.state_dict().items()}
+    tensors |= {_AVERAGE + name: one for name, one in average.state_dict().items()}
+    for index, parameter in enumerate(_parameters(optimiser)):
+        for name, value in optimiser.state.get(parameter, {}).items():
+            tensors[f"{_OPTIMISER}{index}/{name}"] = torch.as_tensor(value)
+    about = {"step": standing.step, "trained_s": standing.trained_s}
+    write_tensors(path, _KIND, tensors, about)
+
+
+def read_state(
+    path: Path, *, model: nn.Module, average: nn.Module, optimiser: Optimizer
+) -> Standing:
+    """Bring a run to where ``write_state`` left it.
+
+    Raises:
+        ModelError: the file is missing, damaged, or of another network.
+    """
+    file = read_tensors(path, _KIND)
+    load_into(model, _below(file.tensors, _MODEL), path)
+    load_into(average, _below(file.tensors, _AVERAGE), path)
+    kept = _below(file.tensors, _OPTIMISER)
+    for index, parameter in enumerate(_parameters(optimiser)):
+        state = {}
+        for name, value in _below(kept, f"{index}/").items():
+            if value.dim() and value.shape != parameter.shape:
+                raise ModelError(
+                    f"{path}: the optimiser's {name} has the shape "
+                    f"{tuple(value.shape)}; expected {tuple(parameter.shape)}."
+                )
+            # AdamW counts its steps on the CPU, whatever the device of the weights.
+            state[name] = value.to(parameter.device) if value.dim() else value
+        if state:
+            optimiser.state[parameter] = state
+    about = file.about
+    return Standing(step=int(about["step"]), trained_s=float(about["trained_s"]))
+
+
+def _below(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {
+        name.removeprefix(prefix): one
+        for name, one in tensors.items()
+        if name.startswith(prefix)
+    }
+
+
+def _parameters(optimiser: Optimizer) -> Iterator[nn.Parameter]:
+    for group in optimiser.param_groups:
+        yield from group["params"]
