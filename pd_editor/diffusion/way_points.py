@@ -63,6 +63,14 @@ class TrajectoryDecoder(nn.Module):
         still = torch.zeros_like(mean)
         return matrix, torch.cat([mean, still]), torch.cat([times, still])
 
+    def still(self, speed: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape 10"]:
+        """Latents of not moving at all."""
+        buffers = dict(self.named_buffers())
+        along = buffers["along"] / buffers["scale_m"][:NUM_ALONG, None]
+        times = buffers["step_s"] * torch.arange(1, self.num_steps + 1).to(speed)
+        back = -(speed[..., None] * (along @ times) + along @ buffers["mean_m"])
+        return nn.functional.pad(back, (0, NUM_ACROSS))
+
     def points(
         self,
         latent: Float[Tensor, "*shape 10"],

@@ -1,0 +1,123 @@
+"""Drawing futures: from noise, or from noised candidates, to latents of futures."""
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from pd_editor.diffusion.random_streams import RandomStreams
+from pd_editor.diffusion.sampler import ddim, levels_of
+from pd_editor.diffusion.scene_tensors import SceneTensors
+from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
+
+NUM_STEPS: Final = 5
+"""Default number of calls of the network."""
+
+TrajectoryGuide = Callable[[Tensor, float], Tensor]
+"""From believed clean latents [S B A 10] and the share of steps done to better ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectorySamplerConfig:
+    """How futures are drawn."""
+
+    num_steps: int = NUM_STEPS
+    candidate_level: float = 1.0
+    """Below 1, sampling begins at this level with a candidate of each agent, noised."""
+    fresh_noise: float = 0.0
+    """Share of the noise that is drawn anew at each step: 0 none, 1 ancestral."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrajectoryStep:
+    """What is known after a step."""
+
+    index: int
+    num_steps: int
+    latent: Float[Tensor, "S B A 10"]
+    """Futures believed in."""
+
+
+def sample_trajectories(
+    model: TrajectoryDenoiser,
+    scene: SceneTensors,
+    *,
+    samples: Sequence[int],
+    seed: int,
+    is_given: Bool[Tensor, "B A"] | None = None,
+    config: TrajectorySamplerConfig | None = None,
+    guide: TrajectoryGuide | None = None,
+) -> Generator[TrajectoryStep, None, Float[Tensor, "S B A 10"]]:
+    """Draw futures of all agents of B scenes that are not given.
+
+    Yields after each step; a caller cancels by not asking for the next one. Sample k
+    of a seed is the same alone and among others, but for float rounding.
+
+    Args:
+        model: In evaluation mode.
+        scene: Futures are read of given agents only.
+        samples: Indices of the S samples to draw.
+        seed: Of all samples.
+        is_given: Agents whose future latents stay as they are; None: nobody.
+        config: Steps, start and noise.
+        guide: Changes the believed clean latents of each step.
+
+    Returns:
+        Latents [S, B, A, 10]; those of given agents are bit-identical.
+    """
+    config = TrajectorySamplerConfig() if config is None else config
+    given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
+    streams = RandomStreams(seed, "futures", samples)
+    levels = levels_of(config.num_steps, config.candidate_level)
+    with torch.inference_mode():
+        context = model.context(scene)
+        start = _start(model, scene, streams, config)
+        latent = start
+        done = 0
+
+        def denoise(noisy: Tensor, level: float) -> Tensor:
+            held = torch.where(given[..., None], scene.future, noisy)
+            each = torch.where(given, 0.0, level).expand(noisy.shape[:-1])
+            clean = model.denoise(context, held, each)
+            if guide is not None:
+                clean = guide(clean, done / config.num_steps)
+            return torch.where(given[..., None], scene.future, clean)
+
+        steps = ddim(
+            denoise,
+            start,
+            model.schedule,
+            levels,
+            eta=config.fresh_noise,
+            streams=streams,
+        )
+        for step in steps:
+            latent, done = step.clean, step.index + 1
+            yield TrajectoryStep(
+                index=step.index, num_steps=step.num_steps, latent=latent
+            )
+    return latent
+
+
+def _start(
+    model: TrajectoryDenoiser,
+    scene: SceneTensors,
+    streams: RandomStreams,
+    config: TrajectorySamplerConfig,
+) -> Float[Tensor, "S B A 10"]:
+    shape = scene.has_agent.shape
+    noise = streams.normal(*shape, scene.future.shape[-1]).to(scene.future)
+    if config.candidate_level >= 1.0:
+        return noise
+    count = scene.has_candidate.sum(-1)
+    chosen = (streams.uniform(*shape).to(noise) * count).long()
+    index = chosen[..., None, None].expand(*chosen.shape, 1, noise.shape[-1])
+    # Agents without candidates begin with the mean of all futures, which is zero.
+    table = scene.candidates.expand(len(noise), *scene.candidates.shape)
+    candidate = table.gather(-2, index.clamp_max(table.shape[-2] - 1))[..., 0, :]
+    candidate = torch.where((count > 0)[..., None], candidate, 0.0)
+    level = torch.tensor(config.candidate_level).to(noise)
+    return model.schedule.noised(candidate, noise, level)
