@@ -10,11 +10,13 @@ import numpy as np
 from pd_editor.errors import SynthesisError
 from pd_editor.synthesis.family_arterial import draw_arterial, draw_t_junctions
 from pd_editor.synthesis.family_grid import draw_downtown, draw_grid
+from pd_editor.synthesis.family_merge import draw_merge
 from pd_editor.synthesis.family_residential import (
     draw_dead_ends,
     draw_winding_street,
 )
 from pd_editor.synthesis.family_roundabout import draw_roundabout
+from pd_editor.synthesis.family_slip_lanes import draw_slip_lanes
 from pd_editor.synthesis.family_town import draw_town
 from pd_editor.synthesis.net_road_map import net_road_map
 from pd_editor.synthesis.network import Network
@@ -28,6 +30,8 @@ _DRAW: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
     "arterial": draw_arterial,
     "t-junctions": draw_t_junctions,
     "roundabout": draw_roundabout,
+    "merge": draw_merge,
+    "slip-lanes": draw_slip_lanes,
     "winding-street": draw_winding_street,
     "dead-ends": draw_dead_ends,
 }

@@ -12,8 +12,13 @@ from pd_editor.synthesis.sumo_net import SumoNet
 
 _GAP_M: Final = 0.4
 """Slits up to twice as wide between lanes are closed."""
+_SPIKE_M: Final = 0.2
+"""What is less than twice as wide is no ground to drive on."""
+_MITRE_LIMIT: Final = 1.5
 _SIMPLIFY_M: Final = 0.05
 _MIN_AREA_M2: Final = 4.0
+_MIN_HOLE_M2: Final = 40.0
+"""Smaller islands are paved over."""
 
 
 def drivable_areas(
@@ -33,7 +38,8 @@ def drivable_areas(
         [_valid(area) for area in net.walking_areas_m if len(area) > 2]
     )
     paved = shapely.union_all([*ground, junctions.difference(pavements)])
-    paved = paved.buffer(_GAP_M, join_style="mitre").buffer(-_GAP_M, join_style="mitre")
+    for swell in (_GAP_M, -_GAP_M - _SPIKE_M, _SPIKE_M):
+        paved = paved.buffer(swell, join_style="mitre", mitre_limit=_MITRE_LIMIT)
     paved = paved.simplify(_SIMPLIFY_M)
     rings = [ring for polygon in _polygons(paved) for ring in _without_holes(polygon)]
     return tuple(
@@ -64,7 +70,7 @@ def _polygons(shape: BaseGeometry) -> list[Polygon]:
 def _without_holes(polygon: Polygon) -> list[Polygon]:
     """The polygon cut through its holes until none is left."""
     holes = [Polygon(ring) for ring in polygon.interiors]
-    holes = [hole for hole in holes if hole.area > _MIN_AREA_M2]
+    holes = [hole for hole in holes if hole.area > _MIN_HOLE_M2]
     if not holes:
         return [Polygon(polygon.exterior)]
     x = max(holes, key=lambda hole: hole.area).centroid.x
