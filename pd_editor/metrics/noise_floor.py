@@ -61,31 +61,11 @@ def noise_floor(
         draws: number of draws.
         seed: of the draws.
     """
-    everything = np.concatenate(
-        [np.zeros(0), *(scene.valid() for scene in real_scenes)]
-    )
-    return distance_of_draws(
-        real_scenes, everything, distance, num_agents=num_agents, draws=draws, seed=seed
-    )
-
-
-def distance_of_draws(
-    scenes: Sequence[RowsOfValues],
-    target: Float[np.ndarray, "N"],
-    distance: Callable[[np.ndarray, np.ndarray], float],
-    *,
-    num_agents: int,
-    draws: int = NUM_DRAWS,
-    seed: int = 0,
-) -> NoiseFloor:
-    """Mean distance from some values to agents of scenes, drawn as for a noise floor.
-
-    With as many agents as a noise floor was drawn with, it can be compared to it.
-    """
-    scenes = [scene.taken(_has_value(scene)) for scene in scenes]
+    scenes = [scene.taken(_has_value(scene)) for scene in real_scenes]
     scenes = [scene for scene in scenes if len(scene)]
     assert scenes, "a noise floor needs real values"
     assert num_agents > 0
+    everything = np.concatenate([scene.valid() for scene in scenes])
     random = np.random.default_rng(seed)
     found = np.zeros(draws)
     for draw in range(draws):
@@ -97,7 +77,7 @@ def distance_of_draws(
                 scene = scene.taken(random.permutation(len(scene))[:missing])
             parts.append(scene.valid())
             missing -= len(scene)
-        found[draw] = distance(np.concatenate(parts), target)
+        found[draw] = distance(np.concatenate(parts), everything)
     return NoiseFloor(mean=float(found.mean()), std=float(found.std()), num_draws=draws)
 
 

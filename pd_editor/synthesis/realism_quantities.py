@@ -1,0 +1,295 @@
+"""What synthetic and real scenes are compared by, measured on one scene."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pd_editor.geometry.angles import heading_of, wrap_angle
+from pd_editor.geometry.polyline import arc_length
+from pd_editor.metrics.distribution_distance import (
+    histogram_of,
+    jensen_shannon_divergence,
+)
+from pd_editor.metrics.interaction import local_density, nearest_distance
+from pd_editor.metrics.kinematics import Kinematics, kinematics, motion_values
+from pd_editor.metrics.off_lane import nearest_edge
+from pd_editor.metrics.traffic_view import (
+    AgentGroup,
+    TrafficView,
+    recorded_traffic,
+)
+from pd_editor.paths.nearest_lane import LaneMatch, nearest_lanes
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.scenario import Scenario
+
+MOVING_MPS: Final = 0.5
+TURNING_DEG: Final = 30.0
+"""Change of heading in the window beyond which an agent turns."""
+TURNING_PATH_M: Final = 5.0
+"""Shorter paths say nothing about turning."""
+_STEP_STRIDE: Final = 5
+_KINDS: Final = tuple(AgentKind)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneValues:
+    """Values of a quantity in a scene, with a row for each agent, lane or scene."""
+
+    value: Float[np.ndarray, "A *shape"]
+    is_valid: Bool[np.ndarray, "A *shape"]
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    def taken(self, rows: np.ndarray) -> "SceneValues":
+        """Only some rows: indices, or one truth value per row."""
+        return SceneValues(value=self.value[rows], is_valid=self.is_valid[rows])
+
+    def valid(self) -> Float[np.ndarray, "N"]:
+        """The values that mean something, one after the other."""
+        return self.value[self.is_valid]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredScene:
+    """A scene with what several quantities need of it."""
+
+    scenario: Scenario
+
+    @cached_property
+    def everyone(self) -> TrafficView:
+        """All road users that exist at the state."""
+        return recorded_traffic(self.scenario)
+
+    @cached_property
+    def movers(self) -> TrafficView:
+        """Cars, buses and motorcycles among them, the others as company."""
+        view = self.everyone
+        rows = np.flatnonzero(view.agents.is_in("movers"))
+        names = [view.agents.ids[row] for row in rows]
+        return recorded_traffic(self.scenario, names)
+
+    @cached_property
+    def moves(self) -> Bool[np.ndarray, "A"]:
+        """Which movers move at the state."""
+        velocity = self.movers.agents.velocity_mps[:, 0]
+        return np.hypot(velocity[:, 0], velocity[:, 1]) > MOVING_MPS
+
+    @cached_property
+    def motion(self) -> Kinematics:
+        """Derivatives of the movers' paths."""
+        return kinematics(self.movers)
+
+    @cached_property
+    def lanes(self) -> LaneMatch:
+        """The lane nearest to each mover at the state."""
+        agents = self.movers.agents
+        return nearest_lanes(
+            self.scenario.road_map,
+            agents.position_m[:, 0],
+            heading_rad=agents.heading_rad[:, 0],
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Quantity:
+    """Something measured, and the bins of its histogram; two more hold what is out."""
+
+    name: str
+    unit: str
+    """"share" for quantities that are 0 or 1."""
+    low: float
+    high: float
+    num_bins: int
+    measure: Callable[[MeasuredScene], SceneValues]
+
+    def counts(self, values: Float[np.ndarray, "N"]) -> Float[np.ndarray, "B"]:
+        """How many values fall below the bins, into each, and above them."""
+        edges = np.linspace(self.low, self.high, self.num_bins + 1)
+        inside = np.histogram(values, edges)[0]
+        below, above = np.sum(values < self.low), np.sum(values > self.high)
+        return np.concatenate([[below], inside, [above]]).astype(float)
+
+    def distance(
+        self, one: Float[np.ndarray, "N"], other: Float[np.ndarray, "M"]
+    ) -> float:
+        """Root of the Jensen-Shannon divergence of two sets, neither empty."""
+        divergence = jensen_shannon_divergence(self.counts(one), self.counts(other))
+        return float(np.sqrt(divergence))
+
+
+def _quantities() -> tuple[Quantity, ...]:
+    quantities: list[Quantity] = []
+
+    def add(
+        name: str,
+        unit: str,
+        low: float,
+        high: float,
+        bins: int,
+        measure: Callable[[MeasuredScene], SceneValues],
+    ) -> None:
+        quantities.append(
+            Quantity(
+                name=name, unit=unit, low=low, high=high, num_bins=bins, measure=measure
+            )
+        )
+
+    def as_in_tables(
+        name: str, metric: str, measure: Callable[[MeasuredScene], SceneValues]
+    ) -> None:
+        bins = histogram_of(metric, "ours")
+        add(name, _UNITS[metric], bins.low, bins.high, bins.num_bins, measure)
+
+    as_in_tables("speed", "speed", lambda s: _motion(s, "speed"))
+    as_in_tables("speed of the moving", "speed", _speed_of_moving)
+    add("standing", "share", 0, 1, 2, lambda s: _motion(s, "standing"))
+    add("standing that start", "share", 0, 1, 2, lambda s: _motion(s, "starts"))
+    as_in_tables("nearest agent", "nearest_distance", _nearest)
+    as_in_tables("local density", "local_density", _density)
+    as_in_tables("lateral deviation", "nearest_edge", lambda s: _edge(s, 0))
+    as_in_tables("angular deviation", "nearest_edge_angle", lambda s: _edge(s, 1))
+    add("offset from lane, moving", "m", 0, 4, 20, lambda s: _offset(s, moving=True))
+    add(
+        "offset from lane, standing", "m", 0, 12, 24, lambda s: _offset(s, moving=False)
+    )
+    add("angle to lane, moving", "deg", 0, 30, 30, lambda s: _angle(s, moving=True))
+    add("angle to lane, standing", "deg", 0, 90, 30, lambda s: _angle(s, moving=False))
+    as_in_tables("path in 6 s", "path_length", lambda s: _motion(s, "path_length"))
+    as_in_tables(
+        "longitudinal acceleration",
+        "longitudinal_acceleration",
+        lambda s: _while_moving(s, s.motion.longitudinal_mps2),
+    )
+    as_in_tables(
+        "lateral acceleration",
+        "lateral_acceleration",
+        lambda s: _while_moving(s, s.motion.lateral_mps2),
+    )
+    add("heading change in 6 s", "deg", -120, 120, 40, _heading_change)
+    add("turning", "share", 0, 1, 2, _turning)
+    add("agents in a scene", "", 0, 120, 24, lambda s: _count(s, None))
+    add("movers in a scene", "", 0, 80, 20, lambda s: _count(s, "movers"))
+    add("pedestrians in a scene", "", 0, 40, 20, lambda s: _count(s, "pedestrians"))
+    add("kind", "", 0, len(_KINDS), len(_KINDS), _kind)
+    add("lanes in a scene", "", 0, 160, 20, _lane_count)
+    add("length of lanes", "m", 0, 120, 30, _lane_length)
+    add("curvature of lanes", "1/m", 0, 0.2, 40, _lane_curvature)
+    add("lanes in junctions", "share", 0, 1, 2, _lane_in_junction)
+    return tuple(quantities)
+
+
+_UNITS: Final = {
+    "speed": "m/s",
+    "nearest_distance": "m",
+    "local_density": "m",
+    "nearest_edge": "m",
+    "nearest_edge_angle": "deg",
+    "path_length": "m",
+    "longitudinal_acceleration": "m/s^2",
+    "lateral_acceleration": "m/s^2",
+}
+
+
+def _rows(value: np.ndarray, is_valid: np.ndarray | None = None) -> SceneValues:
+    valid = np.ones(value.shape, bool) if is_valid is None else is_valid
+    return SceneValues(value=np.asarray(value, float), is_valid=valid)
+
+
+def _motion(scene: MeasuredScene, name: str) -> SceneValues:
+    found = motion_values(scene.movers)[name]
+    return _rows(found.value, found.is_valid)
+
+
+def _speed_of_moving(scene: MeasuredScene) -> SceneValues:
+    return _rows(_motion(scene, "speed").value, scene.moves)
+
+
+def _nearest(scene: MeasuredScene) -> SceneValues:
+    found = nearest_distance(scene.movers)
+    return _rows(found.value, found.is_valid)
+
+
+def _density(scene: MeasuredScene) -> SceneValues:
+    found = local_density(scene.movers)
+    return _rows(found.value, found.is_valid)
+
+
+def _edge(scene: MeasuredScene, which: int) -> SceneValues:
+    found = nearest_edge(scene.movers)[which]
+    return _rows(found.value, found.is_valid)
+
+
+def _offset(scene: MeasuredScene, *, moving: bool) -> SceneValues:
+    return _rows(scene.lanes.distance_m, scene.lanes.is_valid & (scene.moves == moving))
+
+
+def _angle(scene: MeasuredScene, *, moving: bool) -> SceneValues:
+    heading = scene.movers.agents.heading_rad[:, 0]
+    angle = np.abs(np.degrees(wrap_angle(heading - scene.lanes.heading_rad)))
+    return _rows(angle, scene.lanes.is_valid & (scene.moves == moving))
+
+
+def _while_moving(scene: MeasuredScene, value: np.ndarray) -> SceneValues:
+    motion = scene.motion
+    valid = motion.is_valid & (motion.speed_mps > MOVING_MPS)
+    return _rows(value[:, ::_STEP_STRIDE], valid[:, ::_STEP_STRIDE])
+
+
+def _heading_change(scene: MeasuredScene) -> SceneValues:
+    """Sum of the turns from step to step of those that go some way, in degrees."""
+    agents = scene.movers.agents
+    both = agents.is_valid[:, 1:] & agents.is_valid[:, :-1]
+    turn = wrap_angle(np.diff(agents.heading_rad, axis=1))
+    total = np.degrees(np.where(both, turn, 0.0).sum(axis=1))
+    far = _motion(scene, "path_length").value > TURNING_PATH_M
+    return _rows(total, far & agents.is_valid.all(axis=1))
+
+
+def _turning(scene: MeasuredScene) -> SceneValues:
+    change = _heading_change(scene)
+    return _rows(np.abs(change.value) > TURNING_DEG, change.is_valid)
+
+
+def _count(scene: MeasuredScene, group: AgentGroup | None) -> SceneValues:
+    agents = scene.everyone.agents
+    if group is None:
+        return _rows(np.array([len(agents)]))
+    return _rows(np.array([agents.is_in(group).sum()]))
+
+
+def _kind(scene: MeasuredScene) -> SceneValues:
+    kinds = scene.everyone.agents.kinds
+    return _rows(np.array([_KINDS.index(kind) + 0.5 for kind in kinds], float))
+
+
+def _lane_count(scene: MeasuredScene) -> SceneValues:
+    return _rows(np.array([len(scene.scenario.road_map.lanes)]))
+
+
+def _lane_length(scene: MeasuredScene) -> SceneValues:
+    lanes = scene.scenario.road_map.lanes
+    return _rows(np.array([arc_length(lane.centerline_m)[-1] for lane in lanes], float))
+
+
+def _lane_curvature(scene: MeasuredScene) -> SceneValues:
+    """Turn from a lane's start to its end, over its length."""
+    found = []
+    for lane in scene.scenario.road_map.lanes:
+        steps = np.diff(lane.centerline_m, axis=0)
+        turn = wrap_angle(np.diff(heading_of(steps))).sum()
+        found.append(abs(turn) / max(arc_length(lane.centerline_m)[-1], 1.0))
+    return _rows(np.array(found, float))
+
+
+def _lane_in_junction(scene: MeasuredScene) -> SceneValues:
+    lanes = scene.scenario.road_map.lanes
+    return _rows(np.array([lane.is_intersection for lane in lanes], float))
+
+
+QUANTITIES: Final[tuple[Quantity, ...]] = _quantities()
+"""All that is compared; of cars, buses and motorcycles where nothing else is said."""
