@@ -1,0 +1,100 @@
+"""Choosing, among several drawn futures of each agent, those that avoid each other."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
+
+_STRIDE: Final = 2
+"""Every how many steps boxes are compared."""
+_MAX_ROUNDS: Final = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FutureChoices:
+    """K futures of each of A agents at F + 1 steps; the first is the current state.
+
+    Agents whose future is fixed have K equal ones.
+    """
+
+    position_m: Float[np.ndarray, "K A S 2"]
+    heading_rad: Float[np.ndarray, "K A S"]
+    exists: Bool[np.ndarray, "A S"]
+    size_m: Float[np.ndarray, "A 2"]
+
+
+def choose_futures(
+    choices: FutureChoices, is_drawn: Bool[np.ndarray, "A"]
+) -> Int[np.ndarray, "A"]:
+    """Which future each agent takes, so that few boxes come to overlap.
+
+    Starts from the best of the K joint samples; then agents in conflict take, one
+    after another, the future that conflicts least with what the others do.
+    """
+    num_choices = len(choices.position_m)
+    pairs, conflicts = _conflicts(choices, is_drawn)
+    joint = np.einsum("pkk->k", conflicts)
+    choice = np.full(len(is_drawn), int(np.argmin(joint)))
+    for _ in range(_MAX_ROUNDS):
+        now = conflicts[np.arange(len(pairs)), choice[pairs[:, 0]], choice[pairs[:, 1]]]
+        changed = False
+        for row in np.unique(pairs[now > 0]):
+            if not is_drawn[row]:
+                continue
+            cost = np.zeros(num_choices)
+            first, second = pairs[:, 0] == row, pairs[:, 1] == row
+            cost += conflicts[first, :, choice[pairs[first, 1]]].sum(axis=0)
+            cost += conflicts[second, choice[pairs[second, 0]]].sum(axis=0)
+            best = int(np.argmin(cost))
+            if cost[best] < cost[choice[row]]:
+                choice[row], changed = best, True
+        if not changed:
+            break
+    return choice
+
+
+def _conflicts(
+    choices: FutureChoices, is_drawn: Bool[np.ndarray, "A"]
+) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P K K"]]:
+    """Pairs of agents that can meet, and at how many steps each of their futures do.
+
+    Pairs that overlap at the current step already are left out.
+    """
+    position = choices.position_m[:, :, ::_STRIDE]
+    exists = choices.exists[:, ::_STRIDE]
+    radius = 0.5 * np.hypot(choices.size_m[:, 0], choices.size_m[:, 1])
+    one, two = np.triu_indices(len(is_drawn), 1)
+    low = np.where(exists[..., None], position, np.inf).min(axis=(0, 2))
+    high = np.where(exists[..., None], position, -np.inf).max(axis=(0, 2))
+    reach = (radius[one] + radius[two])[:, None]
+    meets = (low[one] - high[two] < reach) & (low[two] - high[one] < reach)
+    meets = meets.all(axis=1) & (is_drawn[one] | is_drawn[two])
+    one, two = one[meets], two[meets]
+    both = exists[one] & exists[two]
+    gap = position[:, None, one] - position[None, :, two]
+    near = np.hypot(gap[..., 0], gap[..., 1]) < (radius[one] + radius[two])[:, None]
+    first, second, pair, step = np.nonzero(near & both)
+    hits = boxes_overlap(
+        _corners(choices, first, one[pair], step),
+        _corners(choices, second, two[pair], step),
+    )
+    count = np.zeros((len(one), len(position), len(position)), int)
+    np.add.at(count, (pair[hits], first[hits], second[hits]), 1)
+    begins = np.zeros(len(one), bool)
+    begins[pair[hits & (step == 0)]] = True
+    return np.stack([one, two], axis=-1)[~begins], count[~begins]
+
+
+def _corners(
+    choices: FutureChoices,
+    choice: Int[np.ndarray, "N"],
+    row: Int[np.ndarray, "N"],
+    strided: Int[np.ndarray, "N"],
+) -> Float[np.ndarray, "N 4 2"]:
+    where = (choice, row, strided * _STRIDE)
+    return box_corners(
+        choices.position_m[where], choices.heading_rad[where], choices.size_m[row]
+    )
