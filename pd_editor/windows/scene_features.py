@@ -118,18 +118,8 @@ def scene_features(
     velocity = tracks.velocity_mps[rows, step]
     pieces = lane_pieces(scenario.road_map)
     kept, near_pieces = _near_pieces(pieces, position, center)
-    candidate = np.zeros((len(rows), 0, NUM_FUTURE_STEPS, 2))
-    has_candidate = np.zeros((len(rows), 0), bool)
-    if with_candidates:
-        ahead, has_candidate = candidate_positions(
-            scenario,
-            rows,
-            max_candidates=NUM_CANDIDATES,
-            num_steps=NUM_FUTURE_STEPS,
-            step_s=STEP_S,
-        )
-        candidate = _in_frames(ahead[:, :, 1:], position, heading)
-        candidate[~has_candidate] = 0.0
+    num_candidates = NUM_CANDIDATES if with_candidates else 0
+    candidate, has_candidate = _candidates(scenario, rows, num_candidates)
     future, has_future = _futures(scenario, rows)
     middle = np.append(center, 0.0)
     return SceneFeatures(
@@ -144,9 +134,9 @@ def scene_features(
         agent_kind=np.array([_KIND_INDEX[tracks.kinds[row]] for row in rows], int),
         near_pieces=near_pieces,
         near_agents=_nearest(position, position, NUM_NEAR_AGENTS, but_itself=True),
-        candidate_m=_single(candidate),
+        candidate_m=candidate,
         has_candidate=has_candidate,
-        future_m=_single(future),
+        future_m=future,
         has_future=has_future,
     )
 
@@ -226,41 +216,53 @@ def _nearest(
     return near
 
 
+def _candidates(
+    scenario: Scenario, rows: Int[np.ndarray, "A"], most: int
+) -> tuple[Float[np.ndarray, "A C H 2"], Bool[np.ndarray, "A C"]]:
+    """Candidates in the agents' frames."""
+    local = np.zeros((len(rows), most, NUM_FUTURE_STEPS, 2), np.float32)
+    if not most:
+        return local, np.zeros((len(rows), 0), bool)
+    position, is_valid = candidate_positions(
+        scenario,
+        rows,
+        max_candidates=most,
+        num_steps=NUM_FUTURE_STEPS,
+        step_s=STEP_S,
+    )
+    agent, slot = np.nonzero(is_valid)
+    ahead = position[agent, slot, 1:]
+    local[agent, slot] = _in_frames(ahead, scenario, rows[agent])
+    return local, is_valid
+
+
 def _futures(
     scenario: Scenario, rows: Int[np.ndarray, "A"]
 ) -> tuple[Float[np.ndarray, "A H 2"], Bool[np.ndarray, "A"]]:
     """Recorded futures in the agents' frames, where they are whole."""
     tracks, step, axis = scenario.agents, scenario.current_step, scenario.time_axis
-    future = np.zeros((len(rows), NUM_FUTURE_STEPS, 2))
+    future = np.zeros((len(rows), NUM_FUTURE_STEPS, 2), np.float32)
     if axis.num_future_steps < NUM_FUTURE_STEPS or abs(axis.step_s - STEP_S) > 1e-6:
         return future, np.zeros(len(rows), bool)
     steps = slice(step + 1, step + 1 + NUM_FUTURE_STEPS)
     points = tracks.position_m[rows, steps]
     known = tracks.is_valid[rows, steps] & np.isfinite(points).all(axis=-1)
     has_future = np.asarray(known.all(axis=1))
-    whole = rows[has_future]
-    future[has_future] = _in_frames(
-        points[has_future, None],
-        tracks.position_m[whole, step],
-        tracks.heading_rad[whole, step],
-    )[:, 0]
+    future[has_future] = _in_frames(points[has_future], scenario, rows[has_future])
     return future, has_future
 
 
 def _in_frames(
-    points_m: Float[np.ndarray, "A C H 2"],
-    origin_m: Float[np.ndarray, "A 2"],
-    heading_rad: Float[np.ndarray, "A"],
-) -> Float[np.ndarray, "A C H 2"]:
-    """Points of the scene frame in frames at poses."""
-    forward = unit_vector(heading_rad)[:, :, None, None]
-    cos, sin = forward[:, 0], forward[:, 1]
-    x = points_m[..., 0] - origin_m[:, 0, None, None]
-    y = points_m[..., 1] - origin_m[:, 1, None, None]
-    local = np.empty(points_m.shape)
-    local[..., 0] = cos * x + sin * y
-    local[..., 1] = cos * y - sin * x
-    return local
+    points_m: Float[np.ndarray, "N H 2"],
+    scenario: Scenario,
+    rows: Int[np.ndarray, "N"],
+) -> Float[np.ndarray, "N H 2"]:
+    """Points of the scene frame in the frames of agents' current poses."""
+    agents, step = scenario.agents, scenario.current_step
+    forward = unit_vector(agents.heading_rad[rows, step])
+    x, y = np.moveaxis(points_m - agents.position_m[rows, step][:, None], -1, 0)
+    cos, sin = forward[:, :1], forward[:, 1:]
+    return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
 
 
 def _single(values: np.ndarray) -> np.ndarray:
