@@ -24,7 +24,7 @@ FOLDERS_PER_NETWORK: Final = 20
 """Fewer than in a shard: whoever looks at scenarios wants to see many roads."""
 WINDOWS_PER_MAP: Final = 25
 """Real maps are small, so traffic on them repeats itself sooner."""
-_MAX_ROUNDS: Final = 4
+_MAX_ROUNDS: Final = 8
 _MAX_SEED: Final = 20_000
 _SEEDS_PER_CORPUS: Final = 100_000
 
@@ -173,8 +173,9 @@ def _items(
     kinds = len(maps) or len(plan.drawn_families)
     if maps:
         share = min(share, WINDOWS_PER_MAP)
-    # A few windows come from as many kinds of roads as there are.
-    count = max(math.ceil(num_windows / share), min(kinds, num_windows))
+    count = math.ceil(num_windows / share)
+    if first == 0:  # A few windows come from as many kinds of roads as there are.
+        count = max(count, min(kinds, num_windows))
     items = {}
     for number in range(count):
         index = first + number

@@ -25,6 +25,10 @@ _APART_M: Final = 60.0
 _APART_STEPS: Final = 100
 """Windows nearer than this to an earlier one, in space and time, are made rare."""
 _STANDING_MPS: Final = 0.3
+_AGAIN: Final = 3.0
+"""An agent is so much rarer in a further window."""
+_MAX_PASSES: Final = 3
+"""Passes through the recording for windows that found nobody."""
 
 
 def choose_windows(
@@ -41,31 +45,43 @@ def choose_windows(
         return ()
     weight = np.array([_KIND_WEIGHT.get(kind, 0.0) for kind in recording.kinds])
     weight = np.where(recording.is_parked, 0.0, weight)
-    edges = np.linspace(PAST_STEPS, last + 1, num_windows + 1)
-    steps = random.uniform(edges[:-1], edges[1:]).astype(int)
     chosen: list[Window] = []
-    for step in steps.tolist():
-        rows = _eligible(recording, step, weight)
-        if not len(rows):
-            continue
-        place = _position(recording, rows, step)
-        chance = weight[rows] * _spread(place, step, chosen) * _company(place)
-        starts = _starting(recording, rows, step)
-        if starts.any() and random.random() < START_SHARE:
-            chance = np.where(starts, chance, 0.0)
-        if not chance.sum() > 0:
-            continue
-        pick = int(random.choice(len(rows), p=chance / chance.sum()))
-        weight[rows[pick]] /= 3.0
-        chosen.append(
-            Window(
-                current_step=step,
-                center_m=(float(place[pick, 0]), float(place[pick, 1])),
-                focal_id=recording.ids[rows[pick]],
-                seed=int(random.integers(2**31)),
+    for _ in range(_MAX_PASSES):
+        edges = np.linspace(PAST_STEPS, last + 1, num_windows - len(chosen) + 1)
+        for step in random.uniform(edges[:-1], edges[1:]).astype(int).tolist():
+            row = _focal_row(recording, step, weight, chosen, random)
+            if row is None:
+                continue
+            weight[row] /= _AGAIN
+            x, y = _position(recording, np.array([row]), step)[0]
+            chosen.append(
+                Window(
+                    current_step=step,
+                    center_m=(float(x), float(y)),
+                    focal_id=recording.ids[row],
+                    seed=int(random.integers(2**31)),
+                )
             )
-        )
-    return tuple(chosen)
+    return tuple(sorted(chosen, key=lambda one: one.current_step))
+
+
+def _focal_row(
+    recording: Recording,
+    step: int,
+    weight: Float[np.ndarray, "A"],
+    chosen: list[Window],
+    random: np.random.Generator,
+) -> int | None:
+    """An agent to look at, drawn; None if nobody is fit."""
+    rows = _eligible(recording, step, weight)
+    place = _position(recording, rows, step)
+    chance = weight[rows] * _spread(place, step, chosen) * _company(place)
+    starts = _starting(recording, rows, step)
+    if starts.any() and random.random() < START_SHARE:
+        chance = np.where(starts, chance, 0.0)
+    if not chance.sum() > 0:
+        return None
+    return int(rows[random.choice(len(rows), p=chance / chance.sum())])
 
 
 def _eligible(
@@ -91,7 +107,7 @@ def _spread(
     place: Float[np.ndarray, "E 2"], step: int, chosen: list[Window]
 ) -> Float[np.ndarray, "E"]:
     """Less where a recent window was."""
-    recent = [one for one in chosen if step - one.current_step < _APART_STEPS]
+    recent = [one for one in chosen if abs(step - one.current_step) < _APART_STEPS]
     if not recent:
         return np.ones(len(place))
     gap = place[:, None] - np.array([one.center_m for one in recent])

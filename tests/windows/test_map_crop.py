@@ -57,7 +57,7 @@ def test_ground_is_cut_off_beyond_the_lanes():
     assert small.area_id == 6
     assert large.area_id not in {5, 6}
     assert shapely.Polygon(large.boundary).area == pytest.approx(
-        (140 + 2 * 15) * 8, abs=1
+        (120 + 2 * 15) * 8, abs=1
     )
     assert (large.boundary[:, 2] == 7.0).all()
 
