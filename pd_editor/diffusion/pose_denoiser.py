@@ -29,7 +29,6 @@ from pd_editor.diffusion.pose_features import (
     nearest_pieces,
     piece_relations,
     turned,
-    turned_back,
     waves,
 )
 from pd_editor.diffusion.pose_noise import noise_scale, preconditioning
@@ -256,9 +255,7 @@ class PoseDenoiser(nn.Module):
         rates = math.pi * torch.arange(1, _NUM_LEVEL_WAVES + 1, device=levels.device)
         phase = levels.clamp_min(0)[..., None] * rates
         is_clean = (levels < 0)[..., None].to(levels.dtype)
-        return self.level_token(
-            torch.cat([phase.sin(), phase.cos(), is_clean], dim=-1)
-        )
+        return self.level_token(torch.cat([phase.sin(), phase.cos(), is_clean], dim=-1))
 
     def _layers(self) -> list["_Layer"]:
         return [layer for layer in self.layers if isinstance(layer, _Layer)]
@@ -313,7 +310,9 @@ def sinusoids(order: Int[Tensor, "*b"], width: int) -> Float[Tensor, "*b D"]:
 
 
 def _mlp(num_inputs: int, width: int) -> nn.Sequential:
-    return nn.Sequential(nn.Linear(num_inputs, width), nn.GELU(), nn.Linear(width, width))
+    return nn.Sequential(
+        nn.Linear(num_inputs, width), nn.GELU(), nn.Linear(width, width)
+    )
 
 
 def _gathered(

@@ -85,9 +85,7 @@ def training_task(
     keeps_outside = chance(num_scenes, 1) < 0.5
     has_agent = scene.has_agent & (is_inside | keeps_outside)
     part = torch.where(chance(num_scenes) < config.given_share, chance(num_scenes), 0.0)
-    is_given = has_agent & (
-        ~is_inside | (chance(*has_agent.shape) < part[:, None])
-    )
+    is_given = has_agent & (~is_inside | (chance(*has_agent.shape) < part[:, None]))
     scene = replace(scene, has_agent=has_agent)
     return scene, PoseTask(
         is_given=is_given,

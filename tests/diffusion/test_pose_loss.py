@@ -1,0 +1,75 @@
+import pytest
+import torch
+
+from pd_editor.diffusion.pose_denoiser import PoseDenoiser, PoseDenoiserConfig
+from pd_editor.diffusion.pose_loss import PoseLossConfig, pose_loss, training_task
+from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
+from tests.diffusion.pose_scenes import scene_batch, small_model
+
+
+def test_the_loss_says_what_it_is_made_of():
+    model, scene = small_model(is_ordered=True), scene_batch(4, 9, 13)
+    config = PoseLossConfig(overlap_weight=0.5)
+    loss, parts = pose_loss(model, scene, torch.Generator().manual_seed(0), config)
+    assert set(parts) == {"position", "heading", "speed", "overlap"}
+    plain = parts["position"] + parts["heading"] + parts["speed"]
+    torch.testing.assert_close(loss.detach(), plain + 0.5 * parts["overlap"])
+    again, _ = pose_loss(model, scene, torch.Generator().manual_seed(0), config)
+    assert torch.equal(loss, again)
+    loss.backward()
+    slopes = {
+        name: parameter.grad is not None and bool(parameter.grad.any())
+        for name, parameter in model.named_parameters()
+    }
+    assert [name for name, has_slope in slopes.items() if not has_slope] == []
+
+
+def test_tasks_are_as_asked_for():
+    scene = scene_batch(*[20] * 40)
+    random = torch.Generator().manual_seed(0)
+    config = PoseLossConfig(decentralized_share=0.3, given_share=0.5)
+    shown, task = training_task(scene, random, config)
+    inside = (shown.agent_pose[..., :2].abs() <= task.half_side_m[:, None, None]).all(
+        -1
+    )
+    drawn = shown.has_agent & ~task.is_given
+    assert not (drawn & ~inside).any()
+    assert not (task.is_given & ~shown.has_agent).any()
+    assert not (shown.has_agent & ~scene.has_agent).any()
+    assert ((task.order > 0) == drawn).all()
+    assert 0 < (~task.is_central).sum() < 30
+    assert 10 < (task.half_side_m < 62).sum() + 10 < 40
+    assert task.is_given.any()
+
+
+@pytest.mark.slow
+def test_a_small_model_learns_one_scene_by_heart():
+    torch.manual_seed(0)
+    config = PoseDenoiserConfig(
+        width=64, num_heads=2, num_layers=2, num_near_pieces=6, relation_width=16
+    )
+    model, scene = PoseDenoiser(config), scene_batch(6)
+    random = torch.Generator().manual_seed(0)
+    optimizer = torch.optim.AdamW(model.parameters(), lr=3e-3)
+    options = PoseLossConfig(
+        num_levels=16, given_share=0, decentralized_share=0, small_square_share=0
+    )
+    num_steps = 600
+    rates = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, num_steps)
+    for _ in range(num_steps):
+        loss, _ = pose_loss(model, scene, random, options)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        rates.step()
+    steps = sample_states(
+        model.eval(),
+        scene,
+        samples=range(4),
+        seed=0,
+        config=PoseSamplerConfig(num_steps=20),
+    )
+    states = [step.states for step in steps][-1][:, 0]
+    found = states[..., :2]
+    distance = torch.cdist(found, scene.agent_pose[..., :2]).amin(dim=1)
+    assert distance.median() < 1.0

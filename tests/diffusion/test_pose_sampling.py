@@ -1,0 +1,147 @@
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+import torch
+
+from pd_editor.diffusion.pose_context import PoseTask, drawing_task
+from pd_editor.diffusion.pose_denoiser import PoseDenoiser
+from pd_editor.diffusion.pose_encoding import decode_states, encode_states
+from pd_editor.diffusion.pose_guidance import PoseGuidance
+from pd_editor.diffusion.pose_noise import noise_scale
+from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
+from pd_editor.diffusion.pose_spacing import overlap_depth_m
+from pd_editor.diffusion.scene_tensors import SceneTensors
+from tests.diffusion.pose_scenes import scene_batch, small_model
+
+
+def drawn(
+    model: PoseDenoiser,
+    scene: SceneTensors,
+    samples: Sequence[int] = (0, 1, 2),
+    task: PoseTask | None = None,
+    config: PoseSamplerConfig | None = None,
+) -> torch.Tensor:
+    config = PoseSamplerConfig(num_steps=4) if config is None else config
+    steps = sample_states(
+        model, scene, samples=samples, seed=5, task=task, config=config
+    )
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stop:
+            return stop.value
+
+
+def test_states_are_proper_and_inside_the_square():
+    scene = scene_batch(5, 9)
+    side = torch.tensor([62.0, 30.0])
+    states = drawn(small_model(), scene, task=drawing_task(scene, half_side_m=side))
+    assert states.shape == (3, 2, *scene.has_agent.shape[1:], 5)
+    assert states.isfinite().all()
+    torch.testing.assert_close(
+        states[..., 2:4].norm(dim=-1), torch.ones(states.shape[:-1])
+    )
+    assert (states[..., 4] >= 0).all()
+    reach = states[..., :2].abs().amax(dim=(0, 2, 3))
+    assert (reach <= side + 1e-3).all()
+
+
+@pytest.mark.parametrize("fresh_noise", [0.0, 0.7])
+def test_a_sample_alone_is_the_sample_among_others(fresh_noise: float):
+    scene, model = scene_batch(6), small_model()
+    config = PoseSamplerConfig(num_steps=4, fresh_noise=fresh_noise)
+    together = drawn(model, scene, (0, 1, 2), config=config)
+    alone = drawn(model, scene, (2,), config=config)
+    torch.testing.assert_close(together[2], alone[0], rtol=1e-4, atol=1e-3)
+    assert not torch.allclose(together[0], together[1])
+
+
+def test_given_agents_come_out_bit_identical():
+    scene = scene_batch(6)
+    speed = scene.agent_speed.clone()
+    speed[0, 0] = 0.3
+    scene = replace(scene, agent_speed=speed)
+    is_given = torch.tensor([[True, False, True, False, False, False]])
+    states = drawn(small_model(), scene, task=drawing_task(scene, is_given))
+    for row in (0, 2):
+        heading = scene.agent_pose[0, row, 2]
+        assert (states[:, 0, row, :2] == scene.agent_pose[0, row, :2]).all()
+        assert (states[:, 0, row, 2] == heading.cos()).all()
+        assert (states[:, 0, row, 3] == heading.sin()).all()
+        assert (states[:, 0, row, 4] == scene.agent_speed[0, row]).all()
+
+
+def test_drawing_stops_when_nobody_asks_on(monkeypatch: pytest.MonkeyPatch):
+    scene, model = scene_batch(4), small_model()
+    calls = []
+    denoise = model.denoise
+
+    def counted(*args: torch.Tensor) -> torch.Tensor:
+        calls.append(1)
+        return denoise(*args)
+
+    monkeypatch.setattr(model, "denoise", counted)
+    steps = sample_states(model, scene, samples=[0], seed=0)
+    first, second = next(steps), next(steps)
+    steps.close()
+    assert (first.index, second.index) == (0, 1)
+    assert len(calls) == 2
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        PoseSamplerConfig(num_steps=60),
+        PoseSamplerConfig(num_steps=60, fresh_noise=1.0),
+        PoseSamplerConfig(num_steps=25, is_second_order=True),
+    ],
+    ids=["plain", "fresh", "second order"],
+)
+def test_the_exact_denoiser_of_a_gaussian_ends_in_that_gaussian(
+    config: PoseSamplerConfig, monkeypatch: pytest.MonkeyPatch
+):
+    """Positions only: headings and speeds are no Gaussians when decoded."""
+    scene, model = scene_batch(30), small_model()
+    mean = torch.tensor([0.1, -0.2, 1.0, 0.0, 0.5])
+    spread = torch.tensor([0.2, 0.05, 0.1, 0.1, 0.1])
+
+    def exact(_: object, noisy: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
+        noise = noise_scale(level)[:, :, None].square()
+        share = spread.square() / (spread.square() + noise)
+        return mean + share * (noisy - mean)
+
+    monkeypatch.setattr(model, "denoise", exact)
+    states = drawn(model, scene, range(200), config=config)
+    position = states[:, 0, :, :2].flatten(0, 1) / 62.0
+    torch.testing.assert_close(position.mean(dim=0), mean[:2], rtol=0, atol=0.01)
+    torch.testing.assert_close(position.std(dim=0), spread[:2], rtol=0.08, atol=0)
+
+
+def test_guidance_lowers_overlap_and_leaves_given_agents():
+    scene = scene_batch(16)
+    is_given = torch.zeros_like(scene.has_agent)
+    is_given[:, 0] = True
+    codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
+    guide = PoseGuidance(pull=0.0).of(scene, is_given)
+    before, now = overlap_depth_m(codes, scene).sum(), codes
+    for _ in range(20):
+        now = guide(now, 0.0)
+    assert before > 1.0
+    assert overlap_depth_m(now, scene).sum() < 0.3 * before
+    assert torch.equal(now[:, is_given], codes[:, is_given])
+
+
+def test_guidance_pulls_movers_towards_lanes():
+    scene = scene_batch(12)
+    away = scene.agent_pose.clone()
+    away[..., 1] = 20.0
+    scene = replace(
+        scene, agent_pose=away, agent_kind=torch.zeros_like(scene.agent_kind)
+    )
+    codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
+    guide = PoseGuidance(push=0.0).of(scene)
+    reached = decode_states(guide(codes, 0.0))[..., 1]
+    assert (reached < 15).all()
+    assert (reached > 1.75).all()
+    assert torch.equal(guide(codes, 1.0), codes)
