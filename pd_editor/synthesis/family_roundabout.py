@@ -23,7 +23,7 @@ _FLARE_M: Final = 32.0
 _RING_SPACING_M: Final = 2.0
 _ENTRY_RAD: Final = np.radians(48.0)
 """Between the ring's direction and that of an entry or exit."""
-_RADII_M: Final = {3: (15.0, 22.0), 4: (19.0, 25.0)}
+_RADII_M: Final = {3: (17.0, 24.0), 4: (23.0, 28.0)}
 """Of the left edge of the ring, by its number of legs."""
 _MEDIAN_M: Final = 0.8
 _CLEAR_M: Final = 2.5
@@ -42,12 +42,12 @@ class Ring:
     @property
     def half_opening_rad(self) -> float:
         """Between a leg and the place where its entry meets the ring."""
-        return 10.0 / self.radius_m
+        return 9.0 / self.radius_m
 
     @property
     def half_gap_rad(self) -> float:
         """Half of what a junction takes of the ring."""
-        return 4.5 / self.radius_m
+        return 4.0 / self.radius_m
 
     def middle_m(self) -> float:
         """Radius of the middle of the carriageway."""

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from pd_editor.scene.road_map import LaneKind
 from pd_editor.synthesis.sumo_net import SumoLane, SumoNet
 
 _MAX_LEGS_OF_PASSAGE: Final = 2
@@ -17,6 +18,12 @@ class LaneChain:
     main: SumoLane
     """The lane of the road in it, or the longest one within a junction."""
     is_intersection: bool
+
+    @property
+    def kind(self) -> LaneKind:
+        """Who drives on it."""
+        assert self.main.kind is not None
+        return self.main.kind
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,14 +9,10 @@ from jaxtyping import Float
 
 from pd_editor.geometry.polyline import arc_length, offset_line
 from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap
+from pd_editor.synthesis.chain_lines import chain_lines
 from pd_editor.synthesis.drivable_area import drivable_areas
 from pd_editor.synthesis.lane_chains import LaneChain, LaneChains, lane_chains
-from pd_editor.synthesis.lane_geometry import (
-    WideLine,
-    pieces,
-    wide_line,
-    with_end_normals,
-)
+from pd_editor.synthesis.lane_geometry import WideLine, pieces
 from pd_editor.synthesis.lane_paint import LanePaint, lane_paint
 from pd_editor.synthesis.sumo_net import SumoLane, SumoNet
 
@@ -45,7 +41,7 @@ def net_road_map(net: SumoNet, random: np.random.Generator) -> NetRoadMap:
     chains = lane_chains(net)
     cuts = _edge_cuts(net, random)
     paint = lane_paint(net, chains, random)
-    lines = _chain_lines(chains)
+    lines = chain_lines(chains)
     sections = [
         _sections(chain, line, cuts.get(chain.main.edge, []))
         for chain, line in zip(chains.chains, lines, strict=True)
@@ -89,46 +85,6 @@ def _edge_cuts(net: SumoNet, random: np.random.Generator) -> dict[str, list[floa
     return cuts
 
 
-def _chain_lines(chains: LaneChains) -> list[WideLine]:
-    """The centre line of each chain; the ends of neighbours in a row agree."""
-    lines = [_own_line(chain, n, chains) for n, chain in enumerate(chains.chains)]
-    front = {after: n for n, following in chains.next_of.items() for after in following}
-    for n, chain in enumerate(chains.chains):
-        if chain.main.is_internal:
-            before, after = front.get(n), chains.next_of[n]
-            lines[n] = with_end_normals(
-                lines[n],
-                None if before is None else lines[before].normal[-1],
-                lines[after[0]].normal[0] if after else None,
-            )
-    return lines
-
-
-def _own_line(chain: LaneChain, number: int, chains: LaneChains) -> WideLine:
-    width = []
-    for lane in chain.lanes:
-        start = end = lane.width_m
-        if lane.is_internal:
-            start, end = _end_widths(chain, number, chains)
-        along = arc_length(lane.shape_m)
-        fraction = along / max(float(along[-1]), 1e-6)
-        width.append(start + fraction * (end - start))
-    points = np.concatenate([lane.shape_m for lane in chain.lanes])
-    return wide_line(points, np.concatenate(width))
-
-
-def _end_widths(
-    chain: LaneChain, number: int, chains: LaneChains
-) -> tuple[float, float]:
-    """Widths of the lanes before and after a junction lane."""
-    if not chain.main.is_internal:
-        return chain.main.width_m, chain.main.width_m
-    before = [n for n, following in chains.next_of.items() if number in following]
-    after = chains.next_of[number]
-    widths = [chains.chains[n].main.width_m for n in (*before[:1], *after[:1])]
-    return (widths[0], widths[-1]) if widths else (3.2, 3.2)
-
-
 def _main_span(chain: LaneChain) -> tuple[float, float]:
     """Where along the chain its main lane begins, and how long it is."""
     lengths = [float(arc_length(lane.shape_m)[-1]) for lane in chain.lanes]
@@ -161,7 +117,7 @@ def _lanes_of_chain(
         lanes.append(
             Lane(
                 lane_id=ids[number][k],
-                kind=chain.main.kind,
+                kind=chain.kind,
                 is_intersection=chain.is_intersection,
                 centerline=_flat(section.points_m),
                 left=_flat(section.left_m()),

@@ -21,7 +21,7 @@ class StripKind(StrEnum):
     CAR = _MOTORISED + " moped bicycle emergency"
     BUS = "bus taxi bicycle emergency"
     BIKE = "bicycle"
-    PARKING = "authority"
+    PARKING = ""
     SIDEWALK = "pedestrian"
 
 
@@ -148,12 +148,15 @@ def _edges(plain: PlainNetwork) -> ElementTree.Element:
         }
         element = ElementTree.SubElement(root, "edge", attributes)
         for index, strip in enumerate(edge.strips):
+            nobody = strip.kind is StripKind.PARKING
             ElementTree.SubElement(
                 element,
                 "lane",
-                index=str(index),
-                allow=strip.kind.value,
-                width=f"{strip.width_m:.2f}",
+                {
+                    "index": str(index),
+                    "width": f"{strip.width_m:.2f}",
+                    "disallow" if nobody else "allow": strip.kind.value or "all",
+                },
             )
     for nodes, edges in plain.roundabouts:
         ElementTree.SubElement(

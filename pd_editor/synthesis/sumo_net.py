@@ -24,7 +24,7 @@ class SumoLane:
     shape_m: Float[np.ndarray, "N 2"]
     width_m: float
     kind: LaneKind | None
-    """Nothing where no road user but pedestrians, or parked ones, may be."""
+    """Nothing where only pedestrians, or only parked vehicles, may be."""
     is_parking: bool
 
     @property
@@ -126,7 +126,9 @@ def _lane(lane: ElementTree.Element, edge: str) -> SumoLane:
         shape_m=_points(lane),
         width_m=float(lane.get("width", "3.2")),
         kind=kind,
-        is_parking=kind is None and admits("authority"),
+        is_parking=not admits("pedestrian")
+        and kind is None
+        and not edge.startswith(":"),
     )
 
 
