@@ -97,6 +97,14 @@ class LaneSegments:
         return heading_of(self.direction)
 
     @cached_property
+    def circles_m(
+        self,
+    ) -> tuple[Float[np.ndarray, "S"], Float[np.ndarray, "S"], Float[np.ndarray, "S"]]:
+        """Circles around the segments, a bit too large: x, y of the middle, radius."""
+        x, y = (self.start_m + self.end_m).T / 2
+        return x.copy(), y.copy(), self.length_m / 2 + 1e-6
+
+    @cached_property
     def lane_bounds_m(
         self,
     ) -> tuple[Float[np.ndarray, "L 2"], Float[np.ndarray, "L 2"]]:

@@ -81,21 +81,22 @@ def candidate_positions(
     max_candidates: int,
     num_steps: int,
     step_s: float,
-) -> tuple[Float[np.ndarray, "A C {num_steps}+1 2"], Bool[np.ndarray, "A C"]]:
-    """Only where the ``candidates`` lead and which are valid, over a time of choice.
+) -> tuple[
+    Float[np.ndarray, "N {num_steps}+1 2"],
+    Int[np.ndarray, "N"],
+    Int[np.ndarray, "N"],
+]:
+    """Only where the valid ``candidates`` lead, over a time of choice.
 
+    The agent of each, as index into ``rows``, and its place among the agent's follow.
     The scenario's own time axis does not matter.
     """
     chosen = _Chosen.of(
         scenario, rows, max_candidates, num_steps=num_steps, step_s=step_s
     )
-    positions = chosen.plans.paths.position_at(chosen.path, chosen.reached_m)
-    positions[:, 0] = chosen.start.position_m[chosen.agent]
-    table = np.zeros((len(rows), max_candidates, num_steps + 1, 2))
-    table[chosen.agent, chosen.slot] = positions
-    is_valid = np.zeros(table.shape[:2], bool)
-    is_valid[chosen.agent, chosen.slot] = True
-    return table, is_valid
+    position = chosen.plans.paths.position_at(chosen.path, chosen.reached_m)
+    position[:, 0] = chosen.start.position_m[chosen.agent]
+    return position, chosen.agent, chosen.slot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

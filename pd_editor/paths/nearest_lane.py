@@ -140,7 +140,7 @@ def _pairs_in_reach(
     reach_m: float,
     usable: Bool[np.ndarray, "N L"],
 ) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"]]:
-    """Pairs of a point and a segment of a lane whose bounding box is within reach."""
+    """Pairs of a point and a segment that may be within reach."""
     low, high = segments.lane_bounds_m
     inside = usable.copy()
     for axis in (0, 1):
@@ -151,7 +151,13 @@ def _pairs_in_reach(
     first = segments.first_of_lane
     count = np.diff(np.append(first, len(segments.lane)))[lane]
     within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    return np.repeat(point, count), np.repeat(first[lane], count) + within
+    point, segment = np.repeat(point, count), np.repeat(first[lane], count) + within
+    x, y, reach = segments.circles_m
+    gap_x = points_m[:, 0].take(point) - x.take(segment)
+    gap_y = points_m[:, 1].take(point) - y.take(segment)
+    far = reach.take(segment) + reach_m
+    near = np.flatnonzero(gap_x * gap_x + gap_y * gap_y <= far * far)
+    return point[near], segment[near]
 
 
 def _segment_distances(

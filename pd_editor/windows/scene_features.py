@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.errors import GenerationError
-from pd_editor.geometry.angles import unit_vector, wrap_angle
+from pd_editor.geometry.angles import wrap_angle
 from pd_editor.paths.motion_primitives import candidate_positions
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import EGO_ID, Scenario
@@ -221,18 +221,17 @@ def _candidates(
 ) -> tuple[Float[np.ndarray, "A C H 2"], Bool[np.ndarray, "A C"]]:
     """Candidates in the agents' frames."""
     local = np.zeros((len(rows), most, NUM_FUTURE_STEPS, 2), np.float32)
-    if not most:
-        return local, np.zeros((len(rows), 0), bool)
-    position, is_valid = candidate_positions(
-        scenario,
-        rows,
-        max_candidates=most,
-        num_steps=NUM_FUTURE_STEPS,
-        step_s=STEP_S,
-    )
-    agent, slot = np.nonzero(is_valid)
-    ahead = position[agent, slot, 1:]
-    local[agent, slot] = _in_frames(ahead, scenario, rows[agent])
+    is_valid = np.zeros((len(rows), most), bool)
+    if most:
+        position, agent, slot = candidate_positions(
+            scenario,
+            rows,
+            max_candidates=most,
+            num_steps=NUM_FUTURE_STEPS,
+            step_s=STEP_S,
+        )
+        is_valid[agent, slot] = True
+        local[agent, slot] = _in_frames(position, scenario, rows[agent])[:, 1:]
     return local, is_valid
 
 
@@ -259,10 +258,11 @@ def _in_frames(
 ) -> Float[np.ndarray, "N H 2"]:
     """Points of the scene frame in the frames of agents' current poses."""
     agents, step = scenario.agents, scenario.current_step
-    forward = unit_vector(agents.heading_rad[rows, step])
-    x, y = np.moveaxis(points_m - agents.position_m[rows, step][:, None], -1, 0)
-    cos, sin = forward[:, :1], forward[:, 1:]
-    return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
+    origin = agents.position_m[rows, step].view(np.complex128)
+    # As complex numbers, a shift and a turn are one pass each.
+    local = np.ascontiguousarray(points_m).view(np.complex128)[..., 0] - origin
+    local *= np.exp(-1j * agents.heading_rad[rows, step])[:, None]
+    return local.view(float).reshape(points_m.shape)
 
 
 def _single(values: np.ndarray) -> np.ndarray:

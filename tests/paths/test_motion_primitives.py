@@ -315,12 +315,13 @@ def test_positions_alone_are_those_of_the_candidates(real_scenarios):
         axis = scenario.time_axis
         rows = np.flatnonzero(scenario.agents.is_valid[:, scenario.current_step])
         expected = candidates(scenario, rows, max_candidates=12)
-        position, is_valid = candidate_positions(
+        position, agent, slot = candidate_positions(
             scenario,
             rows,
             max_candidates=12,
             num_steps=axis.num_future_steps,
             step_s=axis.step_s,
         )
-        assert (is_valid == expected.is_valid).all()
-        assert (position == expected.position_m).all()
+        assert len(position) == expected.is_valid.sum()
+        assert expected.is_valid[agent, slot].all()
+        assert (position == expected.position_m[agent, slot]).all()
