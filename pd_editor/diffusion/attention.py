@@ -10,22 +10,48 @@ from torch import Tensor, nn
 _NORM_EPSILON: Final = 1e-5
 
 
+class Mask(NamedTuple):
+    """What is added to logits and multiplied with weights, so that masked is absent."""
+
+    added: Float[Tensor, "*b #Q K"]
+    """Minus infinity where a key is hidden; 0 in rows that see nothing."""
+    sees_any: Bool[Tensor, "*b #Q 1"] | None
+    """None where every query sees something."""
+
+    @classmethod
+    def of(cls, is_visible: Bool[Tensor, "*b #Q K"]) -> "Mask":
+        """The mask that leaves some keys visible to each query."""
+        sees_any = is_visible.any(dim=-1, keepdim=True)
+        # Blind rows stay finite, so that no gradient becomes NaN.
+        hidden = ~is_visible & sees_any
+        added = torch.zeros(hidden.shape, device=hidden.device)
+        added = added.masked_fill_(hidden, -math.inf)
+        return cls(added, None if bool(sees_any.all()) else sees_any)
+
+    def repeated(self, num: int) -> "Mask":
+        """Each of the masks several times in a row."""
+        if num == 1:
+            return self
+        sees_any = self.sees_any
+        if sees_any is not None:
+            sees_any = sees_any.repeat_interleave(num, 0)
+        return Mask(self.added.repeat_interleave(num, 0), sees_any)
+
+
 def attention_weights(
-    logits: Float[Tensor, "*b Q K"], is_visible: Bool[Tensor, "*#b #Q K"]
+    logits: Float[Tensor, "*b Q K"], mask: Mask
 ) -> Float[Tensor, "*b Q K"]:
     """Softmax over the visible keys; all 0 where a query sees none."""
-    sees_any = is_visible.any(dim=-1, keepdim=True)
-    # Blind rows stay finite, so that no gradient becomes NaN.
-    weights = logits.masked_fill(~is_visible & sees_any, -math.inf).softmax(dim=-1)
-    return weights * sees_any
+    weights = (logits + mask.added).softmax(dim=-1)
+    return weights if mask.sees_any is None else weights * mask.sees_any
 
 
 class KeysValues(NamedTuple):
     """Keys and values of B sets of K tokens, per head; differential keys are double."""
 
-    keys: Float[Tensor, "B H2 K C"]
+    keys: Float[Tensor, "B H2 C K"]
     values: Float[Tensor, "B H K V"]
-    is_visible: Bool[Tensor, "B 1 1 K"]
+    mask: Mask
 
 
 class DifferentialAttention(nn.Module):
@@ -51,15 +77,13 @@ class DifferentialAttention(nn.Module):
             self.share_vectors = nn.Parameter(torch.randn(4, channels) * 0.1)
             self.norm = nn.RMSNorm(width // num_heads, eps=_NORM_EPSILON)
 
-    def keys_values(
-        self, tokens: Float[Tensor, "B K D"], is_token: Bool[Tensor, "B K"]
-    ) -> KeysValues:
-        """What does not depend on the queries."""
+    def keys_values(self, tokens: Float[Tensor, "B K D"], mask: Mask) -> KeysValues:
+        """What does not depend on the queries; the mask is of shape [B 1 1 K]."""
         keys, values = self.to_keys_values(tokens).chunk(2, dim=-1)
         return KeysValues(
-            keys=self._split(keys, self.num_heads * self.num_maps).contiguous(),
+            keys=self._split(keys, self.num_heads * self.num_maps).mT.contiguous(),
             values=self._split(values, self.num_heads).contiguous(),
-            is_visible=is_token[:, None, None],
+            mask=mask,
         )
 
     def forward(
@@ -70,8 +94,7 @@ class DifferentialAttention(nn.Module):
         num_maps = self.num_heads * self.num_maps
         queries = self._split(self.to_queries(tokens), num_maps)
         scale = (width // num_maps) ** -0.5
-        logits = (queries * scale) @ seen.keys.transpose(-1, -2)
-        weights = attention_weights(logits, seen.is_visible)
+        weights = attention_weights((queries * scale) @ seen.keys, seen.mask)
         if self.num_maps == 2:
             both = weights.view(num_scenes, self.num_heads, 2, num_queries, -1)
             weights = both[:, :, 0] - self.share() * both[:, :, 1]
@@ -116,9 +139,12 @@ class NeighborAttention(nn.Module):
         self,
         tokens: Float[Tensor, "N A D"],
         relations: Float[Tensor, "N A M R"],
-        is_visible: Bool[Tensor, "N A M"],
+        mask: Mask,
     ) -> Float[Tensor, "N A D"]:
-        """Attend from A tokens to M neighbours each; to all A with ``with_tokens``."""
+        """Attend from A tokens to M neighbours each; to all A with ``with_tokens``.
+
+        The mask is of shape [N A 1 M].
+        """
         queries = self.to_queries(tokens).unflatten(-1, (self.num_heads, -1))
         logits = (queries * self.scale) @ relations.transpose(-1, -2)
         if self.with_tokens:
@@ -129,11 +155,11 @@ class NeighborAttention(nn.Module):
             scale = queries.shape[-1] ** -0.5
             among = (queries * scale) @ keys.transpose(-1, -2)
             logits = logits + among.transpose(1, 2)
-            weights = attention_weights(logits, is_visible[:, :, None])
+            weights = attention_weights(logits, mask)
             taken = weights.transpose(1, 2).to(values.dtype) @ values
             result = self.from_values(taken.transpose(1, 2).flatten(2))
         else:
-            weights = attention_weights(logits, is_visible[:, :, None])
+            weights = attention_weights(logits, mask)
             result = torch.zeros((), dtype=tokens.dtype)
         seen = weights.to(relations.dtype) @ relations
         return result + self.to_output(seen.flatten(2))

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from pd_editor.diffusion.attention import (
     DifferentialAttention,
     KeysValues,
+    Mask,
     NeighborAttention,
     visible_agents,
 )
@@ -78,7 +79,8 @@ class PoseContext:
     """Encoded states of the given agents."""
     pair_facts: Float[Tensor, "B A A 4"]
     """Sizes of both."""
-    is_visible: Bool[Tensor, "B A A"]
+    is_visible: Mask
+    """Other agents, of shape [B A 1 A]."""
 
 
 class PoseDenoiser(nn.Module):
@@ -118,6 +120,7 @@ class PoseDenoiser(nn.Module):
         pieces = self.piece_token(
             torch.cat([piece_facts, heading.cos(), heading.sin(), place], dim=-1)
         )
+        is_piece = Mask.of(scene.has_piece[:, None, None])
         num_agents = scene.agent_size.shape[1]
         size = scene.agent_size / 5
         pairs = torch.cat(
@@ -129,7 +132,7 @@ class PoseDenoiser(nn.Module):
         )
         return PoseContext(
             map_seen=tuple(
-                layer.map_attention.keys_values(pieces, scene.has_piece)
+                layer.map_attention.keys_values(pieces, is_piece)
                 for layer in self._layers()
             ),
             piece_pose=scene.piece_pose,
@@ -141,7 +144,9 @@ class PoseDenoiser(nn.Module):
             is_given=task.is_given,
             given=encode_states(scene.agent_pose, scene.agent_speed),
             pair_facts=pairs,
-            is_visible=visible_agents(scene.has_agent, task.is_central),
+            is_visible=Mask.of(
+                visible_agents(scene.has_agent, task.is_central)[:, :, None]
+            ),
         )
 
     def denoise(
@@ -164,7 +169,10 @@ class PoseDenoiser(nn.Module):
         noisy, levels = noisy.transpose(0, 1), levels.transpose(0, 1)
         scale = noise_scale(levels)
         factor_in, factor_skip, factor_out = preconditioning(scale)
-        token, direction = self._tokens(context, noisy, noisy * factor_in, levels)
+        noise_m = scale[..., 0] * POSITION_UNIT_M
+        token, direction = self._tokens(
+            context, noisy, noisy * factor_in, levels, noise_m
+        )
         own = self.to_own_frame(token).float()
         shift, turn = self.to_scene_frame(token).float().split(2, dim=-1)
         found = torch.cat(
@@ -184,11 +192,11 @@ class PoseDenoiser(nn.Module):
         noisy: Float[Tensor, "B S A 5"],
         scaled: Float[Tensor, "B S A 5"],
         levels: Float[Tensor, "B S A"],
+        noise_m: Float[Tensor, "B S A"],
     ) -> tuple[Float[Tensor, "B S A D"], Float[Tensor, "B S A 2"]]:
         """What the network makes of each agent, and the directions of their frames."""
         num_scenes, num_versions, num_agents = levels.shape
         position_m = noisy[..., :2] * POSITION_UNIT_M
-        noise_m = noise_scale(levels)[..., 0] * POSITION_UNIT_M
         direction = unit_vectors(noisy[..., 2:4])
         place = waves(position_m, PLACE_WAVELENGTHS_M, noise_m)
         level_token = self._level_token(levels)
@@ -200,7 +208,7 @@ class PoseDenoiser(nn.Module):
         )
         facts = context.pair_facts.repeat_interleave(num_versions, 0)
         pairs = self.pair_relation(torch.cat([pairs, facts], dim=-1))
-        visible = context.is_visible.repeat_interleave(num_versions, 0)
+        visible = context.is_visible.repeated(num_versions)
         for layer, seen in zip(self._layers(), context.map_seen, strict=True):
             token = layer(token + level_token, seen, near, has_near, pairs, visible)
         assert token.shape[:3] == (num_scenes, num_versions, num_agents)
@@ -212,7 +220,7 @@ class PoseDenoiser(nn.Module):
         position_m: Float[Tensor, "B S A 2"],
         direction: Float[Tensor, "B S A 2"],
         noise_m: Float[Tensor, "B S A"],
-    ) -> tuple[Float[Tensor, "B Q M R"], Bool[Tensor, "B Q M"]]:
+    ) -> tuple[Float[Tensor, "B Q M R"], Mask]:
         """The nearest pieces of each noisy pose, as the network sees them."""
         num_versions = position_m.shape[1]
         position_m = position_m.flatten(1, 2)
@@ -232,7 +240,8 @@ class PoseDenoiser(nn.Module):
         )
         facts = _gathered(context.piece_facts, nearest)
         has_near = _gathered(context.has_piece[..., None], nearest)[..., 0]
-        return self.piece_relation(torch.cat([relations, facts], dim=-1)), has_near
+        relations = self.piece_relation(torch.cat([relations, facts], dim=-1))
+        return relations, Mask.of(has_near[:, :, None])
 
     def _agent_token(
         self, scene: SceneTensors, task: PoseTask
@@ -286,9 +295,9 @@ class _Layer(nn.Module):
         token: Float[Tensor, "B S A D"],
         seen: KeysValues,
         near: Float[Tensor, "B Q M R"],
-        has_near: Bool[Tensor, "B Q M"],
+        has_near: Mask,
         pairs: Float[Tensor, "N A A R"],
-        is_visible: Bool[Tensor, "N A A"],
+        is_visible: Mask,
     ) -> Float[Tensor, "B S A D"]:
         shape = token.shape
         token = token.flatten(1, 2)

@@ -21,6 +21,9 @@ _RANGES: Final = (
     *[tuple(noise / POSITION_UNIT_M for noise in POSITION_NOISE_M)] * 2,
     *[DIRECTION_NOISE] * 3,
 )
+_LOWEST: Final = torch.tensor([math.log(low) for low, _ in _RANGES])
+_SPAN: Final = torch.tensor([math.log(high / low) for low, high in _RANGES])
+_SPREAD: Final = torch.tensor(STATE_SPREAD)
 
 
 def noise_scale(level: Float[Tensor, "*b"]) -> Float[Tensor, "*b 5"]:
@@ -29,11 +32,8 @@ def noise_scale(level: Float[Tensor, "*b"]) -> Float[Tensor, "*b 5"]:
     Its logarithm is linear in the level: each step of the sampler resolves the next
     smaller scale. A negative level means no noise.
     """
-    low, high = (
-        torch.tensor([math.log(pair[end]) for pair in _RANGES], device=level.device)
-        for end in (0, 1)
-    )
-    scale = (low + (high - low) * level[..., None]).exp()
+    low, span = _LOWEST.to(level.device), _SPAN.to(level.device)
+    scale = (low + span * level[..., None]).exp()
     return torch.where(level[..., None] < 0, 0.0, scale)
 
 
@@ -46,7 +46,7 @@ def preconditioning(
 
     Source: Karras et al., Elucidating the design space of diffusion models, 2022.
     """
-    spread = torch.tensor(STATE_SPREAD, device=scale.device)
+    spread = _SPREAD.to(scale.device)
     total = scale.square() + spread.square()
     return total.rsqrt(), spread.square() / total, scale * spread * total.rsqrt()
 
@@ -54,7 +54,7 @@ def preconditioning(
 def first_noise(noise: Float[Tensor, "*b 5"]) -> Float[Tensor, "*b 5"]:
     """Noisy states at level 1 from unit noise; as wide as traffic with its noise."""
     scale = noise_scale(torch.ones((), device=noise.device))
-    spread = torch.tensor(STATE_SPREAD, device=noise.device)
+    spread = _SPREAD.to(noise.device)
     return noise * (scale.square() + spread.square()).sqrt()
 
 

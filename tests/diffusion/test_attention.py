@@ -5,6 +5,7 @@ import torch
 
 from pd_editor.diffusion.attention import (
     DifferentialAttention,
+    Mask,
     NeighborAttention,
     attention_weights,
     visible_agents,
@@ -23,7 +24,9 @@ def test_differential_attention_against_its_formula(depth: int):
     tokens, seen = torch.randn(3, 5, width), torch.randn(3, 7, width)
     is_token = torch.rand(3, 7) < 0.7
     is_token[:, 0] = True
-    found = attention(tokens, attention.keys_values(seen, is_token))
+    found = attention(
+        tokens, attention.keys_values(seen, Mask.of(is_token[:, None, None]))
+    )
 
     start = 0.8 - 0.6 * math.exp(-0.3 * depth)
     one, two, three, four = attention.share_vectors
@@ -55,7 +58,9 @@ def test_plain_attention_against_torch():
     tokens, seen = torch.randn(2, 5, 16), torch.randn(2, 7, 16)
     is_token = torch.rand(2, 7) < 0.6
     is_token[:, 0] = True
-    found = attention(tokens, attention.keys_values(seen, is_token))
+    found = attention(
+        tokens, attention.keys_values(seen, Mask.of(is_token[:, None, None]))
+    )
     weights = torch.cat([attention.to_queries.weight, attention.to_keys_values.weight])
     expected, _ = torch.nn.functional.multi_head_attention_forward(
         tokens.transpose(0, 1),
@@ -80,7 +85,7 @@ def test_hidden_keys_weigh_exactly_nothing():
     logits = 50 * torch.randn(4, 6, 9)
     is_visible = torch.rand(4, 6, 9) < 0.5
     is_visible[0] = False
-    weights = attention_weights(logits, is_visible)
+    weights = attention_weights(logits, Mask.of(is_visible))
     assert not weights[~is_visible].any()
     sums = weights.sum(dim=-1)
     sees_any = is_visible.any(dim=-1)
@@ -89,7 +94,7 @@ def test_hidden_keys_weigh_exactly_nothing():
 
 def test_nobody_in_sight_gives_zeros_and_finite_slopes():
     logits = torch.randn(2, 3, requires_grad=True)
-    weights = attention_weights(logits, torch.zeros(2, 3, dtype=torch.bool))
+    weights = attention_weights(logits, Mask.of(torch.zeros(2, 3).bool()))
     weights.square().sum().backward()
     assert logits.grad is not None
     assert not logits.grad.any()
@@ -102,10 +107,10 @@ def test_hidden_neighbors_change_nothing(with_tokens: bool):
     tokens, relations = torch.randn(1, 4, 16), torch.randn(1, 4, 4, 8)
     is_visible = ~torch.eye(4, dtype=torch.bool)[None]
     is_visible[:, :, 3] = False
-    before = attention(tokens, relations, is_visible)
+    before = attention(tokens, relations, Mask.of(is_visible[:, :, None]))
     tokens[:, 3] += 10.0
     relations[:, :, 3] += 10.0
-    after = attention(tokens, relations, is_visible)
+    after = attention(tokens, relations, Mask.of(is_visible[:, :, None]))
     assert torch.equal(before[:, :3], after[:, :3])
 
 
