@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 class ParkingOptions:
     """How much stands beside the road."""
 
-    kerb_share: float = 0.45
+    kerb_share: float = 0.2
     """Share of street sides along which vehicles park."""
-    fullness: tuple[float, float] = (0.15, 0.9)
+    fullness: tuple[float, float] = (0.05, 0.6)
     """Share of places taken along such a side, drawn between these."""
-    driveways_per_km: float = 5.0
+    driveways_per_km: float = 2.0
     """Vehicles in driveways, across the street or at an angle, per km of side."""
-    lots_per_km: float = 0.7
+    lots_per_km: float = 0.15
     """Small parking lots off the road, per km of side."""
 
 
@@ -21,22 +21,22 @@ class ParkingOptions:
 class DemandOptions:
     """Who is on the road, and how many."""
 
-    flow_per_lane: float = 130.0
+    flow_per_lane: float = 230.0
     """Vehicles an hour and lane that enter at a typical entry of the network."""
     flow_spread: float = 0.6
     """Spread of the flows of entries, as that of a log-normal law."""
-    turn_cost_s: float = 25.0
+    turn_cost_s: float = 40.0
     """Detour that a driver accepts to save a turn."""
-    turn_aversion: float = 0.7
+    turn_aversion: float = 1.4
     """How much rarer destinations become with every turn towards them."""
     halting_share: float = 0.05
     """Share of vehicles that halt at the kerb for a while on their way."""
-    pedestrians_per_km: float = 8.0
+    pedestrians_per_km: float = 2.0
     """Pedestrians at any time on a km of sidewalk."""
     shares: dict[str, float] = field(
         default_factory=lambda: {
             "car": 0.55, "suv": 0.28, "van": 0.07, "truck": 0.035, "bus": 0.025,
-            "motorcycle": 0.012, "bicycle": 0.03,
+            "motorcycle": 0.012, "bicycle": 0.015,
         }
     )  # fmt: skip
     """Share of each model of ``vehicle_types`` in the traffic."""

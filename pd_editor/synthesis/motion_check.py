@@ -38,6 +38,7 @@ def has_artefact(tracks: TrafficTracks, step_s: float) -> Bool[np.ndarray, "A"]:
     ahead = np.sum(change * forward[1:], axis=1)
     aside = forward[1:, 0] * change[:, 1] - forward[1:, 1] * change[:, 0]
     turns = np.abs(wrap_angle(np.diff(tracks.heading_rad))) / step_s * speed[1:]
+    turns = np.where(drives[tracks.agent[1:]], turns, 0.0)
     bad = moved > MAX_STEP_M
     bad |= np.abs(ahead) > MAX_LONGITUDINAL_MPS2
     bad |= np.maximum(np.abs(aside), turns) > MAX_LATERAL_MPS2

@@ -68,7 +68,7 @@ def draw_parked_vehicles(
 ) -> ParkedVehicles:
     """Parked vehicles that touch neither traffic nor each other."""
     places = [
-        _along(line, options, STRIP_END_M, random.normal(0.0, 0.12), random)
+        _along(line, options, STRIP_END_M, random.normal(-0.3, 0.15), random)
         for line in network.parking_strips_m
     ]
     for kerb in _kerbs(network):
@@ -148,7 +148,7 @@ def _driveways(
     length = arc_length(kerb)[-1]
     count = random.poisson(options.driveways_per_km * length / 1000)
     at = random.uniform(0.0, length, count)
-    position, heading = _beside(kerb, at, random.uniform(3.5, 14.0, count))
+    position, heading = _beside(kerb, at, random.uniform(3.0, 10.0, count))
     turn = random.choice(np.deg2rad([90.0, -90.0, 60.0, 0.0]), count)
     turn = turn + random.normal(0.0, np.deg2rad(5.0), count)
     return _Places(
@@ -164,7 +164,7 @@ def _lots(
     count = random.poisson(options.lots_per_km * length / 1000)
     positions, headings = [np.zeros((0, 2))], [np.zeros(0)]
     for at in random.uniform(0.0, length, count):
-        near_m = random.uniform(7.0, 16.0)
+        near_m = random.uniform(5.0, 11.0)
         middle, heading = _beside(kerb, np.array([at]), np.array([near_m]))
         num_places = int(random.integers(4, 14))
         along = (np.arange(num_places) - num_places / 2) * LOT_PITCH_M

@@ -3,6 +3,7 @@
 import tempfile
 from pathlib import Path
 from typing import Final
+from xml.etree.ElementTree import ElementTree
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from pd_editor.synthesis.demand_options import DemandOptions
 from pd_editor.synthesis.motion_check import has_artefact, without_overlaps
 from pd_editor.synthesis.network import Network
 from pd_editor.synthesis.parked_vehicles import ParkedVehicles, draw_parked_vehicles
+from pd_editor.synthesis.signal_plans import draw_signal_plans
 from pd_editor.synthesis.sumo_states import read_raw_tracks
 from pd_editor.synthesis.sumo_tools import run_sumo_tool
 from pd_editor.synthesis.traffic_graph import read_traffic_graph
@@ -50,6 +52,8 @@ def simulate(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         drawn.write(folder / "trips.rou.xml")
+        plans = draw_signal_plans(network.net_file, random)
+        ElementTree(plans).write(folder / "signals.add.xml", encoding="utf-8")
         _run(network.net_file, folder, seed, WARM_UP_S + duration_s)
         raw = read_raw_tracks(
             (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
@@ -62,7 +66,8 @@ def simulate(
 
 
 def _run(net_file: Path, folder: Path, seed: int, end_s: float) -> None:
-    files = "--route-files trips.rou.xml --fcd-output vehicles.parquet"
+    files = "--route-files trips.rou.xml --additional-files signals.add.xml"
+    files += " --fcd-output vehicles.parquet"
     files += " --person-fcd-output persons.parquet"
     files += " --fcd-output.attributes id,x,y,angle"
     clock = f"--step-length {STEP_S} --device.fcd.begin {WARM_UP_S} --end {end_s}"
