@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Final, Protocol, runtime_checkable
 
@@ -27,6 +28,11 @@ class ScenarioRoot(Protocol):
         """Differs where the scenarios do."""
         ...
 
+    @property
+    def num_damaged(self) -> int:
+        """Files or folders that hold no scenario, though they should."""
+        ...
+
     def __len__(self) -> int: ...
 
     def scenario(self, index: int) -> Scenario:
@@ -46,34 +52,54 @@ class ShardRoot:
     """The windows of a folder of shards, as a tracker would see them."""
 
     def __init__(self, path: Path, noise: TrackingNoise | None = BLUR_ONLY) -> None:
-        """Read which windows there are.
+        """Read which windows there are; shards that are damaged are left out.
 
         Raises:
-            InputError: there is no shard, or one is damaged.
+            InputError: there is no shard that can be read.
         """
-        self._path = path
-        self._reader = ShardReader(path)
+        files = sorted(path.glob(f"*{SHARD_SUFFIX}")) if path.is_dir() else [path]
+        self._files: list[Path] = []
+        counts: list[int] = []
+        error: InputError | None = None
+        for file in files:
+            try:
+                counts.append(len(ShardReader(file)))
+                self._files.append(file)
+            except InputError as caught:
+                error = caught
+        if not self._files:
+            raise error or InputError(f"{path}: there is no shard in it.")
+        self.num_damaged = len(files) - len(self._files)
+        self._first = np.cumsum([0, *counts])
         self._noise = noise
 
     @property
     def fingerprint(self) -> str:
         """Of the names and sizes of the shards, and of the noise."""
-        files = sorted(self._path.glob(f"*{SHARD_SUFFIX}"))
-        files = files or [self._path]
-        sizes = [(file.name, file.stat().st_size) for file in files]
+        sizes = [(file.name, file.stat().st_size) for file in self._files]
         return _digest([*sizes, self._noise])
 
     def __len__(self) -> int:
-        return len(self._reader)
+        return int(self._first[-1])
+
+    def _place(self, index: int) -> tuple[ShardReader, int]:
+        file = int(np.searchsorted(self._first, index, side="right")) - 1
+        return _shard(self._files[file]), index - int(self._first[file])
 
     def scenario(self, index: int) -> Scenario:
         """The scenario of a window."""
-        return self._reader.window(index, noise=self._noise)
+        reader, number = self._place(index)
+        return reader.window(number, noise=self._noise)
 
     def group(self, index: int) -> str:
         """Name of the recording, which is that of its network."""
-        place, _ = self._reader.windows[index]
-        return self._reader.recording(place).name
+        reader, number = self._place(index)
+        return reader.recording(reader.windows[number][0]).name
+
+
+@lru_cache(maxsize=4)
+def _shard(file: Path) -> ShardReader:
+    return ShardReader(file, num_kept=2)
 
 
 class Av2Root:
@@ -89,6 +115,7 @@ class Av2Root:
         index.scan()
         self._root = path
         self._folders = index.folders()
+        self.num_damaged = index.num_skipped
         self._city: tuple[int, str] = (-1, "")
         if not self._folders:
             raise InputError(
@@ -137,6 +164,11 @@ class ScenarioSource:
 
     def __len__(self) -> int:
         return int(self._first[-1])
+
+    @property
+    def num_damaged(self) -> int:
+        """Files or folders that hold no scenario, though they should."""
+        return sum(root.num_damaged for root in self.roots)
 
     def place(self, index: int) -> tuple[int, int]:
         """Root, and number within it, of a scenario."""

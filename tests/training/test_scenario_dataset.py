@@ -140,6 +140,25 @@ def test_the_basis_is_fitted_to_the_roots_futures(shards, av2_copy):
         assert np.abs(again - future).mean() < 0.3
 
 
+def test_damaged_shards_are_left_out_and_counted(shards, basis, tmp_path):
+    root = tmp_path / "root"
+    shutil.copytree(shards, root)
+    whole = len(open_roots([root]))
+    (root / "drive-0.shard").write_bytes(b"not a shard")
+    cut = root / "drive-2.shard"
+    source = open_roots([root])
+    assert (len(source), source.num_damaged) == (whole, 1)
+    cut.write_bytes(cut.read_bytes()[:-40])
+    source = open_roots([root])
+    assert source.num_damaged == 2
+    assert 0 < len(source) < whole
+    assert prepare_features([root], tmp_path / "store", basis, workers=1).roots
+    for file in root.glob("*.shard"):
+        file.write_bytes(b"")
+    with pytest.raises(InputError, match="damaged or not a shard"):
+        open_roots([root])
+
+
 def test_what_is_no_root_is_refused(tmp_path, basis):
     with pytest.raises(TrainingError, match="No data root"):
         open_roots([])
