@@ -9,7 +9,7 @@ Measured on 35 scenarios of Argoverse 2's train split, and followed here:
 """
 
 import uuid
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -88,7 +88,7 @@ def cut_scenario(
         is_valid = seen(
             tracks, cast.observer, cast.main, noise, random, recording.step_s
         )
-    tracks = _finished(tracks, cast, longest_runs(is_valid), past_steps)
+    tracks = _finished(tracks, cast, is_valid, past_steps)
     if noise is not None:
         tracks = noisy(tracks, noise, random, recording.step_s)
     name = f"{recording.name}/{window.current_step}/{window.focal_id}/{window.seed}"
@@ -176,17 +176,18 @@ def _gathered(
     )
 
 
-def longest_runs(is_valid: Bool[np.ndarray, "A T"]) -> Bool[np.ndarray, "A T"]:
-    """Only the longest run of true values of each row, the first of equal ones."""
-    rises = np.diff(is_valid.astype(np.int8), axis=1, prepend=0) == 1
-    broken = np.flatnonzero(rises.sum(axis=1) > 1)
-    result = is_valid.copy()
-    for row in broken:
-        run = np.where(is_valid[row], np.cumsum(rises[row]), 0)
-        lengths = np.bincount(run)
-        lengths[0] = 0
-        result[row] = run == lengths.argmax()
-    return result
+def runs_of(
+    is_valid: Bool[np.ndarray, "A T"],
+) -> tuple[Int[np.ndarray, "R"], Bool[np.ndarray, "R T"]]:
+    """Row and steps of each run of true values of at least ``MIN_TRACK_STEPS``."""
+    padded = np.pad(is_valid, ((0, 0), (1, 1))).astype(np.int8)
+    change = np.diff(padded, axis=1)
+    rows, begins = np.nonzero(change == 1)
+    ends = np.nonzero(change == -1)[1]
+    is_long = ends - begins >= MIN_TRACK_STEPS
+    rows, begins, ends = rows[is_long], begins[is_long], ends[is_long]
+    steps = np.arange(is_valid.shape[1])
+    return rows, (steps >= begins[:, None]) & (steps < ends[:, None])
 
 
 def _cast(
@@ -221,22 +222,31 @@ def _cast(
 def _finished(
     tracks: AgentTracks, cast: _Cast, is_valid: Bool[np.ndarray, "A T"], current: int
 ) -> AgentTracks:
-    """The tracks where they are valid, with categories, the ego under its name."""
-    is_full = is_valid.all(axis=1)
-    categories = np.where(is_full, AgentCategory.UNSCORED, AgentCategory.FRAGMENT)
+    """A track for each run of valid steps, with categories, the ego under its name."""
+    categories = np.full(len(tracks), AgentCategory.UNSCORED)
     categories[cast.scored] = AgentCategory.SCORED
     categories[cast.focal] = AgentCategory.FOCAL
-    ids = list(tracks.ids)
+    names = list(tracks.ids)
     if cast.ego >= 0:
-        ids[cast.ego] = EGO_ID
-    whole = replace(
-        tracks,
+        names[cast.ego] = EGO_ID
+    rows, is_valid = runs_of(is_valid)
+    is_full = is_valid.all(axis=1)
+    categories = np.where(is_full, categories[rows], AgentCategory.FRAGMENT)
+    # Whoever is seen again after a while gets another id, as from a tracker.
+    again = np.arange(len(rows)) - np.searchsorted(rows, rows)
+    ids = [
+        f"{names[row]}-{1 + number}" if number else names[row]
+        for row, number in zip(rows.tolist(), again.tolist(), strict=True)
+    ]
+    return AgentTracks(
         ids=tuple(ids),
+        kinds=tuple(tracks.kinds[row] for row in rows),
         categories=tuple(AgentCategory(int(value)) for value in categories),
-        position_m=np.where(is_valid[..., None], tracks.position_m, 0.0),
-        heading_rad=np.where(is_valid, tracks.heading_rad, 0.0),
-        velocity_mps=np.where(is_valid[..., None], tracks.velocity_mps, 0.0),
+        size_m=tracks.size_m[rows],
+        has_known_size=tracks.has_known_size[rows],
+        position_m=np.where(is_valid[..., None], tracks.position_m[rows], 0.0),
+        heading_rad=np.where(is_valid, tracks.heading_rad[rows], 0.0),
+        velocity_mps=np.where(is_valid[..., None], tracks.velocity_mps[rows], 0.0),
         is_valid=is_valid,
         observed=is_valid & (np.arange(tracks.num_steps) < current),
     )
-    return whole.taken(np.flatnonzero(is_valid.sum(axis=1) >= MIN_TRACK_STEPS))

@@ -9,7 +9,9 @@ The defaults follow 35 scenarios of Argoverse 2's train split: heading against m
 0.7 deg at the median and 3.6 deg at the 90th percentile; given speed against motion
 0.3 and 1.1 m/s; positions of standing vehicles scatter by 0.07 m (90 %: 0.24 m); over
 1 s tracks leave a parabola by 1.5 cm along and 0.3 cm across only, so drift is slow;
-half of the tracks lie within 40 m of the ego, nine of ten within 86 m.
+half of the tracks lie within 40 m of the ego, nine of ten within 86 m. Occlusions are
+set so that a scene has as many tracks as there (55, of which 28 at the current step and
+8 throughout, medians) and as short ones (27 steps).
 """
 
 import dataclasses
@@ -45,12 +47,15 @@ class TrackingNoise:
     position_width_s: float = 1.0
     """Kernel width of positions and headings."""
     velocity_width_s: float = 0.4
-    range_m: float = 80.0
+    range_m: float = 90.0
     """Median distance from the ego up to which an agent is seen."""
     range_spread: float = 0.45
     """Standard deviation of the logarithm of that distance."""
-    occlusions_per_s: float = 0.04
-    occlusion_s: float = 2.5
+    occlusions_per_s: float = 0.12
+    """Median over agents."""
+    occlusion_spread: float = 0.8
+    """Standard deviation of the logarithm of each agent's rate."""
+    occlusion_s: float = 1.2
     """Mean duration, exponentially distributed."""
 
 
@@ -92,7 +97,7 @@ def noisy(
     )
     turn = noise.heading_rad * (0.3 + 0.7 * drives)
     turn = turn * factor[3] * blur(noise.position_width_s)
-    change = 0.02 + 0.98 * drives
+    change = 0.005 + 0.995 * drives
     velocity = _turned(
         noise.velocity_along_mps * change * factor[2] * blur(noise.velocity_width_s),
         noise.velocity_across_mps * change * factor[2] * blur(noise.velocity_width_s),
@@ -145,7 +150,10 @@ def _hidden(
     step_s: float,
 ) -> Bool[np.ndarray, "A T"]:
     """Occlusions: they begin by chance, and last exponentially distributed times."""
-    begins = random.random((count, num_steps)) < noise.occlusions_per_s * step_s
+    rate = noise.occlusions_per_s * np.exp(
+        noise.occlusion_spread * random.standard_normal((count, 1))
+    )
+    begins = random.random((count, num_steps)) < rate * step_s
     lasts = random.exponential(noise.occlusion_s / step_s, (count, num_steps))
     ends = np.where(begins, np.arange(num_steps) + 1 + lasts, 0.0)
     return np.arange(num_steps) < np.maximum.accumulate(ends, axis=1)

@@ -8,7 +8,7 @@ from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.scene.agent_kind import AgentCategory
-from pd_editor.windows.cut import MIN_TRACK_STEPS, cut_scenario, longest_runs
+from pd_editor.windows.cut import MIN_TRACK_STEPS, cut_scenario, runs_of
 from pd_editor.windows.recording import Window
 from pd_editor.windows.tracking_noise import TrackingNoise
 from pd_editor.windows.window_choice import MIN_FOCAL_PATH_M, choose_windows
@@ -133,17 +133,20 @@ def test_a_real_scenario_cut_from_itself_keeps_its_main_agents(av2_scenario_fold
 
 
 @given(
-    hnp.arrays(bool, hnp.array_shapes(min_dims=2, max_dims=2, max_side=12)),
+    hnp.arrays(bool, hnp.array_shapes(min_dims=2, max_dims=2, max_side=40)),
 )
 @settings(max_examples=60, deadline=None)
-def test_the_longest_run_is_kept(is_valid):
-    found = longest_runs(is_valid)
+def test_each_run_becomes_a_track(is_valid):
+    rows, runs = runs_of(is_valid)
+    expected = []
     for row in range(len(is_valid)):
         text = "".join("x" if one else " " for one in is_valid[row])
-        longest = max((len(run) for run in text.split()), default=0)
-        assert found[row].sum() == longest
-        assert not (found[row] & ~is_valid[row]).any()
-        assert np.abs(np.diff(np.pad(found[row].astype(int), 1))).sum() <= 2
+        expected += [(row, len(run)) for run in text.split() if len(run) >= 10]
+    found = [(int(row), int(run.sum())) for row, run in zip(rows, runs, strict=True)]
+    assert found == expected
+    for row, run in zip(rows, runs, strict=True):
+        assert not (run & ~is_valid[row]).any()
+        assert np.abs(np.diff(np.pad(run.astype(int), 1))).sum() == 2
 
 
 @given(st.integers(0, 50))

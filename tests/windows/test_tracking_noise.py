@@ -102,7 +102,9 @@ def test_far_and_hidden_agents_are_not_seen():
 
 def test_occlusions_last_as_long_as_they_should():
     """The hidden share of a process of arrivals is 1 - exp(-rate * mean duration)."""
-    noise = dataclasses.replace(SILENT, occlusions_per_s=0.05, occlusion_s=1.5)
+    noise = dataclasses.replace(
+        SILENT, occlusions_per_s=0.05, occlusion_s=1.5, occlusion_spread=0.0
+    )
     tracks = crowd(0.0)
     is_seen = seen(tracks, 0, np.array([0]), noise, random(), 0.1)
     assert is_seen[0].all()
