@@ -41,7 +41,11 @@ def drivable_areas(
     for swell in (_GAP_M, -_GAP_M - _SPIKE_M, _SPIKE_M):
         paved = paved.buffer(swell, join_style="mitre", mitre_limit=_MITRE_LIMIT)
     paved = paved.simplify(_SIMPLIFY_M)
-    rings = [ring for polygon in _polygons(paved) for ring in _without_holes(polygon)]
+    rings = [
+        ring
+        for polygon in _polygons(paved, _MIN_AREA_M2)
+        for ring in _without_holes(polygon)
+    ]
     return tuple(
         DrivableArea(
             area_id=first_id + number,
@@ -60,10 +64,10 @@ def _valid(points_m: np.ndarray) -> BaseGeometry:
     return shapely.make_valid(Polygon(points_m))
 
 
-def _polygons(shape: BaseGeometry) -> list[Polygon]:
+def _polygons(shape: BaseGeometry, least_m2: float) -> list[Polygon]:
     parts = [shape] if isinstance(shape, Polygon) else list(getattr(shape, "geoms", ()))
     return [
-        part for part in parts if isinstance(part, Polygon) and part.area > _MIN_AREA_M2
+        part for part in parts if isinstance(part, Polygon) and part.area > least_m2
     ]
 
 
@@ -80,6 +84,6 @@ def _without_holes(polygon: Polygon) -> list[Polygon]:
         box(west - 1, south - 1, x, north + 1),
         box(x, south - 1, east + 1, north + 1),
     ):
-        for part in _polygons(polygon.intersection(half)):
+        for part in _polygons(polygon.intersection(half), 0.0):
             result += _without_holes(part)
     return result

@@ -117,7 +117,8 @@ def _side_street(
     away = away + float(random.normal(0.0, 0.12)) * ahead
     length = float(random.uniform(90, 200))
     far = f"{name}.{'left' if side > 0 else 'right'}"
-    sketch.node(far, here + length * away)
     kind = list(CurveKind)[random.integers(len(CurveKind))]
-    turn = float(random.uniform(-0.5, 0.5))
-    sketch.street(name, far, sketch.line_m(name, far, kind, turn), style)
+    middle = curve(here, here + length * away, kind, float(random.uniform(-0.5, 0.5)))
+    if sketch.is_free(middle):
+        sketch.node(far, here + length * away)
+        sketch.street(name, far, middle, style)

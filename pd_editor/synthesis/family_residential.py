@@ -4,6 +4,7 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
+from shapely import LineString
 
 from pd_editor.geometry.polyline import arc_length, offset_line, point_at
 from pd_editor.synthesis.edge_shapes import CurveKind, bent_land, between_poses, curve
@@ -126,9 +127,10 @@ def _winding_side(
     far = here + length * (away + float(random.uniform(-0.5, 0.5)) * across)
     swing = away + float(random.uniform(-0.8, 0.8)) * across
     far_name = f"{name}.{'left' if side > 0 else 'right'}"
-    sketch.node(far_name, far)
     part = between_poses(here, away, far, swing / np.linalg.norm(swing))
-    sketch.street(name, far_name, part, residential(random))
+    if sketch.is_free(part):
+        sketch.node(far_name, far)
+        sketch.street(name, far_name, part, residential(random))
 
 
 def _dead_end(
@@ -148,6 +150,10 @@ def _dead_end(
     swing = away + float(random.uniform(-0.6, 0.6)) * across
     middle = between_poses(here, away, end, swing / np.linalg.norm(swing))
     far_name = f"{name}.{'left' if side > 0 else 'right'}"
+    swing = swing / np.linalg.norm(swing)
+    reach = np.concatenate([middle, (end + 4 * _BULB_RADIUS_M * swing)[None]])
+    if not sketch.is_free(reach):
+        return
     if random.random() < 0.7:
         _bulb_street(sketch, name, far_name, middle, style)
     else:
@@ -179,6 +185,7 @@ def _bulb_street(
         center + (offset @ ahead)[:, None] * ahead - (offset @ left)[:, None] * left
     )
     sketch.node(tip, round_m[-1])
+    sketch.lines.append(LineString(np.concatenate([middle_m, round_m])))
     there = np.concatenate([middle_m, inward[1:]])
     back = np.concatenate([mirrored[::-1], middle_m[-2::-1]])
     for start, end, edge in ((name, tip, there), (tip, name, back)):

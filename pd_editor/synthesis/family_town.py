@@ -19,7 +19,7 @@ from pd_editor.synthesis.street_styles import (
 )
 from pd_editor.synthesis.sumo_tools import run_sumo_tool
 
-_MAX_TURN_RAD: Final = 0.7
+_MAX_TURN_RAD: Final = 0.5
 _SHARE_MAIN: Final = 0.35
 
 
@@ -45,7 +45,8 @@ def draw_town(random: np.random.Generator) -> PlainNetwork:
         curve_kind = kinds[random.integers(len(kinds))]
         turn = float(random.uniform(-_MAX_TURN_RAD, _MAX_TURN_RAD))
         line = sketch.line_m(start, end, curve_kind, turn)
-        sketch.street(start, end, line, carriageway)
+        if sketch.is_free(line, meets_at_end=True):
+            sketch.street(start, end, line, carriageway)
     return sketch.network(crossing_width_m(random))
 
 
@@ -53,7 +54,7 @@ def _street_plan(
     random: np.random.Generator,
 ) -> tuple[dict[str, tuple[float, float]], list[tuple[str, str]]]:
     """Nodes, and the pairs of them that a street joins."""
-    plan = "--rand --rand.min-angle 62 --rand.connectivity 0.96 --rand.num-tries 60"
+    plan = "--rand --rand.min-angle 62 --rand.connectivity 0.96 --rand.num-tries 30"
     plan += f" --rand.iterations {random.integers(20, 30)}"
     plan += f" --rand.min-distance {random.uniform(75, 95):.1f}"
     plan += f" --rand.max-distance {random.uniform(120, 170):.1f}"

@@ -1,6 +1,7 @@
 """Centre lines with a width, and the boundaries on both sides of them."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -59,7 +60,7 @@ def pieces(line: WideLine, cuts_m: list[float]) -> list[WideLine]:
     along = arc_length(line.points_m)
     bounds = [0.0, *cuts_m, float(along[-1])]
     result = []
-    for start, end in zip(bounds[:-1], bounds[1:], strict=True):
+    for start, end in pairwise(bounds):
         count = max(int(np.ceil((end - start) / SPACING_M)) + 1, 2)
         at = np.linspace(start, end, count)
         columns = np.column_stack([line.points_m, line.normal, line.width_m])

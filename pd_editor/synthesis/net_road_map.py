@@ -19,8 +19,11 @@ from pd_editor.synthesis.sumo_net import SumoLane, SumoNet
 FIRST_LANE_ID: Final = 1000
 FIRST_CROSSWALK_ID: Final = 1
 FIRST_AREA_ID: Final = 500
-_SECTION_LENGTHS_M: Final = (14.0, 55.0)
-_MIN_SECTION_M: Final = 7.0
+_MEDIAN_SECTION_M: Final = 21.0
+_SECTION_SPREAD: Final = 0.7
+"""Of the logarithm of the length."""
+_MIN_SECTION_M: Final = 5.0
+_MAX_SECTION_M: Final = 80.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +80,8 @@ def _edge_cuts(net: SumoNet, random: np.random.Generator) -> dict[str, list[floa
         length = float(arc_length(lane.shape_m)[-1])
         at, fractions = 0.0, []
         while True:
-            at += float(random.uniform(*_SECTION_LENGTHS_M))
+            step = _MEDIAN_SECTION_M * np.exp(_SECTION_SPREAD * random.normal())
+            at += float(np.clip(step, _MIN_SECTION_M, _MAX_SECTION_M))
             if at > length - _MIN_SECTION_M:
                 break
             fractions.append(at / length)

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+import shapely
 from jaxtyping import Float
+from shapely import LineString
 
 from pd_editor.geometry.polyline import arc_length, densify, offset_line, point_at
 from pd_editor.synthesis.edge_shapes import SPACING_M, CurveKind, curve
@@ -26,7 +28,10 @@ TAPER_M: Final = 22.0
 """Over which a lane opens beside another, or closes."""
 _JUNCTION_M: Final = 14.0
 """What a junction takes of the ends of its streets, about."""
-_MIN_BEFORE_BAY_M: Final = 20.0
+_MIN_BAY_M: Final = 12.0
+_CLEAR_M: Final = 15.0
+"""Between the middles of streets, away from where they meet."""
+_NEAR_JUNCTION_M: Final = 23.0
 
 
 @dataclass(kw_only=True)
@@ -43,6 +48,8 @@ class NetworkSketch:
     roundabouts: list[tuple[tuple[str, ...], tuple[str, ...]]] = field(
         default_factory=list
     )
+    lines: list[LineString] = field(default_factory=list)
+    """Middles of the streets so far, before the land was bent."""
     land: Land = lambda points_m: points_m
     """Bends everything that is drawn, smoothly."""
 
@@ -122,6 +129,7 @@ class NetworkSketch:
 
         Bays of the given length for left turns open in the median before each end.
         """
+        self.lines.append(LineString(middle_m))
         middle_m = self.land(densify(middle_m, SPACING_M))
         if carriageway.is_one_way:
             left = offset_line(middle_m, carriageway.width_m() / 2)
@@ -154,8 +162,11 @@ class NetworkSketch:
     ) -> None:
         strips, speed = carriageway.strips(), carriageway.speed_mps
         priority = carriageway.num_lanes
-        opens_m = float(arc_length(left_m)[-1]) - _JUNCTION_M - bay_m - TAPER_M
-        if not bay_m or opens_m < _MIN_BEFORE_BAY_M + _JUNCTION_M:
+        length = float(arc_length(left_m)[-1])
+        room_m = length / 2 - _JUNCTION_M - TAPER_M
+        bay_m = min(bay_m, room_m)
+        opens_m = length - _JUNCTION_M - bay_m - TAPER_M
+        if bay_m < _MIN_BAY_M:
             self.one_way(start, end, left_m, strips, speed, priority)
             return
         before, taper, after = split(left_m, [opens_m, opens_m + TAPER_M])
@@ -181,6 +192,18 @@ class NetworkSketch:
             for a, b in pairs
             if strips[a].kind not in (StripKind.SIDEWALK, StripKind.PARKING)
         ]
+
+    def is_free(
+        self, middle_m: Float[np.ndarray, "N 2"], *, meets_at_end: bool = False
+    ) -> bool:
+        """Whether a street from a junction comes near no other one further on."""
+        length = float(arc_length(middle_m)[-1])
+        end_m = length - _NEAR_JUNCTION_M if meets_at_end else length
+        if end_m <= _NEAR_JUNCTION_M:
+            return False
+        part = point_at(middle_m, np.linspace(_NEAR_JUNCTION_M, end_m, 12))
+        distances = shapely.distance(np.array(self.lines, object), LineString(part))
+        return bool(np.all(distances > _CLEAR_M))
 
     def network(self, crossing_width_m: float) -> PlainNetwork:
         """What was drawn."""
