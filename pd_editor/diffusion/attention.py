@@ -100,7 +100,7 @@ class DifferentialAttention(nn.Module):
             weights = both[:, :, 0] - self.share() * both[:, :, 1]
         result = weights.to(seen.values.dtype) @ seen.values
         if self.num_maps == 2:
-            result = self.norm(result) * (1 - self.initial_share)
+            result = self.norm(result.float()) * (1 - self.initial_share)
         return self.to_output(result.transpose(1, 2).flatten(2))
 
     def share(self) -> Float[Tensor, ""]:
