@@ -1,11 +1,12 @@
 """Lanes cut into pieces of about 10 m, the map as the model sees it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.paths.lane_graph import LaneGraph, lane_graph
@@ -35,7 +36,7 @@ PIECE_SHAPE: Final = (
 
 Its length in tens of metres; the turns of the piece before, of itself and of the one
 after in radians, left positive; the distances to both boundaries in units of 2 m;
-whether there are lanes to both sides; whether its lane is in an intersection; whether
+whether lanes that run the same way are to both sides; whether its lane is in an intersection; whether
 another piece follows it, leads to it; whether several follow it.
 """
 MIRRORED_SHAPE: Final = (0, 1, 2, 3, 5, 4, 7, 6, 8, 9, 10, 11)
@@ -115,12 +116,8 @@ def _pieces_of_lanes(road_map: RoadMap, graph: LaneGraph) -> LanePieces:
         "turn_after": np.where(after >= 0, turn[after], 0.0),
         "left_width": _width([lane.left_m for lane in lanes], cut, middle, left),
         "right_width": _width([lane.right_m for lane in lanes], cut, middle, -left),
-        "has_left": np.array([one.left_neighbor is not None for one in lanes])[
-            cut.lane
-        ],
-        "has_right": np.array([one.right_neighbor is not None for one in lanes])[
-            cut.lane
-        ],
+        "has_left": _is_beside(graph, [one.left_neighbor for one in lanes])[cut.lane],
+        "has_right": _is_beside(graph, [one.right_neighbor for one in lanes])[cut.lane],
         "is_intersection": np.array([one.is_intersection for one in lanes])[cut.lane],
         "has_successor": after >= 0,
         "has_predecessor": before >= 0,
@@ -132,6 +129,19 @@ def _pieces_of_lanes(road_map: RoadMap, graph: LaneGraph) -> LanePieces:
         shape=np.stack([columns[name] for name in PIECE_SHAPE], axis=1).astype(float),
         kind=kinds[cut.lane],
     )
+
+
+def _is_beside(
+    graph: LaneGraph, neighbors: Sequence[int | None]
+) -> Bool[np.ndarray, "L"]:
+    """Whether each lane has a neighbour in the map that runs the same way.
+
+    Argoverse 2 also names oncoming lanes.
+    """
+    chords = np.array([line[-1] - line[0] for line in graph.centerlines_m])
+    rows = [graph.row_of.get(-1 if one is None else one, -1) for one in neighbors]
+    beside = np.array(rows, int)
+    return (beside >= 0) & ((chords * chords[beside]).sum(axis=1) > 0)
 
 
 def _links(

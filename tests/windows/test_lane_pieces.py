@@ -101,6 +101,19 @@ def test_the_straightest_lane_counts_where_a_road_branches():
     assert column(pieces, "has_successor")[[7, 9]].tolist() == [0, 0]
 
 
+def test_an_oncoming_lane_is_none_beside():
+    road = RoadMap(
+        lanes=(
+            straight_lane(1, (0, 0), (20, 0), left_neighbor=2, right_neighbor=3),
+            straight_lane(2, (20, 3.5), (0, 3.5), left_neighbor=1),
+            straight_lane(3, (0, -3.5), (20, -3.5), left_neighbor=1, right_neighbor=9),
+        )
+    )
+    pieces = lane_pieces(road)
+    assert column(pieces, "has_left").tolist() == [0, 0, 0, 0, 1, 1]
+    assert column(pieces, "has_right").tolist() == [1, 1, 0, 0, 0, 0]
+
+
 def test_a_crosswalk_is_a_piece_each_way():
     road = RoadMap(
         lanes=(straight_lane(1, (0, 0), (20, 0), kind=LaneKind.BIKE),),
@@ -142,7 +155,7 @@ def test_damaged_lanes_do_not_harm():
 
 
 def test_a_mirrored_map_has_mirrored_pieces():
-    lanes = (arc_lane(1, 25, 1.0), straight_lane(2, (0, 9), (60, 12), left_neighbor=1))
+    lanes = (arc_lane(1, 25, 1.0), straight_lane(2, (0, 9), (60, 12), right_neighbor=1))
     mirrored = tuple(
         replace(
             lane,
