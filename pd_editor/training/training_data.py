@@ -24,7 +24,7 @@ from pd_editor.training.scenario_dataset import (
 )
 from pd_editor.training.stages import augmented_scenes
 from pd_editor.training.train_loop import TrainingData
-from pd_editor.windows.feature_store import FeatureStore
+from pd_editor.windows.feature_store import FORMAT_VERSION, FeatureStore
 from pd_editor.work_engine.work_engine import WorkProgress
 
 _BASIS_NAME: Final = "basis.safetensors"
@@ -73,7 +73,8 @@ def prepared_data(
     source = open_roots(roots)
     prints = [root.fingerprint for root in source.roots]
     names = [str(Path(root).resolve()) for root in roots]
-    key = hashlib.sha256("\n".join([*names, *prints]).encode()).hexdigest()[:16]
+    parts = [*names, *prints, str(FORMAT_VERSION)]
+    key = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
     folder = cache / key
     try:
         folder.mkdir(parents=True, exist_ok=True)
