@@ -1,5 +1,6 @@
 """``pd-editor synth``: synthetic traffic in Argoverse 2's form."""
 
+import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from pd_editor.cli.progress import progress_shown
 from pd_editor.errors import InputError
 from pd_editor.synthesis.corpus import CorpusPlan, CorpusRecord, build_corpus
 from pd_editor.synthesis.corpus_folder import MANIFEST_NAME, CorpusFolder
+from pd_editor.synthesis.corpus_scenes import corpus_scenes, real_scenes
 from pd_editor.work_engine import LocalProcesses
 
 _MAX_REASONS = 5
@@ -58,6 +60,10 @@ def synth(
         tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(optional)"),
     ] = (),
     shards: Switch = False,
+    report: Annotated[
+        str | Path | tuple[str | Path, ...],
+        tyro.conf.arg(metavar="DIR [DIR]", help_behavior_hint="(optional)"),
+    ] = (),
     noise: Switch = False,
     workers: Annotated[
         int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
@@ -74,6 +80,7 @@ def synth(
         seed: Seed of all draws; the same seed gives the same files.
         families: Families of roads to draw.
         maps: Roots of Argoverse 2 datasets, on whose maps to drive instead.
+        report: Also compare with real scenes below the first folder, and with others.
         shards: Write compact shards for training instead of scenario folders.
         noise: Blur states and break off tracks as a tracker does.
         workers: Processes to use; they do not change the files.
@@ -82,12 +89,14 @@ def synth(
     began = time.monotonic()
     if workers is not None and workers < 1:
         raise InputError(f"--workers is {workers}; expected 1 or more.")
-    roots = maps if isinstance(maps, tuple) else (maps,)
+    real_roots = _folders(report)
+    if len(real_roots) > 2:
+        raise InputError("--report takes one folder of real scenes, or two.")
     plan = CorpusPlan(
         num=num,
         seed=seed,
         families=tuple(dict.fromkeys(families)),
-        maps=tuple(dict.fromkeys(map(Path, roots))),
+        maps=_folders(maps),
         as_shards=shards,
         with_noise=noise,
     )
@@ -103,5 +112,24 @@ def synth(
         record=record,
         num_asked=num,
         elapsed_s=time.monotonic() - began,
-        files=(folder.path / MANIFEST_NAME,),
+        files=(folder.path / MANIFEST_NAME, *_reported(folder, real_roots)),
+    )
+
+
+def _folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
+    several = value if isinstance(value, tuple) else (value,)
+    return tuple(dict.fromkeys(map(Path, several)))
+
+
+def _reported(folder: CorpusFolder, roots: tuple[Path, ...]) -> tuple[Path, ...]:
+    """Write how near the corpus comes to real scenes; nothing without roots."""
+    from pd_editor.synthesis.realism import realism_report
+
+    if not roots:
+        return ()
+    real, *others = map(real_scenes, roots)
+    report = realism_report(corpus_scenes(folder.path), real, *others)
+    return (
+        folder.write("realism.md", report.markdown().encode()),
+        folder.write("realism.json", json.dumps(report.json(), indent=1).encode()),
     )

@@ -7,7 +7,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-from pd_editor.av2_io.dataset import CardFilter, DatasetIndex
 from pd_editor.errors import InputError, SynthesisError
 from pd_editor.synthesis.corpus_folder import (
     CorpusFolder,
@@ -15,6 +14,7 @@ from pd_editor.synthesis.corpus_folder import (
     NetworkRecord,
 )
 from pd_editor.synthesis.corpus_networks import NetworkItem, make_network
+from pd_editor.synthesis.corpus_scenes import scenario_folders
 from pd_editor.synthesis.sumo_tools import sumo_tool
 from pd_editor.work_engine import WorkEngine, WorkResult, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
@@ -125,7 +125,7 @@ def build_corpus(
     """
     for tool in ("netconvert", "sumo"):
         sumo_tool(tool)
-    maps = _map_folders(plan)
+    maps = scenario_folders(plan.maps) if plan.maps else []
     networks: dict[str, NetworkRecord] = {}
     failures: dict[str, str] = {}
     num_resumed = num_planned = 0
@@ -198,26 +198,3 @@ def _items(
 
 def _has_failed(map_folder: Path, failures: Mapping[str, str]) -> bool:
     return any(key.startswith(f"av2-{map_folder.name}-") for key in failures)
-
-
-def _map_folders(plan: CorpusPlan) -> list[Path]:
-    """Folders of the real scenarios, each once.
-
-    Raises:
-        InputError: a root is no folder, or there is no scenario.
-    """
-    found: dict[str, Path] = {}
-    for root in plan.maps:
-        index = DatasetIndex(root)
-        start, is_complete = 0, False
-        while not is_complete:
-            step = index.search(CardFilter(), start)
-            for card in step.cards:
-                found.setdefault(card.folder.name, card.folder)
-            start, is_complete = step.next_start, step.is_complete
-    if plan.maps and not found:
-        raise InputError(
-            f"{' '.join(map(str, plan.maps))}: no Argoverse 2 scenario there; expected "
-            "folders with scenario_<id>.parquet and log_map_archive_<id>.json."
-        )
-    return [found[name] for name in sorted(found)]

@@ -3,7 +3,7 @@
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.windows.cut import FUTURE_STEPS, PAST_STEPS
@@ -11,7 +11,7 @@ from pd_editor.windows.recording import Recording, Window
 
 MIN_FOCAL_PATH_M: Final = 3.0
 """Focal agents come this far in a window; nine of ten of Argoverse 2's go 10 m."""
-START_SHARE: Final = 0.2
+START_SHARE: Final = 0.1
 """Share of windows about an agent that stands and is about to start, if there is one."""
 _KIND_WEIGHT: Final = {
     AgentKind.VEHICLE: 1.0,
@@ -21,6 +21,8 @@ _KIND_WEIGHT: Final = {
     AgentKind.PEDESTRIAN: 0.15,
 }
 _COMPANY_M: Final = 80.0
+_CROWD_M: Final = 40.0
+_MAX_CROWD: Final = 20
 _APART_M: Final = 60.0
 _APART_STEPS: Final = 100
 """Windows nearer than this to an earlier one, in space and time, are made rare."""
@@ -75,8 +77,12 @@ def _focal_row(
     """An agent to look at, drawn; None if nobody is fit."""
     rows = _eligible(recording, step, weight)
     place = _position(recording, rows, step)
+    starting = _starting(recording, step)
     chance = weight[rows] * _spread(place, step, chosen) * _company(place)
-    starts = _starting(recording, rows, step)
+    chance = chance * _crowd(
+        place, _position(recording, _present(recording, step), step)
+    )
+    starts = np.isin(rows, starting)
     if starts.any() and random.random() < START_SHARE:
         chance = np.where(starts, chance, 0.0)
     if not chance.sum() > 0:
@@ -120,11 +126,26 @@ def _company(place: Float[np.ndarray, "E 2"]) -> Float[np.ndarray, "E"]:
     return np.where((gap < _COMPANY_M).sum(axis=1) > 1, 1.0, 0.05)
 
 
-def _starting(
-    recording: Recording, rows: Int[np.ndarray, "E"], step: int
-) -> Bool[np.ndarray, "E"]:
-    """Whether each stands, and will have moved at the window's end."""
+def _present(recording: Recording, step: int) -> Int[np.ndarray, "S"]:
+    """Agents that exist at a step, parked ones too."""
+    ends = recording.first_step + np.diff(recording.first_row)
+    return np.flatnonzero((recording.first_step <= step) & (ends > step))
+
+
+def _crowd(
+    place: Float[np.ndarray, "E 2"], everyone: Float[np.ndarray, "S 2"]
+) -> Float[np.ndarray, "E"]:
+    """More where much is going on, as in Argoverse 2, whose scenes were picked."""
+    gap = np.linalg.norm(place[:, None] - everyone, axis=-1)
+    return np.minimum((gap < _CROWD_M).sum(axis=1), _MAX_CROWD).astype(float)
+
+
+def _starting(recording: Recording, step: int) -> Int[np.ndarray, "S"]:
+    """Agents that stand, and will have moved at the window's end."""
+    ends = recording.first_step + np.diff(recording.first_row)
+    is_there = (recording.first_step <= step) & (ends > step + FUTURE_STEPS)
+    rows = np.flatnonzero(is_there & ~recording.is_parked)
     at = recording.first_row[rows] + step - recording.first_step[rows]
     stands = np.linalg.norm(recording.velocity_mps[at], axis=-1) < _STANDING_MPS
     way = recording.position_m[at + FUTURE_STEPS] - recording.position_m[at]
-    return stands & (np.linalg.norm(way, axis=-1) > 1.0)
+    return rows[stands & (np.linalg.norm(way, axis=-1) > 1.0)]

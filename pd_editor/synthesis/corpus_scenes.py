@@ -1,0 +1,77 @@
+"""Scenes of a finished corpus, and of real datasets, for the realism report."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pd_editor.av2_io.dataset import CardFilter, DatasetIndex
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.errors import InputError
+from pd_editor.scene.scenario import Scenario
+from pd_editor.windows.shards import SHARD_SUFFIX, ShardReader
+from pd_editor.windows.tracking_noise import TrackingNoise
+
+MAX_SCENES: Final = 300
+"""More say little more, and take a second for every twenty."""
+
+
+def scenario_folders(roots: Sequence[Path]) -> list[Path]:
+    """Folders of scenarios below the roots in the order of their names, each once.
+
+    Raises:
+        InputError: a root is no folder, or there is no scenario.
+    """
+    found: dict[str, Path] = {}
+    for root in roots:
+        index = DatasetIndex(root)
+        start, is_complete = 0, False
+        while not is_complete:
+            step = index.search(CardFilter(), start)
+            for card in step.cards:
+                found.setdefault(card.folder.name, card.folder)
+            start, is_complete = step.next_start, step.is_complete
+    if not found:
+        raise InputError(
+            f"{' '.join(map(str, roots))}: no Argoverse 2 scenario there; expected "
+            "folders with scenario_<id>.parquet and log_map_archive_<id>.json."
+        )
+    return [found[name] for name in sorted(found)]
+
+
+def corpus_scenes(folder: Path) -> Iterator[Scenario]:
+    """Scenes of a corpus, at most ``MAX_SCENES``, spread evenly.
+
+    Those of shards are blurred as a tracker would, since real ones are.
+
+    Raises:
+        InputError: there is none, or one is damaged.
+    """
+    if any(folder.glob(f"*{SHARD_SUFFIX}")):
+        reader = ShardReader(folder)
+        for index in _spread(len(reader)):
+            yield reader.window(index, noise=TrackingNoise())
+    else:
+        folders = scenario_folders((folder,))
+        for index in _spread(len(folders)):
+            yield read_scenario(folders[index])
+
+
+def real_scenes(root: Path) -> Iterator[Scenario]:
+    """Scenes of a dataset that have a future, at most ``MAX_SCENES``, spread evenly.
+
+    Raises:
+        InputError: there is none, or one is damaged.
+    """
+    folders = scenario_folders((root,))
+    for index in _spread(len(folders)):
+        scenario = read_scenario(folders[index])
+        if scenario.agents.is_valid[:, scenario.current_step + 1 :].any():
+            yield scenario
+
+
+def _spread(count: int) -> list[int]:
+    """At most ``MAX_SCENES`` of the numbers below ``count``."""
+    num = min(count, MAX_SCENES)
+    return np.linspace(0, count - 1, num).round().astype(int).tolist()
