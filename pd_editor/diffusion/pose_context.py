@@ -63,3 +63,20 @@ def order_by(
     counts = same_kind & is_drawn[:, None]
     not_after = key[:, None] <= key[:, :, None]
     return (counts & not_after).sum(dim=-1) * is_drawn
+
+
+def pieces_within(scene: SceneTensors, reach_m: float) -> SceneTensors:
+    """The scene without pieces further than ``reach_m`` along x or y, padded less."""
+    is_inside = torch.all(scene.piece_pose[..., :2].abs() <= reach_m, dim=-1)
+    is_kept = scene.has_piece & is_inside
+    num_kept = max(int(is_kept.sum(dim=-1).max()), 1)
+    kept_first = torch.argsort(~is_kept, dim=-1, stable=True)[:, :num_kept]
+    row = torch.arange(scene.num_scenes, device=kept_first.device)[:, None]
+    return replace(
+        scene,
+        piece_pose=scene.piece_pose[row, kept_first],
+        piece_shape=scene.piece_shape[row, kept_first],
+        piece_kind=scene.piece_kind[row, kept_first],
+        has_piece=is_kept[row, kept_first],
+        near_pieces=torch.full_like(scene.near_pieces, -1),
+    )

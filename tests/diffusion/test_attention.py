@@ -31,17 +31,17 @@ def test_differential_attention_against_its_formula(depth: int):
     start = 0.8 - 0.6 * math.exp(-0.3 * depth)
     one, two, three, four = attention.share_vectors
     share = (one @ two).exp() - (three @ four).exp() + start
-    weight_q = attention.to_queries.weight
-    weight_k, weight_v = attention.to_keys_values.weight.split(width)
-    q = torch.einsum("bqd,ed->bqe", tokens, weight_q).reshape(3, 5, heads, 2, 4)
-    k = torch.einsum("bkd,ed->bke", seen, weight_k).reshape(3, 7, heads, 2, 4)
-    v = torch.einsum("bkd,ed->bke", seen, weight_v).reshape(3, 7, heads, 8)
-    logits = torch.einsum("bqhmc,bkhmc->bhmqk", q, k) / math.sqrt(4)
+    weight_q, weight_k = attention.to_queries.weight, attention.to_keys.weight
+    q = torch.einsum("bqd,ed->bqe", tokens, weight_q).reshape(3, 5, heads, 2, 8)
+    k = torch.einsum("bkd,ed->bke", seen, weight_k).reshape(3, 7, heads, 2, 8)
+    v = torch.einsum("bkd,ed->bke", seen, attention.to_values.weight)
+    v = v.reshape(3, 7, heads, 8)
+    logits = torch.einsum("bqhmc,bkhmc->bhmqk", q, k) / math.sqrt(8)
     logits[~is_token[:, None, None, None].expand_as(logits)] = -math.inf
     maps = torch.softmax(logits, dim=-1)
     taken = torch.einsum("bhqk,bkhc->bqhc", maps[:, :, 0] - share * maps[:, :, 1], v)
     size = taken.square().mean(dim=-1, keepdim=True).add(1e-5).sqrt()
-    normed = taken / size * attention.norm.weight * (1 - start)
+    normed = taken / size * attention.norm_weight * (1 - start)
     expected = normed.flatten(2) @ attention.to_output.weight.T
     torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
 
@@ -61,7 +61,13 @@ def test_plain_attention_against_torch():
     found = attention(
         tokens, attention.keys_values(seen, Mask.of(is_token[:, None, None]))
     )
-    weights = torch.cat([attention.to_queries.weight, attention.to_keys_values.weight])
+    weights = torch.cat(
+        [
+            attention.to_queries.weight,
+            attention.to_keys.weight,
+            attention.to_values.weight,
+        ]
+    )
     expected, _ = torch.nn.functional.multi_head_attention_forward(
         tokens.transpose(0, 1),
         seen.transpose(0, 1),
