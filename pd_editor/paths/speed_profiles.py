@@ -33,19 +33,33 @@ def drive(
     limits = paths.speed_limit_mps.ravel()
     base = path * num_points
     speed, place = speed_mps.copy(), np.zeros(len(path))
-    reached = np.zeros((len(path), num_steps + 1))
+    reached = np.zeros((num_steps + 1, len(path)))
     scale, response = 1 / SPACING_M, step_s / RESPONSE_S
     most, least = acceleration_mps2 * step_s, -braking_mps2 * step_s
-    hardest = np.minimum(least, -MAX_BRAKING_MPS2 * step_s)
+    # First row: what the target asks for; second row: what the curves do.
+    wanted = np.stack([target_mps, target_mps])
+    lowest = np.stack([least, np.minimum(least, -MAX_BRAKING_MPS2 * step_s)])
+    seen, cell = np.empty((2, len(path))), np.empty((2, len(path)), np.int64)
     for step in range(num_steps):
-        here = np.minimum((place * scale).astype(np.int64), num_points - 1)
-        ahead = ((place + speed * RESPONSE_S) * scale).astype(np.int64)
-        np.minimum(ahead, num_points - 1, out=ahead)
-        limit = np.minimum(limits.take(base + here), limits.take(base + ahead))
-        change = np.minimum(np.maximum((target_mps - speed) * response, least), most)
-        curve = np.maximum((limit - speed) * response, hardest)
-        new = np.maximum(speed + np.minimum(change, curve), 0.0)
-        place = place + (speed + new) * (step_s / 2)
+        np.multiply(speed, RESPONSE_S, out=seen[1])
+        seen[1] += place
+        seen[0] = place
+        seen *= scale
+        cell[...] = seen
+        np.minimum(cell, num_points - 1, out=cell)
+        cell += base
+        limit = limits.take(cell)
+        np.minimum(limit[0], limit[1], out=wanted[1])
+        change = wanted - speed
+        change *= response
+        np.maximum(change, lowest, out=change)
+        np.minimum(change[0], most, out=change[0])
+        new = np.minimum(change[0], change[1])
+        new += speed
+        np.maximum(new, 0.0, out=new)
+        speed += new
+        speed *= step_s / 2
+        place += speed
+        reached[step + 1] = place
         speed = new
-        reached[:, step + 1] = place
-    return reached
+    return np.ascontiguousarray(reached.T)
