@@ -13,7 +13,11 @@ from pd_editor.cli.progress import progress_shown
 from pd_editor.errors import InputError
 from pd_editor.synthesis.corpus import CorpusPlan, CorpusRecord, build_corpus
 from pd_editor.synthesis.corpus_folder import MANIFEST_NAME, CorpusFolder
-from pd_editor.synthesis.corpus_scenes import corpus_scenes, real_scenes
+from pd_editor.synthesis.corpus_scenes import (
+    corpus_scenes,
+    real_scenes,
+    scenario_folders,
+)
 from pd_editor.work_engine import LocalProcesses
 
 _MAX_REASONS = 5
@@ -92,6 +96,8 @@ def synth(
     real_roots = _folders(report)
     if len(real_roots) > 2:
         raise InputError("--report takes one folder of real scenes, or two.")
+    for root in real_roots:
+        scenario_folders((root,))
     plan = CorpusPlan(
         num=num,
         seed=seed,
