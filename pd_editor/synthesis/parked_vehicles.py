@@ -169,7 +169,8 @@ def _lots(
         num_places = int(random.integers(4, 14))
         along = (np.arange(num_places) - num_places / 2) * LOT_PITCH_M
         fullness = random.uniform(*options.fullness)
-        ahead, right = unit_vector(heading[0]), -left_of(unit_vector(heading[0]))
+        ahead = unit_vector(heading)[0]
+        right = -left_of(ahead)
         for row in range(int(random.integers(1, 3))):
             taken = random.random(num_places) < fullness
             offset = row * (LOT_AISLE_M + 5.0) + random.normal(0.0, 0.2, taken.sum())

@@ -1,12 +1,14 @@
 """Traffic on a network for some minutes, as a recording."""
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 from xml.etree.ElementTree import ElementTree
 
 import numpy as np
 
+from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.synthesis.demand import draw_demand
 from pd_editor.synthesis.demand_options import DemandOptions
 from pd_editor.synthesis.motion_check import has_artefact, without_overlaps
@@ -15,8 +17,12 @@ from pd_editor.synthesis.parked_vehicles import ParkedVehicles, draw_parked_vehi
 from pd_editor.synthesis.signal_plans import draw_signal_plans
 from pd_editor.synthesis.sumo_states import read_raw_tracks
 from pd_editor.synthesis.sumo_tools import run_sumo_tool
-from pd_editor.synthesis.traffic_graph import read_traffic_graph
-from pd_editor.synthesis.traffic_tracks import TrafficTracks, traffic_tracks
+from pd_editor.synthesis.traffic_graph import TrafficGraph, read_traffic_graph
+from pd_editor.synthesis.traffic_tracks import (
+    STANDING_MPS,
+    TrafficTracks,
+    traffic_tracks,
+)
 from pd_editor.windows.recording import Recording
 
 STEP_S: Final = 0.1
@@ -25,6 +31,12 @@ WARM_UP_S: Final = 20.0
 
 LATERAL_RESOLUTION_M: Final = 0.6
 """Of SUMO's sublane model."""
+
+JAM_SHARE: Final = 0.45
+"""Traffic that stands for more of its time is more than the roads carry."""
+LESS_FLOW: Final = 0.6
+"""Share of it that is tried instead."""
+MAX_RETRIES: Final = 2
 
 JAM_S: Final = 90.0
 """Whoever waits longer at the head of a lane is taken off the road."""
@@ -46,23 +58,51 @@ def simulate(
         SynthesisError: SUMO is missing, or refused the network or the traffic.
     """
     options = demand or DemandOptions()
-    random = np.random.default_rng(seed)
     graph = read_traffic_graph(network.net_file)
-    drawn = draw_demand(graph, options, WARM_UP_S + duration_s, random)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        drawn.write(folder / "trips.rou.xml")
-        plans = draw_signal_plans(network.net_file, random)
-        ElementTree(plans).write(folder / "signals.add.xml", encoding="utf-8")
-        _run(network.net_file, folder, seed, WARM_UP_S + duration_s)
-        raw = read_raw_tracks(
-            (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
-        )
-    tracks = traffic_tracks(raw.shifted(round(WARM_UP_S / STEP_S)), drawn.types, STEP_S)
+    random = np.random.default_rng(seed)
+    tracks = _traffic(network, graph, options, duration_s, seed, random)
+    for _ in range(MAX_RETRIES):
+        if _standing_share(tracks) <= JAM_SHARE:
+            break
+        options = replace(options, flow_per_lane=LESS_FLOW * options.flow_per_lane)
+        tracks = _traffic(network, graph, options, duration_s, seed, random)
     tracks = tracks.taken(~has_artefact(tracks, STEP_S))
     tracks = tracks.taken(without_overlaps(tracks))
     parked = draw_parked_vehicles(network, tracks, options.parking, random)
     return _recording(network, seed, tracks, parked, round(duration_s / STEP_S))
+
+
+def _traffic(
+    network: Network,
+    graph: TrafficGraph,
+    options: DemandOptions,
+    duration_s: float,
+    seed: int,
+    random: np.random.Generator,
+) -> TrafficTracks:
+    """Tracks of everyone who is simulated, after the warm-up."""
+    end_s = WARM_UP_S + duration_s
+    drawn = draw_demand(graph, options, end_s, random)
+    plans = draw_signal_plans(network.net_file, random)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        drawn.write(folder / "trips.rou.xml")
+        ElementTree(plans).write(folder / "signals.add.xml", encoding="utf-8")
+        _run(network.net_file, folder, seed, end_s)
+        raw = read_raw_tracks(
+            (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
+        )
+    return traffic_tracks(raw.shifted(round(WARM_UP_S / STEP_S)), drawn.types, STEP_S)
+
+
+def _standing_share(tracks: TrafficTracks) -> float:
+    """Share of the vehicles' time in which they stand."""
+    drives = np.array([kind is not AgentKind.PEDESTRIAN for kind in tracks.kinds], bool)
+    rows = drives[tracks.agent]
+    if not rows.any():
+        return 0.0
+    speed = np.linalg.norm(tracks.velocity_mps[rows], axis=1)
+    return float((speed < STANDING_MPS).mean())
 
 
 def _run(net_file: Path, folder: Path, seed: int, end_s: float) -> None:
