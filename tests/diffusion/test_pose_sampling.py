@@ -1,5 +1,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -77,7 +78,7 @@ def test_drawing_stops_when_nobody_asks_on(monkeypatch: pytest.MonkeyPatch):
     calls = []
     denoise = model.denoise
 
-    def counted(*args: torch.Tensor) -> torch.Tensor:
+    def counted(*args: Any) -> torch.Tensor:
         calls.append(1)
         return denoise(*args)
 

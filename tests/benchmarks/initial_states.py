@@ -1,0 +1,339 @@
+"""Initial states drawn on real maps: how good they are, and how long they take.
+
+Reads full scenes under PD_EDITOR_AV2; recorded counts and kinds in the square of
+half side 62 m around the focal agent. ``python -m tests.benchmarks.initial_states
+--model FOLDER [--split train|val|all] [--samples 3] [--steps 20]``.
+"""
+
+import argparse
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.diffusion.model_folder import load_model
+from pd_editor.diffusion.pose_denoiser import PoseDenoiser
+from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
+from pd_editor.diffusion.pose_guidance import PoseGuidance
+from pd_editor.diffusion.pose_sampling import (
+    PoseGuide,
+    PoseSamplerConfig,
+    sample_states,
+)
+from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
+from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS
+from pd_editor.generation import TrafficSample
+from pd_editor.metrics.box_overlap import box_overlap
+from pd_editor.metrics.center_collision import init_collision_2m
+from pd_editor.metrics.distribution_distance import HISTOGRAMS
+from pd_editor.metrics.interaction import local_density, nearest_distance
+from pd_editor.metrics.kinematics import motion_values
+from pd_editor.metrics.metric_values import MetricValues, pooled
+from pd_editor.metrics.noise_floor import noise_floor
+from pd_editor.metrics.off_lane import nearest_edge, off_lane
+from pd_editor.metrics.paper_agents import paper_init_agents
+from pd_editor.metrics.traffic_view import (
+    TrafficView,
+    generated_traffic,
+    recorded_traffic,
+)
+from pd_editor.repair import project_to_lanes, separate_overlaps
+from pd_editor.scene.scenario import Scenario
+from pd_editor.windows.packed_scene import PackedScene
+from pd_editor.windows.scene_features import scene_center, scene_features
+
+COMPARED = (
+    "nearest_distance",
+    "local_density",
+    "nearest_edge",
+    "nearest_edge_angle",
+    "speed",
+)
+Values = dict[str, MetricValues]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RealScene:
+    """A recorded scene with the road users in its square only."""
+
+    scenario: Scenario
+    tensors: SceneTensors
+    center_m: np.ndarray
+
+
+def real_scenes(split: str, *, only_paper_agents: bool) -> list[RealScene]:
+    """Full scenes of one split, or of all."""
+    root = Path(os.environ["PD_EDITOR_AV2"])
+    splits = ("train", "val") if split == "all" else (split,)
+    folders = sorted(
+        path.parent
+        for name in splits
+        for path in (root / name).glob("*/scenario*.parquet")
+    )
+    scenes = []
+    for folder in folders:
+        scenario = read_scenario(folder)
+        scene = _real_scene(scenario, only_paper_agents)
+        if scene is not None:
+            scenes.append(scene)
+    return scenes
+
+
+def _real_scene(scenario: Scenario, only_paper_agents: bool) -> RealScene | None:
+    view = recorded_traffic(scenario)
+    center = scene_center(scenario)
+    offset = np.abs(view.agents.position_m[:, 0] - center).max(axis=1)
+    kept = offset <= POSITION_UNIT_M
+    if only_paper_agents:
+        kept &= paper_init_agents(view)
+    if not kept.any():
+        return None
+    ids = [name for name, keep in zip(view.agents.ids, kept, strict=True) if keep]
+    rows = scenario.agents.rows(ids)
+    scenario = replace(
+        scenario, agents=scenario.agents.taken(rows), focal_id=scenario.focal_id
+    )
+    found = scene_features(scenario, with_candidates=False, center_m=center)
+    nothing = np.zeros((len(rows), 0, 10), np.float32)
+    packed = PackedScene(
+        piece_pose=found.piece_pose,
+        piece_shape=found.piece_shape,
+        piece_kind=found.piece_kind,
+        agent_pose=found.agent_pose,
+        agent_speed=found.agent_speed,
+        agent_size=found.agent_size,
+        agent_kind=found.agent_kind,
+        near_pieces=found.near_pieces,
+        near_agents=found.near_agents,
+        candidates=nothing,
+        has_candidate=np.zeros((len(rows), 0), bool),
+        future=np.zeros((len(rows), 10), np.float32),
+        has_future=np.zeros(len(rows), bool),
+    )
+    return RealScene(scenario=scenario, tensors=batch_of([packed]), center_m=center)
+
+
+def drawn(
+    model: PoseDenoiser,
+    scene: RealScene,
+    samples: int,
+    config: PoseSamplerConfig,
+    guide: PoseGuide | None,
+) -> list[TrafficSample]:
+    """Samples of the states of everybody in a scene."""
+    steps = sample_states(
+        model,
+        scene.tensors,
+        samples=range(samples),
+        seed=0,
+        config=config,
+        guide=guide,
+    )
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stop:
+            states = stop.value[:, 0].double().numpy()
+            break
+    agents = scene.scenario.agents
+    return [
+        TrafficSample(
+            ids=agents.ids,
+            kinds=agents.kinds,
+            size_m=agents.size_m,
+            position_m=(one[:, None, :2] + scene.center_m),
+            heading_rad=np.arctan2(one[:, 3], one[:, 2])[:, None],
+            velocity_mps=(one[:, 2:4] * one[:, 4:])[:, None],
+        )
+        for one in states
+    ]
+
+
+def repaired(scenario: Scenario, sample: TrafficSample) -> TrafficSample:
+    """A sample after both repairs of states."""
+    agents, step = scenario.agents, scenario.current_step
+    states = {
+        "position_m": sample.position_m[:, 0],
+        "heading_rad": sample.heading_rad[:, 0],
+        "velocity_mps": sample.velocity_mps[:, 0],
+    }
+    arrays = {name: getattr(agents, name).copy() for name in states}
+    for name, values in states.items():
+        arrays[name][:, step] = values
+    rows = np.arange(len(agents))
+    mended = scenario.with_agents(agents.with_rows(rows, **arrays))
+    mended, _ = project_to_lanes(mended, keep_ids=())
+    mended, _ = separate_overlaps(mended, keep_ids=())
+    now = mended.agents
+    return replace(
+        sample,
+        position_m=now.position_m[:, step : step + 1],
+        heading_rad=now.heading_rad[:, step : step + 1],
+        velocity_mps=now.velocity_mps[:, step : step + 1],
+    )
+
+
+def load_pose_model(folder: Path) -> PoseDenoiser:
+    """The first stage's network."""
+    model = load_model(folder, STAGE_KINDS).stage(INITIAL_STATES.name).model
+    assert isinstance(model, PoseDenoiser)
+    return model
+
+
+def state_values(view: TrafficView) -> Values:
+    """Metrics of states, one row per agent."""
+    speed = motion_values(view)["speed"]
+    movers = view.agents.is_in("movers")
+    values = (
+        init_collision_2m(view),
+        box_overlap(view).at_state(),
+        off_lane(view).values()["init_off_road_4m"],
+        *nearest_edge(view),
+        nearest_distance(view),
+        local_density(view),
+        speed,
+    )
+    # As in the reports: distributions are those of movers.
+    return {
+        one.name: one.taken(movers) if one.name in COMPARED else one for one in values
+    }
+
+
+def summary(name: str, scenes: Sequence[Values], recorded: Sequence[Values]) -> str:
+    """A line of the table."""
+
+    def mean(metric: str) -> float:
+        return 100 * float(pooled(scene[metric] for scene in scenes).mean())
+
+    values = {key: pooled(scene[key] for scene in scenes) for key in COMPARED}
+    cells = [f"{mean(key):6.2f}" for key in ("init_collision_2m", "init_overlap")]
+    cells.append(f"{mean('init_off_road_4m'):6.2f}")
+    cells.append(f"{values['nearest_edge'].mean():6.2f}")
+    cells.append(f"{np.median(np.abs(values['nearest_edge_angle'])):6.2f}")
+    cells.append(f"{np.mean(np.abs(values['nearest_edge_angle'])):6.2f}")
+    cells.append(f"{100 * np.mean(values['speed'] > 0.5):6.1f}")
+    moving = values["speed"][values["speed"] > 0.5]
+    cells.append(f"{np.median(moving) if len(moving) else 0:6.2f}")
+    for histogram in HISTOGRAMS:
+        if histogram.metric in COMPARED and histogram.source == "ours":
+            real = pooled(scene[histogram.metric] for scene in recorded)
+            found = histogram.distance(values[histogram.metric], real)
+            cells.append(f"{found.root:6.3f}")
+    return f"{name:22s}" + " ".join(cells)
+
+
+def floor_line(recorded: Sequence[Values]) -> str:
+    """Distances between recordings and recordings."""
+    cells = []
+    for histogram in HISTOGRAMS:
+        if histogram.metric in COMPARED and histogram.source == "ours":
+            scenes = [scene[histogram.metric] for scene in recorded]
+            agents = sum(len(scene) for scene in scenes)
+            floor = noise_floor(
+                scenes,
+                lambda one, two, bins=histogram: bins.distance(one, two).root,
+                num_agents=agents,
+            )
+            cells.append(f"{floor.mean:6.3f}")
+    return f"{'noise floor':22s}" + " " * 56 + " ".join(cells)
+
+
+def print_table(
+    model: PoseDenoiser,
+    scenes: Sequence[RealScene],
+    samples: int,
+    configs: dict[str, PoseSamplerConfig],
+    *,
+    repairs: bool,
+) -> None:
+    """Everything beside the recordings."""
+    print(f"{len(scenes)} scenes, {sum(len(s.scenario.agents) for s in scenes)} agents")
+    print(
+        " " * 22 + " coll2 overlp off4m%   edge medang meanan  move%  speed"
+        "   near   dens   edge  angle  speed (JSD roots)"
+    )
+    recorded = [state_values(recorded_traffic(scene.scenario)) for scene in scenes]
+    print(summary("recorded", recorded, recorded))
+    print(floor_line(recorded))
+    for name, config in configs.items():
+        for guidance in (None, PoseGuidance()):
+            label = name if guidance is None else f"{name} guided"
+            found = [
+                drawn(
+                    model,
+                    scene,
+                    samples,
+                    config,
+                    None if guidance is None else guidance.of(scene.tensors),
+                )
+                for scene in scenes
+            ]
+            print(summary(label, _measured(scenes, found), recorded), flush=True)
+            if repairs:
+                found = [
+                    [repaired(scene.scenario, one) for one in some]
+                    for scene, some in zip(scenes, found, strict=True)
+                ]
+                line = summary(f"{label} repaired", _measured(scenes, found), recorded)
+                print(line, flush=True)
+
+
+def _measured(
+    scenes: Sequence[RealScene], found: Sequence[Sequence[TrafficSample]]
+) -> list[Values]:
+    return [
+        state_values(generated_traffic(scene.scenario, one))
+        for scene, some in zip(scenes, found, strict=True)
+        for one in some
+    ]
+
+
+def print_times(
+    model: PoseDenoiser, scenes: Sequence[RealScene], num_steps: int
+) -> None:
+    """Milliseconds for one sample of 32 agents."""
+    scene = max(scenes, key=lambda one: len(one.scenario.agents)).tensors
+    rows = torch.arange(32) % scene.has_agent.shape[1]
+    names = ("agent_pose", "agent_speed", "agent_size", "agent_kind", "has_agent")
+    scene = replace(scene, **{name: getattr(scene, name)[:, rows] for name in names})
+    spent = []
+    for repeat in range(12):
+        start = time.perf_counter()
+        config = PoseSamplerConfig(num_steps=num_steps)
+        for _ in sample_states(model, scene, samples=[repeat], seed=0, config=config):
+            pass
+        spent.append(1e3 * (time.perf_counter() - start))
+    print(
+        f"32 agents, {scene.has_piece.sum()} pieces, {num_steps} steps, "
+        f"{torch.get_num_threads()} threads: median {np.median(spent):.1f} ms, "
+        f"min {min(spent):.1f} ms"
+    )
+
+
+def main() -> None:
+    """Print the table and the time."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--model", type=Path, required=True)
+    parser.add_argument("--split", default="train")
+    parser.add_argument("--samples", type=int, default=3)
+    parser.add_argument("--steps", type=int, nargs="+", default=[20])
+    parser.add_argument("--paper-agents", action="store_true")
+    parser.add_argument("--no-repair", action="store_true")
+    options = parser.parse_args()
+    model = load_pose_model(options.model)
+    scenes = real_scenes(options.split, only_paper_agents=options.paper_agents)
+    configs = {
+        f"{steps} steps": PoseSamplerConfig(num_steps=steps) for steps in options.steps
+    }
+    print_table(model, scenes, options.samples, configs, repairs=not options.no_repair)
+    for steps in options.steps:
+        print_times(model, scenes, steps)
+
+
+if __name__ == "__main__":
+    main()
