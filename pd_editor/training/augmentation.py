@@ -42,8 +42,6 @@ class Augmentation:
     lanes_dropped_share: float = 0.15
     lane_dropped: float = 0.12
     """Chance of each lane in such scenarios."""
-    hides_agents: bool = True
-    """Whether agents are hidden as by a tracker: more of those far from the ego."""
     agents_dropped_share: float = 0.15
     agent_dropped: float = 0.4
     """Greatest chance of each agent in such scenarios."""
@@ -55,13 +53,18 @@ DEFAULT_AUGMENTATION: Final = Augmentation()
 
 
 def augmented(
-    scenario: Scenario, augmentation: Augmentation, random: np.random.Generator
+    scenario: Scenario,
+    augmentation: Augmentation,
+    random: np.random.Generator,
+    *,
+    hides_agents: bool,
 ) -> Scenario:
     """A changed scenario with the road users of the current step only.
 
-    Its map has lanes and crosswalks only, and is a new value.
+    Where all agents are known, those that a tracker would not see are to be hidden:
+    more of those far from the ego. Its map has lanes and crosswalks only, and is a new value.
     """
-    agents = _remaining(scenario, augmentation, random)
+    agents = _remaining(scenario, augmentation, random, hides_agents=hides_agents)
     road_map = _remaining_map(scenario.road_map, augmentation, random)
     if augmentation.jitter_m > 0 and road_map.polylines:
         road_map = road_map.moved(_waves(augmentation, random))
@@ -72,14 +75,18 @@ def augmented(
 
 
 def _remaining(
-    scenario: Scenario, augmentation: Augmentation, random: np.random.Generator
+    scenario: Scenario,
+    augmentation: Augmentation,
+    random: np.random.Generator,
+    *,
+    hides_agents: bool,
 ) -> AgentTracks:
     """Road users that are there now, and seen."""
     tracks, step = scenario.agents, scenario.current_step
     kept = tracks.is_valid[:, step] & tracks.kind_mask(ROAD_USER_KINDS)
     always = np.array([c >= AgentCategory.SCORED for c in tracks.categories], bool)
     always |= np.array([name == EGO_ID for name in tracks.ids], bool)
-    if augmentation.hides_agents:
+    if hides_agents:
         kept &= always | _is_seen(scenario, random)
     if random.random() < augmentation.agents_dropped_share:
         chance = augmentation.agent_dropped * random.random()

@@ -60,7 +60,9 @@ class _Work:
         for number in self.numbers:
             random = np.random.default_rng([self.seed, self.root_index, number])
             try:
-                scenario, center = self._prepared(source[number], random)
+                scenario, center = self._prepared(
+                    source[number], random, hides_agents=root.is_simulated
+                )
                 found = scene_features(
                     scenario, with_candidates=with_candidates, center_m=center
                 )
@@ -70,13 +72,16 @@ class _Work:
             yield root.group(number), found
 
     def _prepared(
-        self, scenario: Scenario, random: np.random.Generator
+        self, scenario: Scenario, random: np.random.Generator, *, hides_agents: bool
     ) -> tuple[Scenario, np.ndarray]:
         center = scene_center(scenario)
         if self.augmentation is None:
             return scenario, center
         center = center + self.augmentation.center_m * random.standard_normal(2)
-        return augmented(scenario, self.augmentation, random), center
+        changed = augmented(
+            scenario, self.augmentation, random, hides_agents=hides_agents
+        )
+        return changed, center
 
 
 @lru_cache(maxsize=4)

@@ -33,6 +33,11 @@ class ScenarioRoot(Protocol):
         """Files or folders that hold no scenario, though they should."""
         ...
 
+    @property
+    def is_simulated(self) -> bool:
+        """Whether every agent is in it, not only those that a tracker saw."""
+        ...
+
     def __len__(self) -> int: ...
 
     def scenario(self, index: int) -> Scenario:
@@ -49,7 +54,9 @@ class ScenarioRoot(Protocol):
 
 
 class ShardRoot:
-    """The windows of a folder of shards, as a tracker would see them."""
+    """The windows of a folder of shards, blurred as by a tracker."""
+
+    is_simulated = True
 
     def __init__(self, path: Path, noise: TrackingNoise | None = BLUR_ONLY) -> None:
         """Read which windows there are; shards that are damaged are left out.
@@ -104,6 +111,8 @@ def _shard(file: Path) -> ShardReader:
 
 class Av2Root:
     """The scenarios below a folder of an Argoverse 2 dataset."""
+
+    is_simulated = False
 
     def __init__(self, path: Path) -> None:
         """List the scenarios' folders.

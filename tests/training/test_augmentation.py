@@ -15,7 +15,6 @@ NOTHING = Augmentation(
     warp_share=0.0,
     jitter_m=0.0,
     lanes_dropped_share=0.0,
-    hides_agents=False,
     agents_dropped_share=0.0,
     center_m=0.0,
 )
@@ -28,7 +27,7 @@ def road_of_drivers():
 
 def test_switched_off_only_those_not_here_are_left_out(av2_scenario_folders):
     scenario = read_scenario(av2_scenario_folders[0])
-    found = augmented(scenario, NOTHING, np.random.default_rng(0))
+    found = augmented(scenario, NOTHING, np.random.default_rng(0), hides_agents=False)
     assert found.road_map.lanes == scenario.road_map.lanes
     agents, step = scenario.agents, scenario.current_step
     here = agents.is_valid[:, step] & agents.kind_mask(ROAD_USER_KINDS)
@@ -41,7 +40,9 @@ def test_switched_off_only_those_not_here_are_left_out(av2_scenario_folders):
 def test_the_same_chance_gives_the_same():
     scenario = road_of_drivers()
     one, two, other = (
-        augmented(scenario, Augmentation(), np.random.default_rng(seed))
+        augmented(
+            scenario, Augmentation(), np.random.default_rng(seed), hides_agents=True
+        )
         for seed in (5, 5, 6)
     )
     assert one.agents.ids == two.agents.ids
@@ -56,7 +57,9 @@ def test_jitter_moves_the_road_by_as_much_as_is_said():
     shift = []
     for seed in range(300):
         jitter = replace(NOTHING, jitter_m=0.3)
-        found = augmented(scenario, jitter, np.random.default_rng(seed))
+        found = augmented(
+            scenario, jitter, np.random.default_rng(seed), hides_agents=False
+        )
         assert np.array_equal(found.agents.position_m, scenario.agents.position_m)
         gap = found.road_map.polylines[0] - scenario.road_map.polylines[0]
         shift.append(gap[:, :2])
@@ -72,7 +75,9 @@ def test_warped_scenes_keep_whom_they_are_about_in_place():
     scenario = road_of_drivers()
     bends = 0
     for seed in range(20):
-        found = augmented(scenario, bent, np.random.default_rng(seed))
+        found = augmented(
+            scenario, bent, np.random.default_rng(seed), hides_agents=False
+        )
         (row,) = found.agents.rows([scenario.focal_id])
         step = scenario.current_step
         place = scenario.agents.position_m[row, step]
@@ -90,7 +95,10 @@ def test_shares_are_kept():
     scenario = road_of_drivers()
     warped = sum(
         augmented(
-            scenario, replace(NOTHING, warp_share=0.3), np.random.default_rng(seed)
+            scenario,
+            replace(NOTHING, warp_share=0.3),
+            np.random.default_rng(seed),
+            hides_agents=False,
         ).applied_warp
         is not None
         for seed in range(300)
@@ -99,11 +107,13 @@ def test_shares_are_kept():
 
 
 def test_the_focal_agent_and_the_ego_stay():
-    hiding = replace(NOTHING, hides_agents=True, agents_dropped_share=1.0)
+    hiding = replace(NOTHING, agents_dropped_share=1.0)
     scenario = road_of_drivers()
     kept = []
     for seed in range(60):
-        found = augmented(scenario, hiding, np.random.default_rng(seed))
+        found = augmented(
+            scenario, hiding, np.random.default_rng(seed), hides_agents=True
+        )
         assert scenario.focal_id in found.agents.row_of
         kept.append(len(found.agents))
     assert 10 < np.mean(kept) < 22
@@ -114,7 +124,10 @@ def test_lanes_are_left_out():
     counts = [
         len(
             augmented(
-                road_of_drivers(), dropping, np.random.default_rng(seed)
+                road_of_drivers(),
+                dropping,
+                np.random.default_rng(seed),
+                hides_agents=False,
             ).road_map.lanes
         )
         for seed in range(100)
@@ -129,9 +142,11 @@ def test_nobody_and_no_road_do_no_harm():
     )
     random = np.random.default_rng(0)
     nobody = replace(scenario_with(empty_tracks(110)), focal_id="")
-    assert not len(augmented(nobody, always, random).agents)
+    assert not len(augmented(nobody, always, random, hides_agents=True).agents)
     no_road = scenario_with(straight_drivers(ROW), RoadMap(lanes=()))
-    assert scenario_features_are_finite(augmented(no_road, always, random))
+    assert scenario_features_are_finite(
+        augmented(no_road, always, random, hides_agents=True)
+    )
 
 
 def scenario_features_are_finite(scenario) -> bool:
