@@ -11,19 +11,18 @@ from pd_editor.geometry.polyline import arc_length, offset_line
 from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap
 from pd_editor.synthesis.chain_lines import chain_lines
 from pd_editor.synthesis.drivable_area import drivable_areas
-from pd_editor.synthesis.lane_chains import LaneChain, LaneChains, lane_chains
-from pd_editor.synthesis.lane_geometry import WideLine, pieces
+from pd_editor.synthesis.lane_chains import LaneChains, lane_chains
 from pd_editor.synthesis.lane_paint import LanePaint, lane_paint
+from pd_editor.synthesis.lane_sections import (
+    ChainSections,
+    chain_sections,
+    edge_cuts,
+)
 from pd_editor.synthesis.sumo_net import SumoLane, SumoNet
 
 FIRST_LANE_ID: Final = 1000
 FIRST_CROSSWALK_ID: Final = 1
 FIRST_AREA_ID: Final = 500
-_MEDIAN_SECTION_M: Final = 21.0
-_SECTION_SPREAD: Final = 0.7
-"""Of the logarithm of the length."""
-_MIN_SECTION_M: Final = 5.0
-_MAX_SECTION_M: Final = 80.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,19 +41,19 @@ def net_road_map(net: SumoNet, random: np.random.Generator) -> NetRoadMap:
     side.
     """
     chains = lane_chains(net)
-    cuts = _edge_cuts(net, random)
+    cuts = edge_cuts(net, random)
     paint = lane_paint(net, chains, random)
     lines = chain_lines(chains)
     sections = [
-        _sections(chain, line, cuts.get(chain.main.edge, []))
+        chain_sections(chain, line, cuts.get(chain.main.edge, []))
         for chain, line in zip(chains.chains, lines, strict=True)
     ]
     first_id = FIRST_LANE_ID + np.concatenate(
-        [[0], np.cumsum([len(parts) for parts in sections])]
+        [[0], np.cumsum([len(cut.parts) for cut in sections])]
     )
     ids = [
-        [int(first_id[n]) + k for k in range(len(parts))]
-        for n, parts in enumerate(sections)
+        [int(first_id[n]) + k for k in range(len(cut.parts))]
+        for n, cut in enumerate(sections)
     ]
     lanes = tuple(
         lane
@@ -72,42 +71,11 @@ def net_road_map(net: SumoNet, random: np.random.Generator) -> NetRoadMap:
     )
 
 
-def _edge_cuts(net: SumoNet, random: np.random.Generator) -> dict[str, list[float]]:
-    """Fractions along each normal edge where its lanes are cut."""
-    cuts = {}
-    for edge in net.junction_of:
-        lane = net.lanes_of_edge[edge][-1]
-        length = float(arc_length(lane.shape_m)[-1])
-        at, fractions = 0.0, []
-        while True:
-            step = _MEDIAN_SECTION_M * np.exp(_SECTION_SPREAD * random.normal())
-            at += float(np.clip(step, _MIN_SECTION_M, _MAX_SECTION_M))
-            if at > length - _MIN_SECTION_M:
-                break
-            fractions.append(at / length)
-        cuts[edge] = fractions
-    return cuts
-
-
-def _main_span(chain: LaneChain) -> tuple[float, float]:
-    """Where along the chain its main lane begins, and how long it is."""
-    lengths = [float(arc_length(lane.shape_m)[-1]) for lane in chain.lanes]
-    row = chain.lanes.index(chain.main)
-    return sum(lengths[:row]), lengths[row]
-
-
-def _sections(
-    chain: LaneChain, line: WideLine, fractions: list[float]
-) -> list[WideLine]:
-    start, length = _main_span(chain)
-    return pieces(line, [start + fraction * length for fraction in fractions])
-
-
 def _lanes_of_chain(
     net: SumoNet,
     chains: LaneChains,
     number: int,
-    sections: list[list[WideLine]],
+    sections: list[ChainSections],
     ids: list[list[int]],
     paint: LanePaint,
 ) -> list[Lane]:
@@ -115,8 +83,8 @@ def _lanes_of_chain(
     left, right = (_neighbor_chain(net, chains, chain.main, step) for step in (1, -1))
     following = [ids[after][0] for after in chains.next_of[number]]
     lanes = []
-    last = len(sections[number]) - 1
-    for k, section in enumerate(sections[number]):
+    last = len(sections[number].parts) - 1
+    for k, section in enumerate(sections[number].parts):
         marks = paint.marks(chain, at_end=k == last)
         lanes.append(
             Lane(
@@ -130,11 +98,25 @@ def _lanes_of_chain(
                 right_mark=marks[1],
                 successors=tuple(following) if k == last else (ids[number][k + 1],),
                 predecessors=(),
-                left_neighbor=None if left is None else ids[left][k],
-                right_neighbor=None if right is None else ids[right][k],
+                left_neighbor=_section_beside(sections, ids, number, k, left),
+                right_neighbor=_section_beside(sections, ids, number, k, right),
             )
         )
     return lanes
+
+
+def _section_beside(
+    sections: list[ChainSections],
+    ids: list[list[int]],
+    number: int,
+    row: int,
+    beside: int | None,
+) -> int | None:
+    """The segment of the chain beside; none where a lane opens or closes."""
+    own = row - sections[number].num_before
+    if beside is None or not 0 <= own < sections[number].num_own:
+        return None
+    return ids[beside][own + sections[beside].num_before]
 
 
 def _flat(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 3"]:
@@ -165,12 +147,12 @@ def _with_predecessors(lanes: tuple[Lane, ...]) -> tuple[Lane, ...]:
 
 def _lane_of_sumo(
     chains: LaneChains,
-    sections: list[list[WideLine]],
+    sections: list[ChainSections],
     ids: list[list[int]],
 ) -> dict[str, tuple[int, ...]]:
     result = {}
     for n, chain in enumerate(chains.chains):
-        ends = np.cumsum([arc_length(part.points_m)[-1] for part in sections[n]])
+        ends = np.cumsum([arc_length(part.points_m)[-1] for part in sections[n].parts])
         at = 0.0
         for lane in chain.lanes:
             length = float(arc_length(lane.shape_m)[-1])

@@ -1,0 +1,13 @@
+"""Networks drawn once, for all tests."""
+
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+from pd_editor.synthesis.draw_network import draw_network
+from pd_editor.synthesis.network import Network
+
+
+@cache
+def network(family: str, seed: int) -> Network:
+    return draw_network(family, seed, Path(mkdtemp(prefix="networks-")))
