@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.windows.packed_scene import LATENT_SIZE
@@ -95,7 +95,7 @@ class TrajectoryBasis:
     def completed(
         self,
         future_m: Float[np.ndarray, "N H 2"],
-        is_valid: Float[np.ndarray, "N H"],
+        is_valid: Bool[np.ndarray, "N H"],
         speed_mps: Float[np.ndarray, "N"],
     ) -> Float[np.ndarray, "N 10"]:
         """Most probable latents of futures known in part, under N(0, I) and 0.1 m."""

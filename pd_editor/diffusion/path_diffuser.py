@@ -1,0 +1,333 @@
+"""Both stages behind the port: agents are placed, then driven."""
+
+import threading
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Int
+
+from pd_editor.diffusion.future_drawing import FutureOptions, FutureTask, draw_futures
+from pd_editor.diffusion.future_motion import Motion
+from pd_editor.diffusion.guidance import DEFAULT_WEIGHT
+from pd_editor.diffusion.model_folder import TrainedModel, load_model
+from pd_editor.diffusion.placing import Placing, new_agents, place_agents
+from pd_editor.diffusion.pose_denoiser import PoseDenoiser
+from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
+from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory_sampling import NUM_STEPS
+from pd_editor.errors import GenerationError
+from pd_editor.generation import (
+    LANE_GUIDANCE,
+    GeneratedTraffic,
+    GenerationProgress,
+    GenerationRequest,
+    TrafficSample,
+)
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.scenario import Scenario
+
+AVOIDANCE: Final = "avoidance"
+"""Guidance term: of ``tries`` futures of each agent, those that avoid others."""
+NUM_TRIES: Final = 4
+MOST_AGENTS: Final = 500
+
+_LONGEST_S: Final = 6.05
+"""Futures are 5.9 s long; one step more is driven at the last velocity."""
+_PLACING_SHARE: Final = 0.5
+"""Of the progress of a sample whose states are drawn too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DenoisingProgress(GenerationProgress):
+    """A denoising step done, with what is believed in so far."""
+
+    preview: Callable[[], tuple[TrafficSample, ...]] = field(
+        default=tuple, compare=False, repr=False
+    )
+
+
+class PathDiffuser:
+    """Generates initial states and futures with the weights of a model folder."""
+
+    def __init__(self, folder: Path, name: str = "path-diffuser") -> None:
+        """Weights are read when they are first needed."""
+        self._folder, self._name = Path(folder), name
+        self._model: TrainedModel | None = None
+        self._lock = threading.Lock()
+
+    @property
+    def name(self) -> str:
+        """Name shown to users and written into provenance."""
+        return self._name
+
+    def model(self) -> TrainedModel:
+        """The weights, read once.
+
+        Raises:
+            ModelError: they are missing, damaged or foreign.
+        """
+        with self._lock:
+            if self._model is None:
+                self._model = load_model(self._folder, STAGE_KINDS)
+            return self._model
+
+    def generate(
+        self, request: GenerationRequest
+    ) -> Generator[GenerationProgress, None, GeneratedTraffic]:
+        """Yield progress after each denoising step, return the traffic.
+
+        Raises:
+            GenerationError: the request cannot be met.
+            EditError: an agent is not in the scenario.
+            ModelError: the weights cannot be used.
+        """
+        began = time.perf_counter()
+        check_request(request)
+        model = self.model()
+        new_ids, new_kinds = new_agents(request.scenario, request.num_new_agents)
+        placing = Placing(
+            redrawn_ids=request.redrawn_state_ids,
+            new_kinds=new_kinds,
+            new_ids=new_ids,
+            region=request.region,
+        )
+        if not request.agent_ids and not new_ids:
+            raise GenerationError(
+                "There is nobody to generate; expected at least one agent."
+            )
+        ids = request.agent_ids + new_ids
+        if placing.ids:
+            samples = yield from self._placed_and_driven(request, placing, ids)
+            notes: list[str] = []
+        else:
+            indices = range(request.num_samples)
+            samples, notes = yield from self._driven(
+                request, request.scenario, ids, indices
+            )
+        return GeneratedTraffic(
+            samples=tuple(samples),
+            generator=self.name,
+            model_sha256=model.sha256,
+            seed=request.seed,
+            elapsed_s=time.perf_counter() - began,
+            notes=(*notes, *_notes(request)),
+        )
+
+    def _placed_and_driven(
+        self, request: GenerationRequest, placing: Placing, ids: tuple[str, ...]
+    ) -> Generator[GenerationProgress, None, list[TrafficSample]]:
+        placer = self.model().stage(INITIAL_STATES.name).model
+        assert isinstance(placer, PoseDenoiser)
+        samples: list[TrafficSample] = []
+        for index in range(request.num_samples):
+            done, label = index / request.num_samples, _label(index, request)
+            share = _PLACING_SHARE / request.num_samples
+            scenario = yield from _scaled(
+                place_agents(
+                    placer,
+                    request.scenario,
+                    placing,
+                    sample=index,
+                    seed=request.seed,
+                ),
+                done,
+                share,
+                f"{label}: placing agents",
+            )
+            driven = self._driven(request, scenario, ids, range(index, index + 1))
+            while True:
+                try:
+                    step = next(driven)
+                except StopIteration as stop:
+                    samples += stop.value[0]
+                    break
+                yield DenoisingProgress(
+                    fraction=done + share + share * step.fraction,
+                    message=label,
+                    preview=step.preview,
+                )
+        return samples
+
+    def _driven(
+        self,
+        request: GenerationRequest,
+        scenario: Scenario,
+        ids: tuple[str, ...],
+        indices: range,
+    ) -> Generator[DenoisingProgress, None, tuple[list[TrafficSample], list[str]]]:
+        driver = self.model().stage(TRAJECTORIES.name).model
+        assert isinstance(driver, TrajectoryDenoiser)
+        rows = scenario.agents.rows(ids)
+        task = FutureTask.of(scenario, rows, driver.way_points.basis)
+        futures = draw_futures(driver, task, indices, _options(request))
+        while True:
+            try:
+                share, motion = next(futures)
+            except StopIteration as stop:
+                drawn = stop.value
+                break
+            yield DenoisingProgress(
+                fraction=share,
+                message=f"{len(ids)} agents",
+                preview=lambda motion=motion: _samples(task, rows, motion),
+            )
+        notes: list[str] = []
+        if drawn.lane_cost_m[0] > 0:
+            before, after = drawn.lane_cost_m
+            notes.append(
+                f"Guidance brought the futures from {before:.1f} to {after:.1f} m of "
+                "the nearest way along the lanes, on average."
+            )
+        return list(_samples(task, rows, drawn.motion)), notes
+
+
+def check_request(request: GenerationRequest) -> None:
+    """Refuse what cannot be generated.
+
+    Raises:
+        GenerationError: numbers, agents, states or times are no good.
+        EditError: an agent is not in the scenario.
+    """
+    scenario, agents = request.scenario, request.scenario.agents
+    if request.num_samples < 1:
+        raise GenerationError(
+            f"The number of samples must be at least 1, not {request.num_samples}."
+        )
+    steps = request.num_denoising_steps
+    if steps is not None and steps < 1:
+        raise GenerationError(
+            f"The number of denoising steps must be at least 1, not {steps}."
+        )
+    if request.seed < 0:
+        raise GenerationError(f"The seed must not be negative, but is {request.seed}.")
+    if len(set(request.agent_ids)) < len(request.agent_ids):
+        raise GenerationError("An agent was asked for twice; each may be named once.")
+    if not set(request.redrawn_state_ids) <= set(request.agent_ids):
+        raise GenerationError(
+            "Only agents whose futures are drawn can get another state."
+        )
+    if any(number < 0 for number in request.num_new_agents.values()):
+        raise GenerationError("The number of new agents must not be negative.")
+    strange = [kind for kind in request.num_new_agents if kind not in ROAD_USER_KINDS]
+    if strange:
+        raise GenerationError(f"The model places road users only, not {strange[0]}.")
+    count = int(agents.is_valid[:, scenario.current_step].sum())
+    count += sum(request.num_new_agents.values())
+    if count > MOST_AGENTS:
+        raise GenerationError(
+            f"The scene would have {count} agents; the model takes {MOST_AGENTS}."
+        )
+    axis = scenario.time_axis
+    if axis.num_future_steps * axis.step_s > _LONGEST_S:
+        raise GenerationError(
+            f"The scenario's future lasts {axis.num_future_steps * axis.step_s:.1f} s; "
+            "the model draws 6 s."
+        )
+    if not scenario.road_map.lanes:
+        raise GenerationError("The scenario has no lanes; the model needs a road.")
+    _check_states(request, agents.rows(request.agent_ids))
+
+
+def _check_states(request: GenerationRequest, rows: Int[np.ndarray, "G"]) -> None:
+    agents, now = request.scenario.agents, request.scenario.current_step
+    for row in rows:
+        name = agents.ids[row]
+        if name in request.redrawn_state_ids:
+            continue
+        if not agents.is_valid[row, now]:
+            raise GenerationError(
+                f"Agent {name} is not there at the current step, so it has no state "
+                "to go on from."
+            )
+        state = (*agents.position_m[row, now], *agents.velocity_mps[row, now])
+        if not np.isfinite([*state, agents.heading_rad[row, now]]).all():
+            raise GenerationError(
+                f"Agent {name} has no finite state at the current step; expected one."
+            )
+
+
+def _options(request: GenerationRequest) -> FutureOptions:
+    lanes = [term for term in request.guidance if term.name == LANE_GUIDANCE]
+    avoids = [term for term in request.guidance if term.name == AVOIDANCE]
+    tries = NUM_TRIES
+    if avoids:
+        wanted = int(avoids[-1].parameters.get("tries", NUM_TRIES))
+        tries = max(wanted, 1) if avoids[-1].weight > 0 else 1
+    return FutureOptions(
+        num_steps=request.num_denoising_steps or NUM_STEPS,
+        lane_weight=lanes[-1].weight if lanes else DEFAULT_WEIGHT,
+        lane_agent_ids=lanes[-1].agent_ids if lanes else (),
+        num_tries=tries,
+        seed=request.seed,
+    )
+
+
+def _samples(
+    task: FutureTask, rows: Int[np.ndarray, "G"], motion: Motion
+) -> tuple[TrafficSample, ...]:
+    """One sample for each of the motion; things go straight on."""
+    agents, axis = task.scenario.agents, task.scenario.time_axis
+    now = task.scenario.current_step
+    place = {int(row): index for index, row in enumerate(task.features.agent_row)}
+    drawn = np.array([place.get(int(row), -1) for row in rows], int)
+    time_s = axis.step_s * np.arange(axis.num_future_steps + 1)
+    velocity = agents.velocity_mps[rows, now][:, None].repeat(len(time_s), axis=1)
+    position = agents.position_m[rows, now][:, None] + velocity * time_s[:, None]
+    heading = agents.heading_rad[rows, now][:, None].repeat(len(time_s), axis=1)
+    has = drawn >= 0
+    samples: list[TrafficSample] = []
+    for index in range(len(motion.position_m)):
+        here = [one.copy() for one in (position, heading, velocity)]
+        for table, values in zip(
+            here,
+            (motion.position_m, motion.heading_rad, motion.velocity_mps),
+            strict=True,
+        ):
+            table[has] = values[index, drawn[has]]
+        samples.append(
+            TrafficSample(
+                ids=tuple(agents.ids[row] for row in rows),
+                kinds=tuple(agents.kinds[row] for row in rows),
+                size_m=agents.size_m[rows],
+                position_m=here[0],
+                heading_rad=here[1],
+                velocity_mps=here[2],
+            )
+        )
+    return tuple(samples)
+
+
+def _scaled(
+    steps: Generator[float, None, Scenario], done: float, share: float, message: str
+) -> Generator[GenerationProgress, None, Scenario]:
+    while True:
+        try:
+            part = next(steps)
+        except StopIteration as stop:
+            return stop.value
+        yield GenerationProgress(fraction=done + share * part, message=message)
+
+
+def _label(index: int, request: GenerationRequest) -> str:
+    return f"Sample {index + 1} of {request.num_samples}"
+
+
+def _notes(request: GenerationRequest) -> list[str]:
+    known = {LANE_GUIDANCE, AVOIDANCE}
+    other = [term.name for term in request.guidance if term.name not in known]
+    notes = [f"The model takes no guidance {name!r}." for name in other]
+    agents = request.scenario.agents
+    things = [
+        name
+        for name in request.agent_ids
+        if agents.kinds[agents.row_of[name]] not in ROAD_USER_KINDS
+    ]
+    if things:
+        notes.append(
+            f"{', '.join(things)}: no road users, so they keep their velocity."
+        )
+    return notes
