@@ -73,7 +73,7 @@ def draw_parked_vehicles(
     ]
     for kerb in _kerbs(network):
         if random.random() < options.kerb_share:
-            aside = random.uniform(-0.9, 0.9)
+            aside = random.uniform(-0.9, 0.6)
             places.append(_along(kerb, options, KERB_END_M, aside, random))
         places.append(_driveways(kerb, options, random))
         places.append(_lots(kerb, options, random))

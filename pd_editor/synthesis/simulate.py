@@ -32,7 +32,7 @@ WARM_UP_S: Final = 20.0
 LATERAL_RESOLUTION_M: Final = 0.6
 """Of SUMO's sublane model."""
 
-JAM_SHARE: Final = 0.45
+JAM_SHARE: Final = 0.4
 """Traffic that stands for more of its time is more than the roads carry."""
 LESS_FLOW: Final = 0.6
 """Share of it that is tried instead."""

@@ -28,12 +28,12 @@ class VehicleModel:
 MODELS: Final[tuple[VehicleModel, ...]] = (
     VehicleModel(
         name="car", kind=AgentKind.VEHICLE, sumo_class="passenger",
-        length_m=(4.65, 0.3), width_m=(1.88, 0.08), accel_mps2=(2.05, 0.45),
+        length_m=(4.65, 0.3), width_m=(1.88, 0.08), accel_mps2=(2.25, 0.45),
         decel_mps2=(2.2, 0.4), max_speed_mps=40.0, lateral_m=0.45,
     ),
     VehicleModel(
         name="suv", kind=AgentKind.VEHICLE, sumo_class="passenger",
-        length_m=(5.0, 0.25), width_m=(2.0, 0.06), accel_mps2=(1.95, 0.4),
+        length_m=(5.0, 0.25), width_m=(2.0, 0.06), accel_mps2=(2.15, 0.4),
         decel_mps2=(2.1, 0.4), max_speed_mps=40.0, lateral_m=0.4,
     ),
     VehicleModel(
