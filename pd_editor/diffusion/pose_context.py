@@ -1,6 +1,7 @@
 """What the states of a scene are drawn for: everything that does not change."""
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -8,6 +9,9 @@ from torch import Tensor
 
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.scene_tensors import SceneTensors
+
+REACH_M: Final = POSITION_UNIT_M + 16.0
+"""What is further out, along x or y, is not looked at."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,18 +69,45 @@ def order_by(
     return (counts & not_after).sum(dim=-1) * is_drawn
 
 
+_OF_PIECES: Final = ("piece_pose", "piece_shape", "piece_kind")
+_OF_AGENTS: Final = (
+    "agent_pose",
+    "agent_speed",
+    "agent_size",
+    "agent_kind",
+    "near_pieces",
+    "near_agents",
+    "candidates",
+    "has_candidate",
+    "future",
+    "has_future",
+)
+
+
 def pieces_within(scene: SceneTensors, reach_m: float) -> SceneTensors:
     """The scene without pieces further than ``reach_m`` along x or y, padded less."""
     is_inside = torch.all(scene.piece_pose[..., :2].abs() <= reach_m, dim=-1)
-    is_kept = scene.has_piece & is_inside
+    kept = _first(scene, _OF_PIECES, scene.has_piece & is_inside)
+    has_piece = kept.pop("is_kept")
+    nothing = torch.full_like(scene.near_pieces, -1)
+    return replace(scene, **kept, has_piece=has_piece, near_pieces=nothing)
+
+
+def only_agents(scene: SceneTensors, is_kept: Bool[Tensor, "B A"]) -> SceneTensors:
+    """The scene without the other agents, padded less; nobody knows neighbours."""
+    kept = _first(scene, _OF_AGENTS, scene.has_agent & is_kept)
+    has_agent = kept.pop("is_kept")
+    for name in ("near_pieces", "near_agents"):
+        kept[name] = torch.full_like(kept[name], -1)
+    return replace(scene, **kept, has_agent=has_agent)
+
+
+def _first(
+    scene: SceneTensors, names: tuple[str, ...], is_kept: Bool[Tensor, "B N"]
+) -> dict[str, Tensor]:
+    """Fields with the rows kept moved to the front, and which rows are ``is_kept``."""
     num_kept = max(int(is_kept.sum(dim=-1).max()), 1)
-    kept_first = torch.argsort(~is_kept, dim=-1, stable=True)[:, :num_kept]
-    row = torch.arange(scene.num_scenes, device=kept_first.device)[:, None]
-    return replace(
-        scene,
-        piece_pose=scene.piece_pose[row, kept_first],
-        piece_shape=scene.piece_shape[row, kept_first],
-        piece_kind=scene.piece_kind[row, kept_first],
-        has_piece=is_kept[row, kept_first],
-        near_pieces=torch.full_like(scene.near_pieces, -1),
-    )
+    index = torch.argsort(~is_kept, dim=-1, stable=True)[:, :num_kept]
+    row = torch.arange(len(index), device=index.device)[:, None]
+    fields = {name: getattr(scene, name)[row, index] for name in names}
+    return {**fields, "is_kept": is_kept[row, index]}

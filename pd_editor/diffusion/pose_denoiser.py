@@ -15,7 +15,7 @@ from pd_editor.diffusion.attention import (
     NeighborAttention,
     visible_agents,
 )
-from pd_editor.diffusion.pose_context import PoseTask, pieces_within
+from pd_editor.diffusion.pose_context import REACH_M, PoseTask, pieces_within
 from pd_editor.diffusion.pose_encoding import (
     NUM_STATE_PARTS,
     POSITION_UNIT_M,
@@ -45,8 +45,6 @@ _PEDESTRIAN: Final = len(AGENT_KINDS) - 1
 _NUM_RELATION_FEATURES: Final = NUM_OFFSET_FEATURES + 2
 _NUM_PIECE_FACTS: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
 _NUM_LEVEL_WAVES: Final = 8
-_REACH_M: Final = POSITION_UNIT_M + 16.0
-"""Pieces further out, along x or y, are not looked at."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +113,7 @@ class PoseDenoiser(nn.Module):
 
     def context(self, scene: SceneTensors, task: PoseTask) -> PoseContext:
         """Everything that does not depend on the noisy states."""
-        scene = pieces_within(scene, _REACH_M)
+        scene = pieces_within(scene, REACH_M)
         kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
         piece_facts = torch.cat([scene.piece_shape, kinds], dim=-1)
         heading = scene.piece_pose[..., 2:]

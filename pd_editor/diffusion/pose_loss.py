@@ -1,14 +1,19 @@
 """What the first stage is trained to: clean states at every noise level."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pd_editor.diffusion.pose_context import PoseTask, order_by
+from pd_editor.diffusion.pose_context import (
+    REACH_M,
+    PoseTask,
+    only_agents,
+    order_by,
+)
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M, encode_states
 from pd_editor.diffusion.pose_noise import noise_scale, preconditioning
@@ -69,7 +74,7 @@ def pose_loss(
 def training_task(
     scene: SceneTensors, random: torch.Generator, config: PoseLossConfig
 ) -> tuple[SceneTensors, PoseTask]:
-    """A random task on real scenes, and the scenes without those who play no part.
+    """A random task on real scenes, and the scenes with those who play a part.
 
     Agents outside the square are given in half of the scenes, absent in the others.
     """
@@ -81,12 +86,14 @@ def training_task(
     side = POSITION_UNIT_M * torch.ones(num_scenes, device=device)
     small = _MIN_HALF_SIDE_M + chance(num_scenes) * (side - _MIN_HALF_SIDE_M)
     side = torch.where(chance(num_scenes) < config.small_square_share, small, side)
-    is_inside = (scene.agent_pose[..., :2].abs() <= side[:, None, None]).all(dim=-1)
+    distance = scene.agent_pose[..., :2].abs().amax(dim=-1)
     keeps_outside = chance(num_scenes, 1) < 0.5
-    has_agent = scene.has_agent & (is_inside | keeps_outside)
+    reach = torch.where(keeps_outside, REACH_M, side[:, None])
+    scene = only_agents(scene, distance <= reach)
+    has_agent = scene.has_agent
+    is_inside = scene.agent_pose[..., :2].abs().amax(dim=-1) <= side[:, None]
     part = torch.where(chance(num_scenes) < config.given_share, chance(num_scenes), 0.0)
     is_given = has_agent & (~is_inside | (chance(*has_agent.shape) < part[:, None]))
-    scene = replace(scene, has_agent=has_agent)
     return scene, PoseTask(
         is_given=is_given,
         order=order_by(scene.agent_pose[..., 0], scene, is_given),
