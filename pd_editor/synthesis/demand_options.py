@@ -11,9 +11,9 @@ class ParkingOptions:
     """Share of street sides along which vehicles park."""
     fullness: tuple[float, float] = (0.2, 0.95)
     """Share of places taken along such a side, drawn between these."""
-    driveways_per_km: float = 3.0
+    driveways_per_km: float = 1.5
     """Vehicles in driveways, across the street or at an angle, per km of side."""
-    lots_per_km: float = 0.15
+    lots_per_km: float = 0.08
     """Small parking lots off the road, per km of side."""
 
 
@@ -21,7 +21,7 @@ class ParkingOptions:
 class DemandOptions:
     """Who is on the road, and how many."""
 
-    flow_per_lane: float = 190.0
+    flow_per_lane: float = 205.0
     """Vehicles an hour and lane that enter at a typical entry of the network."""
     flow_spread: float = 0.6
     """Spread of the flows of entries, as that of a log-normal law."""
