@@ -114,6 +114,7 @@ class PoseDenoiser(nn.Module):
     def context(self, scene: SceneTensors, task: PoseTask) -> PoseContext:
         """Everything that does not depend on the noisy states."""
         scene = pieces_within(scene, REACH_M)
+        has_agent = _agents_that_count(scene, task)
         kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
         piece_facts = torch.cat([scene.piece_shape, kinds], dim=-1)
         heading = scene.piece_pose[..., 2:]
@@ -140,14 +141,12 @@ class PoseDenoiser(nn.Module):
             piece_facts=piece_facts,
             is_crossing=scene.piece_kind == _CROSSWALK,
             has_piece=scene.has_piece,
-            agent_token=self._agent_token(scene, task),
+            agent_token=self._agent_token(scene, task, has_agent),
             is_walking=scene.agent_kind == _PEDESTRIAN,
             is_given=task.is_given,
             given=encode_states(scene.agent_pose, scene.agent_speed),
             pair_facts=pairs,
-            is_visible=Mask.of(
-                visible_agents(scene.has_agent, task.is_central)[:, :, None]
-            ),
+            is_visible=Mask.of(visible_agents(has_agent, task.is_central)[:, :, None]),
         )
 
     def denoise(
@@ -245,10 +244,10 @@ class PoseDenoiser(nn.Module):
         return relations, Mask.of(has_near[:, :, None])
 
     def _agent_token(
-        self, scene: SceneTensors, task: PoseTask
+        self, scene: SceneTensors, task: PoseTask, has_agent: Bool[Tensor, "B A"]
     ) -> Float[Tensor, "B A D"]:
         """Kind, size, part of the task, and the square's size and number of agents."""
-        count = scene.has_agent.sum(dim=-1)
+        count = has_agent.sum(dim=-1)
         of_scene = torch.stack(
             [task.half_side_m / POSITION_UNIT_M, (1 + count).log() / 4], dim=-1
         )
@@ -317,6 +316,12 @@ def sinusoids(order: Int[Tensor, "*b"], width: int) -> Float[Tensor, "*b D"]:
     half = torch.arange(width // 2, device=order.device)
     phase = order[..., None] * torch.exp(-math.log(10_000.0) * 2 * half / width)
     return torch.cat([phase.sin(), phase.cos()], dim=-1)
+
+
+def _agents_that_count(scene: SceneTensors, task: PoseTask) -> Bool[Tensor, "B A"]:
+    """All but given ones too far out to have been in training."""
+    is_near = torch.all(scene.agent_pose[..., :2].abs() <= REACH_M, dim=-1)
+    return scene.has_agent & (is_near | ~task.is_given)
 
 
 def _mlp(num_inputs: int, width: int) -> nn.Sequential:

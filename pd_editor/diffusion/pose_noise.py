@@ -1,4 +1,4 @@
-"""Noise levels of initial states: from the whole square down to centimetres."""
+"""Noise levels of initial states: from the whole square down to decimetres."""
 
 import math
 from collections.abc import Sequence
@@ -10,12 +10,12 @@ from torch import Tensor
 
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M, STATE_SPREAD
 
-POSITION_NOISE_M: Final = (0.05, 120.0)
+POSITION_NOISE_M: Final = (0.1, 80.0)
 """Standard deviation of positions at level 0 and at level 1."""
-DIRECTION_NOISE: Final = (0.03, 4.0)
+DIRECTION_NOISE: Final = (0.04, 3.0)
 """Of headings (unit vectors) and of speed codes.
 
-In between it is chosen so that the direction is known when the lane is: 0.5 at 3.5 m.
+In between it is chosen so that the direction is known when the lane is: 0.4 at 3.5 m.
 """
 _RANGES: Final = (
     *[tuple(noise / POSITION_UNIT_M for noise in POSITION_NOISE_M)] * 2,

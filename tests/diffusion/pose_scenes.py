@@ -8,6 +8,8 @@ from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
 from pd_editor.windows.lane_pieces import PIECE_SHAPE
 from pd_editor.windows.packed_scene import PackedScene
 
+torch.set_num_threads(1)
+
 SIZES = np.array([[4.6, 1.9], [12, 2.9], [2.1, 0.8], [1.8, 0.7], [0.7, 0.8]], float)
 
 

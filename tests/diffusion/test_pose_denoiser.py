@@ -143,3 +143,17 @@ def test_at_the_lowest_level_the_noisy_state_is_nearly_believed():
     noisy = noisy_states(scene)
     found = denoised(model, scene, noisy, level=0.0)
     assert (found - noisy).abs().max() < 0.2
+
+
+def test_given_agents_far_out_do_not_count():
+    scene, model = scene_batch(6), small_model()
+    is_given = torch.tensor([[True, False, False, False, False, False]])
+    task, noisy = drawing_task(scene, is_given), noisy_states(scene)
+    found = []
+    for x in (20.0, 30.0, 120.0, 150.0):
+        pose = scene.agent_pose.clone()
+        pose[:, 0, 0] = x
+        drawn = denoised(model, replace(scene, agent_pose=pose), noisy, task)
+        found.append(drawn[:, :, 1:])
+    assert not torch.equal(found[0], found[1])
+    assert torch.equal(found[2], found[3])
