@@ -77,6 +77,18 @@ def between_poses(
     )
 
 
+def through_points(
+    points_m: Float[np.ndarray, "N 2"], swing_rad: Float[np.ndarray, "N"]
+) -> list[Float[np.ndarray, "_ 2"]]:
+    """Smooth parts of a line through points; its direction there swung to the left."""
+    heading = np.arctan2(*np.gradient(points_m, axis=0).T[::-1]) + swing_rad
+    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    return [
+        between_poses(points_m[k], ahead[k], points_m[k + 1], ahead[k + 1])
+        for k in range(len(points_m) - 1)
+    ]
+
+
 def bent_land(
     random: np.random.Generator, amplitude_m: float
 ) -> Callable[[Float[np.ndarray, "N 2"]], Float[np.ndarray, "N 2"]]:

@@ -7,7 +7,13 @@ from jaxtyping import Float
 from shapely import LineString
 
 from pd_editor.geometry.polyline import arc_length, offset_line, point_at
-from pd_editor.synthesis.edge_shapes import CurveKind, bent_land, between_poses, curve
+from pd_editor.synthesis.edge_shapes import (
+    CurveKind,
+    bent_land,
+    between_poses,
+    curve,
+    through_points,
+)
 from pd_editor.synthesis.network_sketch import NetworkSketch, split
 from pd_editor.synthesis.plain_network import NodeKind, PlainNetwork
 from pd_editor.synthesis.street import Carriageway
@@ -28,7 +34,9 @@ def draw_winding_street(random: np.random.Generator) -> PlainNetwork:
     points = _bends(random)
     names = [f"w{k}" for k in range(len(points))]
     has_side = [0 < k < len(points) - 1 for k in range(len(points))]
-    line, at = _through(points, random)
+    parts = through_points(np.array(points), random.uniform(-0.5, 0.5, len(points)))
+    line = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+    at = [float(arc_length(line[: k + 1])[-1]) for k in _ends_of(parts)[:-1]]
     for name, point, inner in zip(names, points, has_side, strict=True):
         kind = NodeKind.PRIORITY
         if inner:
@@ -69,6 +77,11 @@ def draw_dead_ends(random: np.random.Generator) -> PlainNetwork:
     return sketch.network(crossing_width_m(random))
 
 
+def _ends_of(parts: list[Float[np.ndarray, "_ 2"]]) -> list[int]:
+    """Rows of the last points of parts of one line."""
+    return [int(row) for row in np.cumsum([len(part) - 1 for part in parts])]
+
+
 def _sides(random: np.random.Generator) -> list[int]:
     if random.random() < 0.3:
         return [1, -1]
@@ -85,23 +98,6 @@ def _bends(random: np.random.Generator) -> list[Float[np.ndarray, "2"]]:
         point = point + step * np.array([np.cos(swing), np.sin(swing)])
         points.append(point)
     return points
-
-
-def _through(
-    points: list[Float[np.ndarray, "2"]], random: np.random.Generator
-) -> tuple[Float[np.ndarray, "N 2"], list[float]]:
-    """A smooth line through points, and how far along it the inner ones are."""
-    stacked = np.array(points)
-    heading = np.arctan2(*np.gradient(stacked, axis=0).T[::-1])
-    heading = heading + random.uniform(-0.5, 0.5, len(points))
-    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    parts = [
-        between_poses(stacked[k], ahead[k], stacked[k + 1], ahead[k + 1])
-        for k in range(len(points) - 1)
-    ]
-    line = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-    lengths = np.cumsum([arc_length(part)[-1] for part in parts])
-    return line, [float(length) for length in lengths[:-1]]
 
 
 def _square_off(
