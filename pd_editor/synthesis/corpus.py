@@ -19,7 +19,7 @@ from pd_editor.synthesis.sumo_tools import sumo_tool
 from pd_editor.work_engine import WorkEngine, WorkResult, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
 
-WINDOWS_PER_SHARD: Final = 75
+WINDOWS_PER_SHARD: Final = 50
 FOLDERS_PER_NETWORK: Final = 20
 """Fewer than in a shard: whoever looks at scenarios wants to see many roads."""
 WINDOWS_PER_MAP: Final = 25

@@ -28,8 +28,8 @@ SIDE_M: Final = 200.0
 PAST_STEPS: Final = 50
 FUTURE_STEPS: Final = 59
 MIN_TRACK_STEPS: Final = 10
-MEAN_NUM_SCORED: Final = 2.1
-_NEAR_M: Final = 25.0
+MEAN_NUM_SCORED: Final = 2.6
+_NEAR_M: Final = 20.0
 """Distance from the focal agent over which ego and scored agents become rarer by e."""
 _PATH_STRIDE: Final = 5
 _ID_SPACE: Final = uuid.UUID("6f1c1a52-31f3-5c0e-9f2d-3a0c54f1b7d6")
@@ -208,8 +208,6 @@ def _cast(
     )
     # One draw per agent, the smallest wins: drawing by weight without replacement.
     wait = random.exponential(size=len(tracks)) * np.exp(gap / _NEAR_M)
-    moved = np.linalg.norm(tracks.position_m[:, -1] - tracks.position_m[:, 0], axis=-1)
-    wait = np.where(moved < 1.0, 3.0 * wait, wait)
     cars = np.flatnonzero(is_free & tracks.kind_mask({AgentKind.VEHICLE}))
     ego = int(cars[wait[cars].argmin()]) if len(cars) else -1
     if len(cars):

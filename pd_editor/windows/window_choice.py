@@ -22,7 +22,7 @@ _KIND_WEIGHT: Final = {
 }
 _COMPANY_M: Final = 80.0
 _CROWD_M: Final = 40.0
-_MAX_CROWD: Final = 20
+_MAX_CROWD: Final = 15
 _APART_M: Final = 60.0
 _APART_STEPS: Final = 100
 """Windows nearer than this to an earlier one, in space and time, are made rare."""
@@ -80,7 +80,7 @@ def _focal_row(
     starting = _starting(recording, step)
     chance = weight[rows] * _spread(place, step, chosen) * _company(place)
     chance = chance * _crowd(
-        place, _position(recording, _present(recording, step), step)
+        place, _position(recording, _in_traffic(recording, step), step)
     )
     starts = np.isin(rows, starting)
     if starts.any() and random.random() < START_SHARE:
@@ -126,10 +126,11 @@ def _company(place: Float[np.ndarray, "E 2"]) -> Float[np.ndarray, "E"]:
     return np.where((gap < _COMPANY_M).sum(axis=1) > 1, 1.0, 0.05)
 
 
-def _present(recording: Recording, step: int) -> Int[np.ndarray, "S"]:
-    """Agents that exist at a step, parked ones too."""
+def _in_traffic(recording: Recording, step: int) -> Int[np.ndarray, "S"]:
+    """Agents that exist at a step and are not parked."""
     ends = recording.first_step + np.diff(recording.first_row)
-    return np.flatnonzero((recording.first_step <= step) & (ends > step))
+    is_there = (recording.first_step <= step) & (ends > step)
+    return np.flatnonzero(is_there & ~recording.is_parked)
 
 
 def _crowd(
