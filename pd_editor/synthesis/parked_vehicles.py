@@ -26,8 +26,8 @@ CLEARANCE_M: Final = 0.15
 """Between a parked vehicle and all that sweeps by."""
 
 STRIP_END_M: Final = 2.0
-KERB_END_M: Final = 9.0
-"""Free space at both ends of a parking strip, and of a kerb near a junction."""
+KERB_END_M: Final = 3.0
+"""Free space at both ends of a parking strip, and of a kerb."""
 
 SLOT_GAP_M: Final = (0.5, 1.6)
 """Between two places along the kerb."""
@@ -68,7 +68,7 @@ def draw_parked_vehicles(
 ) -> ParkedVehicles:
     """Parked vehicles that touch neither traffic nor each other."""
     places = [
-        _along(line, options, STRIP_END_M, random.normal(-0.3, 0.15), random)
+        _along(line, options, STRIP_END_M, random.uniform(-0.9, 0.25), random)
         for line in network.parking_strips_m
     ]
     for kerb in _kerbs(network):
@@ -130,7 +130,7 @@ def _along(
     )
     taken = random.random(num_slots) < random.uniform(*options.fullness)
     at = at[taken & (at < length + end_m)]
-    right = aside_m + random.normal(0.0, 0.12, len(at))
+    right = aside_m + random.normal(0.0, 0.18, len(at))
     position, heading = _beside(line, at, right)
     turned = np.where(random.random(len(at)) < 0.04, np.pi, 0.0)
     noise = random.normal(0.0, np.deg2rad(1.5), len(at))
