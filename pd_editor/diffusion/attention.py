@@ -51,6 +51,8 @@ class KeysValues(NamedTuple):
 
     keys: Float[Tensor, "B H K C"]
     values: Float[Tensor, "B H K C"]
+    share: Float[Tensor, ""]
+    """How much of each second map is taken off."""
     mask: Mask
 
 
@@ -86,6 +88,7 @@ class DifferentialAttention(nn.Module):
         return KeysValues(
             keys=self._split(self.to_keys(tokens), self.num_heads * self.num_maps),
             values=values.repeat_interleave(self.num_maps, 1),
+            share=self.share(),
             mask=mask,
         )
 
@@ -105,13 +108,15 @@ class DifferentialAttention(nn.Module):
         if self.num_maps == 2:
             # The difference of weights on the same values is that of the results.
             one, two = result.unflatten(1, (self.num_heads, 2)).unbind(2)
-            result = self._normed((one - self.share() * two).float())
+            result = self._normed((one - seen.share * two).float())
         if seen.mask.sees_any is not None:
             result = result * seen.mask.sees_any
         return self.to_output(result.transpose(1, 2).flatten(2))
 
     def share(self) -> Float[Tensor, ""]:
-        """How much of the second softmax is taken off."""
+        """How much of the second softmax is taken off; 0 for plain attention."""
+        if self.num_maps == 1:
+            return torch.zeros(())
         one, two, three, four = self.share_vectors
         difference = (one * two).sum().exp() - (three * four).sum().exp()
         return difference + self.initial_share

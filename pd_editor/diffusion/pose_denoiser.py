@@ -23,7 +23,8 @@ from pd_editor.diffusion.pose_encoding import (
     unit_vectors,
 )
 from pd_editor.diffusion.pose_features import (
-    NUM_OFFSET_FEATURES,
+    NUM_AGENT_FEATURES,
+    NUM_PIECE_FEATURES,
     NUM_PLACE_FEATURES,
     PLACE_WAVELENGTHS_M,
     agent_relations,
@@ -42,7 +43,6 @@ from pd_editor.windows.scene_features import (
 
 _CROSSWALK: Final = NUM_PIECE_KINDS - 1
 _PEDESTRIAN: Final = len(AGENT_KINDS) - 1
-_NUM_RELATION_FEATURES: Final = NUM_OFFSET_FEATURES + 2
 _NUM_PIECE_FACTS: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
 _NUM_LEVEL_WAVES: Final = 8
 
@@ -100,9 +100,9 @@ class PoseDenoiser(nn.Module):
         self.agent_facts = nn.Linear(4, width)
         self.state_token = nn.Linear(NUM_STATE_PARTS + NUM_PLACE_FEATURES, width)
         self.level_token = _mlp(2 * _NUM_LEVEL_WAVES + 1, width)
-        self.pair_relation = _mlp(_NUM_RELATION_FEATURES + 4, relation_width)
+        self.pair_relation = _mlp(NUM_AGENT_FEATURES + 4, relation_width)
         self.piece_relation = _mlp(
-            _NUM_RELATION_FEATURES + _NUM_PIECE_FACTS, relation_width
+            NUM_PIECE_FEATURES + _NUM_PIECE_FACTS, relation_width
         )
         self.layers = nn.ModuleList(
             _Layer(config, depth) for depth in range(config.num_layers)

@@ -14,6 +14,8 @@ NEIGHBOR_WAVELENGTHS_M: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 NUM_PLACE_FEATURES: Final = 4 * len(PLACE_WAVELENGTHS_M)
 NUM_OFFSET_FEATURES: Final = 4 * len(NEIGHBOR_WAVELENGTHS_M) + 5
 """Waves of both coordinates; both at the scale of a metre and of the noise; distance."""
+NUM_AGENT_FEATURES: Final = NUM_OFFSET_FEATURES + 2
+NUM_PIECE_FEATURES: Final = NUM_OFFSET_FEATURES + 6
 
 
 def waves(
@@ -45,16 +47,22 @@ def offset_features(
 ) -> Float[Tensor, "*b F"]:
     """An offset in the frame of whom it starts from, known up to some noise."""
     distance = offset_m.norm(dim=-1, keepdim=True)
-    scaled = offset_m / (noise_m[..., None] + 0.05)
     return torch.cat(
         [
             waves(offset_m, NEIGHBOR_WAVELENGTHS_M, noise_m),
-            offset_m.asinh() / 3,
-            scaled.asinh() / 3,
+            plain_offset(offset_m, noise_m),
             distance.log1p() / 3,
         ],
         dim=-1,
     )
+
+
+def plain_offset(
+    offset_m: Float[Tensor, "*b 2"], noise_m: Float[Tensor, "*b"]
+) -> Float[Tensor, "*b 4"]:
+    """An offset at the scale of a metre and at that of the noise, far ones dampened."""
+    scaled = offset_m / (noise_m[..., None] + 0.05)
+    return torch.cat([offset_m, scaled], dim=-1).asinh() / 3
 
 
 def turned_back(
@@ -97,14 +105,21 @@ def piece_relations(
     noise_m: Float[Tensor, "N A"],
     piece_pose: Float[Tensor, "N A M 3"],
 ) -> Float[Tensor, "N A M F"]:
-    """How each agent lies to its pieces: offset and direction in the piece's frame."""
+    """How each agent lies to its pieces: offset and direction in the piece's frame.
+
+    And which way the piece's middle is in the agent's own frame.
+    """
     heading = piece_pose[..., 2]
     axis = torch.stack([heading.cos(), heading.sin()], dim=-1)
     offset = position_m[:, :, None] - piece_pose[..., :2]
     own = direction[:, :, None].expand_as(offset)
     noise = noise_m[:, :, None].expand(offset.shape[:-1])
     return torch.cat(
-        [offset_features(turned_back(offset, axis), noise), turned_back(own, axis)],
+        [
+            offset_features(turned_back(offset, axis), noise),
+            turned_back(own, axis),
+            plain_offset(turned_back(-offset, own), noise),
+        ],
         dim=-1,
     )
 

@@ -24,6 +24,8 @@ _PEDESTRIAN: Final = len(AGENT_KINDS) - 1
 _CROSSWALK: Final = NUM_PIECE_KINDS - 1
 _LENGTH_UNIT_M: Final = 10.0
 """Of the first number of ``PIECE_SHAPE``."""
+_NUM_PUSHES: Final = 3
+"""Who is pushed out of one box may be pushed into another."""
 _SIDEWAYS: Final = 0.5
 """Agents rather move along their heading than out of their lane."""
 
@@ -56,8 +58,11 @@ class PoseGuidance:
                 return clean
             shift = self._pull(clean, scene) * self.pull
             pulled = _shifted(clean, torch.where(given[..., None], 0.0, shift))
-            shift = self._push(pulled, scene, given) * self.push
-            return _shifted(pulled, torch.where(given[..., None], 0.0, shift))
+            apart = pulled
+            for _ in range(_NUM_PUSHES):
+                shift = self._push(apart, scene, given) * self.push
+                apart = _shifted(apart, torch.where(given[..., None], 0.0, shift))
+            return apart
 
         return guide
 

@@ -58,7 +58,12 @@ def test_offsets_are_told_in_metres():
     )
     turn = 0.9 - math.atan2(4, 3)
     torch.testing.assert_close(
-        found[0, 0, 0, -2:], torch.tensor([math.cos(turn), math.sin(turn)])
+        found[0, 0, 0, -6:-4], torch.tensor([math.cos(turn), math.sin(turn)])
+    )
+    ahead, left = -5 * math.cos(turn), 5 * math.sin(turn)
+    torch.testing.assert_close(
+        found[0, 0, 0, -4:-2],
+        torch.tensor([math.asinh(ahead) / 3, math.asinh(left) / 3]),
     )
 
 
