@@ -9,6 +9,7 @@ from xml.etree.ElementTree import ElementTree
 import numpy as np
 
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.synthesis.curve_speeds import write_with_curve_speeds
 from pd_editor.synthesis.demand import draw_demand
 from pd_editor.synthesis.demand_options import DemandOptions
 from pd_editor.synthesis.motion_check import has_artefact, without_overlaps
@@ -88,7 +89,8 @@ def _traffic(
         folder = Path(name)
         drawn.write(folder / "trips.rou.xml")
         ElementTree(plans).write(folder / "signals.add.xml", encoding="utf-8")
-        _run(network.net_file, folder, seed, end_s)
+        write_with_curve_speeds(network.net_file, folder / "roads.net.xml")
+        _run(folder, seed, end_s)
         raw = read_raw_tracks(
             (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
         )
@@ -105,8 +107,8 @@ def _standing_share(tracks: TrafficTracks) -> float:
     return float((speed < STANDING_MPS).mean())
 
 
-def _run(net_file: Path, folder: Path, seed: int, end_s: float) -> None:
-    files = "--route-files trips.rou.xml --additional-files signals.add.xml"
+def _run(folder: Path, seed: int, end_s: float) -> None:
+    files = "--net-file roads.net.xml --route-files trips.rou.xml --additional-files signals.add.xml"
     files += " --fcd-output vehicles.parquet"
     files += " --person-fcd-output persons.parquet"
     files += " --fcd-output.attributes id,x,y,angle"
@@ -119,7 +121,7 @@ def _run(net_file: Path, folder: Path, seed: int, end_s: float) -> None:
     quiet = "--no-step-log true --no-warnings true --duration-log.disable true"
     quiet += " --xml-validation never"
     arguments = f"{files} {clock} {model} {rules} {quiet}".split()
-    run_sumo_tool("sumo", ["--net-file", str(net_file), *arguments], folder)
+    run_sumo_tool("sumo", arguments, folder)
 
 
 def _recording(

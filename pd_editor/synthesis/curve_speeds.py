@@ -1,0 +1,62 @@
+"""Speed limits of bends, so that drivers who like to be fast still hold the road."""
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.errors import SynthesisError
+from pd_editor.geometry.angles import heading_of, wrap_angle
+from pd_editor.geometry.polyline import arc_length, resample, without_repeats
+
+LATERAL_MPS2: Final = 2.5
+"""Lateral acceleration in a bend of a driver who keeps to its limit."""
+
+REACH: Final = 3
+"""Metres of road over which the bend is measured."""
+
+LEAST_SPEED_MPS: Final = 2.5
+
+_AFOOT: Final = ("crossing", "walkingarea")
+
+
+def curve_speed_mps(shape_m: Float[np.ndarray, "N 2"]) -> float:
+    """Speed at which the sharpest bend of a line asks for ``LATERAL_MPS2``."""
+    line = without_repeats(shape_m, 0.05)
+    if len(line) < 3:
+        return np.inf
+    length = float(arc_length(line)[-1])
+    line = resample(line, max(int(np.ceil(length)), 2) + 1)
+    heading = heading_of(np.diff(line, axis=0))
+    reach = min(REACH, len(heading) - 1)
+    turn = np.abs(wrap_angle(heading[reach:] - heading[:-reach]))
+    curvature = float(turn.max()) / (reach * length / (len(line) - 1))
+    return max(float(np.sqrt(LATERAL_MPS2 / max(curvature, 1e-9))), LEAST_SPEED_MPS)
+
+
+def write_with_curve_speeds(net_file: Path, copy: Path) -> None:
+    """A copy of a SUMO network in which bends are taken slowly.
+
+    Raises:
+        SynthesisError: the file is missing or no SUMO network.
+    """
+    try:
+        tree = ElementTree.parse(net_file)
+        for edge in tree.getroot().iter("edge"):
+            if edge.get("function") not in _AFOOT:
+                for lane in edge.iter("lane"):
+                    _limit(lane)
+    except (OSError, ElementTree.ParseError, KeyError, ValueError) as error:
+        raise SynthesisError(
+            f"{net_file} is not a readable SUMO network ({error})."
+        ) from error
+    tree.write(copy, encoding="utf-8")
+
+
+def _limit(lane: ElementTree.Element) -> None:
+    points = lane.attrib["shape"].split()
+    shape = np.array([[float(v) for v in point.split(",")[:2]] for point in points])
+    speed = min(float(lane.attrib["speed"]), curve_speed_mps(shape))
+    lane.set("speed", f"{speed:.2f}")
