@@ -40,7 +40,8 @@ class NoiseSchedule:
                 # sin of the complement: exactly 0 at level 1, which cos is not.
                 return torch.sin(0.5 * math.pi * (1 - level))
             case "linear":
-                return (_vp_alpha(level) - _VP_LAST) / (1 - _VP_LAST)
+                last = _vp_alpha(torch.ones_like(level))
+                return (_vp_alpha(level) - last) / (1 - last)
             case _:
                 assert_never(self.kind)
 
@@ -102,6 +103,3 @@ class NoiseSchedule:
 def _vp_alpha(level: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     spent = _BETA_FIRST * level + 0.5 * (_BETA_LAST - _BETA_FIRST) * level.square()
     return torch.exp(-0.5 * spent)
-
-
-_VP_LAST: Final = math.exp(-0.25 * (_BETA_FIRST + _BETA_LAST))

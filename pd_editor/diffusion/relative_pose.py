@@ -6,7 +6,7 @@ Nothing here changes when a whole scene is turned or moved.
 from typing import Final
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 from torch import Tensor
 
 NUM_POSE_FEATURES: Final = 10
@@ -63,8 +63,8 @@ def pose_features(relative: Float[Tensor, "*shape 4"]) -> Float[Tensor, "*shape 
 
 
 def gathered(
-    values: Float[Tensor, "B N *feature"], index: Int[Tensor, "B A K"]
-) -> Float[Tensor, "B A K *feature"]:
+    values: Shaped[Tensor, "B N *feature"], index: Int[Tensor, "B A K"]
+) -> Shaped[Tensor, "B A K *feature"]:
     """Rows of each scene by index; any row where the index is -1."""
     batch = torch.arange(len(values), device=values.device)[:, None, None]
     return values[batch, index.clamp_min(0)]

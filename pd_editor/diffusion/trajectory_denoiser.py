@@ -161,7 +161,7 @@ class TrajectoryDenoiser(nn.Module):
                 else None
             )
             hidden, output = block(hidden + bias, ways, memory, context)
-            clean = self.schedule.clean_of(output.float(), flat, flat_level)
+            clean = self.schedule.clean_of(output.to(flat), flat, flat_level)
             guess = torch.where(flat_level > 0, clean, flat)
             guesses.append(guess.unflatten(1, noisy.shape[1:3]))
         return guesses

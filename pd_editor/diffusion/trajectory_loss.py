@@ -64,7 +64,7 @@ def trajectory_loss(
     mixed = _component_weights(scale, config.metre_share)
 
     def error(guess: Tensor, components: Tensor) -> Tensor:
-        squared = (guess.float() - clean).square() @ components
+        squared = (guess - clean).square() @ components
         return (squared * weight).sum()
 
     metres = scale.square() / model.way_points.num_steps

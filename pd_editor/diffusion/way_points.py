@@ -79,7 +79,7 @@ class TrajectoryDecoder(nn.Module):
     ) -> tuple[Float[Tensor, "*shape T"], Float[Tensor, "*shape T"]]:
         """Places at some steps, x and y, in each agent's own frame."""
         matrix, mean, times = self.matrix(steps)
-        points = latent.float() @ matrix + mean + speed[..., None] * times
+        points = latent.to(matrix) @ matrix + mean + speed[..., None] * times
         x, y = points.chunk(2, dim=-1)
         return x, y
 
@@ -95,7 +95,7 @@ class WayPoints(TrajectoryDecoder):
 
     def line(
         self, speed: Float[Tensor, "G"]
-    ) -> tuple[Float[Tensor, "10 2*T"], Float[Tensor, "G 2*T"]]:
+    ) -> tuple[Float[Tensor, "10 W"], Float[Tensor, "G W"]]:
         """Matrix and offset that make way points of latents."""
         matrix, mean, times = self.matrix(self.get_buffer("steps"))
         return matrix, mean + speed[:, None] * times
