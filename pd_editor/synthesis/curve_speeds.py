@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from pd_editor.errors import SynthesisError
 from pd_editor.geometry.angles import heading_of, wrap_angle
-from pd_editor.geometry.polyline import arc_length, resample, without_repeats
+from pd_editor.geometry.polyline import arc_length, point_at, resample, without_repeats
 
 LATERAL_MPS2: Final = 2.5
 """Lateral acceleration in a bend of a driver who keeps to its limit."""
@@ -39,15 +39,14 @@ def curve_speed_mps(shape_m: Float[np.ndarray, "N 2"]) -> float:
 def write_with_curve_speeds(net_file: Path, copy: Path) -> None:
     """A copy of a SUMO network in which bends are taken slowly.
 
+    Lanes of junctions are measured together with the ends that they join.
+
     Raises:
         SynthesisError: the file is missing or no SUMO network.
     """
     try:
         tree = ElementTree.parse(net_file)
-        for edge in tree.getroot().iter("edge"):
-            if edge.get("function") not in _AFOOT:
-                for lane in edge.iter("lane"):
-                    _limit(lane)
+        _limit_speeds(tree.getroot())
     except (OSError, ElementTree.ParseError, KeyError, ValueError) as error:
         raise SynthesisError(
             f"{net_file} is not a readable SUMO network ({error})."
@@ -55,8 +54,39 @@ def write_with_curve_speeds(net_file: Path, copy: Path) -> None:
     tree.write(copy, encoding="utf-8")
 
 
-def _limit(lane: ElementTree.Element) -> None:
+def _limit_speeds(root: ElementTree.Element) -> None:
+    lanes = {
+        lane.attrib["id"]: lane
+        for edge in root.iter("edge")
+        if edge.get("function") not in _AFOOT
+        for lane in edge.iter("lane")
+    }
+    shapes = {name: _shape(lane) for name, lane in lanes.items()}
+    before: dict[str, str] = {}
+    after: dict[str, str] = {}
+    for link in root.iter("connection"):
+        start = f"{link.attrib['from']}_{link.attrib['fromLane']}"
+        end = link.get("via", f"{link.attrib['to']}_{link.attrib['toLane']}")
+        if start in lanes and end in lanes:
+            before[end], after[start] = start, end
+    for name, lane in lanes.items():
+        shape = shapes[name]
+        if name.startswith(":"):
+            parts = [shape]
+            if name in before:
+                parts.insert(0, _near_end(shapes[before[name]][::-1])[::-1])
+            if name in after:
+                parts.append(_near_end(shapes[after[name]]))
+            shape = np.concatenate(parts)
+        speed = min(float(lane.attrib["speed"]), curve_speed_mps(shape))
+        lane.set("speed", f"{speed:.2f}")
+
+
+def _shape(lane: ElementTree.Element) -> Float[np.ndarray, "N 2"]:
     points = lane.attrib["shape"].split()
-    shape = np.array([[float(v) for v in point.split(",")[:2]] for point in points])
-    speed = min(float(lane.attrib["speed"]), curve_speed_mps(shape))
-    lane.set("speed", f"{speed:.2f}")
+    return np.array([[float(v) for v in point.split(",")[:2]] for point in points])
+
+
+def _near_end(shape_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "3 2"]:
+    """The first metres of a line."""
+    return point_at(shape_m, np.linspace(0.0, REACH, 3))

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 class ParkingOptions:
     """How much stands beside the road."""
 
-    kerb_share: float = 0.4
+    kerb_share: float = 0.5
     """Share of street sides along which vehicles park."""
-    fullness: tuple[float, float] = (0.2, 0.95)
+    fullness: tuple[float, float] = (0.3, 1.0)
     """Share of places taken along such a side, drawn between these."""
     driveways_per_km: float = 1.5
     """Vehicles in driveways, across the street or at an angle, per km of side."""
@@ -27,11 +27,11 @@ class DemandOptions:
     """Spread of the flows of entries, as that of a log-normal law."""
     turn_cost_s: float = 40.0
     """Detour that a driver accepts to save a turn."""
-    turn_aversion: float = 1.4
+    turn_aversion: float = 1.7
     """How much rarer destinations become with every turn towards them."""
     halting_share: float = 0.05
     """Share of vehicles that halt at the kerb for a while on their way."""
-    pedestrians_per_km: float = 2.5
+    pedestrians_per_km: float = 3.2
     """Pedestrians at any time on a km of sidewalk."""
     shares: dict[str, float] = field(
         default_factory=lambda: {
