@@ -65,7 +65,7 @@ def draw_roundabout(random: np.random.Generator) -> PlainNetwork:
     width = round(float(random.uniform(4.0, 4.8) if num_lanes == 1 else 3.7), 2)
     strips = (Strip(kind=StripKind.CAR, width_m=width),) * num_lanes
     ring = Ring(
-        radius_m=float(random.uniform(*_RADII_M[num_legs])),
+        radius_m=float(random.uniform(*_RADII_M[num_legs])) + 5.0 * (num_lanes - 1),
         strips=strips,
         width_m=width * num_lanes,
     )
