@@ -21,7 +21,7 @@ class ParkingOptions:
 class DemandOptions:
     """Who is on the road, and how many."""
 
-    flow_per_lane: float = 205.0
+    flow_per_lane: float = 250.0
     """Vehicles an hour and lane that enter at a typical entry of the network."""
     flow_spread: float = 0.6
     """Spread of the flows of entries, as that of a log-normal law."""
