@@ -21,6 +21,10 @@ from pd_editor.synthesis.corpus_scenes import (
 from pd_editor.work_engine import LocalProcesses
 
 _MAX_REASONS = 5
+OptionalFolders = Annotated[
+    str | Path | tuple[str | Path, ...],
+    tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(optional)"),
+]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,15 +63,9 @@ def synth(
         tuple[str, ...],
         tyro.conf.arg(metavar="NAME [NAME ...]", help_behavior_hint="(default: all)"),
     ] = (),
-    maps: Annotated[
-        str | Path | tuple[str | Path, ...],
-        tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(optional)"),
-    ] = (),
+    maps: OptionalFolders = (),
     shards: Switch = False,
-    report: Annotated[
-        str | Path | tuple[str | Path, ...],
-        tyro.conf.arg(metavar="DIR [DIR]", help_behavior_hint="(optional)"),
-    ] = (),
+    report: OptionalFolders = (),
     noise: Switch = False,
     workers: Annotated[
         int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
@@ -76,7 +74,7 @@ def synth(
 ) -> Synthesis:
     """Simulate traffic on drawn roads or real maps, as Argoverse 2 scenarios.
 
-    Needs SUMO: pip install 'pd-editor[synth]'.
+    Needs SUMO (pip install 'pd-editor[synth]').
 
     Args:
         out: New folder for the scenarios, and manifest.json with what they are.
@@ -91,13 +89,8 @@ def synth(
         resume: Go on with an earlier run of the same settings.
     """
     began = time.monotonic()
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers is {workers}; expected 1 or more.")
-    real_roots = _folders(report)
-    if len(real_roots) > 2:
-        raise InputError("--report takes one folder of real scenes, or two.")
-    for root in real_roots:
-        scenario_folders((root,))
+    engine = _engine(workers)
+    real_roots = _real_roots(report)
     plan = CorpusPlan(
         num=num,
         seed=seed,
@@ -107,12 +100,7 @@ def synth(
         with_noise=noise,
     )
     folder = CorpusFolder(Path(out), plan.settings, resume=resume)
-    record = build_corpus(
-        plan,
-        folder,
-        LocalProcesses(num_workers=workers),
-        on_progress=progress_shown("networks"),
-    )
+    record = build_corpus(plan, folder, engine, on_progress=progress_shown("networks"))
     return Synthesis(
         folder=folder.path,
         record=record,
@@ -120,6 +108,22 @@ def synth(
         elapsed_s=time.monotonic() - began,
         files=(folder.path / MANIFEST_NAME, *_reported(folder, real_roots)),
     )
+
+
+def _engine(workers: int | None) -> LocalProcesses:
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers is {workers}; expected 1 or more.")
+    return LocalProcesses(num_workers=workers)
+
+
+def _real_roots(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
+    """Folders of real scenes to compare with; refused before the work begins."""
+    roots = _folders(value)
+    if len(roots) > 2:
+        raise InputError("--report takes one folder of real scenes, or two.")
+    for root in roots:
+        scenario_folders((root,))
+    return roots
 
 
 def _folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
