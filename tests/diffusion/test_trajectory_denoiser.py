@@ -14,7 +14,7 @@ def denoised(
     noisy: torch.Tensor,
     level: float | torch.Tensor = 0.6,
 ) -> torch.Tensor:
-    each = torch.as_tensor(level).expand(noisy.shape[:-1])
+    each = torch.as_tensor(level).to(noisy).expand(noisy.shape[:-1])
     with torch.inference_mode():
         return model.denoise(model.context(scene), noisy, each)
 

@@ -11,6 +11,9 @@ from pd_editor.diffusion.trajectory_denoiser import TrajectoryConfig, Trajectory
 from pd_editor.windows.lane_pieces import PIECE_SHAPE
 from pd_editor.windows.packed_scene import PackedScene
 
+# More threads than free cores make tiny networks many times slower.
+torch.set_num_threads(1)
+
 TIME_S = 0.1 * np.arange(1, 60)
 
 
