@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -19,7 +20,7 @@ from pd_editor.synthesis.sumo_tools import sumo_tool
 from pd_editor.work_engine import WorkEngine, WorkResult, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
 
-WINDOWS_PER_SHARD: Final = 50
+WINDOWS_PER_SHARD: Final = 80
 FOLDERS_PER_NETWORK: Final = 20
 """Fewer than in a shard: whoever looks at scenarios wants to see many roads."""
 WINDOWS_PER_MAP: Final = 25
@@ -36,6 +37,20 @@ def all_families() -> tuple[str, ...]:
     return FAMILIES
 
 
+@lru_cache(maxsize=8)
+def usual_families(count: int) -> tuple[str, ...]:
+    """The families of the first networks of a corpus, spread as evenly as can be."""
+    from pd_editor.synthesis.draw_network import FAMILY_SHARES
+
+    num = dict.fromkeys(FAMILY_SHARES, 0)
+    chosen: list[str] = []
+    for _ in range(count):
+        name = min(num, key=lambda one: (num[one] + 0.5) / FAMILY_SHARES[one])
+        num[name] += 1
+        chosen.append(name)
+    return tuple(chosen)
+
+
 @dataclass(frozen=True, kw_only=True)
 class CorpusPlan:
     """What is made."""
@@ -44,7 +59,7 @@ class CorpusPlan:
     """Windows, or scenario folders."""
     seed: int
     families: tuple[str, ...] = ()
-    """Of drawn roads; all if none is named."""
+    """Of drawn roads, evenly; all, each with its usual share, if none is named."""
     maps: tuple[Path, ...] = ()
     """Roots of real scenarios whose maps are driven on in place of drawn networks."""
     as_shards: bool = False
@@ -67,10 +82,11 @@ class CorpusPlan:
                 "out --noise or --shards."
             )
 
-    @property
-    def drawn_families(self) -> tuple[str, ...]:
-        """Those asked for, or all."""
-        return self.families or all_families()
+    def family(self, index: int) -> str:
+        """Family of drawn roads that a network belongs to."""
+        if self.families:
+            return self.families[index % len(self.families)]
+        return usual_families(index + 1)[index]
 
     @property
     def settings(self) -> CorpusSettings:
@@ -79,7 +95,7 @@ class CorpusPlan:
             version=version("pd-editor"),
             num=self.num,
             seed=self.seed,
-            families=() if self.maps else self.drawn_families,
+            families=() if self.maps else (self.families or all_families()),
             maps=tuple(str(root.resolve()) for root in self.maps),
             form="shards" if self.as_shards else "folders",
             noise=self.with_noise,
@@ -170,7 +186,7 @@ def _items(
 ) -> dict[str, NetworkItem]:
     """Further networks that share the windows evenly, numbered from ``first``."""
     share = WINDOWS_PER_SHARD if plan.as_shards else FOLDERS_PER_NETWORK
-    kinds = len(maps) or len(plan.drawn_families)
+    kinds = len(maps) or len(plan.families or all_families())
     if maps:
         share = min(share, WINDOWS_PER_MAP)
     count = math.ceil(num_windows / share)
@@ -180,7 +196,7 @@ def _items(
     for number in range(count):
         index = first + number
         map_folder = maps[index % kinds] if maps else None
-        family = "" if maps else plan.drawn_families[index % kinds]
+        family = "" if maps else plan.family(index)
         label = family if map_folder is None else f"av2-{map_folder.name}"
         item = NetworkItem(
             key=f"{label}-{index:05d}",

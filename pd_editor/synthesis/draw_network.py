@@ -1,6 +1,6 @@
 """Procedural road networks of many families, drawn from a seed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 from zlib import crc32
@@ -36,6 +36,20 @@ _DRAW: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
     "dead-ends": draw_dead_ends,
 }
 FAMILIES: Final[tuple[str, ...]] = tuple(_DRAW)
+FAMILY_SHARES: Final[Mapping[str, float]] = {
+    "grid": 0.22,
+    "downtown": 0.16,
+    "arterial": 0.16,
+    "town": 0.14,
+    "t-junctions": 0.10,
+    "slip-lanes": 0.06,
+    "merge": 0.05,
+    "roundabout": 0.04,
+    "winding-street": 0.04,
+    "dead-ends": 0.03,
+}
+"""How often each family comes in a corpus, to be as straight, dense and full of
+junctions as Argoverse 2's maps are."""
 
 
 def draw_network(family: str, seed: int, folder: Path) -> Network:
