@@ -68,10 +68,9 @@ class PoseContext:
 
     map_seen: tuple[KeysValues, ...]
     """Per layer."""
-    piece_pose: Float[Tensor, "B P 3"]
-    piece_facts: Float[Tensor, "B P F"]
+    pieces: Float[Tensor, "B P F"]
+    """x, y, cos and sin of the direction, whether there is one, then facts."""
     is_crossing: Bool[Tensor, "B P"]
-    has_piece: Bool[Tensor, "B P"]
     agent_token: Float[Tensor, "B A D"]
     is_walking: Bool[Tensor, "B A"]
     is_given: Bool[Tensor, "B A"]
@@ -118,10 +117,9 @@ class PoseDenoiser(nn.Module):
         kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
         piece_facts = torch.cat([scene.piece_shape, kinds], dim=-1)
         heading = scene.piece_pose[..., 2:]
+        axis = torch.cat([heading.cos(), heading.sin()], dim=-1)
         place = waves(scene.piece_pose[..., :2], PLACE_WAVELENGTHS_M)
-        pieces = self.piece_token(
-            torch.cat([piece_facts, heading.cos(), heading.sin(), place], dim=-1)
-        )
+        pieces = self.piece_token(torch.cat([piece_facts, axis, place], dim=-1))
         is_piece = Mask.of(scene.has_piece[:, None, None])
         num_agents = scene.agent_size.shape[1]
         size = scene.agent_size / 5
@@ -137,10 +135,16 @@ class PoseDenoiser(nn.Module):
                 layer.map_attention.keys_values(pieces, is_piece)
                 for layer in self._layers()
             ),
-            piece_pose=scene.piece_pose,
-            piece_facts=piece_facts,
+            pieces=torch.cat(
+                [
+                    scene.piece_pose[..., :2],
+                    axis,
+                    scene.has_piece[..., None].to(axis.dtype),
+                    piece_facts,
+                ],
+                dim=-1,
+            ),
             is_crossing=scene.piece_kind == _CROSSWALK,
-            has_piece=scene.has_piece,
             agent_token=self._agent_token(scene, task, has_agent),
             is_walking=scene.agent_kind == _PEDESTRIAN,
             is_given=task.is_given,
@@ -227,21 +231,18 @@ class PoseDenoiser(nn.Module):
         nearest = nearest_pieces(
             position_m,
             context.is_walking.repeat(1, num_versions),
-            context.piece_pose,
+            context.pieces[..., :2],
             context.is_crossing,
-            context.has_piece,
+            context.pieces[..., 4] > 0,
             self.config.num_near_pieces,
         )
+        scene = torch.arange(len(nearest), device=nearest.device)[:, None, None]
+        near = context.pieces[scene, nearest]
         relations = piece_relations(
-            position_m,
-            direction.flatten(1, 2),
-            noise_m.flatten(1, 2),
-            _gathered(context.piece_pose, nearest),
+            position_m, direction.flatten(1, 2), noise_m.flatten(1, 2), near[..., :4]
         )
-        facts = _gathered(context.piece_facts, nearest)
-        has_near = _gathered(context.has_piece[..., None], nearest)[..., 0]
-        relations = self.piece_relation(torch.cat([relations, facts], dim=-1))
-        return relations, Mask.of(has_near[:, :, None])
+        relations = self.piece_relation(torch.cat([relations, near[..., 5:]], dim=-1))
+        return relations, Mask.of(near[:, :, None, :, 4] > 0)
 
     def _agent_token(
         self, scene: SceneTensors, task: PoseTask, has_agent: Bool[Tensor, "B A"]
@@ -328,10 +329,3 @@ def _mlp(num_inputs: int, width: int) -> nn.Sequential:
     return nn.Sequential(
         nn.Linear(num_inputs, width), nn.GELU(), nn.Linear(width, width)
     )
-
-
-def _gathered(
-    values: Float[Tensor, "B P F"] | Bool[Tensor, "B P F"], index: Int[Tensor, "B Q M"]
-) -> Float[Tensor, "B Q M F"] | Bool[Tensor, "B Q M F"]:
-    scene = torch.arange(len(values), device=values.device)[:, None, None]
-    return values[scene, index]

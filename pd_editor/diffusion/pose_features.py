@@ -103,15 +103,15 @@ def piece_relations(
     position_m: Float[Tensor, "N A 2"],
     direction: Float[Tensor, "N A 2"],
     noise_m: Float[Tensor, "N A"],
-    piece_pose: Float[Tensor, "N A M 3"],
+    piece: Float[Tensor, "N A M 4"],
 ) -> Float[Tensor, "N A M F"]:
     """How each agent lies to its pieces: offset and direction in the piece's frame.
 
-    And which way the piece's middle is in the agent's own frame.
+    And which way the piece's middle is in the agent's own frame. Pieces are told by x,
+    y, cosine and sine.
     """
-    heading = piece_pose[..., 2]
-    axis = torch.stack([heading.cos(), heading.sin()], dim=-1)
-    offset = position_m[:, :, None] - piece_pose[..., :2]
+    middle, axis = piece.split(2, dim=-1)
+    offset = position_m[:, :, None] - middle
     own = direction[:, :, None].expand_as(offset)
     noise = noise_m[:, :, None].expand(offset.shape[:-1])
     return torch.cat(
@@ -127,7 +127,7 @@ def piece_relations(
 def nearest_pieces(
     position_m: Float[Tensor, "B Q 2"],
     prefers_crossings: Bool[Tensor, "B Q"],
-    piece_pose: Float[Tensor, "B P 3"],
+    piece_m: Float[Tensor, "B P 2"],
     is_crossing: Bool[Tensor, "B P"],
     has_piece: Bool[Tensor, "B P"],
     num_nearest: int,
@@ -136,7 +136,7 @@ def nearest_pieces(
 
     To a pedestrian crosswalks seem at half the distance, to others at twice.
     """
-    distance = torch.cdist(position_m, piece_pose[..., :2])
+    distance = torch.cdist(position_m, piece_m)
     factor = torch.where(prefers_crossings, 0.5, 2.0)[..., None]
     distance = torch.where(is_crossing[:, None], distance * factor, distance)
     distance = distance.masked_fill(~has_piece[:, None], math.inf)

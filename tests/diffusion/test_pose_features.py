@@ -50,7 +50,7 @@ def test_offsets_are_told_in_metres():
     """The scale of the road and that of the noisy states must be the same."""
     position = torch.tensor([[[31.0, -20.0]]])
     along = directions(torch.tensor([[0.9]]))
-    piece = torch.tensor([[[[28.0, -24.0, math.atan2(4, 3)]]]])
+    piece = torch.tensor([[[[28.0, -24.0, 0.6, 0.8]]]])
     found = piece_relations(position, along, torch.tensor([[0.05]]), piece)
     expected = offset_features(torch.tensor([[[[5.0, 0.0]]]]), torch.tensor([[[0.05]]]))
     torch.testing.assert_close(
@@ -82,15 +82,15 @@ def test_relations_stay_when_everything_is_moved_and_turned():
 def test_nearest_pieces_by_brute_force():
     random = torch.Generator().manual_seed(0)
     position = 30 * torch.randn((2, 5, 2), generator=random)
-    pose = 30 * torch.randn((2, 9, 3), generator=random)
+    middle = 30 * torch.randn((2, 9, 2), generator=random)
     has_piece = torch.ones(2, 9, dtype=torch.bool)
     has_piece[1, 4:] = False
     nobody, none = torch.zeros(2, 5).bool(), torch.zeros(2, 9).bool()
-    found = nearest_pieces(position, nobody, pose, none, has_piece, 3)
+    found = nearest_pieces(position, nobody, middle, none, has_piece, 3)
     for scene in range(2):
         for agent in range(5):
             distance = {
-                row: math.dist(position[scene, agent], pose[scene, row, :2])
+                row: math.dist(position[scene, agent], middle[scene, row])
                 for row in range(9)
                 if has_piece[scene, row]
             }
@@ -100,8 +100,8 @@ def test_nearest_pieces_by_brute_force():
 
 def test_pedestrians_see_crosswalks_first():
     position = torch.zeros(1, 2, 2)
-    pose = torch.tensor([[[1.0, 0.0, 0.0], [1.5, 0.0, 0.0]]])
+    middle = torch.tensor([[[1.0, 0.0], [1.5, 0.0]]])
     walks, crossing = torch.tensor([[True, False]]), torch.tensor([[False, True]])
     everything = torch.ones(1, 2, dtype=torch.bool)
-    found = nearest_pieces(position, walks, pose, crossing, everything, 1)
+    found = nearest_pieces(position, walks, middle, crossing, everything, 1)
     assert found[0, :, 0].tolist() == [1, 0]
