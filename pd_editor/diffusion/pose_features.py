@@ -1,7 +1,7 @@
 """How noisy poses lie to each other and to the road, at all scales at once."""
 
+import functools
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import torch
@@ -20,7 +20,7 @@ NUM_PIECE_FEATURES: Final = NUM_OFFSET_FEATURES + 6
 
 def waves(
     points_m: Float[Tensor, "*b 2"],
-    wavelengths_m: Sequence[float],
+    wavelengths_m: tuple[float, ...],
     noise_m: Float[Tensor, "*b"] | None = None,
 ) -> Float[Tensor, "*b F"]:
     """Sines and cosines of both coordinates at some wavelengths.
@@ -30,16 +30,20 @@ def waves(
 
     Source: Barron et al., Mip-NeRF, 2021 (integrated positional encoding).
     """
-    rates = torch.tensor(
-        [2 * math.pi / wavelength for wavelength in wavelengths_m],
-        device=points_m.device,
-    )
+    rates = _rates(wavelengths_m, points_m.device)
     phase = points_m[..., None, :] * rates[:, None]
     found = torch.stack([phase.sin(), phase.cos()], dim=-1)
     if noise_m is not None:
         fading = (noise_m[..., None] * rates).square().mul(-0.5).exp()
         found = found * fading[..., None, None]
     return found.flatten(-3)
+
+
+@functools.lru_cache
+def _rates(wavelengths_m: tuple[float, ...], device: torch.device) -> Tensor:
+    """Radians for each metre; made once, outside of what is differentiated."""
+    with torch.inference_mode(mode=False):
+        return torch.tensor([2 * math.pi / one for one in wavelengths_m], device=device)
 
 
 def offset_features(
