@@ -19,11 +19,7 @@ from pd_editor.synthesis.signal_plans import draw_signal_plans
 from pd_editor.synthesis.sumo_states import read_raw_tracks
 from pd_editor.synthesis.sumo_tools import run_sumo_tool
 from pd_editor.synthesis.traffic_graph import TrafficGraph, read_traffic_graph
-from pd_editor.synthesis.traffic_tracks import (
-    STANDING_MPS,
-    TrafficTracks,
-    traffic_tracks,
-)
+from pd_editor.synthesis.traffic_tracks import TrafficTracks, traffic_tracks
 from pd_editor.windows.recording import Recording
 
 STEP_S: Final = 0.1
@@ -33,8 +29,9 @@ WARM_UP_S: Final = 20.0
 LATERAL_RESOLUTION_M: Final = 0.6
 """Of SUMO's sublane model."""
 
-JAM_SHARE: Final = 0.4
-"""Traffic that stands for more of its time is more than the roads carry."""
+SLOW_MPS: Final = 2.0
+JAM_SHARE: Final = 0.42
+"""Traffic that is slower for more of its time is more than the roads carry."""
 LESS_FLOW: Final = 0.6
 """Share of it that is tried instead."""
 MAX_RETRIES: Final = 2
@@ -63,7 +60,7 @@ def simulate(
     random = np.random.default_rng(seed)
     tracks = _traffic(network, graph, options, duration_s, seed, random)
     for _ in range(MAX_RETRIES):
-        if _standing_share(tracks) <= JAM_SHARE:
+        if _slow_share(tracks) <= JAM_SHARE:
             break
         options = replace(options, flow_per_lane=LESS_FLOW * options.flow_per_lane)
         tracks = _traffic(network, graph, options, duration_s, seed, random)
@@ -97,14 +94,14 @@ def _traffic(
     return traffic_tracks(raw.shifted(round(WARM_UP_S / STEP_S)), drawn.types, STEP_S)
 
 
-def _standing_share(tracks: TrafficTracks) -> float:
-    """Share of the vehicles' time in which they stand."""
+def _slow_share(tracks: TrafficTracks) -> float:
+    """Share of the vehicles' time in which they hardly move."""
     drives = np.array([kind is not AgentKind.PEDESTRIAN for kind in tracks.kinds], bool)
     rows = drives[tracks.agent]
     if not rows.any():
         return 0.0
     speed = np.linalg.norm(tracks.velocity_mps[rows], axis=1)
-    return float((speed < STANDING_MPS).mean())
+    return float((speed < SLOW_MPS).mean())
 
 
 def _run(folder: Path, seed: int, end_s: float) -> None:
