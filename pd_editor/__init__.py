@@ -20,6 +20,11 @@ with the folders, the scenarios and what is to be said about them::
 
     pd_editor.synth(num=100, seed=1, out="synthetic")
 
+``train`` learns a stage of the model from such roots, ``model`` joins both stages::
+
+    pd_editor.train("traj", data="synthetic", out="runs/traj")
+    pd_editor.model(init="runs/init", traj="runs/traj", out="models/mine")
+
 Without files: ``open_scenario`` reads a ``Scenario``, an ``EditorSession`` edits it with
 the classes in ``commands``, its ``recipe()`` is a ``Recipe``. Whatever a user or a file
 can cause raises a ``PdEditorError``. All of this is loaded on first use.
@@ -33,9 +38,11 @@ if TYPE_CHECKING:
     from pd_editor.cli.evaluate import evaluate
     from pd_editor.cli.export import export
     from pd_editor.cli.generate import generate
+    from pd_editor.cli.model import model
     from pd_editor.cli.outcome import Outcome
     from pd_editor.cli.replay import replay
     from pd_editor.cli.synth import synth
+    from pd_editor.cli.train import train
     from pd_editor.cli.warp import warp
     from pd_editor.editor import commands
     from pd_editor.editor.recipe import Recipe
@@ -57,9 +64,11 @@ __all__ = [
     "evaluate",
     "export",
     "generate",
+    "model",
     "open_scenario",
     "replay",
     "synth",
+    "train",
     "warp",
 ]
 
@@ -74,9 +83,11 @@ _HOMES = {
     "evaluate": "pd_editor.cli.evaluate",
     "export": "pd_editor.cli.export",
     "generate": "pd_editor.cli.generate",
+    "model": "pd_editor.cli.model",
     "open_scenario": "pd_editor.scenario_store",
     "replay": "pd_editor.cli.replay",
     "synth": "pd_editor.cli.synth",
+    "train": "pd_editor.cli.train",
     "warp": "pd_editor.cli.warp",
 }
 _MODULES = {"commands": "pd_editor.editor.commands"}

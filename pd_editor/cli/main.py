@@ -10,6 +10,7 @@ from pd_editor.cli.edit import edit
 from pd_editor.cli.evaluate import evaluate
 from pd_editor.cli.export import export
 from pd_editor.cli.generate import generate
+from pd_editor.cli.model import model
 from pd_editor.cli.replay import replay
 from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
@@ -26,6 +27,7 @@ _COMMANDS = {
     "evaluate": evaluate,
     "synth": synth,
     "train": train,
+    "model": model,
 }
 
 

@@ -66,9 +66,15 @@ class AgentBlock(nn.Module):
         self, query: Float[Tensor, "S G E"], memory: Memory
     ) -> Float[Tensor, "S G E"]:
         heads = query.unflatten(-1, (self.num_heads, -1)).permute(1, 2, 0, 3)
-        found = nn.functional.scaled_dot_product_attention(
-            heads, memory.keys, memory.values, attn_mask=memory.exists
-        )
+        if torch.is_grad_enabled():
+            # The fused kernel is slow backwards where queries are few.
+            weights = heads * heads.shape[-1] ** -0.5 @ memory.keys.mT
+            weights = weights.masked_fill(~memory.exists, -torch.inf).softmax(dim=-1)
+            found = weights.to(memory.values.dtype) @ memory.values
+        else:
+            found = nn.functional.scaled_dot_product_attention(
+                heads, memory.keys, memory.values, attn_mask=memory.exists
+            )
         return found.permute(2, 0, 1, 3).flatten(-2)
 
     def _neighbors(

@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from pd_editor.errors import ModelError
 
 FORMAT: Final = "pd-editor-tensors-1"
+_METADATA_KEY: Final = "pd-editor"
 _Config = TypeVar("_Config")
 
 
@@ -42,11 +43,9 @@ def write_tensors(
     Raises:
         ModelError: the file cannot be written.
     """
-    metadata = {
-        "format": FORMAT,
-        "kind": kind,
-        "about": json.dumps(about, sort_keys=True),
-    }
+    told = {"format": FORMAT, "kind": kind, "about": about}
+    # One entry: the library writes several in any order.
+    metadata = {_METADATA_KEY: json.dumps(told, sort_keys=True)}
     plain = {name: one.detach().cpu().contiguous() for name, one in tensors.items()}
     data = save(plain, metadata)
     write_whole(path, data)
@@ -84,27 +83,26 @@ def read_tensors(path: Path, kind: str) -> TensorFile:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
         with safe_open(path, framework="pt", device="cpu") as opened:
             metadata = opened.metadata() or {}
+            told = json.loads(metadata.get(_METADATA_KEY, "{}"))
             tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
     except OSError as error:
         raise ModelError(
             f"{path}: cannot be read ({error.strerror or error})."
         ) from error
-    except SafetensorError as error:
+    except (SafetensorError, ValueError) as error:
         raise ModelError(
             f"{path}: is damaged or no safetensors file ({error})."
         ) from error
-    if metadata.get("format") != FORMAT:
+    if told.get("format") != FORMAT:
         raise ModelError(
             f"{path}: was written by another program or version; expected format "
             f"{FORMAT}."
         )
-    if metadata.get("kind") != kind:
-        raise ModelError(
-            f"{path}: holds {metadata.get('kind', 'nothing named')!r}; expected {kind!r}."
-        )
+    if told.get("kind") != kind:
+        raise ModelError(f"{path}: holds {told.get('kind')!r}; expected {kind!r}.")
     return TensorFile(
         kind=kind,
-        about=json.loads(metadata["about"]),
+        about=told["about"],
         tensors=tensors,
         sha256=sha256,
     )

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -26,6 +26,7 @@ _BETAS = (0.9, 0.99)
 _AUGMENT, _NOISE, _HELD_OUT = 1, 2, 3
 
 
+@runtime_checkable
 class Batch(Protocol):
     """Scenes as tensors."""
 

@@ -1,6 +1,7 @@
 """A training run from data roots to a model folder."""
 
 import importlib.metadata
+import logging
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -82,6 +83,8 @@ def _fabric(hardware: Hardware, precision: Precision, *, is_gpu: bool) -> Fabric
     """The devices, ready to compute; from here on one process for each."""
     if hardware.threads is not None:
         torch.set_num_threads(hardware.threads)
+    # It says at each start which precision it was told to use.
+    logging.getLogger("lightning_fabric").setLevel(logging.WARNING)
     fabric = Fabric(
         accelerator="cuda" if is_gpu else "cpu",
         devices=hardware.num_devices,

@@ -1,0 +1,187 @@
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import pd_editor
+from pd_editor.diffusion.model_folder import load_model
+from pd_editor.diffusion.stages import STAGE_KINDS
+from pd_editor.windows.shards import write_shard
+from pd_editor.windows.window_choice import choose_windows
+from tests.cli.shell import ROOT, Shell
+from tests.windows.recordings import drive
+
+FILES = {"data.json", "log.jsonl", "loss.png", "model", "run.json", "state.safetensors"}
+TINY = ("--preset", "tiny", "--device", "cpu", "--threads", "1", "--precision", "32")
+
+
+@pytest.fixture(scope="module")
+def shards(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Shards of three recordings."""
+    folder = tmp_path_factory.mktemp("corpus")
+    for number in range(3):
+        recording = drive(name=f"drive-{number}", seed=number)
+        windows = choose_windows(recording, seed=3, num_windows=6)
+        write_shard(folder / f"drive-{number}.shard", [(recording, windows)])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def runs(shards: Path, cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run of each stage."""
+    folder = tmp_path_factory.mktemp("runs")
+    for stage in ("init", "traj"):
+        pd_editor.train(
+            stage,
+            data=shards,
+            out=folder / stage,
+            cache=cache,
+            preset="tiny",
+            steps=6,
+            device="cpu",
+            precision="32",
+        )
+    return folder
+
+
+@pytest.mark.parametrize("stage", ["init", "traj"])
+def test_a_run_leaves_a_model(runs: Path, stage: str):
+    assert {one.name for one in (runs / stage).iterdir()} == FILES
+    model = load_model(runs / stage / "model", STAGE_KINDS)
+    assert list(model.stages) == [stage]
+    assert model.stages[stage].about["steps"] == 6
+    lines = (runs / stage / "log.jsonl").read_text().splitlines()
+    log = [json.loads(line) for line in lines]
+    assert log[-1]["step"] == 6
+    assert (runs / stage / "loss.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_shell_says_what_came_out(
+    shell: Shell, shards: Path, cache: Path, tmp_path: Path
+):
+    out = tmp_path / "run"
+    options = ("--data", shards, "--out", out, "--cache", cache, *TINY)
+    result = shell.run("train", "traj", *options, "--steps", 3)
+    assert (result.code, result.err) == (0, "")
+    assert result.lines[0] == str(out / "model")
+    assert result.lines[1].startswith("3 steps in ")
+    assert "already holds files" in shell.refused("train", "traj", *options)
+    longer = shell.run("train", "traj", "--out", out, "--resume", "--steps", 5,
+                       "--cache", cache, "--device", "cpu")  # fmt: skip
+    assert longer.code == 0, longer.err
+    assert longer.lines[1].startswith("5 steps in ")
+    seeded = ("--resume", "--out", out, "--seed", 4, "--cache", cache)
+    assert "seed" in shell.refused("train", "traj", *seeded)
+    assert "stage" in shell.refused("train", "init", "--resume", "--out", out)
+
+
+def test_a_finished_run_can_be_given_more_time(runs: Path, cache: Path, tmp_path: Path):
+    shutil.copytree(runs / "traj", tmp_path / "run")
+    found = pd_editor.train(
+        "traj", out=tmp_path / "run", resume=True, cache=cache, device="cpu", steps=9
+    )
+    assert found.steps == 9
+    again = pd_editor.train(
+        "traj", out=tmp_path / "run", resume=True, cache=cache, device="cpu"
+    )
+    assert again.steps == 9
+
+
+def test_stages_are_joined_in_half_precision(shell: Shell, runs: Path, tmp_path: Path):
+    out = tmp_path / "models" / "mine"
+    joined = shell.run(
+        "model", "--out", out, "--init", runs / "init", "--traj", runs / "traj"
+    )
+    assert joined.code == 0, joined.err
+    assert {one.name for one in out.iterdir()} == {
+        "MODEL_CARD.md",
+        "config.json",
+        "initial_states.safetensors",
+        "initial_states_loss.png",
+        "trajectories.safetensors",
+        "trajectories_loss.png",
+    }
+    model = load_model(out, STAGE_KINDS)
+    assert set(model.stages) == {"init", "traj"}
+    weights = (runs / "traj" / "model" / "trajectories.safetensors").stat().st_size
+    assert (out / "trajectories.safetensors").stat().st_size < 0.8 * weights
+    assert "| traj |" in (out / "MODEL_CARD.md").read_text()
+    again = pd_editor.model(out=out, traj=runs / "traj")
+    assert load_model(again.folder, STAGE_KINDS).sha256 == model.sha256
+
+
+def test_what_is_no_trained_stage_is_refused(shell: Shell, runs: Path, tmp_path: Path):
+    assert "--init" in shell.refused("model", "--out", tmp_path / "a")
+    swapped = ("--init", runs / "traj")
+    assert "no weights" in shell.refused("model", "--out", tmp_path / "b", *swapped)
+    missing = ("--traj", tmp_path / "none")
+    assert "no model" in shell.refused("model", "--out", tmp_path / "c", *missing)
+
+
+def test_bad_input_is_said_in_a_sentence(shell: Shell, shards: Path, tmp_path: Path):
+    def refused(*options: object) -> str:
+        return shell.refused("train", "traj", "--out", tmp_path / "run", *options)
+
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    cache = ("--cache", tmp_path / "cache", "--device", "cpu")
+    assert "--data" in refused()
+    assert "none" in refused("--data", tmp_path / "none", *cache)
+    assert "neither" in refused("--data", empty, *cache)
+    assert "GPU" in refused("--data", shards, "--device", "cuda")
+    assert "weights" in refused("--data", shards, "--weights", 1, 2)
+    assert "minutes" in refused("--data", shards, "--minutes", 0)
+    assert "--threads" in refused("--data", shards, "--threads", 0)
+    assert "no training run" in refused("--resume")
+    assert not (tmp_path / "run").exists()
+
+
+def test_broken_scenarios_are_counted(av2_scenario_folders: list[Path], tmp_path: Path):
+    root = tmp_path / "av2"
+    for source in av2_scenario_folders[:7]:
+        shutil.copytree(source, root / source.name)
+    next((root / av2_scenario_folders[2].name).glob("*.json")).write_text("{}")
+    found = pd_editor.train(
+        "init", data=root, out=tmp_path / "run", cache=tmp_path / "cache",
+        preset="tiny", steps=2, device="cpu", precision="32",
+    )  # fmt: skip
+    assert (found.num_scenes, found.num_left_out) == (6, 1)
+    assert "1 scenarios could not be used." in str(found)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_ctrl_c_leaves_a_run_that_goes_on(shards: Path, cache: Path, tmp_path: Path):
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "pd_editor.cli", "train", "traj", *TINY]
+    options = ["--data", shards, "--out", out, "--cache", cache, "--minutes", "30"]
+    with subprocess.Popen(
+        [*command, *map(str, options)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        waited = time.monotonic()
+        while not (out / "log.jsonl").exists() and process.poll() is None:
+            assert time.monotonic() - waited < 100
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        said, errors = process.communicate(timeout=100)
+    assert process.returncode == 0, errors
+    assert "Stopped; go on with --resume" in said
+    step = json.loads((out / "log.jsonl").read_text().splitlines()[-1])["step"]
+    found = pd_editor.train(
+        "traj", out=out, cache=cache, resume=True, steps=step + 2, device="cpu"
+    )
+    assert (found.steps, found.is_stopped) == (step + 2, False)
