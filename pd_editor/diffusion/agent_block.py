@@ -33,7 +33,7 @@ class AgentBlock(nn.Module):
         self.feed_forward = nn.Sequential(
             nn.LayerNorm(width),
             nn.Linear(width, 4 * width),
-            nn.GELU(),
+            nn.ReLU(),
             nn.Linear(4 * width, width),
         )
         self.guess = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, LATENT_SIZE))
@@ -86,7 +86,10 @@ class AgentBlock(nn.Module):
         context: TrajectoryContext,
     ) -> Float[Tensor, "S G E"]:
         edge = memory.edge if ways is None else memory.edge + self.way_in(ways)
-        seen = own[:, context.neighbor] + self.edge_out(nn.functional.gelu(edge))
+        near = own.index_select(1, context.neighbor.flatten())
+        seen = near.unflatten(1, context.neighbor.shape) + self.edge_out(
+            nn.functional.relu(edge)
+        )
         heads = seen.flatten(0, 1).unflatten(-1, (2, self.num_heads, -1))
         keys, values = heads.permute(2, 0, 3, 1, 4)
         exists = context.has_neighbor.expand(len(query), *(-1,) * 4).flatten(0, 1)

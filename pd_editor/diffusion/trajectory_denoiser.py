@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from pd_editor.diffusion.agent_block import AgentBlock
+from pd_editor.diffusion.memory_encoder import MemoryEncoder
 from pd_editor.diffusion.noise_schedule import NoiseSchedule, Prediction, ScheduleKind
 from pd_editor.diffusion.relative_pose import (
     NUM_POSE_FEATURES,
@@ -26,7 +27,6 @@ from pd_editor.diffusion.scene_tensors import SceneTensors
 from pd_editor.diffusion.trajectory_basis import TrajectoryBasis
 from pd_editor.diffusion.trajectory_context import (
     BlockMemory,
-    Memory,
     TrajectoryContext,
 )
 from pd_editor.diffusion.way_points import WayPoints
@@ -78,11 +78,12 @@ class TrajectoryDenoiser(nn.Module):
         self.token = nn.Linear(width, width)
         self.level_bias = nn.Linear(_NUM_LEVEL_FEATURES, blocks * width)
         piece_size = NUM_POSE_FEATURES + len(PIECE_SHAPE) + NUM_PIECE_KINDS
-        self.piece_memory = _memory_encoder(piece_size, width, blocks)
-        self.candidate_memory = _memory_encoder(LATENT_SIZE, width, blocks)
+        self.piece_memory = MemoryEncoder(piece_size, width, blocks, config.num_heads)
+        self.candidate_memory = MemoryEncoder(
+            LATENT_SIZE, width, blocks, config.num_heads
+        )
         edge_size = NUM_POSE_FEATURES + 1 + 2 * _NUM_AGENT_FEATURES
         self.edge_in = nn.Linear(edge_size, blocks * config.edge_width)
-        self.nothing = nn.Parameter(torch.zeros(2, blocks * 2 * width))
         self.blocks = nn.ModuleList(
             AgentBlock(width, config.num_heads, config.edge_width)
             for _ in range(blocks)
@@ -93,10 +94,8 @@ class TrajectoryDenoiser(nn.Module):
         scenes, agents = scene.has_agent.shape
         features = _agent_features(scene)
         sees = (scene.near_pieces >= 0) & gathered(scene.has_piece, scene.near_pieces)
-        pieces = self._seen(0, self._pieces(scene), sees)
-        candidates = self._seen(
-            1, self.candidate_memory(scene.candidates), scene.has_candidate
-        )
+        pieces = self.piece_memory(_pieces(scene), sees)
+        candidates = self.candidate_memory(scene.candidates, scene.has_candidate)
         own = torch.arange(agents, device=features.device).expand(scenes, agents)
         near = torch.cat([own[..., None], scene.near_agents], dim=-1)
         meets = (near >= 0) & gathered(scene.has_agent, near)
@@ -147,7 +146,7 @@ class TrajectoryDenoiser(nn.Module):
         alpha, sigma = self.schedule.alpha(flat_level), self.schedule.sigma(flat_level)
         levels = _level_features(flat_level, alpha, sigma)
         hidden = self.noisy_in(torch.cat([flat, levels], dim=-1)) + context.agent
-        hidden = self.token(nn.functional.gelu(hidden))
+        hidden = self.token(nn.functional.relu(hidden))
         biases = self.level_bias(levels).chunk(self.config.num_blocks, dim=-1)
         # The best linear guess at a latent of unit variance.
         guess = alpha * flat
@@ -166,46 +165,15 @@ class TrajectoryDenoiser(nn.Module):
             guesses.append(guess.unflatten(1, noisy.shape[1:3]))
         return guesses
 
-    def _pieces(self, scene: SceneTensors) -> Float[Tensor, "B A M E"]:
-        kind = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
-        shape = torch.cat([scene.piece_shape, kind.to(scene.piece_shape)], dim=-1)
-        pose = relative_pose(
-            gathered(scene.piece_pose, scene.near_pieces), scene.agent_pose[:, :, None]
-        )
-        near = gathered(shape, scene.near_pieces)
-        return self.piece_memory(torch.cat([pose_features(pose), near], dim=-1))
 
-    def _seen(
-        self,
-        which: int,
-        encoded: Float[Tensor, "B A N E"],
-        exists: Bool[Tensor, "B A N"],
-    ) -> list[Memory]:
-        """What each block sees, with a first entry for nothing."""
-        nothing = self.nothing[which].to(encoded.dtype)
-        encoded = torch.cat(
-            [nothing.expand(*encoded.shape[:2], 1, -1), encoded], dim=2
-        ).flatten(0, 1)
-        mask = nn.functional.pad(exists, (1, 0), value=True).flatten(0, 1)
-        # One copy brings the heads in front of the things, for all blocks at once.
-        table = encoded.unflatten(
-            -1, (self.config.num_blocks, 2, self.config.num_heads, -1)
-        )
-        table = table.permute(2, 3, 0, 4, 1, 5).contiguous()
-        return [
-            Memory(keys=keys, values=values, exists=mask[:, None, None])
-            for keys, values in table
-        ]
-
-
-def _memory_encoder(size: int, width: int, num_blocks: int) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Linear(size, width),
-        nn.GELU(),
-        nn.Linear(width, width),
-        nn.GELU(),
-        nn.Linear(width, num_blocks * 2 * width),
+def _pieces(scene: SceneTensors) -> Float[Tensor, "B A M E"]:
+    kind = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
+    shape = torch.cat([scene.piece_shape, kind.to(scene.piece_shape)], dim=-1)
+    pose = relative_pose(
+        gathered(scene.piece_pose, scene.near_pieces), scene.agent_pose[:, :, None]
     )
+    near = gathered(shape, scene.near_pieces)
+    return torch.cat([pose_features(pose), near], dim=-1)
 
 
 def _agent_features(scene: SceneTensors) -> Float[Tensor, "B A F"]:

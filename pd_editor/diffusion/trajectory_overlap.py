@@ -32,7 +32,9 @@ def overlap_depth_m(
     )
     near = context.neighbor[:, 1:]
     pose = context.neighbor_pose[:, 1:, None, None, :]
-    their_x, their_y = x[:, near], y[:, near]
+    rows = near.flatten()
+    their_x = x.index_select(1, rows).unflatten(1, near.shape)
+    their_y = y.index_select(1, rows).unflatten(1, near.shape)
     gap_x = pose[..., 2] * their_x - pose[..., 3] * their_y + pose[..., 0]
     gap_y = pose[..., 3] * their_x + pose[..., 2] * their_y + pose[..., 1]
     own_x, own_y = x[:, :, None, :, :, None], y[:, :, None, :, :, None]

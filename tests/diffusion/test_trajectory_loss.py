@@ -103,4 +103,4 @@ def test_a_network_learns_one_scene_by_heart() -> None:
         model, scene, samples=range(4), seed=0, config=TrajectorySamplerConfig()
     )
     gap = (last.latent - scene.future)[:, scene.has_future]
-    assert gap.abs().mean() < 0.35 * scene.future[scene.has_future].abs().mean()
+    assert gap.abs().mean() < 0.1

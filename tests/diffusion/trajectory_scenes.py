@@ -87,5 +87,6 @@ def small_model(seed: int = 0, **changes: object) -> TrajectoryDenoiser:
     config = TrajectoryConfig(**(values | changes))  # type: ignore[arg-type]
     model = TrajectoryDenoiser(config, arc_basis()).eval()
     # Fresh biases of nothing are zero, which would hide what they do.
-    torch.nn.init.normal_(model.nothing)
+    torch.nn.init.normal_(model.piece_memory.nothing)
+    torch.nn.init.normal_(model.candidate_memory.nothing)
     return model
