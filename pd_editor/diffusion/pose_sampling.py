@@ -15,7 +15,7 @@ from pd_editor.diffusion.pose_noise import first_noise, noise_scale, sampling_le
 from pd_editor.diffusion.random_streams import RandomStreams
 from pd_editor.diffusion.scene_tensors import SceneTensors
 
-NUM_STEPS: Final = 20
+NUM_STEPS: Final = 12
 """Default number of calls of the network."""
 
 PoseGuide = Callable[[Tensor, float], Tensor]
@@ -29,7 +29,7 @@ class PoseSamplerConfig:
     num_steps: int = NUM_STEPS
     fresh_noise: float = 0.0
     """Share of the noise that is drawn anew at each step: 0 none, 1 ancestral."""
-    is_second_order: bool = False
+    is_second_order: bool = True
     """Extrapolate the clean states from the last two steps."""
 
 

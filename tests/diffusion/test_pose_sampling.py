@@ -93,9 +93,9 @@ def test_drawing_stops_when_nobody_asks_on(monkeypatch: pytest.MonkeyPatch):
 @pytest.mark.parametrize(
     "config",
     [
-        PoseSamplerConfig(num_steps=60),
-        PoseSamplerConfig(num_steps=60, fresh_noise=1.0),
-        PoseSamplerConfig(num_steps=25, is_second_order=True),
+        PoseSamplerConfig(num_steps=60, is_second_order=False),
+        PoseSamplerConfig(num_steps=60, is_second_order=False, fresh_noise=1.0),
+        PoseSamplerConfig(num_steps=25),
     ],
     ids=["plain", "fresh", "second order"],
 )
