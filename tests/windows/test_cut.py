@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from pd_editor.av2_io.official import check_with_official_loaders
@@ -11,7 +10,7 @@ from pd_editor.scene.agent_kind import AgentCategory
 from pd_editor.windows.cut import MIN_TRACK_STEPS, cut_scenario, runs_of
 from pd_editor.windows.recording import Window
 from pd_editor.windows.tracking_noise import TrackingNoise
-from pd_editor.windows.window_choice import MIN_FOCAL_PATH_M, choose_windows
+from pd_editor.windows.window_choice import choose_windows
 from tests.windows.recordings import drive, recording_of
 
 
@@ -147,24 +146,3 @@ def test_each_run_becomes_a_track(is_valid):
     for row, run in zip(rows, runs, strict=True):
         assert not (run & ~is_valid[row]).any()
         assert np.abs(np.diff(np.pad(run.astype(int), 1))).sum() == 2
-
-
-@given(st.integers(0, 50))
-@settings(max_examples=15, deadline=None)
-def test_windows_are_about_agents_that_move_and_stay(seed):
-    recording = drive(seed=seed)
-    windows = choose_windows(recording, seed, num_windows=15)
-    assert list(windows) == sorted(windows, key=lambda one: one.current_step)
-    for window in windows:
-        row = recording.ids.index(window.focal_id)
-        assert not recording.is_parked[row]
-        assert 50 <= window.current_step < recording.num_steps - 59
-        scenario = cut_scenario(recording, window)
-        focal = scenario.agents.row_of[window.focal_id]
-        position = scenario.agents.position_m[focal]
-        assert np.linalg.norm(position[-1] - position[0]) >= MIN_FOCAL_PATH_M
-        np.testing.assert_allclose(position[50], window.center_m)
-
-
-def test_a_recording_that_is_too_short_has_no_windows():
-    assert choose_windows(drive(num_steps=109), 0) == ()

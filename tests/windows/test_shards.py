@@ -11,7 +11,6 @@ from pd_editor.errors import ExportError, InputError
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.windows import shards
 from pd_editor.windows.cut import cut_scenario
-from pd_editor.windows.integer_coding import coded, decoded
 from pd_editor.windows.map_coding import MAP_STEP_M
 from pd_editor.windows.recording_coding import (
     HEADING_STEP_RAD,
@@ -23,19 +22,6 @@ from pd_editor.windows.window_choice import choose_windows
 from tests.windows.recordings import drive, recording_of
 
 TINY = 1e-9
-
-
-@given(
-    st.lists(st.lists(st.integers(-(10**6), 10**6), max_size=6), max_size=5),
-    st.integers(0, 3),
-)
-@settings(deadline=None)
-def test_integers_come_back(series, order):
-    first_row = np.concatenate([[0], np.cumsum([len(one) for one in series])])
-    first_row = first_row.astype(np.int64)
-    values = np.array([value for one in series for value in one], np.int64)
-    data = coded(values, first_row, order)
-    np.testing.assert_array_equal(decoded(data, first_row, order), values)
 
 
 def check_rounded(before, after):
