@@ -35,7 +35,7 @@ class Training:
     """NaN where nothing was held out."""
     num_scenes: int
     num_left_out: int
-    """Scenarios that could not be used."""
+    """Scenarios and files that could not be used."""
     is_stopped: bool
     """Whether it was stopped before its time; it can be resumed."""
 
@@ -46,7 +46,7 @@ class Training:
             f"scenes; held-out loss {self.held_out_loss:.4f}."
         ]
         if self.num_left_out:
-            remarks.append(f"{self.num_left_out} scenarios could not be used.")
+            remarks.append(f"{self.num_left_out} scenarios or files could not be used.")
         if self.is_stopped:
             remarks.append(f"Stopped; go on with --resume --out {self.folder}")
         return "\n".join([str(self.model), *remarks])

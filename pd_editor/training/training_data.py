@@ -39,13 +39,8 @@ class PreparedData:
 
     store: FeatureStore
     basis: TrajectoryBasis
-    num_scenarios: int
-    """As there are in the roots; those that cannot be used are not in the store."""
-
-    @property
-    def num_left_out(self) -> int:
-        """Scenarios that cannot be used."""
-        return self.num_scenarios - len(self.store)
+    num_left_out: int
+    """Scenarios of the roots that cannot be used, and damaged files of shards."""
 
 
 def default_cache() -> Path:
@@ -91,7 +86,8 @@ def prepared_data(
         raise TrainingError(
             f"{folder}: cannot be written ({error.strerror or error})."
         ) from error
-    return PreparedData(store=store, basis=basis, num_scenarios=len(source))
+    left_out = len(source) - len(store) + source.num_damaged
+    return PreparedData(store=store, basis=basis, num_left_out=left_out)
 
 
 def _basis(roots: Sequence[Path], path: Path, workers: int | None) -> TrajectoryBasis:
