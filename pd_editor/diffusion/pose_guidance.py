@@ -24,8 +24,10 @@ _PEDESTRIAN: Final = len(AGENT_KINDS) - 1
 _CROSSWALK: Final = NUM_PIECE_KINDS - 1
 _LENGTH_UNIT_M: Final = 10.0
 """Of the first number of ``PIECE_SHAPE``."""
-_NUM_PUSHES: Final = 3
+_NUM_PUSHES: Final = 2
+_NUM_LAST_PUSHES: Final = 12
 """Who is pushed out of one box may be pushed into another."""
+_GAP_M: Final = 0.4
 _SIDEWAYS: Final = 0.5
 """Agents rather move along their heading than out of their lane."""
 
@@ -59,7 +61,7 @@ class PoseGuidance:
             shift = self._pull(clean, scene) * self.pull
             pulled = _shifted(clean, torch.where(given[..., None], 0.0, shift))
             apart = pulled
-            for _ in range(_NUM_PUSHES):
+            for _ in range(_NUM_PUSHES if level > 0 else _NUM_LAST_PUSHES):
                 shift = self._push(apart, scene, given) * self.push
                 apart = _shifted(apart, torch.where(given[..., None], 0.0, shift))
             return apart
@@ -73,7 +75,7 @@ class PoseGuidance:
         is_given: Bool[Tensor, "B A"],
     ) -> Float[Tensor, "S B A 2"]:
         """Metres out of all overlaps; who overlaps a given agent goes all the way."""
-        vectors = overlap_vectors_m(clean, scene)
+        vectors = overlap_vectors_m(clean, scene, gap_m=_GAP_M)
         share = torch.where(is_given[:, None, :, None], 1.0, 0.5)
         shift = (vectors * share).sum(dim=-2)
         axis = unit_vectors(clean[..., 2:4])

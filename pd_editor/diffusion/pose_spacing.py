@@ -29,9 +29,12 @@ def overlap_depth_m(
 
 
 def overlap_vectors_m(
-    states: Float[Tensor, "*b A 5"], scene: SceneTensors
+    states: Float[Tensor, "*b A 5"], scene: SceneTensors, *, gap_m: float = 0.0
 ) -> Float[Tensor, "*b A A 2"]:
-    """How the first of each pair has to move to be out of the second, 0 if it is."""
+    """How the first of each pair has to move to be out of the second, 0 if it is.
+
+    Corners stick out of the discs: a gap of 0.4 m keeps those of cars apart.
+    """
     offset = _offsets_m(states, scene)
     nearest = offset.square().sum(dim=-1).argmin(dim=-1, keepdim=True)
     offset = offset.gather(-2, nearest[..., None].expand(*nearest.shape, 2))[..., 0, :]
@@ -40,7 +43,7 @@ def overlap_vectors_m(
     sign = torch.ones_like(offset[..., 0]).triu() * 2 - 1
     offset = offset + 1e-3 * sign[..., None] * axis
     distance = offset.norm(dim=-1)
-    depth = (_radii_m(scene) - distance).clamp_min(0) * _counts(scene)
+    depth = (_radii_m(scene) + gap_m - distance).clamp_min(0) * _counts(scene)
     return offset * (depth / distance.clamp_min(1e-6))[..., None]
 
 
