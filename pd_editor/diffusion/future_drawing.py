@@ -1,7 +1,7 @@
 """The second stage on a scenario: futures of some agents around the others'."""
 
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -59,7 +59,7 @@ class FutureTask:
     ) -> "FutureTask":
         """All road users that are there now; those not drawn are given if known."""
         features = scene_features(scenario)
-        scene = batch_of([packed(features, basis.encode)])
+        scene = _without_gaps(batch_of([packed(features, basis.encode)]))
         is_drawn = np.isin(features.agent_row, rows)
         is_given = ~is_drawn & features.has_future
         partly = np.flatnonzero(~is_drawn & ~is_given)
@@ -104,10 +104,10 @@ def draw_futures(
     task: FutureTask,
     samples: Sequence[int],
     options: FutureOptions,
-) -> Generator[tuple[float, Motion], None, DrawnFutures]:
+) -> Generator[tuple[float, Callable[[], Motion]], None, DrawnFutures]:
     """Draw the futures of a task.
 
-    Yields the share that is done, and the futures believed in so far.
+    Yields the share that is done, and how to get the futures believed in so far.
     """
     basis = model.way_points.basis
     tries = options.num_tries
@@ -131,7 +131,11 @@ def draw_futures(
         for step in steps:
             latent = step.latent
             share = (step.index + 1) / step.num_steps * len(chunk)
-            yield (first + share) / len(samples), task.motion(basis, latent[::tries])
+            believed = latent[::tries]
+            yield (
+                (first + share) / len(samples),
+                lambda believed=believed: task.motion(basis, believed),
+            )
         assert latent is not None, "there is at least one step"
         drawn = task.motion(basis, latent)
         for index in range(len(chunk)):
@@ -144,6 +148,16 @@ def draw_futures(
             velocity_mps=np.stack([one.velocity_mps[0] for one in motions]),
         ),
         lane_cost_m=(guide.cost_before_m, guide.cost_after_m),
+    )
+
+
+def _without_gaps(scene: SceneTensors) -> SceneTensors:
+    """Places for candidates that no agent has are left out."""
+    most = int(scene.has_candidate.sum(dim=-1).max()) if scene.has_agent.any() else 0
+    return replace(
+        scene,
+        candidates=scene.candidates[:, :, :most],
+        has_candidate=scene.has_candidate[:, :, :most],
     )
 
 

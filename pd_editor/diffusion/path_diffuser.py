@@ -166,14 +166,14 @@ class PathDiffuser:
         futures = draw_futures(driver, task, indices, _options(request))
         while True:
             try:
-                share, motion = next(futures)
+                share, believed = next(futures)
             except StopIteration as stop:
                 drawn = stop.value
                 break
             yield DenoisingProgress(
                 fraction=share,
                 message=f"{len(ids)} agents",
-                preview=lambda motion=motion: _samples(task, rows, motion),
+                preview=lambda believed=believed: _samples(task, rows, believed()),
             )
         notes: list[str] = []
         if drawn.lane_cost_m[0] > 0:

@@ -1,0 +1,233 @@
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.diffusion.model_folder import TrainedStage, save_model
+from pd_editor.diffusion.path_diffuser import AVOIDANCE, DenoisingProgress, PathDiffuser
+from pd_editor.diffusion.pose_denoiser import PoseDenoiser, PoseDenoiserConfig
+from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
+from pd_editor.errors import EditError, GenerationError, ModelError
+from pd_editor.generation import (
+    LANE_GUIDANCE,
+    GeneratedTraffic,
+    GenerationRequest,
+    GuidanceTerm,
+    Region,
+    ScenarioGenerator,
+    TrafficSample,
+    run_to_end,
+)
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
+from tests.builders import two_agents_that_pass
+from tests.diffusion.trajectory_scenes import small_model
+
+SINGLE = GuidanceTerm(name=AVOIDANCE, weight=0.0)
+
+
+@pytest.fixture(scope="module")
+def model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("model")
+    driver = small_model()
+    config = PoseDenoiserConfig(
+        width=32, num_heads=2, num_layers=1, num_near_pieces=4, relation_width=16
+    )
+    save_model(
+        folder,
+        {
+            "traj": TrainedStage(kind=TRAJECTORIES, config=driver.config, model=driver),
+            "init": TrainedStage(
+                kind=INITIAL_STATES, config=config, model=PoseDenoiser(config)
+            ),
+        },
+    )
+    return folder
+
+
+@pytest.fixture
+def diffuser(model_folder: Path) -> PathDiffuser:
+    return PathDiffuser(model_folder)
+
+
+@pytest.fixture
+def scenario() -> Scenario:
+    return two_agents_that_pass()
+
+
+def generated(
+    diffuser: PathDiffuser, scenario: Scenario, ids: tuple[str, ...], **asked: object
+) -> GeneratedTraffic:
+    request = GenerationRequest(
+        scenario=scenario,
+        agent_ids=ids,
+        **asked,  # type: ignore[arg-type]
+    )
+    return run_to_end(diffuser.generate(request))
+
+
+def same(one: TrafficSample, two: TrafficSample) -> bool:
+    return one.ids == two.ids and all(
+        np.array_equal(getattr(one, name), getattr(two, name))
+        for name in ("position_m", "heading_rad", "velocity_mps")
+    )
+
+
+def test_it_is_a_generator_and_begins_at_the_exact_state(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    assert isinstance(diffuser, ScenarioGenerator)
+    ids = scenario.agents.ids
+    traffic = generated(diffuser, scenario, ids, num_samples=3, seed=4)
+    assert len(traffic.samples) == 3
+    assert len(traffic.model_sha256) == 64
+    now, steps = scenario.current_step, scenario.time_axis.num_future_steps + 1
+    for sample in traffic.samples:
+        assert sample.ids == ids
+        assert sample.position_m.shape == (len(ids), steps, 2)
+        agents = scenario.agents
+        assert np.array_equal(sample.position_m[:, 0], agents.position_m[:, now])
+        assert np.array_equal(sample.heading_rad[:, 0], agents.heading_rad[:, now])
+        assert np.array_equal(sample.velocity_mps[:, 0], agents.velocity_mps[:, now])
+    assert not same(traffic.samples[0], traffic.samples[1])
+
+
+def test_the_same_request_gives_the_same_traffic(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    ids = scenario.agents.ids
+    first, again = (generated(diffuser, scenario, ids, seed=3) for _ in range(2))
+    other = generated(diffuser, scenario, ids, seed=5)
+    assert same(first.samples[0], again.samples[0])
+    assert not same(first.samples[0], other.samples[0])
+
+
+def test_progress_is_told_after_each_step_with_what_is_believed_in(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    request = GenerationRequest(
+        scenario=scenario,
+        agent_ids=scenario.agents.ids,
+        num_denoising_steps=4,
+        num_samples=2,
+    )
+    reports = list(diffuser.generate(request))
+    assert [one.fraction for one in reports] == [0.25, 0.5, 0.75, 1.0]
+    for one in reports:
+        assert isinstance(one, DenoisingProgress)
+        assert len(one.preview()) == 2
+
+
+def test_agents_are_added_and_placed_anew(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    ids = scenario.agents.ids
+    traffic = generated(
+        diffuser,
+        scenario,
+        ids[:1],
+        redrawn_state_ids=ids[:1],
+        num_new_agents={AgentKind.PEDESTRIAN: 1, AgentKind.VEHICLE: 2},
+        num_samples=2,
+        region=Region(center_m=(20.0, 0.0), half_side_m=30.0),
+    )
+    one, two = traffic.samples
+    assert one.ids == (ids[0], "new-1", "new-2", "new-3")
+    assert one.kinds[1:] == (AgentKind.VEHICLE,) * 2 + (AgentKind.PEDESTRIAN,)
+    assert not same(one, two)
+    alone = generated(
+        diffuser,
+        scenario,
+        ids[:1],
+        redrawn_state_ids=ids[:1],
+        num_new_agents={AgentKind.PEDESTRIAN: 1, AgentKind.VEHICLE: 2},
+        region=Region(center_m=(20.0, 0.0), half_side_m=30.0),
+    )
+    assert same(alone.samples[0], one)
+
+
+def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:
+    ids = scenario.agents.ids
+    yield {"agent_ids": ()}, "nobody"
+    yield {"agent_ids": (ids[0], ids[0])}, "twice"
+    yield {"num_samples": 0}, "samples"
+    yield {"num_denoising_steps": 0}, "denoising steps"
+    yield {"seed": -1}, "seed"
+    yield {"agent_ids": ids[:1], "redrawn_state_ids": ids[1:]}, "another state"
+    yield {"num_new_agents": {AgentKind.VEHICLE: 500}}, "500"
+    yield {"num_new_agents": {AgentKind.STATIC: 1}}, "road users"
+    yield {"num_new_agents": {AgentKind.VEHICLE: -1}}, "negative"
+    bare = replace(scenario.road_map, lanes=())
+    yield {"scenario": replace(scenario, road_map=bare)}, "no lanes"
+    agents, now = scenario.agents, scenario.current_step
+    gone = agents.is_valid.copy()
+    gone[0, now] = False
+    yield (
+        {"scenario": scenario.with_agents(replace(agents, is_valid=gone))},
+        "not there",
+    )
+    broken = agents.position_m.copy()
+    broken[0, now] = np.nan
+    yield (
+        {"scenario": scenario.with_agents(replace(agents, position_m=broken))},
+        "finite",
+    )
+
+
+def test_bad_requests_are_refused_in_words(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    for changes, words in bad_requests(scenario):
+        asked = {"scenario": scenario, "agent_ids": scenario.agents.ids} | changes
+        request = GenerationRequest(**asked)  # type: ignore[arg-type]
+        with pytest.raises(GenerationError, match=words):
+            run_to_end(diffuser.generate(request))
+
+
+def test_strangers_long_futures_and_missing_weights_are_refused(
+    diffuser: PathDiffuser, scenario: Scenario, tmp_path: Path
+) -> None:
+    with pytest.raises(EditError, match="nobody"):
+        generated(diffuser, scenario, ("nobody",))
+    axis = replace(scenario.time_axis, step_s=0.5)
+    assert isinstance(axis, TimeAxis)
+    with pytest.raises(GenerationError, match="lasts"):
+        generated(diffuser, replace(scenario, time_axis=axis), scenario.agents.ids)
+    with pytest.raises(ModelError):
+        generated(PathDiffuser(tmp_path / "none"), scenario, scenario.agents.ids)
+
+
+def test_guidance_is_taken_by_name(diffuser: PathDiffuser, scenario: Scenario) -> None:
+    ids = scenario.agents.ids
+    free, firm = (
+        generated(
+            diffuser,
+            scenario,
+            ids,
+            guidance=(GuidanceTerm(name=LANE_GUIDANCE, weight=weight), SINGLE),
+        )
+        for weight in (0.0, 1.0)
+    )
+    assert not same(free.samples[0], firm.samples[0])
+    assert not any("Guidance" in note for note in free.notes)
+    assert any("to 0.0 m" in note for note in firm.notes)
+    odd = generated(diffuser, scenario, ids, guidance=(GuidanceTerm(name="magic"),))
+    assert any("magic" in note for note in odd.notes)
+
+
+@pytest.mark.real_data
+def test_real_scenarios_are_driven_around_their_kept_agents(
+    diffuser: PathDiffuser, av2_scenario_folders: list[Path]
+) -> None:
+    for folder in (av2_scenario_folders[0], av2_scenario_folders[-1]):
+        scenario = read_scenario(folder)
+        there = scenario.agents.is_valid[:, scenario.current_step]
+        ids = tuple(np.array(scenario.agents.ids)[there])
+        traffic = generated(diffuser, scenario, ids[:5], num_samples=2)
+        assert traffic.samples[0].ids == ids[:5]
+        everybody = generated(diffuser, scenario, ids)
+        assert everybody.samples[0].position_m.shape[0] == len(ids)
