@@ -147,7 +147,7 @@ def build_corpus(
     num_resumed = num_planned = 0
     for _ in range(_MAX_ROUNDS):
         missing = plan.num - sum(one.num_windows for one in networks.values())
-        usable = [one for one in maps if not _has_failed(one, failures)]
+        usable = [one for one in maps if not _is_hopeless(one, failures)]
         if missing <= 0 or (maps and not usable):
             break
         items = _items(plan, folder, usable, missing, num_planned)
@@ -212,5 +212,7 @@ def _items(
     return items
 
 
-def _has_failed(map_folder: Path, failures: Mapping[str, str]) -> bool:
-    return any(key.startswith(f"av2-{map_folder.name}-") for key in failures)
+def _is_hopeless(map_folder: Path, failures: Mapping[str, str]) -> bool:
+    """Whether a map failed again; nobody may have come by on it by chance."""
+    keys = [key for key in failures if key.startswith(f"av2-{map_folder.name}-")]
+    return len(keys) > 1

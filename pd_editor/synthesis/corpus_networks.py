@@ -10,7 +10,7 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import SynthesisError
 from pd_editor.synthesis.corpus_folder import NetworkRecord, write_scenario_folder
-from pd_editor.windows.cut import FUTURE_STEPS, PAST_STEPS, cut_scenario
+from pd_editor.windows.cut import cut_scenario
 from pd_editor.windows.recording import Recording, Window
 from pd_editor.windows.shards import SHARD_SUFFIX, write_shard
 from pd_editor.windows.tracking_noise import TrackingNoise
@@ -18,6 +18,7 @@ from pd_editor.windows.window_choice import choose_windows
 
 WINDOW_SPACING_S: Final = 2.0
 """A recording is so much longer for each of its windows."""
+MIN_DURATION_S: Final = 30.0
 MAX_DURATION_S: Final = 160.0
 
 
@@ -62,8 +63,8 @@ def _recording(item: NetworkItem) -> Recording:
     from pd_editor.synthesis.draw_network import draw_network
     from pd_editor.synthesis.simulate import simulate
 
-    shortest = (PAST_STEPS + 1 + FUTURE_STEPS) * 0.1
-    duration_s = min(shortest + WINDOW_SPACING_S * item.num_windows, MAX_DURATION_S)
+    wanted_s = MIN_DURATION_S + WINDOW_SPACING_S * item.num_windows
+    duration_s = min(wanted_s, MAX_DURATION_S)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if item.map_folder is None:

@@ -9,8 +9,14 @@ from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import ExportError, InputError, SynthesisError
 from pd_editor.synthesis import corpus_networks
-from pd_editor.synthesis.corpus import CorpusPlan, build_corpus
+from pd_editor.synthesis.corpus import (
+    WINDOWS_PER_SHARD,
+    CorpusPlan,
+    build_corpus,
+    usual_families,
+)
 from pd_editor.synthesis.corpus_folder import CorpusFolder
+from pd_editor.synthesis.draw_network import FAMILY_SHARES
 from pd_editor.windows.shards import ShardReader
 from pd_editor.work_engine import LocalProcesses
 from tests.synthesis.serial_engine import SerialEngine
@@ -75,7 +81,8 @@ def test_workers_do_not_change_the_bytes(simulated: Path, tmp_path: Path):
 
 
 def test_a_resumed_run_gives_the_same_bytes(drives: list[str], tmp_path: Path):
-    plan = CorpusPlan(num=230, seed=1, families=("grid",), as_shards=True)
+    num = 3 * WINDOWS_PER_SHARD + 5
+    plan = CorpusPlan(num=num, seed=1, families=("grid",), as_shards=True)
     build(plan, tmp_path / "whole")
     with pytest.raises(KeyboardInterrupt):
         build(plan, tmp_path / "parts", SerialEngine(stop_after=2))
@@ -133,6 +140,14 @@ def test_a_recording_without_movers_is_a_failure(
         build(plan, tmp_path / "set")
 
 
+def test_families_have_their_usual_shares_all_along():
+    chosen = usual_families(400)
+    assert usual_families(40) == chosen[:40]
+    for name, share in FAMILY_SHARES.items():
+        for num in (100, 400):
+            assert abs(chosen[:num].count(name) - share * num) < 1.5
+
+
 def test_bad_wishes_are_refused(tmp_path: Path):
     for wish, sentence in (
         ({"num": 0}, "--num is 0"),
@@ -180,7 +195,7 @@ def test_traffic_on_real_maps_keeps_their_places(
     plan = CorpusPlan(num=4, seed=1, maps=(root,))
     record = build(plan, tmp_path / "set")
     assert record.num_windows == 4
-    assert [key.split("-")[1] for key in record.failures] == ["0"]
+    assert {key.split("-")[1] for key in record.failures} == {"0"}
     real = read_scenario(good)
     lanes = real.road_map.lane_of
     for path in (tmp_path / "set").glob("*/scenario_*.parquet"):
