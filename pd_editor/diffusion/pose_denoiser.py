@@ -55,7 +55,7 @@ class PoseDenoiserConfig:
     num_heads: int = 4
     num_layers: int = 3
     num_near_pieces: int = 16
-    relation_width: int = 32
+    relation_width: int = 48
     is_differential: bool = True
     """Plain attention to the map where false."""
     is_ordered: bool = True

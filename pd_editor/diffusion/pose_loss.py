@@ -21,7 +21,7 @@ from pd_editor.diffusion.pose_spacing import overlap_depth_m
 from pd_editor.diffusion.scene_tensors import SceneTensors
 
 _MIN_HALF_SIDE_M: Final = 25.0
-_EMPHASIS: Final = 0.5
+_EMPHASIS: Final = 0.3
 _PARTS: Final = {"position": (0, 1), "heading": (2, 3), "speed": (4,)}
 
 
@@ -36,7 +36,7 @@ class PoseLossConfig:
     given_share: float = 0.4
     """Share of scenes with a random part of the agents given."""
     small_square_share: float = 0.3
-    overlap_weight: float = 1.0
+    overlap_weight: float = 0.3
     overlap_noise_m: float = 1.5
     """Overlap counts below this noise only: above, clean states are blurred means."""
 
@@ -108,7 +108,7 @@ def _levels(
 ) -> Float[Tensor, "S B"]:
     """Levels 0..1, spread over the versions of each scene.
 
-    Those in the middle, where lanes, headings and gaps are found, are three times as
+    Those in the middle, where lanes, headings and gaps are found, are nearly twice as
     dense as those at both ends.
     """
     offset = torch.rand((num_levels, num_scenes), generator=random)
