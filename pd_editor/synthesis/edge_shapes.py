@@ -33,6 +33,20 @@ _CURVATURE: Final[
 S-curve, sums to one."""
 
 
+_SHARE: Final = {
+    CurveKind.STRAIGHT: 0.55,
+    CurveKind.ARC: 0.15,
+    CurveKind.S_CURVE: 0.12,
+    CurveKind.CLOTHOID: 0.18,
+}
+"""Most streets of Argoverse 2's cities are straight."""
+
+
+def drawn_kind(random: np.random.Generator) -> CurveKind:
+    """A kind of curve, as often as streets have it."""
+    return list(_SHARE)[random.choice(len(_SHARE), p=list(_SHARE.values()))]
+
+
 def curve(
     start_m: Float[np.ndarray, "2"],
     end_m: Float[np.ndarray, "2"],

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.geometry.polyline import arc_length, point_at
-from pd_editor.synthesis.edge_shapes import CurveKind, curve
+from pd_editor.synthesis.edge_shapes import curve, drawn_kind
 from pd_editor.synthesis.network_sketch import NetworkSketch, split
 from pd_editor.synthesis.plain_network import NodeKind, PlainNetwork
 from pd_editor.synthesis.street import Carriageway
@@ -64,7 +64,7 @@ def _main_line(
     """A road of 480-640 m, and where along it others meet it."""
     angle = float(random.uniform(0, 2 * np.pi))
     reach = float(random.uniform(480, 640)) * np.array([np.cos(angle), np.sin(angle)])
-    kind = list(CurveKind)[random.integers(len(CurveKind))]
+    kind = drawn_kind(random)
     turn = float(random.uniform(-_TURN_RAD, _TURN_RAD))
     line = curve(np.zeros(2), reach, kind, turn)
     at, place = [], float(random.uniform(80, 120))
@@ -117,7 +117,7 @@ def _side_street(
     away = away + float(random.normal(0.0, 0.12)) * ahead
     length = float(random.uniform(90, 200))
     far = f"{name}.{'left' if side > 0 else 'right'}"
-    kind = list(CurveKind)[random.integers(len(CurveKind))]
+    kind = drawn_kind(random)
     middle = curve(here, here + length * away, kind, float(random.uniform(-0.5, 0.5)))
     if sketch.is_free(middle):
         sketch.node(far, here + length * away)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.geometry.polyline import arc_length, offset_line, point_at
-from pd_editor.synthesis.edge_shapes import CurveKind, between_poses, curve
+from pd_editor.synthesis.edge_shapes import between_poses, curve, drawn_kind
 from pd_editor.synthesis.network_sketch import TAPER_M, NetworkSketch, split
 from pd_editor.synthesis.plain_network import NodeKind, PlainNetwork, Strip, StripKind
 from pd_editor.synthesis.street import Carriageway
@@ -54,7 +54,7 @@ def draw_merge(random: np.random.Generator) -> PlainNetwork:
     )
     angle = float(random.uniform(0, 2 * np.pi))
     ahead = np.array([np.cos(angle), np.sin(angle)])
-    kind = list(CurveKind)[random.integers(len(CurveKind))]
+    kind = drawn_kind(random)
     reach = float(random.uniform(560, 660)) * ahead
     middle = curve(np.zeros(2), reach, kind, float(random.uniform(-0.4, 0.4)))
     num_sides = 2 if random.random() < 0.6 else 1

@@ -8,10 +8,10 @@ from shapely import LineString
 
 from pd_editor.geometry.polyline import arc_length, offset_line, point_at
 from pd_editor.synthesis.edge_shapes import (
-    CurveKind,
     bent_land,
     between_poses,
     curve,
+    drawn_kind,
     through_points,
 )
 from pd_editor.synthesis.network_sketch import NetworkSketch, split
@@ -58,7 +58,7 @@ def draw_dead_ends(random: np.random.Generator) -> PlainNetwork:
     main = collector(random)
     angle = float(random.uniform(0, 2 * np.pi))
     reach = float(random.uniform(420, 560)) * np.array([np.cos(angle), np.sin(angle)])
-    kind = list(CurveKind)[random.integers(len(CurveKind))]
+    kind = drawn_kind(random)
     line = curve(np.zeros(2), reach, kind, float(random.uniform(-0.9, 0.9)))
     at, place = [], float(random.uniform(70, 100))
     while place < arc_length(line)[-1] - 60:

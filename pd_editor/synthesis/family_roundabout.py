@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.geometry.polyline import offset_line
-from pd_editor.synthesis.edge_shapes import CurveKind, between_poses, curve
+from pd_editor.synthesis.edge_shapes import between_poses, curve, drawn_kind
 from pd_editor.synthesis.network_sketch import NetworkSketch
 from pd_editor.synthesis.plain_network import NodeKind, PlainNetwork, Strip, StripKind
 from pd_editor.synthesis.street import Carriageway
@@ -117,7 +117,7 @@ def _leg(
     outer = ring.radius_m + ring.width_m
     far = float(random.uniform(150, 230)) * _unit(angle)
     near = (outer + _FLARE_M) * _unit(angle)
-    kind = list(CurveKind)[random.integers(len(CurveKind))]
+    kind = drawn_kind(random)
     street = curve(near, far, kind, float(random.uniform(-0.4, 0.4)))
     side = residential(random)
     has_junction = random.random() < 0.5

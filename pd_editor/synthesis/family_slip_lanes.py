@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.geometry.polyline import arc_length, offset_line, point_at
-from pd_editor.synthesis.edge_shapes import CurveKind, between_poses, curve
+from pd_editor.synthesis.edge_shapes import CurveKind, between_poses, curve, drawn_kind
 from pd_editor.synthesis.network_sketch import TAPER_M, NetworkSketch, split
 from pd_editor.synthesis.plain_network import NodeKind, PlainNetwork, Strip, StripKind
 from pd_editor.synthesis.street import Carriageway
@@ -61,7 +61,7 @@ def _leg_line(angle: float, random: np.random.Generator) -> Float[np.ndarray, "N
     away = np.array([np.cos(angle), np.sin(angle)])
     far = float(random.uniform(210, 300))
     start = 90.0
-    kind = list(CurveKind)[random.integers(len(CurveKind))]
+    kind = drawn_kind(random)
     swing = angle + float(random.uniform(-0.25, 0.25))
     tip = start * away + (far - start) * np.array([np.cos(swing), np.sin(swing)])
     line = between_poses(start * away, away, tip, (tip - start * away) / (far - start))

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.synthesis.edge_shapes import CurveKind, curve, through_points
+from pd_editor.synthesis.edge_shapes import curve, drawn_kind, through_points
 from pd_editor.synthesis.network_sketch import NetworkSketch
 from pd_editor.synthesis.plain_network import NodeKind, PlainNetwork
 from pd_editor.synthesis.street import Carriageway
@@ -54,7 +54,7 @@ def _middle(
 ) -> Float[np.ndarray, "M 2"]:
     """A street's middle: one curve, or a smooth line through its bends."""
     if len(points_m) == 2:
-        kind = list(CurveKind)[random.integers(len(CurveKind))]
+        kind = drawn_kind(random)
         turn = float(random.uniform(-_MAX_TURN_RAD, _MAX_TURN_RAD))
         return curve(points_m[0], points_m[1], kind, turn)
     swing = random.uniform(-0.2, 0.2, len(points_m))

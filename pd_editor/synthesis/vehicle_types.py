@@ -28,18 +28,18 @@ class VehicleModel:
 MODELS: Final[tuple[VehicleModel, ...]] = (
     VehicleModel(
         name="car", kind=AgentKind.VEHICLE, sumo_class="passenger",
-        length_m=(4.65, 0.3), width_m=(1.88, 0.08), accel_mps2=(2.25, 0.45),
-        decel_mps2=(2.2, 0.4), max_speed_mps=40.0, lateral_m=0.45,
+        length_m=(4.65, 0.3), width_m=(1.88, 0.08), accel_mps2=(1.8, 0.6),
+        decel_mps2=(2.2, 0.4), max_speed_mps=40.0, lateral_m=0.33,
     ),
     VehicleModel(
         name="suv", kind=AgentKind.VEHICLE, sumo_class="passenger",
-        length_m=(5.0, 0.25), width_m=(2.0, 0.06), accel_mps2=(2.15, 0.4),
-        decel_mps2=(2.1, 0.4), max_speed_mps=40.0, lateral_m=0.4,
+        length_m=(5.0, 0.25), width_m=(2.0, 0.06), accel_mps2=(1.75, 0.55),
+        decel_mps2=(2.1, 0.4), max_speed_mps=40.0, lateral_m=0.3,
     ),
     VehicleModel(
         name="van", kind=AgentKind.VEHICLE, sumo_class="delivery",
         length_m=(5.9, 0.5), width_m=(2.05, 0.08), accel_mps2=(1.6, 0.3),
-        decel_mps2=(2.3, 0.3), max_speed_mps=36.0, lateral_m=0.35,
+        decel_mps2=(2.3, 0.3), max_speed_mps=36.0, lateral_m=0.28,
     ),
     VehicleModel(
         name="truck", kind=AgentKind.VEHICLE, sumo_class="truck",
