@@ -25,7 +25,7 @@ from pd_editor.windows.scene_features import (
     NUM_NEAR_PIECES,
 )
 
-FORMAT_VERSION: Final = 3
+FORMAT_VERSION: Final = 4
 """Also of what the numbers mean."""
 _INDEX_NAME: Final = "store.json"
 _PART_PREFIX: Final = "part-"
