@@ -160,7 +160,9 @@ def heading_along(
     reverses = np.hypot(moved[..., 0], moved[..., 1]) < 5.0
     course = np.where(backs & reverses[..., None], course + np.pi, course)
     last = np.maximum.accumulate(np.where(tells, np.arange(steps), 0), axis=-1)
-    return wrap_angle(np.take_along_axis(course, last, axis=-1))
+    held = wrap_angle(np.take_along_axis(course, last, axis=-1))
+    # The given heading is kept to the last bit.
+    return np.where(last == 0, first_rad[..., None], held)
 
 
 def _straight_on(

@@ -1,0 +1,124 @@
+"""Second stage on 32 moving agents of a real scenario: time of each part.
+
+Weights are random, which takes the same time. Reads the train and val folders under
+PD_EDITOR_AV2.
+"""
+
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import torch
+
+from pd_editor.diffusion.future_drawing import FutureTask
+from pd_editor.diffusion.model_folder import TrainedStage, save_model
+from pd_editor.diffusion.path_diffuser import AVOIDANCE, PathDiffuser
+from pd_editor.diffusion.scene_tensors import batch_of
+from pd_editor.diffusion.stages import TRAJECTORIES
+from pd_editor.diffusion.trajectory_denoiser import TrajectoryConfig, TrajectoryDenoiser
+from pd_editor.diffusion.trajectory_loss import trajectory_loss
+from pd_editor.generation import GenerationRequest, GuidanceTerm, run_to_end
+from pd_editor.scene.scenario import Scenario
+from pd_editor.windows.packed_scene import packed
+from pd_editor.windows.scene_features import scene_features
+from tests.benchmarks.candidates import crowd, full_scenarios, movers_now
+from tests.diffusion.trajectory_scenes import arc_basis
+
+NUM_AGENTS = 32
+REPEATS = 40
+
+
+def told(name: str, work: Callable[[], object], repeats: int = REPEATS) -> None:
+    """Print median, least and spread of the time of something."""
+    for _ in range(3):
+        work()
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(1e3 * (time.perf_counter() - began))
+    quarters = statistics.quantiles(times, n=4)
+    print(
+        f"{name:52s} {quarters[1]:8.2f} {min(times):8.2f} "
+        f"{quarters[0]:8.2f} - {quarters[2]:.2f}"
+    )
+
+
+def print_parts(model: TrajectoryDenoiser, scenario: Scenario) -> None:
+    """Features, context, one denoising step."""
+    basis = model.way_points.basis
+    rows = np.arange(NUM_AGENTS)
+    told("features and candidates", lambda: scene_features(scenario))
+    told("the same, packed as tensors", lambda: FutureTask.of(scenario, rows, basis))
+    scene = FutureTask.of(scenario, rows, basis).scene
+    with torch.inference_mode():
+        told("context, float32", lambda: model.context(scene))
+        with torch.autocast("cpu", torch.bfloat16):
+            told("context, bf16", lambda: model.context(scene))
+        context = model.context(scene)
+        for samples in (1, 4, 6):
+            noisy = torch.randn(samples, *scene.future.shape)
+            level = torch.full(noisy.shape[:-1], 0.5)
+            told(
+                f"denoising step, {samples} samples",
+                lambda noisy=noisy, level=level: model.denoise(context, noisy, level),
+            )
+
+
+def print_generation(folder: Path, scenario: Scenario) -> None:
+    """From states to trajectories through the port, guided."""
+    diffuser = PathDiffuser(folder)
+    for tries in (1, 4):
+        for steps in (4, 10):
+            request = GenerationRequest(
+                scenario=scenario,
+                agent_ids=scenario.agents.ids,
+                num_denoising_steps=steps,
+                guidance=(
+                    GuidanceTerm(name=AVOIDANCE, parameters={"tries": float(tries)}),
+                ),
+            )
+            told(
+                f"states to trajectories, {steps} steps, best of {tries}",
+                lambda request=request: run_to_end(diffuser.generate(request)),
+            )
+
+
+def print_training(model: TrajectoryDenoiser, scenarios: list[Scenario]) -> None:
+    """A step on 16 real scenes at four noise levels, forward and backward."""
+    basis = model.way_points.basis
+    scenes = [packed(scene_features(one), basis.encode) for one in scenarios]
+    batch = batch_of([one for one in scenes if len(one.agent_pose) <= 24][:16])
+    random = torch.Generator().manual_seed(0)
+
+    def step() -> None:
+        with torch.autocast("cpu", torch.bfloat16):
+            loss, _ = trajectory_loss(model, batch, random)
+        loss.backward()
+
+    told("training step, 16 scenes x 24 agents x 4 levels, bf16", step, 8)
+
+
+def main() -> None:
+    """Print a table of milliseconds."""
+    torch.set_num_threads(2)
+    scenarios = full_scenarios()
+    busiest = max(scenarios, key=lambda one: len(movers_now(one, 0.5)))
+    scenario = crowd(busiest, NUM_AGENTS)
+    torch.manual_seed(0)
+    config = TrajectoryConfig()
+    model = TrajectoryDenoiser(config, arc_basis())
+    print(f"{'milliseconds, 2 threads':52s} {'median':>8s} {'min':>8s} quartiles")
+    print_parts(model.eval(), scenario)
+    with TemporaryDirectory() as name:
+        stage = TrainedStage(kind=TRAJECTORIES, config=config, model=model)
+        save_model(Path(name), {"traj": stage})
+        print_generation(Path(name), scenario)
+    print_training(model, scenarios)
+
+
+if __name__ == "__main__":
+    main()
