@@ -18,6 +18,7 @@ from pd_editor.synthesis.corpus_scenes import (
     real_scenes,
     scenario_folders,
 )
+from pd_editor.synthesis.realism import realism_report
 from pd_editor.work_engine import LocalProcesses
 
 _MAX_REASONS = 5
@@ -133,8 +134,6 @@ def _folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
 
 def _reported(folder: CorpusFolder, roots: tuple[Path, ...]) -> tuple[Path, ...]:
     """Write how near the corpus comes to real scenes; nothing without roots."""
-    from pd_editor.synthesis.realism import realism_report
-
     if not roots:
         return ()
     real, *others = map(real_scenes, roots)

@@ -16,6 +16,7 @@ from pd_editor.synthesis.corpus_folder import (
 )
 from pd_editor.synthesis.corpus_networks import NetworkItem, make_network
 from pd_editor.synthesis.corpus_scenes import scenario_folders
+from pd_editor.synthesis.draw_network import FAMILIES, FAMILY_SHARES
 from pd_editor.synthesis.sumo_tools import sumo_tool
 from pd_editor.work_engine import WorkEngine, WorkResult, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
@@ -30,18 +31,9 @@ _MAX_SEED: Final = 20_000
 _SEEDS_PER_CORPUS: Final = 100_000
 
 
-def all_families() -> tuple[str, ...]:
-    """Names of the families of drawn roads."""
-    from pd_editor.synthesis.draw_network import FAMILIES
-
-    return FAMILIES
-
-
 @lru_cache(maxsize=8)
 def usual_families(count: int) -> tuple[str, ...]:
     """The families of the first networks of a corpus, spread as evenly as can be."""
-    from pd_editor.synthesis.draw_network import FAMILY_SHARES
-
     num = dict.fromkeys(FAMILY_SHARES, 0)
     chosen: list[str] = []
     for _ in range(count):
@@ -66,11 +58,11 @@ class CorpusPlan:
     with_noise: bool = False
 
     def __post_init__(self) -> None:
-        unknown = [name for name in self.families if name not in all_families()]
+        unknown = [name for name in self.families if name not in FAMILIES]
         if unknown:
             raise InputError(
                 f"There is no family of roads {unknown[0][:60]!r}; choose among "
-                f"{', '.join(all_families())}."
+                f"{', '.join(FAMILIES)}."
             )
         if self.num < 1:
             raise InputError(f"--num is {self.num}; expected 1 or more.")
@@ -95,7 +87,7 @@ class CorpusPlan:
             version=version("pd-editor"),
             num=self.num,
             seed=self.seed,
-            families=() if self.maps else (self.families or all_families()),
+            families=() if self.maps else (self.families or FAMILIES),
             maps=tuple(str(root.resolve()) for root in self.maps),
             form="shards" if self.as_shards else "folders",
             noise=self.with_noise,
@@ -186,7 +178,7 @@ def _items(
 ) -> dict[str, NetworkItem]:
     """Further networks that share the windows evenly, numbered from ``first``."""
     share = WINDOWS_PER_SHARD if plan.as_shards else FOLDERS_PER_NETWORK
-    kinds = len(maps) or len(plan.families or all_families())
+    kinds = len(maps) or len(plan.families or FAMILIES)
     if maps:
         share = min(share, WINDOWS_PER_MAP)
     count = math.ceil(num_windows / share)

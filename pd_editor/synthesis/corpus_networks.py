@@ -9,7 +9,10 @@ from typing import Final
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import SynthesisError
+from pd_editor.synthesis.av2_network import network_of_map
 from pd_editor.synthesis.corpus_folder import NetworkRecord, write_scenario_folder
+from pd_editor.synthesis.draw_network import draw_network
+from pd_editor.synthesis.simulate import simulate
 from pd_editor.windows.cut import cut_scenario
 from pd_editor.windows.recording import Recording, Window
 from pd_editor.windows.shards import SHARD_SUFFIX, write_shard
@@ -59,10 +62,6 @@ def make_network(item: NetworkItem) -> NetworkRecord:
 
 
 def _recording(item: NetworkItem) -> Recording:
-    from pd_editor.synthesis.av2_network import network_of_map
-    from pd_editor.synthesis.draw_network import draw_network
-    from pd_editor.synthesis.simulate import simulate
-
     wanted_s = MIN_DURATION_S + WINDOW_SPACING_S * item.num_windows
     duration_s = min(wanted_s, MAX_DURATION_S)
     with tempfile.TemporaryDirectory() as name:
