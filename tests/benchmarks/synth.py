@@ -8,14 +8,17 @@ import tempfile
 import time
 from pathlib import Path
 
+from pd_editor.av2_io.official import check_with_official_loaders
+from pd_editor.errors import ExportError
 from pd_editor.synthesis.corpus import CorpusPlan, build_corpus
 from pd_editor.synthesis.corpus_folder import CorpusFolder
+from pd_editor.synthesis.corpus_scenes import scenario_folders
 from pd_editor.windows.shards import SHARD_SUFFIX, ShardReader
 from pd_editor.windows.tracking_noise import TrackingNoise
 from pd_editor.work_engine import LocalProcesses
 
 NUM_WINDOWS = 1000
-NUM_FOLDERS = 200
+NUM_FOLDERS = 1000
 NUM_TIMED = 300
 
 
@@ -27,6 +30,19 @@ def built(folder: Path, plan: CorpusPlan) -> tuple[float, int]:
     )
     elapsed = time.perf_counter() - began
     return 60 * record.num_windows / elapsed, len(record.networks)
+
+
+def num_accepted(folder: Path) -> int:
+    """Scenario folders that Argoverse's own loaders take."""
+    count = 0
+    for path in scenario_folders((folder,)):
+        try:
+            check_with_official_loaders(path)
+        except ExportError as error:
+            print(error)
+        else:
+            count += 1
+    return count
 
 
 def window_times_ms(folder: Path, noise: TrackingNoise | None) -> list[float]:
@@ -62,6 +78,7 @@ def main() -> None:
         plan = CorpusPlan(num=NUM_FOLDERS, seed=1, with_noise=True)
         rate, num = built(folders, plan)
         print(f"folders  {rate:7.0f} folders/minute ({NUM_FOLDERS} of {num} networks)")
+        print(f"accepted {num_accepted(folders):7d} of {NUM_FOLDERS} folders by av2")
         size = sum(path.stat().st_size for path in shards.glob(f"*{SHARD_SUFFIX}"))
         print(f"size     {size / NUM_WINDOWS:7.0f} bytes/window")
         for label, times in (
