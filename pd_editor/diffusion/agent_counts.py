@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.scene.agent_kind import AgentKind
@@ -16,6 +17,7 @@ HALF_SIDES_M: Final = (31.0, 44.0, 62.0)
 """Squares that are counted around the middle of each scene."""
 MOST_ROWS: Final = 600
 """Rows kept for each of them."""
+NUM_ROWS: Final = MOST_ROWS * len(HALF_SIDES_M)
 _NUM_LIKE: Final = 40
 """Rows with a like length of lanes, one of which is drawn."""
 _VEHICLE_LANE: Final = 0
@@ -31,13 +33,27 @@ class AgentCounts:
     counts: Int[np.ndarray, "N K"]
     """Of each of ``AGENT_KINDS``."""
 
-    def as_array(self) -> Float[np.ndarray, "N C"]:
-        """One row per square, as it is stored beside the weights."""
-        return np.column_stack([self.half_side_m, self.lane_m, self.counts])
+    @classmethod
+    def none(cls) -> "AgentCounts":
+        """Nothing counted yet."""
+        empty = np.zeros(0)
+        return cls(
+            half_side_m=empty,
+            lane_m=empty,
+            counts=np.zeros((0, len(AGENT_KINDS)), int),
+        )
+
+    def as_tensor(self) -> Float[torch.Tensor, "R C"]:
+        """One row per square; always as many rows, so that networks can keep them."""
+        rows = np.column_stack([self.half_side_m, self.lane_m, self.counts])
+        table = torch.zeros((NUM_ROWS, rows.shape[1]))
+        table[: len(rows)] = torch.from_numpy(rows)
+        return table
 
     @classmethod
-    def from_array(cls, rows: Float[np.ndarray, "N C"]) -> "AgentCounts":
-        """Inverse of ``as_array``."""
+    def from_tensor(cls, table: Float[torch.Tensor, "R C"]) -> "AgentCounts":
+        """Inverse of ``as_tensor``."""
+        rows = table[table[:, 0] > 0].cpu().double().numpy()
         return cls(
             half_side_m=rows[:, 0],
             lane_m=rows[:, 1],
@@ -66,11 +82,17 @@ def fit_agent_counts(scenes: Iterable[PackedScene], *, seed: int = 0) -> AgentCo
     rows = [[side, *_counted(scene, side)] for scene in scenes for side in HALF_SIDES_M]
     table = np.array(rows, float).reshape(-1, 2 + len(AGENT_KINDS))
     random = np.random.default_rng(seed)
-    kept = [
-        np.sort(random.permutation(np.flatnonzero(table[:, 0] == side))[:MOST_ROWS])
-        for side in HALF_SIDES_M
-    ]
-    return AgentCounts.from_array(table[np.concatenate(kept)])
+    kept = np.concatenate(
+        [
+            np.sort(random.permutation(np.flatnonzero(table[:, 0] == side))[:MOST_ROWS])
+            for side in HALF_SIDES_M
+        ]
+    )
+    return AgentCounts(
+        half_side_m=table[kept, 0],
+        lane_m=table[kept, 1],
+        counts=np.rint(table[kept, 2:]).astype(int),
+    )
 
 
 def lane_length_m(

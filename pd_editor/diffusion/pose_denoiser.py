@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
+from pd_editor.diffusion.agent_counts import AgentCounts
 from pd_editor.diffusion.attention import (
     DifferentialAttention,
     KeysValues,
@@ -106,9 +107,19 @@ class PoseDenoiser(nn.Module):
         self.layers = nn.ModuleList(
             _Layer(config, depth) for depth in range(config.num_layers)
         )
+        self.register_buffer("counted", AgentCounts.none().as_tensor())
         self.norm = nn.LayerNorm(width)
         self.to_own_frame = nn.Linear(width, NUM_STATE_PARTS)
         self.to_scene_frame = nn.Linear(width, 4)
+
+    @property
+    def agent_counts(self) -> AgentCounts:
+        """How many road users the training data has; empty until it was counted."""
+        return AgentCounts.from_tensor(self.get_buffer("counted"))
+
+    def set_agent_counts(self, counts: AgentCounts) -> None:
+        """Keep what was counted beside the weights."""
+        self.get_buffer("counted").copy_(counts.as_tensor())
 
     def context(self, scene: SceneTensors, task: PoseTask) -> PoseContext:
         """Everything that does not depend on the noisy states."""

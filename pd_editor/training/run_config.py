@@ -50,10 +50,10 @@ class Budget:
     minutes: float = 20.0
     """Of training; the preparation of the data comes on top."""
     steps: int | None = None
-    checkpoint_minutes: float = 2.0
+    checkpoint_minutes: float = 3.0
     held_out_share: float = 0.04
     """Of the networks or cities, for validation."""
-    held_out_scenes: int = 240
+    held_out_scenes: int = 160
     """At most so many are validated on."""
 
     def __post_init__(self) -> None:

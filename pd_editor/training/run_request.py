@@ -24,6 +24,7 @@ class RunRequest:
     minutes: float | None = None
     steps: int | None = None
     batch_size: int | None = None
+    learning_rate: float | None = None
     precision: Precision | None = None
     seed: int | None = None
 
@@ -40,7 +41,8 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
             "dataset or a folder of synthetic shards."
         )
     preset = PRESETS[request.stage][request.preset or ("gpu" if is_gpu else "default")]
-    size = request.batch_size
+    own = {"batch_size": request.batch_size, "learning_rate": request.learning_rate}
+    asked = {name: one for name, one in own.items() if one is not None}
     return RunConfig(
         stage=request.stage,
         data=request.data,
@@ -48,9 +50,7 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
         seed=request.seed or 0,
         precision=request.precision or fast_precision(is_gpu=is_gpu),
         model=preset.model,
-        optimisation=preset.optimisation
-        if size is None
-        else replace(preset.optimisation, batch_size=size),
+        optimisation=replace(preset.optimisation, **asked),
         budget=_asked_budget(Budget(minutes=preset.minutes), request),
     )
 
@@ -70,6 +70,7 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
             earlier.model,
         ),
         "batch-size": (request.batch_size, earlier.optimisation.batch_size),
+        "learning-rate": (request.learning_rate, earlier.optimisation.learning_rate),
         "precision": (request.precision, earlier.precision),
         "seed": (request.seed, earlier.seed),
     }

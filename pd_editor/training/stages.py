@@ -7,7 +7,9 @@ from typing import Any, Final
 import torch
 from torch import nn
 
+from pd_editor.diffusion.agent_counts import MOST_ROWS, fit_agent_counts
 from pd_editor.diffusion.model_folder import StageKind, made_model
+from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_loss import pose_loss
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
@@ -15,6 +17,7 @@ from pd_editor.diffusion.trajectory_basis import TrajectoryBasis
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory_loss import trajectory_loss
 from pd_editor.training.train_loop import Loss
+from pd_editor.windows.feature_store import FeatureStore
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +28,9 @@ class Stage:
     loss: Loss
     with_basis: Callable[[Any, TrajectoryBasis], nn.Module]
     """A fresh network for latents of a basis."""
+
+    take_in: Callable[[nn.Module, FeatureStore], None] = lambda _model, _store: None
+    """Keeps in the network what it is to know of the data besides its weights."""
 
     def fresh_model(self, config: Any, basis: TrajectoryBasis, seed: int) -> nn.Module:
         """The network before training; the seed decides its weights."""
@@ -37,11 +43,19 @@ class Stage:
         return made_model(kind, config, seed=seed)
 
 
+def _count_agents(model: nn.Module, store: FeatureStore) -> None:
+    assert isinstance(model, PoseDenoiser)
+    step = -(-len(store) // MOST_ROWS)
+    scenes = (store[index] for index in range(0, len(store), max(step, 1)))
+    model.set_agent_counts(fit_agent_counts(scenes))
+
+
 STAGES: Final[Mapping[str, Stage]] = {
     "init": Stage(
         kind=INITIAL_STATES,
         loss=pose_loss,
         with_basis=lambda config, _: INITIAL_STATES.make_model(config),
+        take_in=_count_agents,
     ),
     "traj": Stage(
         kind=TRAJECTORIES,

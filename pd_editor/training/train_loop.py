@@ -184,10 +184,10 @@ class TrainLoop:
                 )
                 if is_due or recent.count + recent.num_left_out >= _STEPS_PER_LINE:
                     yield self._reported(recent)
+                    if is_due:
+                        checked_s = trained_s
+                        self._checkpoint(on_checkpoint, is_hasty=must_stop)
                     recent = RecentSteps()
-                if is_due:
-                    checked_s = trained_s
-                    self._checkpoint(on_checkpoint, is_hasty=must_stop)
 
     def _batch(self, step: int) -> Batch:
         """This process's part of a step's scenes."""

@@ -56,6 +56,8 @@ class RunOutcome:
     num_left_out: int
     is_stopped: bool
     """Whether it was stopped before the budget was spent."""
+    is_first: bool
+    """Whether this is the process that speaks for all."""
 
 
 def has_gpu(hardware: Hardware) -> bool:
@@ -143,9 +145,11 @@ def _train(
 ) -> RunOutcome:
     stage = STAGES[config.stage]
     model_config = config_from_json(stage.kind.config_type, config.model, run.path)
+    model = stage.fresh_model(model_config, prepared.basis, config.seed)
+    stage.take_in(model, prepared.store)
     loop = TrainLoop(
         config,
-        stage.fresh_model(model_config, prepared.basis, config.seed),
+        model,
         stage.loss,
         training_data(prepared.store, config.budget, config.seed),
         run,
@@ -166,7 +170,8 @@ def _train(
 
     with stop_requests() as is_stopped:
         for progress in loop.run(is_stopped=is_stopped, on_checkpoint=write_results):
-            on_progress(progress)
+            if fabric.is_global_zero:
+                on_progress(progress)
         return RunOutcome(
             folder=run.path,
             model=run.model_path,
@@ -175,6 +180,7 @@ def _train(
             num_scenes=len(prepared.store),
             num_left_out=prepared.num_left_out,
             is_stopped=is_stopped(),
+            is_first=fabric.is_global_zero,
         )
 
 

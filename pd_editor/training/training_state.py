@@ -70,8 +70,7 @@ def read_state(
                     f"{path}: the optimiser's {name} has the shape "
                     f"{tuple(value.shape)}; expected {tuple(parameter.shape)}."
                 )
-            # AdamW counts its steps on the CPU, whatever the device of the weights.
-            state[name] = value.to(parameter.device) if value.dim() else value
+            state[name] = value.to(parameter.device)
         if state:
             optimiser.state[parameter] = state
     about = file.about

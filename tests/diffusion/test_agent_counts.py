@@ -1,4 +1,5 @@
 import numpy as np
+import torch
 
 from pd_editor.diffusion.agent_counts import (
     HALF_SIDES_M,
@@ -24,9 +25,9 @@ def test_counts_are_those_of_the_scenes():
 
 def test_there_and_back_as_an_array():
     counts = fit_agent_counts([packed_scene(n) for n in range(1, 6)])
-    again = AgentCounts.from_array(counts.as_array())
+    again = AgentCounts.from_tensor(counts.as_tensor())
     assert np.array_equal(again.counts, counts.counts)
-    assert np.array_equal(again.lane_m, counts.lane_m)
+    assert np.allclose(again.lane_m, counts.lane_m, rtol=1e-6)
 
 
 def test_length_of_lanes_in_the_square():
@@ -42,7 +43,7 @@ def test_drawn_numbers_are_like_those_of_roads_alike():
     rows[:, 0] = 62.0
     rows[:, 1] = np.linspace(100, 3000, 300)
     rows[:, 2] = np.rint(rows[:, 1] / 100)
-    counts = AgentCounts.from_array(rows)
+    counts = AgentCounts.from_tensor(torch.from_numpy(rows))
     random = np.random.default_rng(0)
     for lane_m, side, expected in ((500, 62, 5), (2500, 62, 25), (625, 31, 6.25)):
         drawn = [counts.draw(lane_m, side, random) for _ in range(300)]
