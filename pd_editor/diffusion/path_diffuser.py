@@ -3,22 +3,21 @@
 import threading
 import time
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from jaxtyping import Int
 
+from pd_editor.diffusion.defaults import DEFAULT_WEIGHT, NUM_STEPS
 from pd_editor.diffusion.future_drawing import FutureOptions, FutureTask, draw_futures
 from pd_editor.diffusion.future_motion import Motion
-from pd_editor.diffusion.guidance import DEFAULT_WEIGHT
 from pd_editor.diffusion.model_folder import TrainedModel, load_model
-from pd_editor.diffusion.placing import Placing, new_agents, place_agents
+from pd_editor.diffusion.placing import Placing, draw_numbers, new_agents, place_agents
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory_sampling import NUM_STEPS
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     LANE_GUIDANCE,
@@ -88,25 +87,24 @@ class PathDiffuser:
         began = time.perf_counter()
         check_request(request)
         model = self.model()
-        new_ids, new_kinds = new_agents(request.scenario, request.num_new_agents)
-        placing = Placing(
-            redrawn_ids=request.redrawn_state_ids,
-            new_kinds=new_kinds,
-            new_ids=new_ids,
-            region=request.region,
+        draws_states = (
+            request.draws_num_agents
+            or request.redrawn_state_ids
+            or any(request.num_new_agents.values())
         )
-        if not request.agent_ids and not new_ids:
+        if not request.agent_ids and not draws_states:
             raise GenerationError(
                 "There is nobody to generate; expected at least one agent."
             )
-        ids = request.agent_ids + new_ids
-        if placing.ids:
-            samples = yield from self._placed_and_driven(request, placing, ids)
-            notes: list[str] = []
+        notes: list[str] = []
+        if draws_states:
+            samples = yield from self._placed_and_driven(request)
         else:
-            indices = range(request.num_samples)
             samples, notes = yield from self._driven(
-                request, request.scenario, ids, indices
+                request,
+                request.scenario,
+                request.agent_ids,
+                range(request.num_samples),
             )
         return GeneratedTraffic(
             samples=tuple(samples),
@@ -118,7 +116,7 @@ class PathDiffuser:
         )
 
     def _placed_and_driven(
-        self, request: GenerationRequest, placing: Placing, ids: tuple[str, ...]
+        self, request: GenerationRequest
     ) -> Generator[GenerationProgress, None, list[TrafficSample]]:
         placer = self.model().stage(INITIAL_STATES.name).model
         assert isinstance(placer, PoseDenoiser)
@@ -126,6 +124,7 @@ class PathDiffuser:
         for index in range(request.num_samples):
             done, label = index / request.num_samples, _label(index, request)
             share = _PLACING_SHARE / request.num_samples
+            placing = _placing(placer, request, index)
             scenario = yield from _scaled(
                 place_agents(
                     placer,
@@ -138,6 +137,7 @@ class PathDiffuser:
                 share,
                 f"{label}: placing agents",
             )
+            ids = request.agent_ids + placing.new_ids
             driven = self._driven(request, scenario, ids, range(index, index + 1))
             while True:
                 try:
@@ -183,6 +183,29 @@ class PathDiffuser:
                 "the nearest way along the lanes, on average."
             )
         return list(_samples(task, rows, drawn.motion)), notes
+
+
+def _placing(placer: PoseDenoiser, request: GenerationRequest, sample: int) -> Placing:
+    """Whom to place in a sample; the model may choose how many, in each another."""
+    placing = Placing(
+        redrawn_ids=request.redrawn_state_ids,
+        new_kinds=(),
+        new_ids=(),
+        region=request.region,
+    )
+    numbers = dict(request.num_new_agents)
+    if request.draws_num_agents:
+        random = np.random.default_rng([request.seed, sample])
+        drawn = draw_numbers(placer, request.scenario, placing, random)
+        numbers = {kind: max(drawn[kind], numbers.get(kind, 0)) for kind in drawn}
+        room = MOST_AGENTS - len(request.scenario.agents)
+        if sum(numbers.values()) > room:
+            raise GenerationError(
+                f"The road asks for {sum(numbers.values())} more agents; the model "
+                f"takes {MOST_AGENTS} in all."
+            )
+    ids, kinds = new_agents(request.scenario, numbers)
+    return replace(placing, new_ids=ids, new_kinds=kinds)
 
 
 def check_request(request: GenerationRequest) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from pd_editor.diffusion.agent_counts import lane_length_m
 from pd_editor.diffusion.pose_context import drawing_task
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
@@ -70,6 +71,36 @@ def new_agents(
         if f"new-{number}" not in scenario.agents.row_of:
             ids.append(f"new-{number}")
     return tuple(ids), tuple(kinds)
+
+
+def draw_numbers(
+    model: PoseDenoiser,
+    scenario: Scenario,
+    placing: Placing,
+    random: np.random.Generator,
+) -> Mapping[AgentKind, int]:
+    """How many agents of each kind to add, so that there are as many as in training.
+
+    Raises:
+        GenerationError: the model does not know how many there are.
+    """
+    counts = model.agent_counts
+    if not len(counts.lane_m):
+        raise GenerationError(
+            "These weights do not tell how many agents a road has; give numbers."
+        )
+    center, half_side = _square(scenario, placing.region)
+    features = scene_features(scenario, with_candidates=False, center_m=center)
+    lane_m = lane_length_m(
+        features.piece_pose, features.piece_shape, features.piece_kind, half_side
+    )
+    is_inside = (np.abs(features.agent_pose[:, :2]) <= half_side).all(axis=1)
+    there = np.bincount(features.agent_kind[is_inside], minlength=len(AGENT_KINDS))
+    wanted = counts.draw(lane_m, half_side, random)
+    return {
+        kind: max(wanted.get(kind, 0) - int(there[index]), 0)
+        for kind, index in _KIND_INDEX.items()
+    }
 
 
 def place_agents(

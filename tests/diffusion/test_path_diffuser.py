@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pd_editor.av2_io.read import read_scenario
+from pd_editor.diffusion.agent_counts import AgentCounts
 from pd_editor.diffusion.model_folder import TrainedStage, save_model
 from pd_editor.diffusion.path_diffuser import AVOIDANCE, DenoisingProgress, PathDiffuser
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser, PoseDenoiserConfig
@@ -34,16 +35,21 @@ SINGLE = GuidanceTerm(name=AVOIDANCE, weight=0.0)
 def model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("model")
     driver = small_model()
+    counts = AgentCounts(
+        half_side_m=np.full(3, 62.0),
+        lane_m=np.full(3, 200.0),
+        counts=np.array([[4, 0, 0, 1, 2]] * 3),
+    )
     config = PoseDenoiserConfig(
         width=32, num_heads=2, num_layers=1, num_near_pieces=4, relation_width=16
     )
+    placer = PoseDenoiser(config)
+    placer.set_agent_counts(counts)
     save_model(
         folder,
         {
             "traj": TrainedStage(kind=TRAJECTORIES, config=driver.config, model=driver),
-            "init": TrainedStage(
-                kind=INITIAL_STATES, config=config, model=PoseDenoiser(config)
-            ),
+            "init": TrainedStage(kind=INITIAL_STATES, config=config, model=placer),
         },
     )
     return folder
@@ -148,6 +154,22 @@ def test_agents_are_added_and_placed_anew(
         region=Region(center_m=(20.0, 0.0), half_side_m=30.0),
     )
     assert same(alone.samples[0], one)
+
+
+def test_the_model_chooses_how_many_so_that_there_are_as_many_as_in_training(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    traffic = generated(
+        diffuser,
+        scenario,
+        scenario.agents.ids,
+        draws_num_agents=True,
+        region=Region(center_m=(0.0, 0.0), half_side_m=62.0),
+    )
+    kinds = traffic.samples[0].kinds
+    assert kinds.count(AgentKind.PEDESTRIAN) == 2
+    assert kinds.count(AgentKind.CYCLIST) == 1
+    assert kinds.count(AgentKind.VEHICLE) == 4
 
 
 def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:
