@@ -15,8 +15,6 @@ from torch import Tensor
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from pd_editor.diffusion.trajectory_denoiser import STANDING_MPS, TrajectoryDenoiser
 
-NEAREST_CANDIDATE: Final = "nearest-candidate"
-DEFAULT_WEIGHT: Final = 0.3
 
 _FROM_SHARE: Final = 0.3
 """Guidance begins when this share of the steps is done."""

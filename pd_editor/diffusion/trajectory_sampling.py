@@ -2,19 +2,16 @@
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from pd_editor.diffusion.defaults import NUM_STEPS
 from pd_editor.diffusion.random_streams import RandomStreams
 from pd_editor.diffusion.sampler import ddim, levels_of
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
-
-NUM_STEPS: Final = 5
-"""Default number of calls of the network."""
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
 """From believed clean latents [S B A 10] and the share of steps done to better ones."""

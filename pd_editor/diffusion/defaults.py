@@ -1,0 +1,8 @@
+"""What is used unless a user says otherwise; here without torch, for menus to show."""
+
+from typing import Final
+
+NUM_STEPS: Final = 5
+"""Denoising steps of the second stage."""
+DEFAULT_WEIGHT: Final = 0.3
+"""Strength of the pull to the nearest candidate."""
