@@ -1,10 +1,21 @@
 """All generators by name; heavy ones are made when they are asked for."""
 
 from collections.abc import Mapping
-from typing import Final
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
+from pd_editor.diffusion.defaults import DEFAULT_WEIGHT, NUM_STEPS
 from pd_editor.errors import GenerationError
 from pd_editor.generation import GeneratorOffer, ScenarioGenerator
+from pd_editor.installed_files import models_folder
+
+if TYPE_CHECKING:
+    from pd_editor.diffusion.path_diffuser import PathDiffuser
+
+SHIPPED_MODEL: Final = "path-diffuser"
+MODEL_CONFIG: Final = "config.json"
+"""The file that makes a folder a model."""
 
 
 def _lane_follower() -> ScenarioGenerator:
@@ -13,20 +24,49 @@ def _lane_follower() -> ScenarioGenerator:
     return LaneFollower()
 
 
-GENERATORS: Final[Mapping[str, GeneratorOffer]] = {
-    "lane-follower": GeneratorOffer(make=_lane_follower),
-}
-DEFAULT_GENERATOR: Final = "lane-follower"
+@lru_cache(maxsize=8)
+def _path_diffuser(folder: Path, name: str) -> "PathDiffuser":
+    """Weights are read once for all who ask."""
+    from pd_editor.diffusion.path_diffuser import PathDiffuser
+
+    return PathDiffuser(folder, name)
+
+
+def _shipped_model() -> "PathDiffuser":
+    return _path_diffuser(models_folder() / SHIPPED_MODEL, SHIPPED_MODEL)
+
+
+def _offers() -> dict[str, GeneratorOffer]:
+    """The shipped model first, if its weights are there."""
+    offers: dict[str, GeneratorOffer] = {}
+    if (models_folder() / SHIPPED_MODEL / MODEL_CONFIG).is_file():
+        offers[SHIPPED_MODEL] = GeneratorOffer(
+            make=_shipped_model,
+            draws_states=True,
+            default_num_steps=NUM_STEPS,
+            default_guidance=DEFAULT_WEIGHT,
+            warm_up=lambda: _shipped_model().warm_up(),
+        )
+    offers["lane-follower"] = GeneratorOffer(make=_lane_follower)
+    return offers
+
+
+GENERATORS: Final[Mapping[str, GeneratorOffer]] = _offers()
+DEFAULT_GENERATOR: Final = next(iter(GENERATORS))
 
 
 def make_generator(name: str) -> ScenarioGenerator:
-    """The generator of a name.
+    """The generator of a name, or the model in a folder.
 
     Raises:
         GenerationError: there is none.
     """
-    if name not in GENERATORS:
-        raise GenerationError(
-            f"There is no generator {name!r}; choose one of {', '.join(GENERATORS)}."
-        )
-    return GENERATORS[name].make()
+    if name in GENERATORS:
+        return GENERATORS[name].make()
+    folder = Path(name)
+    if (folder / MODEL_CONFIG).is_file():
+        return _path_diffuser(folder.resolve(), folder.resolve().name)
+    raise GenerationError(
+        f"There is no generator {name!r}; choose one of {', '.join(GENERATORS)}, or "
+        "the folder of a trained model."
+    )

@@ -15,7 +15,6 @@ from torch import Tensor
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from pd_editor.diffusion.trajectory_denoiser import STANDING_MPS, TrajectoryDenoiser
 
-
 _FROM_SHARE: Final = 0.3
 """Guidance begins when this share of the steps is done."""
 _STAYS_M: Final = 0.7

@@ -74,6 +74,14 @@ class PathDiffuser:
                 self._model = load_model(self._folder, STAGE_KINDS)
             return self._model
 
+    def warm_up(self) -> None:
+        """Read the weights before anybody waits for them.
+
+        Raises:
+            ModelError: they are missing, damaged or foreign.
+        """
+        self.model()
+
     def generate(
         self, request: GenerationRequest
     ) -> Generator[GenerationProgress, None, GeneratedTraffic]:

@@ -11,6 +11,7 @@ from pd_editor.diffusion.defaults import NUM_STEPS
 from pd_editor.diffusion.random_streams import RandomStreams
 from pd_editor.diffusion.sampler import ddim, levels_of
 from pd_editor.diffusion.scene_tensors import SceneTensors
+from pd_editor.diffusion.trajectory_context import TrajectoryContext
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
@@ -70,9 +71,7 @@ def sample_trajectories(
     streams = RandomStreams(seed, "futures", samples)
     levels = levels_of(config.num_steps, config.candidate_level)
     with torch.inference_mode():
-        with torch.autocast("cpu", torch.bfloat16, enabled=_has_fast_bf16(scene)):
-            context = model.context(scene)
-        context = context.single()
+        context = _context(model, scene)
         start = _start(model, scene, streams, config)
         latent = start
         done = 0
@@ -101,10 +100,12 @@ def sample_trajectories(
     return latent
 
 
-def _has_fast_bf16(scene: SceneTensors) -> bool:
-    """Whether the processor multiplies bf16 much faster; training rounds alike."""
+def _context(model: TrajectoryDenoiser, scene: SceneTensors) -> TrajectoryContext:
+    """In bf16 where the processor multiplies it much faster; training rounds alike."""
     on_cpu = scene.has_agent.device.type == "cpu"
-    return on_cpu and torch.cpu._is_amx_tile_supported()
+    is_fast = on_cpu and torch.cpu._is_amx_tile_supported()
+    with torch.autocast("cpu", torch.bfloat16, enabled=is_fast):
+        return model.context(scene).single()
 
 
 def _start(
