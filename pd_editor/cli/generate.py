@@ -24,33 +24,39 @@ from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import drivable_agent_ids, road_user_ids
 
+AgentsOption = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(default: all)"),
+]
+NumAgentsOption = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(metavar="N|KIND=N|fit", help_behavior_hint="(optional)"),
+]
+RegionOption = Annotated[
+    tuple[float, float, float] | None,
+    tyro.conf.arg(metavar="X Y HALF_SIDE", help_behavior_hint="(optional)"),
+]
+StepsOption = Annotated[
+    int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(model's own)")
+]
+WeightOption = Annotated[
+    float | None, tyro.conf.arg(metavar="W", help_behavior_hint="(model's own)")
+]
+
 
 def generate(
     scenario: ScenarioArgument,
     /,
     *,
     out: FolderOption,
-    agents: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(default: all)"),
-    ] = (),
+    agents: AgentsOption = (),
     redraw_states: Switch = False,
-    num_agents: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(metavar="N|KIND=N|fit", help_behavior_hint="(optional)"),
-    ] = (),
+    num_agents: NumAgentsOption = (),
     add: Switch = False,
-    region: Annotated[
-        tuple[float, float, float] | None,
-        tyro.conf.arg(metavar="X Y HALF_SIDE", help_behavior_hint="(optional)"),
-    ] = None,
+    region: RegionOption = None,
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
-    steps: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(model's own)")
-    ] = None,
-    keep_to_lanes: Annotated[
-        float | None, tyro.conf.arg(metavar="W", help_behavior_hint="(model's own)")
-    ] = None,
+    steps: StepsOption = None,
+    keep_to_lanes: WeightOption = None,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
     overwrite: Switch = False,
