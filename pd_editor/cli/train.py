@@ -15,7 +15,9 @@ from pd_editor.errors import TrainingError
 from pd_editor.work_engine.work_engine import WorkProgress
 
 if TYPE_CHECKING:
+    from pd_editor.training.run_request import RunRequest
     from pd_editor.training.train_loop import TrainingProgress
+    from pd_editor.training.training_run import Hardware
 
 StageName = Literal["init", "traj"]
 _SECONDS_BETWEEN_LINES = 30.0
@@ -52,44 +54,44 @@ class Training:
         return "\n".join([str(self.model), *remarks])
 
 
+_Roots = Annotated[
+    str | Path | tuple[str | Path, ...],
+    tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(required)"),
+]
+_Shares = Annotated[
+    tuple[float, ...],
+    tyro.conf.arg(metavar="W [W ...]", help_behavior_hint="(default: by scenes)"),
+]
+_Preset = Annotated[
+    Literal["default", "gpu", "tiny"] | None,
+    tyro.conf.arg(help_behavior_hint="(default: by device)"),
+]
+_OptionalCount = Annotated[
+    int | None, tyro.conf.arg(metavar="N", help_behavior_hint=_OPTIONAL)
+]
+_OptionalNumber = Annotated[
+    float | None, tyro.conf.arg(metavar="X", help_behavior_hint=_OPTIONAL)
+]
+
+
 def train(
     stage: Annotated[StageName, tyro.conf.Positional],
     /,
     *,
-    data: Annotated[
-        str | Path | tuple[str | Path, ...],
-        tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(required)"),
-    ] = (),
-    weights: Annotated[
-        tuple[float, ...],
-        tyro.conf.arg(metavar="W [W ...]", help_behavior_hint="(default: by scenes)"),
-    ] = (),
+    data: _Roots = (),
+    weights: _Shares = (),
     out: OptionalFolder = None,
-    preset: Annotated[
-        Literal["default", "gpu", "tiny"] | None,
-        tyro.conf.arg(help_behavior_hint="(default: by device)"),
-    ] = None,
-    minutes: Annotated[
-        float | None,
-        tyro.conf.arg(metavar="M", help_behavior_hint="(default: the preset's)"),
-    ] = None,
-    steps: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help_behavior_hint=_OPTIONAL)
-    ] = None,
-    batch_size: Annotated[
-        int | None,
-        tyro.conf.arg(metavar="N", help_behavior_hint="(default: the preset's)"),
-    ] = None,
+    preset: _Preset = None,
+    minutes: _OptionalNumber = None,
+    steps: _OptionalCount = None,
+    batch_size: _OptionalCount = None,
+    learning_rate: _OptionalNumber = None,
     device: Literal["auto", "cpu", "cuda"] = "auto",
     devices: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
-    threads: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
-    ] = None,
+    threads: _OptionalCount = None,
     precision: Literal["auto", "32", "bf16"] = "auto",
     cache: OptionalFolder = None,
-    seed: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: 0)")
-    ] = None,
+    seed: _OptionalCount = None,
     resume: Switch = False,
 ) -> Training:
     """Train initial states (init) or trajectories (traj) on scenarios.
@@ -102,20 +104,20 @@ def train(
         weights: Shares of the roots in what is learned from.
         out: New folder of the run; runs/STAGE unless given.
         preset: Size of the network and of the batches.
-        minutes: Time of training; the preparation of the data comes on top.
+        minutes: Time of training, without the preparation of the data; else the preset's.
         steps: Train so many steps instead.
-        batch_size: Scenes of a step.
+        batch_size: Scenes of a step; else the preset's.
+        learning_rate: The highest of the run; else the preset's.
         device: Where to compute; auto takes a GPU if there is one.
         devices: GPUs to use.
-        threads: CPU threads to use.
+        threads: CPU threads to use; all unless given.
         precision: Of the products; auto takes bf16 where it is fast.
         cache: Folder in which prepared scenes are kept for later runs.
-        seed: Seed of everything that is drawn.
+        seed: Seed of everything that is drawn; 0 unless given.
         resume: Go on with the run in the folder; its settings are taken from there.
     """
     from pd_editor.training.run_request import RunRequest
-    from pd_editor.training.training_data import default_cache
-    from pd_editor.training.training_run import Hardware, run_asked_for
+    from pd_editor.training.training_run import Hardware
 
     for name, value in (("devices", devices), ("threads", threads)):
         if value is not None and value < 1:
@@ -129,18 +131,37 @@ def train(
         minutes=minutes,
         steps=steps,
         batch_size=batch_size,
+        learning_rate=learning_rate,
         precision=None if precision == "auto" else precision,
         seed=seed,
     )
+    hardware = Hardware(device=device, num_devices=devices, threads=threads)
+    return _trained(request, hardware, out, cache, resume=resume)
+
+
+def _trained(
+    request: "RunRequest",
+    hardware: "Hardware",
+    out: Path | None,
+    cache: Path | None,
+    *,
+    resume: bool,
+) -> Training:
+    from pd_editor.training.training_data import default_cache
+    from pd_editor.training.training_run import run_asked_for
+
     outcome = run_asked_for(
         request,
-        Path("runs") / stage if out is None else Path(out),
+        Path("runs") / request.stage if out is None else Path(out),
         default_cache() if cache is None else Path(cache),
-        Hardware(device=device, num_devices=devices, threads=threads),
+        hardware,
         resume=resume,
         on_preparation=_preparation_shown(),
         on_progress=_progress_shown(),
     )
+    if not outcome.is_first:
+        # A process that was started to help another one has nothing to say.
+        raise SystemExit(0)
     return Training(
         folder=outcome.folder,
         model=outcome.model,
