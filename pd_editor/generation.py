@@ -128,12 +128,30 @@ class GeneratorOffer:
     """Denoising steps; None if it takes no such number."""
     default_guidance: float | None = None
     """Weight of ``LANE_GUIDANCE``; None if it takes no guidance."""
+    default_num_tries: int | None = None
+    """Of ``AVOIDANCE``; None if it does not try several futures."""
     warm_up: Callable[[], None] | None = None
     """Loads what the first call would have to wait for; for a thread of its own."""
 
 
 LANE_GUIDANCE: Final = "nearest-candidate"
 """Name of the term that pulls every agent to the nearest way along the lanes."""
+AVOIDANCE: Final = "avoidance"
+"""Name of the term by which, of ``tries`` futures of each agent, those that avoid
+others are taken; ``tries`` is its parameter."""
+
+
+def guidance_terms(
+    lane_weight: float | None, num_tries: int | None
+) -> tuple[GuidanceTerm, ...]:
+    """The usual terms; None leaves one to the generator."""
+    terms: list[GuidanceTerm] = []
+    if lane_weight is not None:
+        terms.append(GuidanceTerm(name=LANE_GUIDANCE, weight=lane_weight))
+    if num_tries is not None:
+        tries = {"tries": float(num_tries)}
+        terms.append(GuidanceTerm(name=AVOIDANCE, parameters=tries))
+    return tuple(terms)
 
 
 def run_to_end(

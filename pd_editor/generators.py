@@ -5,7 +5,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from pd_editor.diffusion.defaults import DEFAULT_WEIGHT, NUM_STEPS
+from pd_editor.diffusion.defaults import DEFAULT_WEIGHT, NUM_STEPS, NUM_TRIES
 from pd_editor.errors import GenerationError
 from pd_editor.generation import GeneratorOffer, ScenarioGenerator
 from pd_editor.installed_files import models_folder
@@ -45,6 +45,7 @@ def _offers() -> dict[str, GeneratorOffer]:
             draws_states=True,
             default_num_steps=NUM_STEPS,
             default_guidance=DEFAULT_WEIGHT,
+            default_num_tries=NUM_TRIES,
             warm_up=lambda: _shipped_model().warm_up(),
         )
     offers["lane-follower"] = GeneratorOffer(make=_lane_follower)

@@ -27,7 +27,7 @@ from pd_editor.evaluation.report import report_of
 from pd_editor.evaluation.road_condition import road_conditions
 from pd_editor.evaluation.run_folder import RunFolder
 from pd_editor.evaluation.summary import Summary, summarise
-from pd_editor.generators import GENERATORS, make_generator
+from pd_editor.generators import GENERATORS, MODEL_CONFIG, make_generator
 from pd_editor.work_engine import LocalProcesses
 
 DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower")
@@ -85,7 +85,7 @@ def evaluate(
     Args:
         data: Roots of Argoverse 2 datasets; folders below them are searched.
         out: New folder for finished scenes, rows.parquet, report.md and report.html.
-        methods: Reference methods and generators; ground-truth is what others are compared with.
+        methods: Reference methods, generators (also with options: path-diffuser:lanes=0.6,tries=1,steps=10) and folders of models; ground-truth is what others are compared with.
         warps: Roads: none (as recorded), KIND:POWER such as smooth-turn:3, or all.
         samples: Futures of each scene, for methods that draw at random.
         seed: Seed of all draws; the same seed gives the same numbers.
@@ -141,8 +141,10 @@ def _several(value: _One | tuple[_One, ...]) -> tuple[_One, ...]:
 
 def _methods(asked: tuple[str, ...]) -> tuple[Method, ...]:
     known = [*REFERENCE_METHODS, *GENERATORS]
-    for name in asked:
-        if name not in known:
+    methods = tuple(Method(name=name, make_generator=make_generator) for name in asked)
+    for name, method in zip(asked, methods, strict=True):
+        plain = method.generator_name if method.options else name
+        if plain not in known and not (Path(plain) / MODEL_CONFIG).is_file():
             raise GenerationError(
                 f"There is no method {name[:60]!r}; choose among {', '.join(known)}."
             )
@@ -150,7 +152,7 @@ def _methods(asked: tuple[str, ...]) -> tuple[Method, ...]:
         raise GenerationError(
             f"No method was asked for; choose among {', '.join(known)}."
         )
-    return tuple(Method(name=name, make_generator=make_generator) for name in asked)
+    return methods
 
 
 def _at_least(least: int, value: int, name: str) -> int:

@@ -12,11 +12,11 @@ from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
-    LANE_GUIDANCE,
     GenerationRequest,
     GuidanceTerm,
     Region,
     ScenarioGenerator,
+    guidance_terms,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scenario_store import check_free, open_scenario
@@ -36,7 +36,7 @@ RegionOption = Annotated[
     tuple[float, float, float] | None,
     tyro.conf.arg(metavar="X Y HALF_SIDE", help_behavior_hint="(optional)"),
 ]
-StepsOption = Annotated[
+CountOption = Annotated[
     int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(model's own)")
 ]
 WeightOption = Annotated[
@@ -55,8 +55,9 @@ def generate(
     add: Switch = False,
     region: RegionOption = None,
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
-    steps: StepsOption = None,
+    steps: CountOption = None,
     keep_to_lanes: WeightOption = None,
+    tries: CountOption = None,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
     overwrite: Switch = False,
@@ -74,6 +75,7 @@ def generate(
         samples: How many samples to draw.
         steps: Denoising steps.
         keep_to_lanes: Strength of the guidance towards the lanes, 0 for none.
+        tries: Futures of each agent, of which those that avoid others are taken.
         seed: Seed of the draw; the same seed gives the same files.
         model: Name of the generator.
         overwrite: Replace what earlier runs wrote.
@@ -99,7 +101,7 @@ def generate(
         region=region and Region(center_m=region[:2], half_side_m=region[2]),
         num_samples=samples,
         num_denoising_steps=steps,
-        guidance=_lane_guidance(keep_to_lanes),
+        guidance=_guidance(keep_to_lanes, tries),
         seed=seed,
     )
     return _written(out, opened, request, removed, generator, overwrite, wanted)
@@ -178,12 +180,12 @@ def _check_choice(
         raise GenerationError("--add needs --num-agents, which says how many.")
 
 
-def _lane_guidance(weight: float | None) -> tuple[GuidanceTerm, ...]:
-    if weight is None:
-        return ()
-    if not 0 <= weight <= 1:
+def _guidance(weight: float | None, tries: int | None) -> tuple[GuidanceTerm, ...]:
+    if weight is not None and not 0 <= weight <= 1:
         raise GenerationError(f"--keep-to-lanes must be between 0 and 1, not {weight}.")
-    return (GuidanceTerm(name=LANE_GUIDANCE, weight=weight),)
+    if tries is not None and tries < 1:
+        raise GenerationError(f"--tries is {tries}; expected 1 or more.")
+    return guidance_terms(weight, tries)
 
 
 def _left_out(

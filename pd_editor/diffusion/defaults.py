@@ -6,3 +6,5 @@ NUM_STEPS: Final = 5
 """Denoising steps of the second stage."""
 DEFAULT_WEIGHT: Final = 0.3
 """Strength of the pull to the nearest candidate."""
+NUM_TRIES: Final = 4
+"""Futures of each agent of which those that avoid others are taken."""

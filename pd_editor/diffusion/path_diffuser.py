@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int
 
-from pd_editor.diffusion.defaults import DEFAULT_WEIGHT, NUM_STEPS
+from pd_editor.diffusion.defaults import DEFAULT_WEIGHT, NUM_STEPS, NUM_TRIES
 from pd_editor.diffusion.future_drawing import FutureOptions, FutureTask, draw_futures
 from pd_editor.diffusion.future_motion import Motion
 from pd_editor.diffusion.model_folder import TrainedModel, load_model
@@ -20,6 +20,7 @@ from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
+    AVOIDANCE,
     LANE_GUIDANCE,
     GeneratedTraffic,
     GenerationProgress,
@@ -29,9 +30,6 @@ from pd_editor.generation import (
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
 
-AVOIDANCE: Final = "avoidance"
-"""Guidance term: of ``tries`` futures of each agent, those that avoid others."""
-NUM_TRIES: Final = 4
 MOST_AGENTS: Final = 500
 
 _LONGEST_S: Final = 6.05

@@ -1,8 +1,10 @@
 """The port behind which everything that fills a scene is judged."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 
@@ -13,14 +15,22 @@ from pd_editor.generation import (
     GenerationRequest,
     ScenarioGenerator,
     TrafficSample,
+    guidance_terms,
     run_to_end,
 )
 from pd_editor.metrics.traffic_view import TrafficView, generated_traffic
 
+_OPTIONS: Final = ("steps", "lanes", "tries")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """A reference method, or a generator, by its name."""
+    """A reference method, or a generator, by its name.
+
+    A generator's name may carry options: ``path-diffuser:lanes=0.6,tries=4,steps=10``
+    are the strength of the guidance to the lanes, the futures that are tried to avoid
+    others, and the denoising steps.
+    """
 
     name: str
     make_generator: Callable[[str], ScenarioGenerator]
@@ -30,7 +40,37 @@ class Method:
     def description(self) -> str:
         """One sentence for the report."""
         reference = REFERENCE_METHODS.get(self.name)
-        return reference.description if reference else f"Generator {self.name!r}."
+        if reference:
+            return reference.description
+        said = [f"{name} {value:g}" for name, value in self.options.items()]
+        given = f", with {', '.join(said)}" if said else ""
+        return f"Generator {self.generator_name!r}{given}."
+
+    @property
+    def generator_name(self) -> str:
+        """The name without options."""
+        return self.name.partition(":")[0]
+
+    @property
+    def options(self) -> Mapping[str, float]:
+        """Options by name.
+
+        Raises:
+            GenerationError: they cannot be read.
+        """
+        found: dict[str, float] = {}
+        for text in filter(None, self.name.partition(":")[2].split(",")):
+            name, _, number = text.partition("=")
+            try:
+                found[name] = float(number)
+            except ValueError:
+                found[name] = math.nan
+            if name not in _OPTIONS or not found[name] >= (0 if name == "lanes" else 1):
+                raise GenerationError(
+                    f"The method {self.name[:60]!r} has the option {text[:30]!r}; "
+                    "expected steps, lanes or tries, such as lanes=0.6."
+                )
+        return found
 
     def traffic(self, request: GenerationRequest) -> "JudgedTraffic":
         """What is to be judged; references that draw nothing give one sample.
@@ -41,8 +81,8 @@ class Method:
         reference = REFERENCE_METHODS.get(self.name)
         if reference is not None:
             return JudgedTraffic(samples=reference.traffic(request))
-        generator = _generator(self.make_generator, self.name)
-        traffic = run_to_end(generator.generate(request))
+        generator = _generator(self.make_generator, self.generator_name)
+        traffic = run_to_end(generator.generate(self._with_options(request)))
         _check(traffic, request)
         return JudgedTraffic(
             samples=tuple(
@@ -50,6 +90,17 @@ class Method:
                 for sample in traffic.samples
             ),
             model_sha256=traffic.model_sha256,
+        )
+
+    def _with_options(self, request: GenerationRequest) -> GenerationRequest:
+        options = self.options
+        steps, tries = options.get("steps"), options.get("tries")
+        return replace(
+            request,
+            num_denoising_steps=None if steps is None else int(steps),
+            guidance=guidance_terms(
+                options.get("lanes"), None if tries is None else int(tries)
+            ),
         )
 
 

@@ -15,12 +15,17 @@ import torch
 
 from pd_editor.diffusion.future_drawing import FutureTask
 from pd_editor.diffusion.model_folder import TrainedStage, save_model
-from pd_editor.diffusion.path_diffuser import AVOIDANCE, PathDiffuser
+from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.diffusion.scene_tensors import batch_of
 from pd_editor.diffusion.stages import TRAJECTORIES
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryConfig, TrajectoryDenoiser
 from pd_editor.diffusion.trajectory_loss import trajectory_loss
-from pd_editor.generation import GenerationRequest, GuidanceTerm, run_to_end
+from pd_editor.generation import (
+    AVOIDANCE,
+    GenerationRequest,
+    GuidanceTerm,
+    run_to_end,
+)
 from pd_editor.scene.scenario import Scenario
 from pd_editor.windows.packed_scene import packed
 from pd_editor.windows.scene_features import scene_features

@@ -8,11 +8,12 @@ import pytest
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.agent_counts import AgentCounts
 from pd_editor.diffusion.model_folder import TrainedStage, save_model
-from pd_editor.diffusion.path_diffuser import AVOIDANCE, DenoisingProgress, PathDiffuser
+from pd_editor.diffusion.path_diffuser import DenoisingProgress, PathDiffuser
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser, PoseDenoiserConfig
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
 from pd_editor.errors import EditError, GenerationError, ModelError
 from pd_editor.generation import (
+    AVOIDANCE,
     LANE_GUIDANCE,
     GeneratedTraffic,
     GenerationRequest,

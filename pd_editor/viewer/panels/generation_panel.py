@@ -8,11 +8,10 @@ import viser
 
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
-    LANE_GUIDANCE,
     GenerationRequest,
     GeneratorOffer,
-    GuidanceTerm,
     Region,
+    guidance_terms,
 )
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
@@ -35,6 +34,7 @@ KIND_LABELS: Final[Mapping[AgentKind, str]] = {
 }
 MAX_SAMPLES: Final = 16
 MAX_STEPS: Final = 50
+MAX_TRIES: Final = 12
 MAX_AGENTS_OF_A_KIND: Final = 100
 REGION_HALF_SIDE_M: Final = 62.0
 
@@ -74,6 +74,9 @@ class GenerationPanel:
             )
             self._guidance = gui.add_slider(
                 "Keep to lanes", 0.0, 1.0, 0.05, 0.3, hint="Strength of the guidance"
+            )
+            self._tries = gui.add_slider(
+                "Tries", 1, MAX_TRIES, 1, 4, hint="The one with fewest overlaps is kept"
             )
         with gui.add_folder("Regenerate futures"):
             self._scope = gui.add_dropdown("Agents", SCOPES)
@@ -172,10 +175,12 @@ class GenerationPanel:
         if draws_states and self._where.value == AROUND_VIEW:
             x, y = (float(value) for value in self._looked_at_m())
             region = Region(center_m=(x, y), half_side_m=REGION_HALF_SIDE_M)
-        guidance: tuple[GuidanceTerm, ...] = ()
-        if offer.default_guidance is not None:
-            weight = float(self._guidance.value)
-            guidance = (GuidanceTerm(name=LANE_GUIDANCE, weight=weight),)
+        takes_weight = offer.default_guidance is not None
+        takes_tries = offer.default_num_tries is not None
+        guidance = guidance_terms(
+            float(self._guidance.value) if takes_weight else None,
+            int(self._tries.value) if takes_tries else None,
+        )
         request = GenerationRequest(
             scenario=base.without_agents(removed_ids),
             agent_ids=agent_ids,
@@ -200,7 +205,10 @@ class GenerationPanel:
         offer = self._generators[self._model.value]
         set_property(self._steps, "visible", offer.default_num_steps is not None)
         set_property(self._guidance, "visible", offer.default_guidance is not None)
+        set_property(self._tries, "visible", offer.default_num_tries is not None)
         set_property(self._resample_folder, "visible", offer.draws_states)
+        if offer.default_num_tries is not None:
+            set_value(self._tries, offer.default_num_tries)
         if offer.default_num_steps is not None:
             set_value(self._steps, offer.default_num_steps)
         if offer.default_guidance is not None:

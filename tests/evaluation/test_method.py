@@ -1,0 +1,52 @@
+"""Methods by name, with options."""
+
+import pytest
+
+from pd_editor.errors import GenerationError
+from pd_editor.evaluation.method import Method
+from pd_editor.generation import AVOIDANCE, LANE_GUIDANCE, GenerationRequest
+from tests.builders import two_agents_that_pass
+from tests.editor.fake_generators import PlacingGenerator
+
+
+def test_options_reach_the_generator():
+    placing = PlacingGenerator()
+    asked: list[str] = []
+
+    def make(name: str) -> PlacingGenerator:
+        asked.append(name)
+        return placing
+
+    scenario = two_agents_that_pass()
+    method = Method(name="placing:lanes=0.6,tries=3,steps=9", make_generator=make)
+    request = GenerationRequest(scenario=scenario, agent_ids=scenario.agents.ids)
+    assert len(method.traffic(request).samples) == 1
+    (seen,) = placing.requests
+    assert asked == ["placing"]
+    assert seen.num_denoising_steps == 9
+    lanes, avoidance = seen.guidance
+    assert (lanes.name, lanes.weight) == (LANE_GUIDANCE, 0.6)
+    assert (avoidance.name, avoidance.parameters) == (AVOIDANCE, {"tries": 3.0})
+    assert "lanes 0.6, tries 3, steps 9" in method.description
+
+
+def test_without_options_the_generators_own_settings_count():
+    placing = PlacingGenerator()
+    scenario = two_agents_that_pass()
+    method = Method(name="plain", make_generator=lambda _name: placing)
+    method.traffic(GenerationRequest(scenario=scenario, agent_ids=()))
+    (seen,) = placing.requests
+    assert seen.num_denoising_steps is None
+    assert not seen.guidance
+
+
+@pytest.mark.parametrize(
+    "options", ["speed=3", "lanes", "lanes=-1", "tries=0", "steps=x"]
+)
+def test_unknown_options_are_refused(options: str):
+    with pytest.raises(GenerationError, match="expected steps, lanes or tries"):
+        _ = Method(name=f"x:{options}", make_generator=make_nothing).options
+
+
+def make_nothing(name: str):
+    raise AssertionError(name)
