@@ -15,6 +15,7 @@ def loss_curves_png(entries: Sequence[dict[str, Any]], title: str) -> bytes:
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import ScalarFormatter
 
     names = ["loss", *dict.fromkeys(name for e in entries for name in e["parts"])]
     columns = min(3, len(names))
@@ -41,6 +42,8 @@ def loss_curves_png(entries: Sequence[dict[str, Any]], title: str) -> bytes:
                 is_drawn = is_drawn or all(value > 0 for _, value in points)
         if is_drawn:
             axes.set_yscale("log")
+            axes.yaxis.set_major_formatter(ScalarFormatter())
+            axes.yaxis.set_minor_formatter(ScalarFormatter())
         axes.set_title(name, fontsize=10)
         axes.set_xlabel("minutes of training")
         axes.grid(visible=True, alpha=0.3)
