@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from pd_editor.cli.arguments import OptionalFolder, Switch
-from pd_editor.errors import TrainingError
 from pd_editor.work_engine.work_engine import WorkProgress
 
 if TYPE_CHECKING:
@@ -119,9 +118,6 @@ def train(
     from pd_editor.training.run_request import RunRequest
     from pd_editor.training.training_run import Hardware
 
-    for name, value in (("devices", devices), ("threads", threads)):
-        if value is not None and value < 1:
-            raise TrainingError(f"--{name} is {value}; expected 1 or more.")
     roots = data if isinstance(data, tuple) else (data,)
     request = RunRequest(
         stage=stage,

@@ -42,6 +42,11 @@ class Hardware:
     threads: int | None = None
     """Of one process on a CPU. None: all cores."""
 
+    def __post_init__(self) -> None:
+        for name, value in (("devices", self.num_devices), ("threads", self.threads)):
+            if value is not None and value < 1:
+                raise TrainingError(f"--{name} is {value}; expected 1 or more.")
+
 
 @dataclass(frozen=True, kw_only=True)
 class RunOutcome:
