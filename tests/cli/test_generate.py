@@ -51,7 +51,8 @@ def test_samples_get_folders_of_their_own(shell: Shell, tmp_path: Path):
 
 def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
     before = open_scenario(JUNCTION)
-    result = shell.run("generate", JUNCTION, "--agents", "AV", "AV", "--out", tmp_path)
+    options = ("--agents", "AV", "AV", "--model", "lane-follower")
+    result = shell.run("generate", JUNCTION, *options, "--out", tmp_path)
     assert result.code == 0
     after = open_scenario(tmp_path / JUNCTION)
     others = [row for row, name in enumerate(before.agents.ids) if name != "AV"]
@@ -71,7 +72,7 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
         ("--seed -1", "The seed must not be negative"),
         ("--model crystal-ball", "There is no generator 'crystal-ball'"),
         ("--agents nobody", "There is no agent 'nobody' here."),
-        ("--num-agents 3", "cannot place new agents"),
+        ("--num-agents 3 --model lane-follower", "cannot place new agents"),
         ("--num-agents three", "neither a number, nor KIND=NUMBER"),
         ("--num-agents dragon=3", "a kind out of bus, cyclist, motorcyclist"),
         ("--num-agents fit 3", "'fit' is neither a number"),
