@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 import viser
 
+from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     GenerationRequest,
@@ -104,7 +105,9 @@ class GenerationPanel:
             }
             self._where = gui.add_dropdown("Where", (AROUND_TRAFFIC, AROUND_VIEW))
             self._resample = gui.add_button("Resample", icon=viser.Icon.ARROWS_SHUFFLE)
+            clear = gui.add_button("Clear the road", color="gray")
         self._desk.on_click(self._resample, self.resample)
+        self._desk.on_click(clear, lambda: self._desk.apply(RemoveAllAgents()))
         self._desk.on_change(self._which, lambda _value: self._show_counts())
         self._desk.on_change(self._fits, lambda _value: self._show_counts())
 

@@ -1,0 +1,87 @@
+"""From a bare road to traffic with the shipped model, in a real browser."""
+
+import pytest
+
+from pd_editor.generators import GENERATORS, SHIPPED_MODEL
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.viewer.panels.generation_panel import REDRAW_SELECTION
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def editor(open_editor):
+    assert SHIPPED_MODEL in GENERATORS, "the weights are part of the project"
+    page = open_editor()
+    page.workspace.playback.pause()
+    return page
+
+
+def test_a_bare_road_gets_agents_and_trajectories(editor):
+    session, opened = editor.session, editor.session.scenario
+    editor.open_tab("Drive")
+    editor.press("Clear the road")
+    editor.until(lambda: len(session.scenario.agents) == 0, "a bare road")
+    editor.fill("Vehicles", 9)
+    editor.fill("Pedestrians", 2)
+    for label in ("Buses", "Cyclists", "Motorcyclists"):
+        editor.fill(label, 0)
+    editor.fill("Samples", 2)
+    editor.press("Resample")
+    editor.until(lambda: len(session.scenario.agents) == 11, "agents", 90)
+    editor.screenshot("30_resampled")
+    drawn = session.scenario
+    now = drawn.current_step
+    assert drawn.agents.kinds.count(AgentKind.PEDESTRIAN) == 2
+    assert drawn.agents.is_valid[:, now:].all()
+    assert not drawn.agents.is_valid[:, :now].any()
+    assert drawn.focal_id in drawn.agents.ids
+
+    # The other sample takes the place of the first, as one undo step.
+    editor.fill("Sample", 2)
+    editor.until(lambda: session.scenario is not drawn, "the second sample")
+    assert [one.label.split(" (")[0] for one in session.entries] == [
+        "Remove all agents",
+        "Resample 11 agents",
+    ]
+
+    states = session.scenario.agents.position_m[:, now].copy()
+    editor.press("Regenerate")
+    editor.until(lambda: len(session.entries) == 3, "other futures", 60)
+    after = session.scenario.agents
+    assert abs(after.position_m[:, now] - states).max() < 0.01
+    for _ in range(3):
+        editor.key("Control+z")
+    editor.until(lambda: session.scenario is opened, "the very scenario again")
+
+
+def test_only_the_selected_agent_is_drawn_anew(editor):
+    session = editor.session
+    one = session.scenario.focal_id
+    session.select((one,))
+    before = session.scenario.agents
+    editor.open_tab("Drive")
+    editor.choose("Draw anew", REDRAW_SELECTION)
+    editor.press("Resample")
+    editor.until(lambda: len(session.entries) == 1, "a new state", 90)
+    after = session.scenario.agents
+    others = [name for name in before.ids if name != one]
+    kept, same = before.taken(before.rows(others)), after.taken(after.rows(others))
+    assert (kept.position_m == same.position_m).all()
+    assert after.ids == before.ids
+
+
+def test_playback_goes_on_while_the_model_draws(editor):
+    editor.open_tab("Drive")
+    editor.fill("Samples", 8)
+    playback = editor.workspace.playback
+    playback.play()
+    editor.press("Regenerate")
+    panel = editor._tab()._generation_panel
+    seen = set()
+    while panel._result.is_running:
+        seen.add(int(playback.step))
+        editor.page.wait_for_timeout(20)
+    editor.until(lambda: len(editor.session.entries) == 1, "other futures", 60)
+    assert playback.is_playing
+    assert len(seen) > 1
