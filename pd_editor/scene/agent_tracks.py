@@ -126,7 +126,7 @@ def same_motion(
     for name in ("position_m", "heading_rad", "velocity_mps", "is_valid"):
         mine = getattr(one, name)[rows][:, steps]
         equal = mine == getattr(other, name)[theirs][:, steps]
-        same &= equal.reshape(len(rows), -1).all(axis=1)
+        same &= equal.all(axis=tuple(range(1, equal.ndim)))
     return rows[same], theirs[same]
 
 

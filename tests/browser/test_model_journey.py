@@ -22,6 +22,8 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     editor.open_tab("Drive")
     editor.press("Clear the road")
     editor.until(lambda: len(session.scenario.agents) == 0, "a bare road")
+    editor.page.wait_for_timeout(800)
+    assert editor.page.get_by_text("A bug in the editor").count() == 0
     editor.fill("Vehicles", 9)
     editor.fill("Pedestrians", 2)
     for label in ("Buses", "Cyclists", "Motorcyclists"):

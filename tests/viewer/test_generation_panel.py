@@ -109,6 +109,7 @@ def test_all_agents_are_replaced_by_as_many_as_there_were(tab, placing):
 def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
     panel = tab.tab._generation_panel
     tab.run(lambda: tab.desk.apply(RemoveAllAgents()))
+    tab.run(lambda: tab.tab._status.check(with_future=True))
     panel._counts[AgentKind.VEHICLE].value = 0
     with pytest.raises(GenerationError, match="how many agents"):
         tab.run(panel.resample)
