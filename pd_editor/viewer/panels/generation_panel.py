@@ -79,13 +79,13 @@ class GenerationPanel:
             self._tries = gui.add_slider(
                 "Tries", 1, MAX_TRIES, 1, 4, hint="The one with fewest overlaps is kept"
             )
+        self._result = GenerationRun(desk, self._set_running)
         with gui.add_folder("Regenerate futures"):
             self._scope = gui.add_dropdown("Agents", SCOPES)
             self._run = gui.add_button(
                 "Regenerate", icon=viser.Icon.PLAYER_PLAY, hint="R"
             )
         self._build_resample(gui)
-        self._result = GenerationRun(desk, self._set_running)
         desk.on_click(self._run, self.regenerate)
         desk.on_change(self._model, lambda _name: self._show_options())
         self._show_options()
