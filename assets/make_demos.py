@@ -1,4 +1,4 @@
-"""Makes the demo scenarios: ``python -m assets.demos.make_demos [FOLDER]``.
+"""Makes the demo scenarios: ``python -m assets.make_demos [FOLDER]``.
 
 Needs SUMO (the extra ``synth``). The same versions of SUMO and of this repository make
 the same bytes.
@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool
 
-from assets.demos.stories import STORIES
-from assets.demos.story import Story
+from assets.stories import STORIES
+from assets.story import Story
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.metrics.off_road import off_road
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -108,4 +108,6 @@ def make_demos(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    make_demos(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    make_demos(
+        Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "demos"
+    )

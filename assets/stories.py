@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from assets.demos.story import Story
+from assets.story import Story
 from pd_editor.synthesis.demand_options import DemandOptions, ParkingOptions
 
 
@@ -46,12 +46,12 @@ _MANY_BUSES: Final = DemandOptions(
 STORIES: Final[tuple[Story, ...]] = (
     Story(
         name="bus-stop",
-        sentence="a bus halts at the kerb of an arterial road; cars change lanes to overtake it",
+        sentence="a bus halts on an arterial road; a car changes lanes to overtake it",
         family="arterial",
         seed=11,
         demand=_MANY_BUSES,
         current_step=420,
-        focal_id="bus-0042",
+        focal_id="car-0011",
     ),
     Story(
         name="crosswalk",
@@ -84,23 +84,23 @@ STORIES: Final[tuple[Story, ...]] = (
     ),
     Story(
         name="queue",
-        sentence="three lanes of cars wait at a red light, which turns green while the clip runs",
+        sentence="cars queue side by side at a red light, which turns green while the clip runs",
         family="t-junctions",
         seed=30,
         demand=_MIXED_TOWN,
-        current_step=280,
-        focal_id="suv-0100",
+        current_step=285,
+        focal_id="car-0042",
     ),
     Story(
         name="roundabout",
-        sentence="cars circulate in a roundabout while others give way at its entries",
+        sentence="a car gives way, enters a roundabout and circulates in it; others wait behind",
         family="roundabout",
-        seed=22,
+        seed=23,
         demand=DemandOptions(
             flow_per_lane=420, pedestrians_per_km=4, parking=_parking()
         ),
-        current_step=60,
-        focal_id="car-0003",
+        current_step=145,
+        focal_id="car-0042",
     ),
     Story(
         name="signalised-junction",

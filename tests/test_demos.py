@@ -8,8 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 import shapely
 
-from assets.demos.make_demos import made_demo
-from assets.demos.stories import STORIES
+from assets.make_demos import made_demo
+from assets.stories import STORIES
 from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
@@ -241,8 +241,9 @@ def test_a_queue_starts_to_move():
     stands = drivers(demo) & (speed[:, NOW - 10 : NOW + 1] < STANDING_MPS).all(axis=1)
     x, y = seen_from(demo, row)[:, NOW].T
     in_line = stands & (np.abs(y) < 1.7) & (np.abs(x) < 60)
-    assert (in_line & (x > 1)).sum() >= 2
-    assert (in_line & (x < -1)).sum() >= 1
+    assert (in_line & (x > 1)).sum() >= 1
+    assert (in_line & (x < -1)).sum() >= 3
+    assert (stands & is_near(demo, 60)).sum() >= 10
     assert speed[row, -1] > 2
     assert (in_line & (speed[:, -1] > 2)).sum() >= 4
 
@@ -269,10 +270,10 @@ def test_a_bus_halts_and_is_overtaken():
 def test_downtown_is_dense():
     demo = opened("downtown")
     near = is_near(demo, 70)
-    assert (parked(demo) & near).sum() >= 30
+    assert (parked(demo) & near).sum() >= 15
     assert (drivers(demo) & near).sum() >= 25
     assert (of_kind(demo, AgentKind.PEDESTRIAN) & near).sum() >= 10
-    assert (of_kind(demo, AgentKind.CYCLIST) & near).sum() >= 2
+    assert (of_kind(demo, AgentKind.CYCLIST) & near).sum() >= 3
     assert len(demo.road_map.crosswalks) >= 4
 
 

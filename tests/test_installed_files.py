@@ -28,5 +28,5 @@ def test_a_wheel_keeps_them_inside_the_package(
 
 @pytest.mark.parametrize("name", ["", "..", "nowhere", "../demos/winding-street"])
 def test_only_names_of_demos_are_taken(name: str):
-    with pytest.raises(InputError, match="choose one of signalised-junction"):
+    with pytest.raises(InputError, match="choose one of bus-stop, crosswalk"):
         demo_folder(name)

@@ -84,7 +84,7 @@ def test_damaged_folders_get_one_sentence(
 @pytest.mark.parametrize("name", ["nowhere", "~nobody-here/x", "", "demo:x", "a\0b"])
 def test_a_wrong_name_lists_the_demos(shell: Shell, tmp_path: Path, name: str):
     refused = shell.refused("export", name, "--out", tmp_path / "out")
-    assert "is neither a scenario folder nor a demo (signalised-junction" in refused
+    assert "is neither a scenario folder nor a demo (bus-stop, " in refused
 
 
 def test_a_file_in_the_way_of_the_output(shell: Shell, tmp_path: Path):
