@@ -62,7 +62,8 @@ def told(story: Story, recording: Recording) -> Scenario:
         seed=story.cast_seed,
     )
     scenario = cut_scenario(recording, window, side_m=story.side_m)
-    stays = np.flatnonzero(scenario.agents.is_valid.all(axis=1))
+    is_wanted = np.array([name not in story.without for name in scenario.agents.ids])
+    stays = np.flatnonzero(scenario.agents.is_valid.all(axis=1) & is_wanted)
     agents = scenario.agents.taken(stays)
     paths = agents.position_m[:, ::_PATH_STRIDE]
     shown = replace(

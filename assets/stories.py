@@ -73,14 +73,18 @@ STORIES: Final[tuple[Story, ...]] = (
     ),
     Story(
         name="merge",
-        sentence="a car comes from a ramp and joins a divided road between two others",
+        sentence="a car comes from a ramp and joins a divided road, where another leaves it room",
         family="merge",
-        seed=10,
+        seed=40,
         demand=DemandOptions(
-            flow_per_lane=550, pedestrians_per_km=3, parking=_parking()
+            flow_per_lane=1000,
+            flow_spread=0.25,
+            pedestrians_per_km=3,
+            parking=_parking(),
         ),
-        current_step=50,
-        focal_id="car-0086",
+        current_step=205,
+        focal_id="car-0084",
+        without=("bicycle-0347",),
     ),
     Story(
         name="queue",

@@ -28,3 +28,5 @@ class Story:
     """Draws the ego and the scored agents."""
     side_m: float = 140.0
     """Side of the square about the focal agent whose agents are shown."""
+    without: tuple[str, ...] = ()
+    """Agents of the simulation that are left out: not quite on the paved ground."""
