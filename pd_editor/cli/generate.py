@@ -80,14 +80,13 @@ def generate(
         model: Name of the generator.
         overwrite: Replace what earlier runs wrote.
     """
-    if samples < 1:
-        raise GenerationError(f"{samples} samples were asked for; expected 1 or more.")
     generator = make_generator(model)
-    opened = open_scenario(scenario)
-    wanted = tuple(dict.fromkeys(agents))
+    opened, wanted = open_scenario(scenario), tuple(dict.fromkeys(agents))
     counts, fits = _wanted_counts(num_agents)
     draws_agents = bool(counts) or fits
     _check_choice(draws_agents, bool(wanted), redraw_states=redraw_states, add=add)
+    if samples < 1:
+        raise GenerationError(f"{samples} samples were asked for; expected 1 or more.")
     removed = road_user_ids(opened) if draws_agents and not add else ()
     driven: tuple[str, ...] = ()
     if not draws_agents or (wanted and add):

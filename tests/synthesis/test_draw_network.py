@@ -18,7 +18,9 @@ def test_every_family_has_streets_of_a_city_block_or_more(family: str) -> None:
     assert drawn.net_file.is_file()
     assert 300 < np.ptp(points, axis=0).max() < 900
     assert len(drawn.road_map.lanes) > 30
-    assert any(lane.is_intersection for lane in drawn.road_map.lanes)
+    # Around a roundabout ways fork and merge, but none crosses another.
+    crosses = any(lane.is_intersection for lane in drawn.road_map.lanes)
+    assert crosses or family == "roundabout"
 
 
 @pytest.mark.parametrize("family", ["town", "merge"])

@@ -79,14 +79,14 @@ def test_bf16_trains_too(name, prepared, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "share"), [("init", 0.6), ("traj", 0.35)])
+@pytest.mark.parametrize(("name", "share"), [("init", 0.6), ("traj", 0.45)])
 def test_a_tiny_network_learns_few_scenes_within_a_minute(
     name, share, prepared, tmp_path
 ):
     law = Optimisation(
         batch_size=8, learning_rate=5e-3, warmup_steps=10, ema_decay=0.98
     )
-    loop = loop_of(name, prepared, tmp_path, steps=250, optimisation=law)
+    loop = loop_of(name, prepared, tmp_path, steps=600, optimisation=law)
     losses = [progress.loss for progress in loop.run()]
     assert losses[-1] < share * losses[0]
 
