@@ -13,6 +13,7 @@ from jaxtyping import Int
 from pd_editor.diffusion.defaults import DEFAULT_WEIGHT, NUM_STEPS, NUM_TRIES
 from pd_editor.diffusion.future_drawing import FutureOptions, FutureTask, draw_futures
 from pd_editor.diffusion.future_motion import Motion
+from pd_editor.diffusion.giving_way import giving_way
 from pd_editor.diffusion.model_folder import TrainedModel, load_model
 from pd_editor.diffusion.placing import Placing, draw_numbers, new_agents, place_agents
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
@@ -188,7 +189,17 @@ class PathDiffuser:
                 f"Guidance brought the futures from {before:.1f} to {after:.1f} m of "
                 "the nearest way along the lanes, on average."
             )
-        return list(_samples(task, rows, drawn.motion)), notes
+        samples = list(_samples(task, rows, drawn.motion))
+        if _options(request).num_tries > 1:
+            given = [giving_way(scenario, rows, sample) for sample in samples]
+            samples = [sample for sample, _ in given]
+            num_waiting = sum(len(waiting) for _, waiting in given)
+            if num_waiting:
+                notes.append(
+                    f"{num_waiting} drawn futures were slowed on their own paths, so "
+                    "that nobody is run into."
+                )
+        return samples, notes
 
 
 def _placing(placer: PoseDenoiser, request: GenerationRequest, sample: int) -> Placing:

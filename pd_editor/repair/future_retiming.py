@@ -58,6 +58,33 @@ def retime_futures(
     )
 
 
+def wait_for_others(
+    scenario: Scenario,
+    agent_ids: Iterable[str] | None = None,
+    *,
+    keep_ids: Collection[str] | None = None,
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Lane followers who would run into somebody brake and wait, the others as before.
+
+    The part of ``retime_futures`` that is about other agents, in one round: who is too
+    fast for a curve stays so.
+
+    Returns:
+        The scene, and the ids of those who wait, sorted.
+
+    Raises:
+        EditError: an id is not in the scenario.
+    """
+    futures = Futures(
+        scenario=scenario,
+        friction_coefficient=DRY_ROAD_FRICTION,
+        may_change=repairable(scenario, agent_ids, keep_ids),
+    )
+    resolved = _resolved(futures)
+    names = sorted(scenario.agents.ids[row] for row in resolved.reasons)
+    return resolved.scenario, tuple(names)
+
+
 def _one_round(futures: Futures) -> Futures:
     """Friction, then conflicts; without the friction step where it makes overlaps."""
     pairs, _, total = futures.conflicts()

@@ -1,0 +1,48 @@
+"""After the futures are drawn: who would still run into somebody waits."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Int
+
+from pd_editor.generation import TrafficSample
+from pd_editor.repair import wait_for_others
+from pd_editor.scene.scenario import Scenario
+
+
+def giving_way(
+    scenario: Scenario, rows: Int[np.ndarray, "G"], sample: TrafficSample
+) -> tuple[TrafficSample, tuple[str, ...]]:
+    """The sample with those slowed who overlap somebody later, on their own paths.
+
+    ``rows`` are the sample's agents in the scenario; the others go on as recorded.
+    States at the current step stay. Also returns the ids of those who wait.
+    """
+    now, agents = scenario.current_step, scenario.agents
+    driven = agents.with_rows(
+        rows,
+        position_m=_from_now(agents.position_m, rows, now, sample.position_m),
+        heading_rad=_from_now(agents.heading_rad, rows, now, sample.heading_rad),
+        velocity_mps=_from_now(agents.velocity_mps, rows, now, sample.velocity_mps),
+        is_valid=_from_now(
+            agents.is_valid, rows, now, np.ones(sample.heading_rad.shape, bool)
+        ),
+    )
+    waiting, ids = wait_for_others(
+        scenario.with_agents(driven), sample.ids, keep_ids=()
+    )
+    if not ids:
+        return sample, ()
+    after = waiting.agents
+    return replace(
+        sample,
+        position_m=after.position_m[rows, now:],
+        heading_rad=after.heading_rad[rows, now:],
+        velocity_mps=after.velocity_mps[rows, now:],
+    ), ids
+
+
+def _from_now(
+    recorded: np.ndarray, rows: np.ndarray, now: int, drawn: np.ndarray
+) -> np.ndarray:
+    return np.concatenate([recorded[rows, :now], drawn], axis=1)
