@@ -14,6 +14,7 @@ from pd_editor.synthesis.street_styles import (
     avenue,
     collector,
     control,
+    corner_radius_m,
     crossing_width_m,
     residential,
 )
@@ -33,7 +34,7 @@ def draw_arterial(random: np.random.Generator) -> PlainNetwork:
         style = draw(random)
         sides = [1, -1] if random.random() < 0.65 else [int(random.choice([1, -1]))]
         kind = control(main, style, random)
-        _reset(sketch, name, kind, float(random.uniform(6, 10)))
+        _reset(sketch, name, kind, corner_radius_m(random))
         for side in sides:
             _side_street(sketch, name, line, place, side, style, random)
     return sketch.network(crossing_width_m(random))
@@ -52,7 +53,7 @@ def draw_t_junctions(random: np.random.Generator) -> PlainNetwork:
         kind = NodeKind.MINOR_STOP if random.random() < 0.6 else NodeKind.PRIORITY
         if random.random() < 0.2:
             kind = NodeKind.SIGNALS
-        _reset(sketch, name, kind, float(random.uniform(5, 8)))
+        _reset(sketch, name, kind, corner_radius_m(random))
         _side_street(sketch, name, line, place, side, style, random)
         side = -side if random.random() < 0.75 else side
     return sketch.network(crossing_width_m(random))

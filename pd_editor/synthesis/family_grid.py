@@ -13,6 +13,7 @@ from pd_editor.synthesis.street_styles import (
     avenue,
     collector,
     control,
+    corner_radius_m,
     crossing_width_m,
     one_way,
     residential,
@@ -85,7 +86,7 @@ def _nodes(
             if all(inside):
                 kind = control(style[0][i], style[1][j], random)
             point = (np.array([x, y]) + random.normal(0.0, 2.0, 2)) @ turn
-            sketch.node(f"n{i}.{j}", point, kind, float(random.uniform(5, 9)))
+            sketch.node(f"n{i}.{j}", point, kind, corner_radius_m(random))
 
 
 def _block(

@@ -19,6 +19,7 @@ from pd_editor.synthesis.plain_network import NodeKind, PlainNetwork
 from pd_editor.synthesis.street import Carriageway
 from pd_editor.synthesis.street_styles import (
     collector,
+    corner_radius_m,
     crossing_width_m,
     residential,
 )
@@ -43,7 +44,7 @@ def draw_winding_street(random: np.random.Generator) -> PlainNetwork:
             kind = [NodeKind.ALL_WAY_STOP, NodeKind.MINOR_STOP, NodeKind.PRIORITY][
                 random.integers(3)
             ]
-        sketch.node(name, point, kind, float(random.uniform(5, 8)))
+        sketch.node(name, point, kind, corner_radius_m(random))
     for k, part in enumerate(split(line, at)):
         sketch.street(names[k], names[k + 1], part, style)
     for k, place in enumerate(at, start=1):
@@ -68,7 +69,7 @@ def draw_dead_ends(random: np.random.Generator) -> PlainNetwork:
     names = [f"m{k}" for k in range(len(places))]
     for name, point in zip(names, point_at(line, places), strict=True):
         kind = NodeKind.MINOR_STOP if random.random() < 0.5 else NodeKind.PRIORITY
-        sketch.node(name, point, kind, float(random.uniform(5, 8)))
+        sketch.node(name, point, kind, corner_radius_m(random))
     for k, part in enumerate(split(line, at)):
         sketch.street(names[k], names[k + 1], part, main)
     for k, place in enumerate(at, start=1):

@@ -15,6 +15,7 @@ from pd_editor.synthesis.street import Carriageway
 from pd_editor.synthesis.street_styles import (
     collector,
     control,
+    corner_radius_m,
     crossing_width_m,
     residential,
 )
@@ -41,7 +42,7 @@ def draw_town(random: np.random.Generator) -> PlainNetwork:
         kind = NodeKind.PRIORITY
         if len(there) > 2:
             kind = control(there[0], there[-1], random)
-        sketch.node(name, points[name], kind, float(random.uniform(5, 9)))
+        sketch.node(name, points[name], kind, corner_radius_m(random))
     for street, carriageway in zip(streets, chosen, strict=True):
         line = _middle(np.array([points[name] for name in street]), random)
         if sketch.is_free(line, meets_at_end=True):

@@ -43,7 +43,7 @@ class PlainNode:
     point_m: tuple[float, float]
     kind: NodeKind = NodeKind.PRIORITY
     radius_m: float = 7.0
-    """Of the kerb at the corners."""
+    """Of the outer edge, pavements included, at the corners."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,9 @@ from pd_editor.synthesis.street import Carriageway
 
 _LANE_WIDTHS_M: Final = (3.0, 3.7)
 _SIDEWALK_M: Final = 2.5
+_CORNERS_M: Final = (1.0, 6.0)
+"""Radii of the outer edge of pavements at corners; those of kerbs are larger by a
+pavement's width."""
 
 
 def residential(random: np.random.Generator) -> Carriageway:
@@ -80,6 +83,11 @@ def control(
     elif fewer == 1:
         shares = {NodeKind.MINOR_STOP: 0.45, NodeKind.SIGNALS: 0.55}
     return list(shares)[random.choice(len(shares), p=list(shares.values()))]
+
+
+def corner_radius_m(random: np.random.Generator) -> float:
+    """Radius of the outer edge of the pavement at the corners of a junction."""
+    return float(random.uniform(*_CORNERS_M))
 
 
 def crossing_width_m(random: np.random.Generator) -> float:
