@@ -4,7 +4,7 @@ from typing import Final
 
 NUM_STEPS: Final = 5
 """Denoising steps of the second stage."""
-DEFAULT_WEIGHT: Final = 0.6
+DEFAULT_WEIGHT: Final = 0.8
 """Strength of the pull to the nearest candidate."""
 NUM_TRIES: Final = 4
 """Futures of each agent of which those that avoid others are taken."""

@@ -40,10 +40,10 @@ class PoseGuidance:
     """Share of an overlap that each step takes away."""
     pull: float = 0.5
     """Share of the way to the lane that each step goes."""
-    moving_offset_m: float = 1.5
+    moving_offset_m: float = 2.0
     """Moving agents within this distance of a centre line are left alone."""
-    standing_offset_m: float = 3.5
-    """The same of standing ones: cars park beside lanes."""
+    standing_offset_m: float = 10.0
+    """The same of standing ones: cars park beside lanes, in driveways and on lots."""
     first_noise_m: float = 4.0
 
     def of(

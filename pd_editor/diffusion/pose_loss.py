@@ -36,8 +36,9 @@ class PoseLossConfig:
     given_share: float = 0.4
     """Share of scenes with a random part of the agents given."""
     small_square_share: float = 0.3
-    overlap_weight: float = 0.3
-    overlap_noise_m: float = 1.5
+    overlap_weight: float = 10.0
+    """Depths are small numbers: the weight is large so that they count at all."""
+    overlap_noise_m: float = 2.0
     """Overlap counts below this noise only: above, clean states are blurred means."""
 
 

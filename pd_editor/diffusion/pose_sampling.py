@@ -27,8 +27,11 @@ class PoseSamplerConfig:
     """How states are drawn."""
 
     num_steps: int = NUM_STEPS
-    fresh_noise: float = 0.0
-    """Share of the noise that is drawn anew at each step: 0 none, 1 ancestral."""
+    fresh_noise: float = 1.0
+    """Share of the noise that is drawn anew at each step: 0 none, 1 ancestral.
+
+    Without, errors of early steps stay: 22 instead of 14 % came to be off the road.
+    """
     is_second_order: bool = True
     """Extrapolate the clean states from the last two steps."""
 

@@ -29,7 +29,7 @@ class TrajectoryLossConfig:
     """Weight of errors in metres against errors of the latent numbers."""
     early_guess_weight: float = 0.2
     """Of what the blocks before the last one take for clean."""
-    overlap_weight: float = 0.05
+    overlap_weight: float = 3.0
 
 
 def trajectory_loss(

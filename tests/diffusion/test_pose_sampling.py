@@ -143,6 +143,6 @@ def test_guidance_pulls_movers_towards_lanes():
     codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
     guide = PoseGuidance(push=0.0).of(scene)
     reached = decode_states(guide(codes, 0.0))[..., 1]
-    assert (reached < 15).all()
+    assert (reached < 16).all()
     assert (reached > 1.75).all()
     assert torch.equal(guide(codes, 1.0), codes)
