@@ -15,6 +15,9 @@ _LEAST_VARIANCE: Final = 0.2
 """Of the noise, when errors are weighed by it: near level 0 all errors are small."""
 _MOST_OVERLAP_LEVEL: Final = 0.5
 """Above it the clean futures believed in are blurred means, which may well overlap."""
+_MOST_ERROR_M: Final = 1.5
+"""Futures further off the truth are not yet asked to avoid others: at the beginning of
+training that would keep them from being learnt at all."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +32,7 @@ class TrajectoryLossConfig:
     """Weight of errors in metres against errors of the latent numbers."""
     early_guess_weight: float = 0.2
     """Of what the blocks before the last one take for clean."""
-    overlap_weight: float = 3.0
+    overlap_weight: float = 2.0
 
 
 def trajectory_loss(
@@ -77,10 +80,16 @@ def trajectory_loss(
     loss = error(guesses[-1], mixed) + config.early_guess_weight * parts["early"]
     if config.overlap_weight:
         few = int(config.num_levels * _MOST_OVERLAP_LEVEL) or 1
+        error_m = ((guesses[-1][:few] - clean).square() @ metres).detach().sqrt()
         depth = overlap_depth_m(model.way_points, guesses[-1][:few], context, scene)
         there = overlap_depth_m(model.way_points, clean[None], context, scene)
-        squared = (depth - there).clamp_min(0).square().sum(-1)
-        counts = is_drawn * (level[:few] < _MOST_OVERLAP_LEVEL)
+        is_near = (level[:few] < _MOST_OVERLAP_LEVEL) & (error_m < _MOST_ERROR_M)
+        # Both of a pair: one who is far off must not push others away.
+        both = is_near.flatten(1)[:, context.neighbor[:, 1:]].unflatten(
+            1, clean.shape[:2]
+        )
+        squared = ((depth - there).clamp_min(0).square() * both).sum(-1)
+        counts = is_drawn * is_near
         parts["overlap"] = (squared * counts).sum() / counts.sum().clamp_min(1)
         loss = loss + config.overlap_weight * parts["overlap"]
     return loss, {name: part.detach() for name, part in parts.items()}
