@@ -17,7 +17,9 @@ from pd_editor.diffusion.trajectory_denoiser import STANDING_MPS, TrajectoryDeno
 
 _FROM_SHARE: Final = 0.3
 """Guidance begins when this share of the steps is done."""
-_STAYS_M: Final = 0.7
+_STANDING_FROM_SHARE: Final = 0.75
+"""The same of those who stand: few of them start, and pulled early on none would."""
+_STAYS_M: Final = 0.4
 """A future as close to standing still as this counts as standing."""
 
 
@@ -26,7 +28,8 @@ class NearestCandidateGuide:
     """Pulls the agents of B scenes to their nearest candidates.
 
     Who stands and is believed to go on standing is pulled to standing candidates
-    only. Agents without candidates are left alone.
+    only, who is believed to start only to others; both late. Agents without candidates
+    are left alone.
     """
 
     weight: Float[Tensor, "B A"]
@@ -77,6 +80,8 @@ class NearestCandidateGuide:
         belief = clean * self.scale
         nearest, distance, exists = self._nearest(belief)
         pull = torch.where(exists, self.weight, 0.0)
+        if share_done < _STANDING_FROM_SHARE:
+            pull = torch.where(self.is_standing, 0.0, pull)
         guided = pull > 0
         count = guided.sum().clamp_min(1)
         self.cost_before_m = float((distance * guided).sum() / count)
@@ -92,7 +97,8 @@ class NearestCandidateGuide:
     ]:
         """Nearest allowed candidates, distances to them, and whether there is one."""
         stays = self.is_standing & ((belief - self.still).norm(dim=-1) < _STAYS_M)
-        allowed = torch.where(stays[..., None], self.stays, self.allowed)
+        starts = self.allowed & ~(self.is_standing[..., None] & self.stays)
+        allowed = torch.where(stays[..., None], self.stays, starts)
         gap = (belief[..., None, :] - self.candidates).square().sum(-1)
         best = gap.masked_fill(~allowed, torch.inf).min(dim=-1)
         index = best.indices[..., None, None].expand(*best.indices.shape, 1, 10)
