@@ -17,7 +17,7 @@ from pd_editor.diffusion.trajectory_denoiser import STANDING_MPS, TrajectoryDeno
 
 _FROM_SHARE: Final = 0.3
 """Guidance begins when this share of the steps is done."""
-_STANDING_FROM_SHARE: Final = 0.75
+_STANDING_FROM_SHARE: Final = 0.65
 """The same of those who stand: few of them start, and pulled early on none would."""
 _STAYS_M: Final = 0.4
 """A future as close to standing still as this counts as standing."""
