@@ -37,16 +37,16 @@ _DRAW: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
 }
 FAMILIES: Final[tuple[str, ...]] = tuple(_DRAW)
 FAMILY_SHARES: Final[Mapping[str, float]] = {
-    "grid": 0.22,
+    "grid": 0.32,
     "downtown": 0.16,
-    "arterial": 0.16,
+    "arterial": 0.13,
     "town": 0.14,
-    "t-junctions": 0.10,
-    "slip-lanes": 0.06,
-    "merge": 0.05,
-    "roundabout": 0.04,
+    "t-junctions": 0.11,
+    "slip-lanes": 0.03,
+    "merge": 0.03,
+    "roundabout": 0.02,
     "winding-street": 0.04,
-    "dead-ends": 0.03,
+    "dead-ends": 0.02,
 }
 """How often each family comes in a corpus, to be as straight, dense and full of
 junctions as Argoverse 2's maps are."""

@@ -10,11 +10,11 @@ from pd_editor.synthesis.lane_chains import LaneChain
 from pd_editor.synthesis.lane_geometry import WideLine, pieces
 from pd_editor.synthesis.sumo_net import SumoLane, SumoNet
 
-_MEDIAN_M: Final = 21.0
-_SPREAD: Final = 0.7
+_MEDIAN_M: Final = 22.0
+_SPREAD: Final = 0.92
 """Of the logarithm of the length."""
-_LEAST_M: Final = 5.0
-_MOST_M: Final = 80.0
+_LEAST_M: Final = 1.5
+_MOST_M: Final = 150.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

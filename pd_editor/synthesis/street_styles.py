@@ -9,9 +9,11 @@ from pd_editor.synthesis.street import Carriageway
 
 _LANE_WIDTHS_M: Final = (3.0, 3.7)
 _SIDEWALK_M: Final = 2.5
-_CORNERS_M: Final = (1.0, 6.0)
-"""Radii of the outer edge of pavements at corners; those of kerbs are larger by a
-pavement's width."""
+_CORNER_M: Final = 3.3
+_CORNER_SPREAD: Final = 0.8
+"""Of the logarithm of the radius."""
+_CORNERS_M: Final = (1.5, 12.0)
+"""Least and most radius."""
 
 
 def residential(random: np.random.Generator) -> Carriageway:
@@ -86,8 +88,12 @@ def control(
 
 
 def corner_radius_m(random: np.random.Generator) -> float:
-    """Radius of the outer edge of the pavement at the corners of a junction."""
-    return float(random.uniform(*_CORNERS_M))
+    """Radius of the outer edge of the pavement at the corners of a junction.
+
+    That of the kerb is larger by the pavement's width.
+    """
+    radius = _CORNER_M * np.exp(_CORNER_SPREAD * random.normal())
+    return float(np.clip(radius, *_CORNERS_M))
 
 
 def crossing_width_m(random: np.random.Generator) -> float:
