@@ -18,8 +18,10 @@ class VehicleModel:
     sumo_class: str
     length_m: tuple[float, float]
     width_m: tuple[float, float]
-    accel_mps2: tuple[float, float]
-    decel_mps2: tuple[float, float]
+    accel_mps2: float
+    """Median over drivers, at about 10 m/s."""
+    decel_mps2: float
+    """Median over drivers."""
     max_speed_mps: float
     lateral_m: float
     """Spread of the place within the lane that drivers keep to."""
@@ -28,40 +30,52 @@ class VehicleModel:
 MODELS: Final[tuple[VehicleModel, ...]] = (
     VehicleModel(
         name="car", kind=AgentKind.VEHICLE, sumo_class="passenger",
-        length_m=(4.65, 0.3), width_m=(1.88, 0.08), accel_mps2=(1.8, 0.6),
-        decel_mps2=(2.2, 0.4), max_speed_mps=40.0, lateral_m=0.33,
+        length_m=(4.65, 0.3), width_m=(1.88, 0.08), accel_mps2=1.8,
+        decel_mps2=2.05, max_speed_mps=40.0, lateral_m=0.33,
     ),
     VehicleModel(
         name="suv", kind=AgentKind.VEHICLE, sumo_class="passenger",
-        length_m=(5.0, 0.25), width_m=(2.0, 0.06), accel_mps2=(1.75, 0.55),
-        decel_mps2=(2.1, 0.4), max_speed_mps=40.0, lateral_m=0.3,
+        length_m=(5.0, 0.25), width_m=(2.0, 0.06), accel_mps2=1.75,
+        decel_mps2=1.95, max_speed_mps=40.0, lateral_m=0.3,
     ),
     VehicleModel(
         name="van", kind=AgentKind.VEHICLE, sumo_class="delivery",
-        length_m=(5.9, 0.5), width_m=(2.05, 0.08), accel_mps2=(1.6, 0.3),
-        decel_mps2=(2.3, 0.3), max_speed_mps=36.0, lateral_m=0.28,
+        length_m=(5.9, 0.5), width_m=(2.05, 0.08), accel_mps2=1.6,
+        decel_mps2=2.3, max_speed_mps=36.0, lateral_m=0.28,
     ),
     VehicleModel(
         name="truck", kind=AgentKind.VEHICLE, sumo_class="truck",
-        length_m=(8.5, 1.2), width_m=(2.45, 0.08), accel_mps2=(1.1, 0.15),
-        decel_mps2=(2.0, 0.2), max_speed_mps=25.0, lateral_m=0.2,
+        length_m=(8.5, 1.2), width_m=(2.45, 0.08), accel_mps2=1.1,
+        decel_mps2=2.0, max_speed_mps=25.0, lateral_m=0.2,
     ),
     VehicleModel(
         name="bus", kind=AgentKind.BUS, sumo_class="bus",
-        length_m=(12.0, 0.5), width_m=(2.6, 0.05), accel_mps2=(1.1, 0.1),
-        decel_mps2=(1.9, 0.2), max_speed_mps=22.0, lateral_m=0.15,
+        length_m=(12.0, 0.5), width_m=(2.6, 0.05), accel_mps2=1.1,
+        decel_mps2=1.9, max_speed_mps=22.0, lateral_m=0.15,
     ),
     VehicleModel(
         name="motorcycle", kind=AgentKind.MOTORCYCLIST, sumo_class="motorcycle",
-        length_m=(2.2, 0.12), width_m=(0.85, 0.06), accel_mps2=(2.8, 0.5),
-        decel_mps2=(3.2, 0.5), max_speed_mps=40.0, lateral_m=0.6,
+        length_m=(2.2, 0.12), width_m=(0.85, 0.06), accel_mps2=2.8,
+        decel_mps2=3.2, max_speed_mps=40.0, lateral_m=0.6,
     ),
     VehicleModel(
         name="bicycle", kind=AgentKind.CYCLIST, sumo_class="bicycle",
-        length_m=(1.78, 0.06), width_m=(0.65, 0.04), accel_mps2=(1.1, 0.2),
-        decel_mps2=(2.2, 0.3), max_speed_mps=5.0, lateral_m=0.3,
+        length_m=(1.78, 0.06), width_m=(0.65, 0.04), accel_mps2=1.1,
+        decel_mps2=2.05, max_speed_mps=5.0, lateral_m=0.3,
     ),
 )  # fmt: skip
+
+ACCEL_SPREAD: Final = 0.5
+"""Standard deviation of the logarithm of drivers' accelerations."""
+
+DECEL_SPREAD: Final = 0.3
+"""The same of how hard they brake."""
+
+ACCEL_OVER_SPEED: Final = (
+    (0.0, 1.45), (3.0, 1.6), (6.0, 1.2), (10.0, 1.0), (14.0, 0.75), (20.0, 0.5),
+    (40.0, 0.3),
+)  # fmt: skip
+"""How much of their acceleration drivers still use at a speed in m/s."""
 
 PEDESTRIAN_SIZE_M: Final = (0.65, 0.7)
 
@@ -90,7 +104,10 @@ def draw_type(
     lateral = float(np.clip(random.normal(0.0, model.lateral_m), -1.1, 1.1))
     if model.kind is AgentKind.CYCLIST:
         lateral = -1.2 + lateral
-    decel = around(model.decel_mps2)
+    harsh = float(np.clip(random.normal(0.0, DECEL_SPREAD), -0.5, 0.5))
+    decel = model.decel_mps2 * np.exp(harsh)
+    pace = float(np.clip(random.normal(0.0, ACCEL_SPREAD), -0.8, 0.8))
+    accel = model.accel_mps2 * np.exp(pace)
     attributes = {
         "id": type_id,
         "vClass": model.sumo_class,
@@ -100,11 +117,15 @@ def draw_type(
         "carFollowModel": "Krauss",
         "sigma": random.uniform(0.1, 0.3),
         "tau": random.uniform(0.9, 1.7),
-        "accel": around(model.accel_mps2),
+        "accel": accel,
+        "speedTable": " ".join(f"{speed:g}" for speed, _ in ACCEL_OVER_SPEED),
+        "desAccelProfile": " ".join(
+            f"{accel * share:.3f}" for _, share in ACCEL_OVER_SPEED
+        ),
         "decel": decel,
         "emergencyDecel": max(2.5 * decel, 6.5),
         "maxSpeed": around((model.max_speed_mps, 0.12 * model.max_speed_mps)),
-        "speedFactor": np.clip(random.normal(1.15, 0.11), 0.8, 1.3),
+        "speedFactor": np.clip(random.normal(1.22, 0.12), 0.85, 1.4),
         "speedDev": 0.0,
         "startupDelay": random.uniform(0.0, 1.2),
         "latAlignment": f"{lateral:.2f}",
