@@ -27,7 +27,7 @@ class DemandOptions:
     """Spread of the flows of entries, as that of a log-normal law."""
     turn_cost_s: float = 40.0
     """Detour that a driver accepts to save a turn."""
-    turn_aversion: float = 1.7
+    turn_aversion: float = 2.0
     """How much rarer destinations become with every turn towards them."""
     halting_share: float = 0.05
     """Share of vehicles that halt at the kerb for a while on their way."""
