@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.future_motion import Motion, motion_of
 from pd_editor.diffusion.guidance import NearestCandidateGuide
 from pd_editor.diffusion.joint_choice import FutureChoices, choose_futures
 from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
 from pd_editor.diffusion.trajectory_basis import TrajectoryBasis
-from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory_sampling import (
     TrajectorySamplerConfig,
     sample_trajectories,
@@ -100,7 +100,7 @@ class DrawnFutures:
 
 
 def draw_futures(
-    model: TrajectoryDenoiser,
+    network: FoldedDenoiser,
     task: FutureTask,
     samples: Sequence[int],
     options: FutureOptions,
@@ -109,6 +109,7 @@ def draw_futures(
 
     Yields the share that is done, and how to get the futures believed in so far.
     """
+    model = network.model
     basis = model.way_points.basis
     tries = options.num_tries
     guide = NearestCandidateGuide.of(model, task.scene, _pull(task, options))
@@ -117,7 +118,7 @@ def draw_futures(
     for first in range(0, len(samples), at_once):
         chunk = samples[first : first + at_once]
         steps = sample_trajectories(
-            model,
+            network,
             task.scene,
             samples=[sample * tries + t for sample in chunk for t in range(tries)],
             seed=options.seed,

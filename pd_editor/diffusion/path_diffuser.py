@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Int
 
 from pd_editor.diffusion.defaults import DEFAULT_WEIGHT, NUM_STEPS, NUM_TRIES
+from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.future_drawing import FutureOptions, FutureTask, draw_futures
 from pd_editor.diffusion.future_motion import Motion
 from pd_editor.diffusion.giving_way import giving_way
@@ -55,6 +56,7 @@ class PathDiffuser:
         """Weights are read when they are first needed."""
         self._folder, self._name = Path(folder), name
         self._model: TrainedModel | None = None
+        self._driver: FoldedDenoiser | None = None
         self._lock = threading.Lock()
 
     @property
@@ -80,6 +82,7 @@ class PathDiffuser:
             ModelError: they are missing, damaged or foreign.
         """
         self.model()
+        self._folded_driver()
 
     def generate(
         self, request: GenerationRequest
@@ -121,6 +124,14 @@ class PathDiffuser:
             elapsed_s=time.perf_counter() - began,
             notes=(*notes, *_notes(request)),
         )
+
+    def _folded_driver(self) -> FoldedDenoiser:
+        driver = self.model().stage(TRAJECTORIES.name).model
+        assert isinstance(driver, TrajectoryDenoiser)
+        with self._lock:
+            if self._driver is None:
+                self._driver = FoldedDenoiser(driver)
+            return self._driver
 
     def _placed_and_driven(
         self, request: GenerationRequest
@@ -166,10 +177,9 @@ class PathDiffuser:
         ids: tuple[str, ...],
         indices: range,
     ) -> Generator[DenoisingProgress, None, tuple[list[TrafficSample], list[str]]]:
-        driver = self.model().stage(TRAJECTORIES.name).model
-        assert isinstance(driver, TrajectoryDenoiser)
+        driver = self._folded_driver()
         rows = scenario.agents.rows(ids)
-        task = FutureTask.of(scenario, rows, driver.way_points.basis)
+        task = FutureTask.of(scenario, rows, driver.model.way_points.basis)
         futures = draw_futures(driver, task, indices, _options(request))
         while True:
             try:

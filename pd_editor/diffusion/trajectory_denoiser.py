@@ -144,7 +144,7 @@ class TrajectoryDenoiser(nn.Module):
         """What each block takes for clean; the last one is the result."""
         flat, flat_level = noisy.flatten(1, 2), level.flatten(1, 2)[..., None]
         alpha, sigma = self.schedule.alpha(flat_level), self.schedule.sigma(flat_level)
-        levels = _level_features(flat_level, alpha, sigma)
+        levels = level_features(flat_level, alpha, sigma)
         hidden = self.noisy_in(torch.cat([flat, levels], dim=-1)) + context.agent
         hidden = self.token(nn.functional.relu(hidden))
         biases = self.level_bias(levels).chunk(self.config.num_blocks, dim=-1)
@@ -193,11 +193,12 @@ def _agent_features(scene: SceneTensors) -> Float[Tensor, "B A F"]:
     return torch.cat([numbers, kind], dim=-1)
 
 
-def _level_features(
-    level: Float[Tensor, "S G 1"],
-    alpha: Float[Tensor, "S G 1"],
-    sigma: Float[Tensor, "S G 1"],
-) -> Float[Tensor, "S G 7"]:
+def level_features(
+    level: Float[Tensor, "*shape 1"],
+    alpha: Float[Tensor, "*shape 1"],
+    sigma: Float[Tensor, "*shape 1"],
+) -> Float[Tensor, "*shape 7"]:
+    """A noise level in numbers of about one."""
     return torch.cat(
         [
             level,

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.defaults import NUM_STEPS
+from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.random_streams import RandomStreams
 from pd_editor.diffusion.sampler import ddim, levels_of
 from pd_editor.diffusion.scene_tensors import SceneTensors
@@ -40,7 +41,7 @@ class TrajectoryStep:
 
 
 def sample_trajectories(
-    model: TrajectoryDenoiser,
+    model: TrajectoryDenoiser | FoldedDenoiser,
     scene: SceneTensors,
     *,
     samples: Sequence[int],
@@ -55,7 +56,7 @@ def sample_trajectories(
     of a seed is the same alone and among others, but for float rounding.
 
     Args:
-        model: In evaluation mode.
+        model: In evaluation mode; who draws often gives it folded.
         scene: Futures are read of given agents only.
         samples: Indices of the S samples to draw.
         seed: Of all samples.
@@ -70,16 +71,17 @@ def sample_trajectories(
     given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
     streams = RandomStreams(seed, "futures", samples)
     levels = levels_of(config.num_steps, config.candidate_level)
+    network = model if isinstance(model, FoldedDenoiser) else FoldedDenoiser(model)
     with torch.inference_mode():
-        context = _context(model, scene)
-        start = _start(model, scene, streams, config)
+        context = _context(network.model, scene)
+        start = _start(network.model, scene, streams, config)
+        drawing = network.drawing(context, given, levels[:-1], len(samples))
         latent = start
         done = 0
 
-        def denoise(noisy: Tensor, level: float) -> Tensor:
+        def denoise(noisy: Tensor, _: float) -> Tensor:
             held = torch.where(given[..., None], scene.future, noisy)
-            each = torch.where(given, 0.0, level).expand(noisy.shape[:-1])
-            clean = model.denoise(context, held, each)
+            clean = drawing.denoise(held, done)
             if guide is not None:
                 clean = guide(clean, done / config.num_steps)
             return torch.where(given[..., None], scene.future, clean)
@@ -87,7 +89,7 @@ def sample_trajectories(
         steps = ddim(
             denoise,
             start,
-            model.schedule,
+            network.model.schedule,
             levels,
             eta=config.fresh_noise,
             streams=streams,

@@ -17,7 +17,8 @@ from pd_editor.windows.packed_scene import LATENT_SIZE
 NUM_WAY_POINTS: Final = 8
 NUM_WAY_FEATURES: Final = 3 * NUM_WAY_POINTS
 
-_NEAR_M: Final = 4.0
+NEAR_M: Final = 4.0
+"""Distance at which closeness is one half."""
 
 
 class TrajectoryDecoder(nn.Module):
@@ -110,8 +111,8 @@ class WayPoints(TrajectoryDecoder):
         x, y, cos, sin = context.neighbor_pose[..., None, :].unbind(-1)
         gap_x = cos * their_x - sin * their_y + (x - own_x)
         gap_y = sin * their_x + cos * their_y + (y - own_y)
-        near = 1 / (torch.sqrt(gap_x.square() + gap_y.square() + 1e-6) + _NEAR_M)
-        return torch.cat([gap_x * near, gap_y * near, _NEAR_M * near], dim=-1)
+        near = 1 / (torch.sqrt(gap_x.square() + gap_y.square() + 1e-6) + NEAR_M)
+        return torch.cat([gap_x * near, gap_y * near, NEAR_M * near], dim=-1)
 
 
 def _empty(num_steps: int) -> dict[str, list[float] | list[list[float]]]:
