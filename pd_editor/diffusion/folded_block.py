@@ -66,7 +66,7 @@ class FoldedBlock:
         self.way_in = like * factors
         for name in ("queries", "attended", "first", "second", "guess"):
             weight, bias = getattr(self, name)
-            setattr(self, name, (weight.to(like), bias.to(like)))
+            setattr(self, name, (weight.to(like, copy=True), bias.to(like, copy=True)))
 
     def _folded_queries(self, queries: _Linear, block: AgentBlock) -> _Linear:
         """To things, to neighbours, to what edges add; own keys and values."""
