@@ -11,7 +11,11 @@ def _parking(
 ) -> ParkingOptions:
     """Vehicles along the kerb only; driveways and lots lie off the paved ground."""
     return ParkingOptions(
-        kerb_share=kerb_share, fullness=fullness, driveways_per_km=0.0, lots_per_km=0.0
+        kerb_share=kerb_share,
+        fullness=fullness,
+        angled_share=0.0,
+        driveways_per_km=0.0,
+        lots_per_km=0.0,
     )
 
 

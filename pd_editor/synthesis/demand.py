@@ -222,7 +222,9 @@ def _walks(
         return []
     lengths = np.array([edge.length_m for edge in edges])
     middles = np.array([edge.lanes[0].shape_m.mean(axis=0) for edge in edges])
-    present = options.pedestrians_per_km * lengths.sum() / 1000
+    spread = options.pedestrian_spread
+    crowd = random.lognormal(-0.5 * spread**2, spread)
+    present = crowd * options.pedestrians_per_km * lengths.sum() / 1000
     walk_time_s = WALK_M / PEDESTRIAN_SPEED_MPS
     num_first = random.poisson(present)
     num_later = random.poisson(present * duration_s / walk_time_s)

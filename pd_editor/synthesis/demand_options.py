@@ -9,8 +9,10 @@ class ParkingOptions:
 
     kerb_share: float = 0.5
     """Share of street sides along which vehicles park."""
-    fullness: tuple[float, float] = (0.3, 1.0)
+    fullness: tuple[float, float] = (0.2, 0.9)
     """Share of places taken along such a side, drawn between these."""
+    angled_share: float = 0.04
+    """Share of street sides with places at an angle off the lane."""
     driveways_per_km: float = 1.5
     """Vehicles in driveways, across the street or at an angle, per km of side."""
     lots_per_km: float = 0.08
@@ -32,7 +34,9 @@ class DemandOptions:
     halting_share: float = 0.05
     """Share of vehicles that halt at the kerb for a while on their way."""
     pedestrians_per_km: float = 3.2
-    """Pedestrians at any time on a km of sidewalk."""
+    """Pedestrians at any time on a km of sidewalk, at the mean over networks."""
+    pedestrian_spread: float = 1.2
+    """Spread between networks, as that of a log-normal law: many have hardly any."""
     shares: dict[str, float] = field(
         default_factory=lambda: {
             "car": 0.55, "suv": 0.28, "van": 0.07, "truck": 0.035, "bus": 0.025,

@@ -18,6 +18,7 @@ from pd_editor.synthesis.family_residential import (
 from pd_editor.synthesis.family_roundabout import draw_roundabout
 from pd_editor.synthesis.family_slip_lanes import draw_slip_lanes
 from pd_editor.synthesis.family_town import draw_town
+from pd_editor.synthesis.kerb_lanes import with_wide_kerb_lanes
 from pd_editor.synthesis.net_road_map import net_road_map
 from pd_editor.synthesis.network import Network
 from pd_editor.synthesis.plain_network import PlainNetwork, convert
@@ -37,14 +38,14 @@ _DRAW: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
 }
 FAMILIES: Final[tuple[str, ...]] = tuple(_DRAW)
 FAMILY_SHARES: Final[Mapping[str, float]] = {
-    "grid": 0.32,
+    "grid": 0.29,
     "downtown": 0.16,
     "arterial": 0.13,
     "town": 0.14,
     "t-junctions": 0.11,
-    "slip-lanes": 0.03,
-    "merge": 0.03,
-    "roundabout": 0.02,
+    "slip-lanes": 0.04,
+    "merge": 0.04,
+    "roundabout": 0.03,
     "winding-street": 0.04,
     "dead-ends": 0.02,
 }
@@ -73,7 +74,7 @@ def draw_network(family: str, seed: int, folder: Path) -> Network:
             f"{folder}: expected a folder that can be written ({error})."
         ) from error
     net = read_sumo_net(net_file)
-    mapped = net_road_map(net, random)
+    mapped = net_road_map(with_wide_kerb_lanes(net, random), random)
     return Network(
         name=f"{family}-{seed:05d}",
         family=family,

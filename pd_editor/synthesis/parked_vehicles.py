@@ -32,6 +32,10 @@ KERB_END_M: Final = 3.0
 SLOT_GAP_M: Final = (0.5, 1.6)
 """Between two places along the kerb."""
 
+ANGLED_PITCH_M: Final = 3.5
+ANGLED_ASIDE_M: Final = 3.0
+"""From the edge of the lane to the middles of vehicles at an angle to it."""
+
 LOT_PITCH_M: Final = 2.75
 LOT_AISLE_M: Final = 6.5
 
@@ -72,7 +76,10 @@ def draw_parked_vehicles(
         for line in network.parking_strips_m
     ]
     for kerb in _kerbs(network):
-        if random.random() < options.kerb_share:
+        style = random.random()
+        if style < options.angled_share:
+            places.append(_angled(kerb, options, random))
+        elif style < options.angled_share + options.kerb_share:
             aside = random.uniform(-0.9, 0.6)
             places.append(_along(kerb, options, KERB_END_M, aside, random))
         places.append(_driveways(kerb, options, random))
@@ -133,11 +140,27 @@ def _along(
     right = aside_m + random.normal(0.0, 0.18, len(at))
     position, heading = _beside(line, at, right)
     turned = np.where(random.random(len(at)) < 0.04, np.pi, 0.0)
-    noise = random.normal(0.0, np.deg2rad(1.5), len(at))
+    noise = np.deg2rad(np.clip(1.2 * random.standard_t(2, len(at)), -20.0, 20.0))
     return _Places(
         position_m=position,
         heading_rad=wrap_angle(heading + turned + noise),
         is_on_road=True,
+    )
+
+
+def _angled(
+    kerb: Float[np.ndarray, "N 2"], options: ParkingOptions, random: np.random.Generator
+) -> _Places:
+    """A row of places nose to the kerb, turned clockwise from the lane."""
+    at = np.arange(
+        KERB_END_M, arc_length(kerb)[-1] - 2 * KERB_END_M, ANGLED_PITCH_M
+    )
+    at = at[random.random(len(at)) < random.uniform(*options.fullness)]
+    aside = ANGLED_ASIDE_M + random.normal(0.0, 0.25, len(at))
+    position, heading = _beside(kerb, at, aside)
+    turn = np.deg2rad(random.uniform(-60.0, -42.0) + random.normal(0.0, 2.5, len(at)))
+    return _Places(
+        position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=False
     )
 
 
@@ -149,7 +172,7 @@ def _driveways(
     count = random.poisson(options.driveways_per_km * length / 1000)
     at = random.uniform(0.0, length, count)
     position, heading = _beside(kerb, at, random.uniform(3.0, 10.0, count))
-    turn = random.choice(np.deg2rad([90.0, -90.0, 60.0, 0.0]), count)
+    turn = random.choice(np.deg2rad([90.0, -90.0, -60.0, 0.0]), count)
     turn = turn + random.normal(0.0, np.deg2rad(5.0), count)
     return _Places(
         position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=False

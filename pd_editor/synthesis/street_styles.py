@@ -7,7 +7,9 @@ import numpy as np
 from pd_editor.synthesis.plain_network import NodeKind
 from pd_editor.synthesis.street import Carriageway
 
-_LANE_WIDTHS_M: Final = (3.0, 3.7)
+_LANE_WIDTH_M: Final = 3.3
+_LANE_SPREAD_M: Final = 0.3
+_LANE_WIDTHS_M: Final = (2.75, 4.1)
 _SIDEWALK_M: Final = 2.5
 _CORNER_M: Final = 3.3
 _CORNER_SPREAD: Final = 0.8
@@ -23,7 +25,7 @@ def residential(random: np.random.Generator) -> Carriageway:
     return Carriageway(
         num_lanes=1,
         lane_width_m=width,
-        speed_mps=float(random.uniform(8.0, 11.5)),
+        speed_mps=float(random.uniform(8.5, 12.5)),
         parking_width_m=parking,
         sidewalk_width_m=_SIDEWALK_M,
     )
@@ -31,12 +33,13 @@ def residential(random: np.random.Generator) -> Carriageway:
 
 def collector(random: np.random.Generator) -> Carriageway:
     """A through street of one or two lanes a direction."""
+    bike = _drawn(random, 0.4, 1.5, 2.0)
     return Carriageway(
         num_lanes=int(random.choice([1, 2], p=[0.6, 0.4])),
         lane_width_m=_width(random),
-        speed_mps=float(random.uniform(10.0, 14.0)),
-        bike_width_m=_drawn(random, 0.4, 1.5, 2.0),
-        parking_width_m=_drawn(random, 0.4, 2.1, 2.6),
+        speed_mps=float(random.uniform(11.0, 15.0)),
+        bike_width_m=bike,
+        parking_width_m=_drawn(random, 0.15 if bike else 0.55, 2.1, 2.6),
         sidewalk_width_m=_SIDEWALK_M,
     )
 
@@ -47,7 +50,7 @@ def avenue(random: np.random.Generator) -> Carriageway:
     return Carriageway(
         num_lanes=int(random.choice([2, 3, 4], p=[0.6, 0.32, 0.08])),
         lane_width_m=_width(random),
-        speed_mps=float(random.uniform(11.5, 17.0)),
+        speed_mps=float(random.uniform(12.0, 18.0)),
         has_bus_lane=bool(random.random() < 0.1),
         bike_width_m=_drawn(random, 0.35, 1.5, 2.0),
         parking_width_m=_drawn(random, 0.15, 2.2, 2.6),
@@ -58,13 +61,14 @@ def avenue(random: np.random.Generator) -> Carriageway:
 
 def one_way(random: np.random.Generator) -> Carriageway:
     """A one-way street downtown."""
+    bike = _drawn(random, 0.4, 1.5, 2.0)
     return Carriageway(
         num_lanes=int(random.choice([1, 2, 3, 4], p=[0.2, 0.4, 0.3, 0.1])),
         lane_width_m=_width(random),
-        speed_mps=float(random.uniform(9.0, 13.5)),
+        speed_mps=float(random.uniform(10.0, 14.5)),
         has_bus_lane=False,
-        bike_width_m=_drawn(random, 0.4, 1.5, 2.0),
-        parking_width_m=_drawn(random, 0.5, 2.1, 2.5),
+        bike_width_m=bike,
+        parking_width_m=_drawn(random, 0.2 if bike else 0.6, 2.1, 2.5),
         sidewalk_width_m=_SIDEWALK_M,
         is_one_way=True,
     )
@@ -102,7 +106,8 @@ def crossing_width_m(random: np.random.Generator) -> float:
 
 
 def _width(random: np.random.Generator) -> float:
-    return round(float(random.uniform(*_LANE_WIDTHS_M)), 2)
+    width = random.normal(_LANE_WIDTH_M, _LANE_SPREAD_M)
+    return round(float(np.clip(width, *_LANE_WIDTHS_M)), 2)
 
 
 def _drawn(
