@@ -11,7 +11,7 @@ from pd_editor.errors import SynthesisError
 from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.polyline import arc_length, point_at, resample, without_repeats
 
-LATERAL_MPS2: Final = 2.0
+LATERAL_MPS2: Final = 2.5
 """Lateral acceleration in a bend of a driver who keeps to its limit."""
 
 REACH: Final = 3

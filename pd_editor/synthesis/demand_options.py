@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 class ParkingOptions:
     """How much stands beside the road."""
 
-    kerb_share: float = 0.5
+    kerb_share: float = 0.4
     """Share of street sides along which vehicles park."""
-    fullness: tuple[float, float] = (0.2, 0.9)
+    fullness: tuple[float, float] = (0.15, 0.9)
     """Share of places taken along such a side, drawn between these."""
-    angled_share: float = 0.04
+    angled_share: float = 0.045
     """Share of street sides with places at an angle off the lane."""
-    driveways_per_km: float = 1.5
+    driveways_per_km: float = 1.2
     """Vehicles in driveways, across the street or at an angle, per km of side."""
-    lots_per_km: float = 0.08
+    lots_per_km: float = 0.06
     """Small parking lots off the road, per km of side."""
 
 
@@ -23,7 +23,7 @@ class ParkingOptions:
 class DemandOptions:
     """Who is on the road, and how many."""
 
-    flow_per_lane: float = 250.0
+    flow_per_lane: float = 320.0
     """Vehicles an hour and lane that enter at a typical entry of the network."""
     flow_spread: float = 0.6
     """Spread of the flows of entries, as that of a log-normal law."""
@@ -31,11 +31,11 @@ class DemandOptions:
     """Detour that a driver accepts to save a turn."""
     turn_aversion: float = 2.0
     """How much rarer destinations become with every turn towards them."""
-    halting_share: float = 0.05
+    halting_share: float = 0.08
     """Share of vehicles that halt at the kerb for a while on their way."""
-    pedestrians_per_km: float = 3.2
+    pedestrians_per_km: float = 2.8
     """Pedestrians at any time on a km of sidewalk, at the mean over networks."""
-    pedestrian_spread: float = 1.2
+    pedestrian_spread: float = 1.0
     """Spread between networks, as that of a log-normal law: many have hardly any."""
     shares: dict[str, float] = field(
         default_factory=lambda: {

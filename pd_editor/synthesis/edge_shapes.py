@@ -34,10 +34,10 @@ S-curve, sums to one."""
 
 
 _SHARE: Final = {
-    CurveKind.STRAIGHT: 0.55,
-    CurveKind.ARC: 0.15,
-    CurveKind.S_CURVE: 0.12,
-    CurveKind.CLOTHOID: 0.18,
+    CurveKind.STRAIGHT: 0.7,
+    CurveKind.ARC: 0.1,
+    CurveKind.S_CURVE: 0.08,
+    CurveKind.CLOTHOID: 0.12,
 }
 """Most streets of Argoverse 2's cities are straight."""
 

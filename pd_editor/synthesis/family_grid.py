@@ -39,7 +39,7 @@ def _grid(random: np.random.Generator, shares: dict[Style, float]) -> PlainNetwo
         for places in (columns, rows)
     ]
     forward = random.random((2, max(len(columns), len(rows)))) < 0.5
-    sketch = NetworkSketch(land=bent_land(random, float(random.choice([0, 5, 12]))))
+    sketch = NetworkSketch(land=bent_land(random, float(random.choice([0, 0, 3, 10]))))
     _nodes(sketch, columns, rows, style, random)
     bay_m = float(random.uniform(25, 45))
     for i in range(len(columns)):

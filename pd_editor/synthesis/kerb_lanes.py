@@ -8,7 +8,7 @@ import numpy as np
 from pd_editor.geometry.polyline import offset_line, without_repeats
 from pd_editor.synthesis.sumo_net import SumoLane, SumoNet
 
-SHARE_OF_SINGLE: Final = 0.7
+SHARE_OF_SINGLE: Final = 0.55
 """Of streets with one lane a direction. A third of the vehicles that stand beside lanes
 in Argoverse 2 do so within 2 m of the centre lines of lanes that are 5 to 6 m wide."""
 SHARE_OF_SEVERAL: Final = 0.3

@@ -33,7 +33,7 @@ SLOT_GAP_M: Final = (0.5, 1.6)
 """Between two places along the kerb."""
 
 ANGLED_PITCH_M: Final = 3.5
-ANGLED_ASIDE_M: Final = 3.0
+ANGLED_ASIDE_M: Final = 4.6
 """From the edge of the lane to the middles of vehicles at an angle to it."""
 
 LOT_PITCH_M: Final = 2.75
@@ -72,7 +72,7 @@ def draw_parked_vehicles(
 ) -> ParkedVehicles:
     """Parked vehicles that touch neither traffic nor each other."""
     places = [
-        _along(line, options, STRIP_END_M, random.uniform(-0.9, 0.25), random)
+        _along(line, options, STRIP_END_M, random.uniform(-0.35, 0.45), random)
         for line in network.parking_strips_m
     ]
     for kerb in _kerbs(network):
@@ -80,7 +80,7 @@ def draw_parked_vehicles(
         if style < options.angled_share:
             places.append(_angled(kerb, options, random))
         elif style < options.angled_share + options.kerb_share:
-            aside = random.uniform(-0.9, 0.6)
+            aside = random.uniform(-0.9, 1.2)
             places.append(_along(kerb, options, KERB_END_M, aside, random))
         places.append(_driveways(kerb, options, random))
         places.append(_lots(kerb, options, random))
@@ -139,7 +139,7 @@ def _along(
     at = at[taken & (at < length + end_m)]
     right = aside_m + random.normal(0.0, 0.18, len(at))
     position, heading = _beside(line, at, right)
-    turned = np.where(random.random(len(at)) < 0.04, np.pi, 0.0)
+    turned = np.where(random.random(len(at)) < 0.02, np.pi, 0.0)
     noise = np.deg2rad(np.clip(1.2 * random.standard_t(2, len(at)), -20.0, 20.0))
     return _Places(
         position_m=position,
@@ -152,9 +152,7 @@ def _angled(
     kerb: Float[np.ndarray, "N 2"], options: ParkingOptions, random: np.random.Generator
 ) -> _Places:
     """A row of places nose to the kerb, turned clockwise from the lane."""
-    at = np.arange(
-        KERB_END_M, arc_length(kerb)[-1] - 2 * KERB_END_M, ANGLED_PITCH_M
-    )
+    at = np.arange(KERB_END_M, arc_length(kerb)[-1] - 2 * KERB_END_M, ANGLED_PITCH_M)
     at = at[random.random(len(at)) < random.uniform(*options.fullness)]
     aside = ANGLED_ASIDE_M + random.normal(0.0, 0.25, len(at))
     position, heading = _beside(kerb, at, aside)

@@ -14,7 +14,7 @@ _SIDEWALK_M: Final = 2.5
 _CORNER_M: Final = 3.3
 _CORNER_SPREAD: Final = 0.8
 """Of the logarithm of the radius."""
-_CORNERS_M: Final = (1.5, 12.0)
+_CORNERS_M: Final = (2.2, 12.0)
 """Least and most radius."""
 
 
@@ -82,12 +82,12 @@ def control(
     shares = {NodeKind.SIGNALS: 1.0}
     if more == 1:
         shares = {
-            NodeKind.ALL_WAY_STOP: 0.45,
-            NodeKind.MINOR_STOP: 0.4,
+            NodeKind.ALL_WAY_STOP: 0.25,
+            NodeKind.MINOR_STOP: 0.6,
             NodeKind.SIGNALS: 0.15,
         }
     elif fewer == 1:
-        shares = {NodeKind.MINOR_STOP: 0.45, NodeKind.SIGNALS: 0.55}
+        shares = {NodeKind.MINOR_STOP: 0.6, NodeKind.SIGNALS: 0.4}
     return list(shares)[random.choice(len(shares), p=list(shares.values()))]
 
 

@@ -115,7 +115,7 @@ def draw_type(
         "width": width,
         "minGap": random.uniform(1.4, 3.2),
         "carFollowModel": "Krauss",
-        "sigma": random.uniform(0.1, 0.3),
+        "sigma": random.uniform(0.05, 0.2),
         "tau": random.uniform(0.9, 1.7),
         "accel": accel,
         "speedTable": " ".join(f"{speed:g}" for speed, _ in ACCEL_OVER_SPEED),

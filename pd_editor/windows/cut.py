@@ -29,7 +29,7 @@ PAST_STEPS: Final = 50
 FUTURE_STEPS: Final = 59
 MIN_TRACK_STEPS: Final = 10
 MEAN_NUM_SCORED: Final = 2.6
-_NEAR_M: Final = 20.0
+_NEAR_M: Final = 14.0
 """Distance from the focal agent over which ego and scored agents become rarer by e."""
 _PATH_STRIDE: Final = 5
 _ID_SPACE: Final = uuid.UUID("6f1c1a52-31f3-5c0e-9f2d-3a0c54f1b7d6")
