@@ -9,13 +9,39 @@ from dataclasses import dataclass
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
-from torch.nn.functional import layer_norm, linear
+from torch.nn.functional import layer_norm
 
 from pd_editor.diffusion.agent_block import AgentBlock
 from pd_editor.diffusion.way_points import NEAR_M
 
 _Linear = tuple[Tensor, Tensor]
 """Weight and bias."""
+
+
+class Affine:
+    """A linear layer, its weights as they are multiplied fastest."""
+
+    def __init__(self, layer: _Linear, like: Tensor) -> None:
+        """Weights are copied, onto the device of ``like`` and in its precision."""
+        weight, bias = layer
+        self._weight = weight.t().to(like).contiguous()
+        self._bias = bias.to(like, copy=True)
+
+    def __call__(self, values: Float[Tensor, "Z I"]) -> Float[Tensor, "Z O"]:
+        """The layer's output."""
+        return torch.addmm(self._bias, values, self._weight)
+
+
+class _Norm:
+    """A layer norm; with its weights it is faster than without, oddly."""
+
+    def __init__(self, norm: nn.Module) -> None:
+        assert isinstance(norm, nn.LayerNorm)
+        self._weight, self._bias = norm.weight.clone(), norm.bias.clone()
+        self._shape, self._epsilon = norm.normalized_shape, norm.eps
+
+    def __call__(self, values: Float[Tensor, "Z I"]) -> Float[Tensor, "Z I"]:
+        return layer_norm(values, self._shape, self._weight, self._bias, self._epsilon)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,9 +60,14 @@ class Surroundings:
 
     hidden_things: Float[Tensor, "G H2 1 N"]
     """Added to logits: minus infinity where there is nothing."""
-    neighbor: Int[Tensor, "V H A K"]
-    """Rows within the scene, for each of V versions: S samples of B scenes."""
-    hidden_neighbors: Float[Tensor, "V A 1 K"]
+    num_neighbors: int
+    """K, the agent itself counted."""
+    neighbor: Int[Tensor, "V H A W"]
+    """Rows within the scene, for each of V versions: S samples of B scenes.
+
+    Filled up to a width W at which a softmax is fast.
+    """
+    hidden_neighbors: Float[Tensor, "V 1 A W"]
 
 
 class FoldedBlock:
@@ -47,26 +78,24 @@ class FoldedBlock:
         width, heads = block.width, block.num_heads
         self.num_heads, self.width = heads, width
         self.edge_width = block.way_in.out_features
-        queries = _after_norm(block.norm, block.queries)
-        self.queries = self._folded_queries(queries, block)
-        self.attended = self._folded_result(_double(block.attended), block)
+        like = block.queries.weight
+        queries = self._folded_queries(_double(block.queries), block)
+        self.queries = Affine(queries, like)
+        result = self._folded_result(_double(block.attended), block)
+        self.attended = Affine(result, like)
         self.sizes = [2 * width, width, heads * self.edge_width, width, width]
-        norm, first, _, second = block.feed_forward
-        assert isinstance(norm, nn.LayerNorm)
+        second_norm, first, _, second = block.feed_forward
+        third_norm, guess = block.guess
         assert isinstance(first, nn.Linear)
         assert isinstance(second, nn.Linear)
-        self.first, self.second = _after_norm(norm, first), _double(second)
-        norm, guess = block.guess
-        assert isinstance(norm, nn.LayerNorm)
         assert isinstance(guess, nn.Linear)
-        self.guess = _after_norm(norm, guess)
-        like = block.way_in.weight
-        units = [1.0, 1.0, NEAR_M]
-        factors = like.new_tensor(units).repeat_interleave(like.shape[1] // 3)
-        self.way_in = like * factors
-        for name in ("queries", "attended", "first", "second", "guess"):
-            weight, bias = getattr(self, name)
-            setattr(self, name, (weight.to(like, copy=True), bias.to(like, copy=True)))
+        self.first = Affine(_double(first), like)
+        self.second = Affine(_double(second), like)
+        self.guess = Affine(_double(guess), like)
+        self.norms = [_Norm(one) for one in (block.norm, second_norm, third_norm)]
+        factors = like.new_tensor([1.0, 1.0, NEAR_M])
+        factors = factors.repeat_interleave(block.way_in.in_features // 3)
+        self.way_in = (block.way_in.weight * factors).t().contiguous()
 
     def _folded_queries(self, queries: _Linear, block: AgentBlock) -> _Linear:
         """To things, to neighbours, to what edges add; own keys and values."""
@@ -98,16 +127,18 @@ class FoldedBlock:
 
     def __call__(
         self,
-        hidden: Float[Tensor, "V A E"],
-        ways: Float[Tensor, "S Z 24"] | None,
+        hidden: Float[Tensor, "Z E"],
+        ways: Float[Tensor, "N 24"] | None,
         memory: FoldedMemory,
         around: Surroundings,
-    ) -> tuple[Float[Tensor, "V A E"], Float[Tensor, "V A 10"]]:
-        """Hidden states after the block, and the network output guessed from them."""
-        width = (self.width,)
-        things, near, to_edge, keys, values = linear(
-            layer_norm(hidden, width), *self.queries
-        ).split(self.sizes, dim=-1)
+    ) -> tuple[Float[Tensor, "Z E"], Float[Tensor, "Z 10"]]:
+        """Hidden states after the block, and the network output guessed from them.
+
+        Z are the A agents of V versions, N their neighbours.
+        """
+        before, between, after = self.norms
+        queries = self.queries(before(hidden))
+        things, near, to_edge, keys, values = queries.split(self.sizes, dim=-1)
         seen = torch.cat(
             [
                 self._recalled(things, memory, around),
@@ -115,81 +146,73 @@ class FoldedBlock:
             ],
             dim=-1,
         )
-        hidden = linear(seen, *self.attended).add_(hidden)
-        inner = linear(layer_norm(hidden, width), *self.first).relu_()
-        hidden = linear(inner, *self.second).add_(hidden)
-        return hidden, linear(layer_norm(hidden, width), *self.guess)
+        hidden = self.attended(seen).add_(hidden)
+        inner = self.first(between(hidden)).relu_()
+        hidden = self.second(inner).add_(hidden)
+        return hidden, self.guess(after(hidden))
 
     def _recalled(
         self,
-        query: Float[Tensor, "V A HD"],
+        query: Float[Tensor, "Z E2"],
         memory: FoldedMemory,
         around: Surroundings,
-    ) -> Float[Tensor, "V A HD"]:
+    ) -> Float[Tensor, "Z E2"]:
         """What each agent remembers of pieces and candidates."""
         num_agents, heads = memory.keys.shape[:2]
-        shape = query.shape
         # All samples of an agent look at the same things.
-        queries = query.reshape(-1, num_agents, heads, shape[-1] // heads)
+        queries = query.unflatten(0, (-1, num_agents)).unflatten(-1, (heads, -1))
         queries = queries.permute(1, 2, 0, 3).flatten(0, 1)
         logits = torch.bmm(queries, memory.keys.flatten(0, 1))
         logits = logits.view(num_agents, heads, *logits.shape[1:])
         weights = logits.add_(around.hidden_things).softmax(dim=-1).flatten(0, 1)
         found = torch.bmm(weights, memory.values.flatten(0, 1))
         found = found.view(num_agents, heads, *found.shape[1:])
-        return found.permute(2, 0, 1, 3).reshape(shape)
+        return found.permute(2, 0, 1, 3).reshape(query.shape)
 
     def _neighbors(
         self,
-        query: Float[Tensor, "V A E"],
-        to_edge: Float[Tensor, "V A HF"],
-        keys: Float[Tensor, "V A E"],
-        values: Float[Tensor, "V A E"],
-        ways: Float[Tensor, "S Z 24"] | None,
+        query: Float[Tensor, "Z E"],
+        to_edge: Float[Tensor, "Z HF"],
+        keys: Float[Tensor, "Z E"],
+        values: Float[Tensor, "Z E"],
+        ways: Float[Tensor, "N 24"] | None,
         memory: FoldedMemory,
         around: Surroundings,
-    ) -> tuple[Float[Tensor, "V A HF"], Float[Tensor, "V A E"]]:
+    ) -> tuple[Float[Tensor, "Z HF"], Float[Tensor, "Z E"]]:
         """What each agent sees of edges, and of its neighbours themselves."""
-        versions, agents = query.shape[:2]
-        num_edges = versions * agents * around.neighbor.shape[-1]
-        edge = self._edges(ways, memory, num_edges)
-        edge = edge.view(versions * agents, -1, self.edge_width)
-        to_edge = to_edge.reshape(versions * agents, self.num_heads, -1)
-        among = torch.bmm(self._heads(query), self._heads(keys).mT)
-        among = among.view(versions, self.num_heads, agents, agents)
-        logits = torch.bmm(to_edge, edge.mT)
-        logits = logits.view(versions, agents, self.num_heads, -1)
-        logits = logits + among.gather(-1, around.neighbor).transpose(1, 2)
-        weights = logits.add_(around.hidden_neighbors).softmax(dim=-1)
-        of_edge = torch.bmm(weights.flatten(0, 1), edge)
-        spread = torch.zeros_like(among)
-        spread.scatter_add_(-1, around.neighbor, weights.transpose(1, 2))
-        of_near = torch.bmm(spread.flatten(0, 1), self._heads(values))
-        of_near = of_near.view(versions, self.num_heads, agents, -1).transpose(1, 2)
-        return of_edge.view(versions, agents, -1), of_near.flatten(2)
+        versions, heads, agents = around.neighbor.shape[:3]
+        number = around.num_neighbors
+        edge = self._edges(ways, memory, len(query) * number)
+        edge = edge.view(len(query), number, self.edge_width)
+        shape = (versions, agents, heads, -1)
+        by_head = [
+            part.view(shape).transpose(1, 2).flatten(0, 1)
+            for part in (query, keys, values)
+        ]
+        among = torch.bmm(by_head[0], by_head[1].mT)
+        among = among.view(versions, heads, agents, agents)
+        of_edges = torch.bmm(to_edge.view(len(query), heads, -1), edge.mT)
+        of_edges = of_edges.view(versions, agents, heads, number)
+        logits = among.gather(-1, around.neighbor).add_(around.hidden_neighbors)
+        logits[..., :number] += of_edges.transpose(1, 2)
+        weights = logits.softmax(dim=-1)
+        spread = torch.zeros_like(among).scatter_add_(-1, around.neighbor, weights)
+        of_near = torch.bmm(spread.flatten(0, 1), by_head[2])
+        of_near = of_near.view(versions, heads, agents, -1).transpose(1, 2)
+        weights = weights[..., :number].transpose(1, 2).flatten(0, 1)
+        of_edge = torch.bmm(weights, edge)
+        return of_edge.flatten(1), of_near.reshape(query.shape)
 
     def _edges(
-        self,
-        ways: Float[Tensor, "S Z 24"] | None,
-        memory: FoldedMemory,
-        num_edges: int,
+        self, ways: Float[Tensor, "N 24"] | None, memory: FoldedMemory, num_edges: int
     ) -> Float[Tensor, "N F"]:
         """Of all versions in a row."""
         if ways is None:
             return memory.edge.relu().repeat(num_edges // len(memory.edge), 1)
-        edge = linear(ways, self.way_in).add_(memory.edge).relu_()
-        return edge.flatten(0, 1)
-
-    def _heads(self, values: Float[Tensor, "V A E"]) -> Float[Tensor, "Z A D"]:
-        heads = values.unflatten(-1, (self.num_heads, -1)).transpose(1, 2)
-        return heads.flatten(0, 1)
+        edge = ways @ self.way_in
+        edge.view(-1, *memory.edge.shape).add_(memory.edge)
+        return edge.relu_()
 
 
 def _double(layer: nn.Linear) -> _Linear:
     return layer.weight.double(), layer.bias.double()
-
-
-def _after_norm(norm: nn.LayerNorm, layer: nn.Linear) -> _Linear:
-    """The layer with the norm's factors and offsets, which then need not be applied."""
-    weight, bias = _double(layer)
-    return weight * norm.weight.double(), bias + weight @ norm.bias.double()

@@ -20,6 +20,8 @@ from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser, level_fe
 from pd_editor.diffusion.way_points import NEAR_M
 
 _LEAST_SQUARE: Final = 1e-6
+_FAST_WIDTH: Final = 16
+"""At multiples of it a softmax over few numbers is several times as fast."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,20 +114,17 @@ class FutureDrawing:
         model, levels = self._network.model, self._levels
         first = linear(noisy, model.noisy_in.weight[:, : noisy.shape[-1]])
         first = first.add_(self._agent).add_(self._at(levels.first, index))
-        hidden = model.token(first.relu_()).flatten(0, 1)
-        noisy_share, output_share = (
-            self._at(table, index)
-            for table in (levels.noisy_share, levels.output_share)
-        )
-        kept = noisy_share * noisy
+        hidden = model.token(first.relu_())
+        kept = self._at(levels.noisy_share, index) * noisy
+        output_share = self._at(levels.output_share, index)
         guess = self._at(levels.alpha, index) * noisy
         for number, block in enumerate(self._network.blocks):
-            bias = self._at(levels.biases[:, number], index)
-            hidden = (hidden.view(-1, *self._shape, hidden.shape[-1]) + bias).flatten(
-                0, 1
-            )
+            hidden = hidden + self._at(levels.biases[:, number], index)
             ways = None if self._ways is None else self._ways.features(guess)
-            hidden, output = block(hidden, ways, self._memories[number], self._around)
+            found, output = block(
+                hidden.flatten(0, 2), ways, self._memories[number], self._around
+            )
+            hidden = found.view(hidden.shape)
             guess = torch.addcmul(kept, output_share, output.view(noisy.shape))
         return guess
 
@@ -150,7 +149,7 @@ class _WayLines:
         self._cos, self._sin = cos.contiguous(), sin.contiguous()
         self._place = torch.cat([x.expand(-1, half), y.expand(-1, half)], dim=1)
 
-    def features(self, guess: Float[Tensor, "S B A 10"]) -> Float[Tensor, "S N 24"]:
+    def features(self, guess: Float[Tensor, "S B A 10"]) -> Float[Tensor, "N 24"]:
         """Directions and closeness; closeness per metre."""
         points = (guess.flatten(1, 2) @ self._matrix).add_(self._offset)
         own = points[..., : 2 * self._half]
@@ -164,7 +163,7 @@ class _WayLines:
         near = square[..., : self._half] + square[..., self._half :]
         near = near.add_(_LEAST_SQUARE).sqrt_().add_(NEAR_M).reciprocal_()
         ahead, beside = gap.chunk(2, dim=-1)
-        return torch.cat([ahead * near, beside * near, near], dim=-1)
+        return torch.cat([ahead * near, beside * near, near], dim=-1).flatten(0, 1)
 
 
 def _surroundings(
@@ -185,13 +184,16 @@ def _surroundings(
     )
     offset = agents * torch.arange(scenes, device=exists.device)
     neighbor = context.neighbor.unflatten(0, shape) - offset[:, None, None]
-    neighbor = neighbor[:, None].expand(-1, heads, -1, -1)
-    meets = context.has_neighbor.view(scenes, agents, 1, -1)
+    meets = context.has_neighbor.view(scenes, 1, agents, -1)
+    num_neighbors = neighbor.shape[-1]
+    fill = (0, -num_neighbors % _FAST_WIDTH)
+    neighbor = pad(neighbor, fill)[:, None].expand(-1, heads, -1, -1)
     dtype = context.agent.dtype
     return Surroundings(
         hidden_things=_hidden(exists, dtype),
+        num_neighbors=num_neighbors,
         neighbor=neighbor.repeat(num_samples, 1, 1, 1),
-        hidden_neighbors=_hidden(meets, dtype).repeat(num_samples, 1, 1, 1),
+        hidden_neighbors=_hidden(pad(meets, fill), dtype).repeat(num_samples, 1, 1, 1),
     )
 
 
@@ -206,7 +208,9 @@ def _folded_memory(block: BlockMemory) -> FoldedMemory:
             (block.pieces.values, block.candidates.values),
         )
     )
-    return FoldedMemory(keys=keys.mT, values=values, edge=block.edge.flatten(0, 1))
+    return FoldedMemory(
+        keys=keys.mT.contiguous(), values=values, edge=block.edge.flatten(0, 1)
+    )
 
 
 def _num_things(block: BlockMemory) -> tuple[int, int]:
