@@ -138,7 +138,8 @@ LANE_GUIDANCE: Final = "nearest-candidate"
 """Name of the term that pulls every agent to the nearest way along the lanes."""
 AVOIDANCE: Final = "avoidance"
 """Name of the term by which, of ``tries`` futures of each agent, those that avoid
-others are taken; ``tries`` is its parameter."""
+others are taken, and who would still run into somebody waits; ``tries`` is its
+parameter. With one try, futures stay as drawn."""
 
 
 def guidance_terms(

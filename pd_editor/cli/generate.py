@@ -75,7 +75,7 @@ def generate(
         samples: How many samples to draw.
         steps: Denoising steps.
         keep_to_lanes: Strength of the guidance towards the lanes, 0 for none.
-        tries: Futures of each agent, of which those that avoid others are taken.
+        tries: Futures of each agent, of which those that avoid others are taken; who would still run into somebody waits. 1: as drawn.
         seed: Seed of the draw; the same seed gives the same files.
         model: Name of the generator.
         overwrite: Replace what earlier runs wrote.

@@ -77,7 +77,12 @@ class GenerationPanel:
                 "Keep to lanes", 0.0, 1.0, 0.05, 0.3, hint="Strength of the guidance"
             )
             self._tries = gui.add_slider(
-                "Tries", 1, MAX_TRIES, 1, 4, hint="The one with fewest overlaps is kept"
+                "Tries",
+                1,
+                MAX_TRIES,
+                1,
+                4,
+                hint="Overlaps are avoided: the best of these, then waiting. 1: as drawn",
             )
         self._result = GenerationRun(desk, self._set_running)
         with gui.add_folder("Regenerate futures"):
