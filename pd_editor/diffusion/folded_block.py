@@ -45,28 +45,25 @@ class _Norm:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FoldedMemory:
-    """What a block sees; 2 H heads: H on lane pieces, H on candidates."""
+class BlockSurroundings:
+    """What one block sees of the things and neighbours of G agents."""
 
-    keys: Float[Tensor, "G H2 D N"]
-    values: Float[Tensor, "G H2 N D"]
+    keys: Float[Tensor, "G H2 D M"]
+    values: Float[Tensor, "G H2 M D"]
     edge: Float[Tensor, "E F"]
     """Of all K neighbours of all agents in a row."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surroundings:
-    """What all blocks see alike; A agents in each of the B scenes, G in all."""
+    """What all blocks see alike, of V versions: S samples of B scenes of A agents."""
 
-    hidden_things: Float[Tensor, "G H2 1 N"]
+    hidden_things: Float[Tensor, "G H2 1 M"]
     """Added to logits: minus infinity where there is nothing."""
     num_neighbors: int
     """K, the agent itself counted."""
     neighbor: Int[Tensor, "V H A W"]
-    """Rows within the scene, for each of V versions: S samples of B scenes.
-
-    Filled up to a width W at which a softmax is fast.
-    """
+    """Rows within the scene, filled up to a width W at which a softmax is fast."""
     hidden_neighbors: Float[Tensor, "V 1 A W"]
 
 
@@ -129,7 +126,7 @@ class FoldedBlock:
         self,
         hidden: Float[Tensor, "Z E"],
         ways: Float[Tensor, "N 24"] | None,
-        memory: FoldedMemory,
+        memory: BlockSurroundings,
         around: Surroundings,
     ) -> tuple[Float[Tensor, "Z E"], Float[Tensor, "Z 10"]]:
         """Hidden states after the block, and the network output guessed from them.
@@ -154,7 +151,7 @@ class FoldedBlock:
     def _recalled(
         self,
         query: Float[Tensor, "Z E2"],
-        memory: FoldedMemory,
+        memory: BlockSurroundings,
         around: Surroundings,
     ) -> Float[Tensor, "Z E2"]:
         """What each agent remembers of pieces and candidates."""
@@ -176,7 +173,7 @@ class FoldedBlock:
         keys: Float[Tensor, "Z E"],
         values: Float[Tensor, "Z E"],
         ways: Float[Tensor, "N 24"] | None,
-        memory: FoldedMemory,
+        memory: BlockSurroundings,
         around: Surroundings,
     ) -> tuple[Float[Tensor, "Z HF"], Float[Tensor, "Z E"]]:
         """What each agent sees of edges, and of its neighbours themselves."""
@@ -204,7 +201,10 @@ class FoldedBlock:
         return of_edge.flatten(1), of_near.reshape(query.shape)
 
     def _edges(
-        self, ways: Float[Tensor, "N 24"] | None, memory: FoldedMemory, num_edges: int
+        self,
+        ways: Float[Tensor, "N 24"] | None,
+        memory: BlockSurroundings,
+        num_edges: int,
     ) -> Float[Tensor, "N F"]:
         """Of all versions in a row."""
         if ways is None:

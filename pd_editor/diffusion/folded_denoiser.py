@@ -14,12 +14,28 @@ from torch import Tensor
 from torch.nn.functional import linear, pad
 
 from pd_editor.diffusion.agent_block import AgentBlock
-from pd_editor.diffusion.folded_block import FoldedBlock, FoldedMemory, Surroundings
-from pd_editor.diffusion.trajectory_context import BlockMemory, TrajectoryContext
-from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser, level_features
-from pd_editor.diffusion.way_points import NEAR_M
+from pd_editor.diffusion.folded_block import (
+    BlockSurroundings,
+    FoldedBlock,
+    Surroundings,
+)
+from pd_editor.diffusion.folded_memory import (
+    FoldedMemory,
+    Things,
+    ThingsSeen,
+    minus_infinity_unless,
+)
+from pd_editor.diffusion.scene_tensors import SceneTensors
+from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory_features import (
+    Neighbors,
+    agent_features,
+    level_features,
+    piece_features,
+    seen_pieces,
+)
+from pd_editor.diffusion.way_lines import WayLines
 
-_LEAST_SQUARE: Final = 1e-6
 _FAST_WIDTH: Final = 16
 """At multiples of it a softmax over few numbers is several times as fast."""
 
@@ -45,16 +61,43 @@ class FoldedDenoiser:
     def __init__(self, model: TrajectoryDenoiser) -> None:
         """Weights are copied: the model may be trained on."""
         self.model = model
+        self.num_heads = model.config.num_heads
         with torch.no_grad():
+            self._memory = FoldedMemory(model.piece_memory, model.candidate_memory)
             self.blocks = [
                 FoldedBlock(block)
                 for block in model.blocks
                 if isinstance(block, AgentBlock)
             ]
 
+    def context(self, scene: SceneTensors) -> "FoldedContext":
+        """All that does not depend on the noisy futures."""
+        model = self.model
+        features, neighbors = agent_features(scene), Neighbors.of(scene)
+        edges = model.edge_in(neighbors.edge_features(features))
+        pieces = Things(
+            facts=piece_features(scene).flatten(0, 1),
+            exists=seen_pieces(scene).flatten(0, 1),
+        )
+        candidates = Things(
+            facts=scene.candidates.flatten(0, 1),
+            exists=scene.has_candidate.flatten(0, 1),
+        )
+        lines = None
+        if model.config.sees_way_points:
+            speed = scene.agent_speed.flatten()
+            lines = WayLines(*model.way_points.line(speed), neighbors)
+        return FoldedContext(
+            agent=model.agent_in(features),
+            things=self._memory.seen(pieces, candidates),
+            edges=edges.flatten(0, 2).chunk(len(self.blocks), dim=-1),
+            neighbors=neighbors,
+            lines=lines,
+        )
+
     def drawing(
         self,
-        context: TrajectoryContext,
+        context: "FoldedContext",
         is_given: Bool[Tensor, "B A"],
         levels: Sequence[float],
         num_samples: int,
@@ -85,44 +128,71 @@ class FoldedDenoiser:
         )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FoldedContext:
+    """What the network needs of B scenes of A agents at each step."""
+
+    agent: Float[Tensor, "B A E"]
+    things: ThingsSeen
+    edges: Sequence[Float[Tensor, "N F"]]
+    """Of each block: the neighbours of all agents in a row."""
+    neighbors: Neighbors
+    lines: WayLines | None
+
+    def surroundings(self, num_samples: int, num_heads: int) -> Surroundings:
+        """What the blocks see of samples of the scenes."""
+        row, exists = self.neighbors.row, self.neighbors.exists
+        fill = (0, -row.shape[-1] % _FAST_WIDTH)
+        hidden = minus_infinity_unless(pad(exists, fill), self.agent)
+        return Surroundings(
+            hidden_things=self.things.hidden,
+            num_neighbors=row.shape[-1],
+            neighbor=pad(row, fill)[:, None].repeat(num_samples, num_heads, 1, 1),
+            hidden_neighbors=hidden[:, None].repeat(num_samples, 1, 1, 1),
+        )
+
+
 class FutureDrawing:
     """Denoises S samples of B scenes, at levels that are known beforehand."""
 
     def __init__(
         self,
         network: FoldedDenoiser,
-        context: TrajectoryContext,
+        context: FoldedContext,
         is_given: Bool[Tensor, "B A"],
         levels: Sequence[float],
         num_samples: int,
     ) -> None:
         """Given agents are at level 0: they come out as they go in."""
-        self._network, self._shape = network, is_given.shape
+        self._network, self._context = network, context
         self._levels = network.levels(levels)
         self._given = is_given[..., None] if bool(is_given.any()) else None
-        self._agent = context.agent.unflatten(0, is_given.shape)
-        self._around = _surroundings(context, is_given.shape, num_samples)
-        self._memories = [_folded_memory(block) for block in context.blocks]
-        self._ways = (
-            _WayLines(context) if network.model.config.sees_way_points else None
-        )
+        self._around = context.surroundings(num_samples, network.num_heads)
+        things = context.things
+        self._seen = [
+            BlockSurroundings(keys=keys, values=values, edge=edge)
+            for keys, values, edge in zip(
+                things.keys, things.values, context.edges, strict=True
+            )
+        ]
 
     def denoise(
         self, noisy: Float[Tensor, "S B A 10"], index: int
     ) -> Float[Tensor, "S B A 10"]:
         """Clean latents of noisy ones at one of the levels."""
         model, levels = self._network.model, self._levels
+        lines = self._context.lines
         first = linear(noisy, model.noisy_in.weight[:, : noisy.shape[-1]])
-        first = first.add_(self._agent).add_(self._at(levels.first, index))
+        first = first.add_(self._context.agent).add_(self._at(levels.first, index))
         hidden = model.token(first.relu_())
         kept = self._at(levels.noisy_share, index) * noisy
         output_share = self._at(levels.output_share, index)
         guess = self._at(levels.alpha, index) * noisy
         for number, block in enumerate(self._network.blocks):
             hidden = hidden + self._at(levels.biases[:, number], index)
-            ways = None if self._ways is None else self._ways.features(guess)
+            ways = None if lines is None else lines.features(guess)
             found, output = block(
-                hidden.flatten(0, 2), ways, self._memories[number], self._around
+                hidden.flatten(0, 2), ways, self._seen[number], self._around
             )
             hidden = found.view(hidden.shape)
             guess = torch.addcmul(kept, output_share, output.view(noisy.shape))
@@ -132,94 +202,3 @@ class FutureDrawing:
         """The row of a level; of level 0 for agents that are given."""
         row = table[index]
         return row if self._given is None else torch.where(self._given, table[-1], row)
-
-
-class _WayLines:
-    """Way points of all neighbours against one's own, as in ``WayPoints``."""
-
-    def __init__(self, context: TrajectoryContext) -> None:
-        matrix, offset = context.way_matrix, context.way_offset
-        half = matrix.shape[1] // 2
-        # With a quarter turn beside it, a turn is two products.
-        self._matrix = torch.cat([matrix, -matrix[:, half:], matrix[:, :half]], dim=1)
-        self._offset = torch.cat([offset, -offset[:, half:], offset[:, :half]], dim=1)
-        self._half = half
-        self._neighbor = context.neighbor.flatten()
-        x, y, cos, sin = context.neighbor_pose.flatten(0, 1)[..., None].unbind(-2)
-        self._cos, self._sin = cos.contiguous(), sin.contiguous()
-        self._place = torch.cat([x.expand(-1, half), y.expand(-1, half)], dim=1)
-
-    def features(self, guess: Float[Tensor, "S B A 10"]) -> Float[Tensor, "N 24"]:
-        """Directions and closeness; closeness per metre."""
-        points = (guess.flatten(1, 2) @ self._matrix).add_(self._offset)
-        own = points[..., : 2 * self._half]
-        num_agents = own.shape[1]
-        theirs = points.index_select(1, self._neighbor)
-        along, across = theirs.chunk(2, dim=-1)
-        gap = torch.addcmul(self._place, self._cos, along)
-        gap = gap.addcmul_(self._sin, across)
-        gap = gap.unflatten(1, (num_agents, -1)).sub_(own[:, :, None]).flatten(1, 2)
-        square = gap.square()
-        near = square[..., : self._half] + square[..., self._half :]
-        near = near.add_(_LEAST_SQUARE).sqrt_().add_(NEAR_M).reciprocal_()
-        ahead, beside = gap.chunk(2, dim=-1)
-        return torch.cat([ahead * near, beside * near, near], dim=-1).flatten(0, 1)
-
-
-def _surroundings(
-    context: TrajectoryContext, shape: torch.Size, num_samples: int
-) -> Surroundings:
-    scenes, agents = shape
-    heads = context.blocks[0].pieces.keys.shape[1]
-    number = max(_num_things(context.blocks[0]))
-    memories = (context.blocks[0].pieces, context.blocks[0].candidates)
-    exists = torch.cat(
-        [
-            pad(one.exists, (0, number - one.exists.shape[-1])).expand(
-                -1, heads, -1, -1
-            )
-            for one in memories
-        ],
-        dim=1,
-    )
-    offset = agents * torch.arange(scenes, device=exists.device)
-    neighbor = context.neighbor.unflatten(0, shape) - offset[:, None, None]
-    meets = context.has_neighbor.view(scenes, 1, agents, -1)
-    num_neighbors = neighbor.shape[-1]
-    fill = (0, -num_neighbors % _FAST_WIDTH)
-    neighbor = pad(neighbor, fill)[:, None].expand(-1, heads, -1, -1)
-    dtype = context.agent.dtype
-    return Surroundings(
-        hidden_things=_hidden(exists, dtype),
-        num_neighbors=num_neighbors,
-        neighbor=neighbor.repeat(num_samples, 1, 1, 1),
-        hidden_neighbors=_hidden(pad(meets, fill), dtype).repeat(num_samples, 1, 1, 1),
-    )
-
-
-def _folded_memory(block: BlockMemory) -> FoldedMemory:
-    number = max(_num_things(block))
-    keys, values = (
-        torch.cat(
-            [pad(one, (0, 0, 0, number - one.shape[-2])) for one in both], dim=1
-        ).to(block.edge.dtype)
-        for both in (
-            (block.pieces.keys, block.candidates.keys),
-            (block.pieces.values, block.candidates.values),
-        )
-    )
-    return FoldedMemory(
-        keys=keys.mT.contiguous(), values=values, edge=block.edge.flatten(0, 1)
-    )
-
-
-def _num_things(block: BlockMemory) -> tuple[int, int]:
-    return block.pieces.keys.shape[-2], block.candidates.keys.shape[-2]
-
-
-def _hidden(
-    exists: Bool[Tensor, "*shape"], dtype: torch.dtype
-) -> Float[Tensor, "*shape"]:
-    """Minus infinity where there is nothing."""
-    table = torch.zeros(exists.shape, dtype=dtype, device=exists.device)
-    return table.masked_fill_(~exists, -torch.inf)

@@ -13,7 +13,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.scene_tensors import SceneTensors
-from pd_editor.diffusion.trajectory_denoiser import STANDING_MPS, TrajectoryDenoiser
+from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory_features import STANDING_MPS
 
 _FROM_SHARE: Final = 0.3
 """Guidance begins when this share of the steps is done."""

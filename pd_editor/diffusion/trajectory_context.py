@@ -1,6 +1,6 @@
 """What the second stage remembers of a scene while futures are denoised."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -13,10 +13,6 @@ class Memory:
     keys: Float[Tensor, "G H N D"]
     values: Float[Tensor, "G H N D"]
     exists: Bool[Tensor, "G 1 1 N"]
-
-    def single(self) -> "Memory":
-        """In single precision."""
-        return replace(self, keys=self.keys.float(), values=self.values.float())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,18 +38,3 @@ class TrajectoryContext:
     way_matrix: Float[Tensor, "10 W"]
     """With the offset, makes way points of latents."""
     way_offset: Float[Tensor, "G W"]
-
-    def single(self) -> "TrajectoryContext":
-        """In single precision."""
-        return replace(
-            self,
-            agent=self.agent.float(),
-            blocks=tuple(
-                BlockMemory(
-                    pieces=block.pieces.single(),
-                    candidates=block.candidates.single(),
-                    edge=block.edge.float(),
-                )
-                for block in self.blocks
-            ),
-        )

@@ -12,7 +12,6 @@ from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.random_streams import RandomStreams
 from pd_editor.diffusion.sampler import ddim, levels_of
 from pd_editor.diffusion.scene_tensors import SceneTensors
-from pd_editor.diffusion.trajectory_context import TrajectoryContext
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
@@ -73,7 +72,7 @@ def sample_trajectories(
     levels = levels_of(config.num_steps, config.candidate_level)
     network = model if isinstance(model, FoldedDenoiser) else FoldedDenoiser(model)
     with torch.inference_mode():
-        context = _context(network.model, scene)
+        context = network.context(scene)
         start = _start(network.model, scene, streams, config)
         drawing = network.drawing(context, given, levels[:-1], len(samples))
         latent = start
@@ -100,14 +99,6 @@ def sample_trajectories(
                 index=step.index, num_steps=step.num_steps, latent=latent
             )
     return latent
-
-
-def _context(model: TrajectoryDenoiser, scene: SceneTensors) -> TrajectoryContext:
-    """In bf16 where the processor multiplies it much faster; training rounds alike."""
-    on_cpu = scene.has_agent.device.type == "cpu"
-    is_fast = on_cpu and torch.cpu._is_amx_tile_supported()
-    with torch.autocast("cpu", torch.bfloat16, enabled=is_fast):
-        return model.context(scene).single()
 
 
 def _start(

@@ -35,7 +35,7 @@ def test_folded_it_is_the_same_function(
         context = model.context(scene)
         for is_given in (torch.zeros_like(scene.has_agent), some & scene.has_agent):
             network = FoldedDenoiser(model)
-            drawing = network.drawing(context, is_given, LEVELS, samples)
+            drawing = network.drawing(network.context(scene), is_given, LEVELS, samples)
             for index, level in enumerate(LEVELS):
                 each = level * (~is_given).to(noisy)
                 expected = model.denoise(context, noisy, each.expand(noisy.shape[:-1]))
@@ -50,7 +50,7 @@ def test_training_goes_on_without_what_was_folded() -> None:
     network = FoldedDenoiser(model)
     is_given = torch.zeros_like(scene.has_agent)
     with torch.inference_mode():
-        context = model.context(scene)
+        context = network.context(scene)
         before = network.drawing(context, is_given, LEVELS, 1).denoise(noisy, 0)
     with torch.no_grad():
         for block in model.blocks:
