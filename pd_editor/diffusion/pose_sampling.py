@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pd_editor.diffusion.drawing_steps import drawing_steps
 from pd_editor.diffusion.pose_context import PoseTask, drawing_task
 from pd_editor.diffusion.pose_denoiser import PoseContext, PoseDenoiser
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M, decode_states
@@ -78,24 +79,34 @@ def sample_states(
     config = PoseSamplerConfig() if config is None else config
     task = drawing_task(scene) if task is None else task
     streams = RandomStreams(seed, "states", samples)
-    shape = scene.has_agent.shape
-    with torch.inference_mode():
-        context = model.context(scene, task)
-        noisy = first_noise(streams.normal(*shape, 5).to(scene.agent_pose))
-        levels = sampling_levels(config.num_steps)
-        last = None
-        states = noisy
-        for index, level in enumerate(levels):
-            clean = _clean(model, context, task, noisy, level)
-            if guide is not None:
-                clean = guide(clean, level)
-            better = clean
-            if config.is_second_order and last is not None:
-                better = 1.5 * clean - 0.5 * last
-            last, states = clean, _finished(scene, task, clean)
-            if index + 1 < len(levels):
-                noisy = _next(noisy, better, level, levels[index + 1], config, streams)
-            yield PoseStep(index=index, num_steps=len(levels), states=states)
+    steps = _steps(model, scene, streams, task, config, guide)
+    return drawing_steps(steps, len(samples) * scene.has_agent.numel())
+
+
+def _steps(
+    model: PoseDenoiser,
+    scene: SceneTensors,
+    streams: RandomStreams,
+    task: PoseTask,
+    config: PoseSamplerConfig,
+    guide: PoseGuide | None,
+) -> Generator[PoseStep, None, Float[Tensor, "S B A 5"]]:
+    context = model.context(scene, task)
+    noisy = first_noise(streams.normal(*scene.has_agent.shape, 5).to(scene.agent_pose))
+    levels = sampling_levels(config.num_steps)
+    last = None
+    states = noisy
+    for index, level in enumerate(levels):
+        clean = _clean(model, context, task, noisy, level)
+        if guide is not None:
+            clean = guide(clean, level)
+        better = clean
+        if config.is_second_order and last is not None:
+            better = 1.5 * clean - 0.5 * last
+        last, states = clean, _finished(scene, task, clean)
+        if index + 1 < len(levels):
+            noisy = _next(noisy, better, level, levels[index + 1], config, streams)
+        yield PoseStep(index=index, num_steps=len(levels), states=states)
     return states
 
 

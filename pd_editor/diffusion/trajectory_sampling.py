@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.defaults import NUM_STEPS
+from pd_editor.diffusion.drawing_steps import drawing_steps
 from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.random_streams import RandomStreams
 from pd_editor.diffusion.sampler import ddim, levels_of
@@ -66,38 +67,47 @@ def sample_trajectories(
     Returns:
         Latents [S, B, A, 10]; those of given agents are bit-identical.
     """
-    config = TrajectorySamplerConfig() if config is None else config
-    given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
-    streams = RandomStreams(seed, "futures", samples)
-    levels = levels_of(config.num_steps, config.candidate_level)
     network = model if isinstance(model, FoldedDenoiser) else FoldedDenoiser(model)
-    with torch.inference_mode():
-        context = network.context(scene)
-        start = _start(network.model, scene, streams, config)
-        drawing = network.drawing(context, given, levels[:-1], len(samples))
-        latent = start
-        done = 0
+    given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
+    config = TrajectorySamplerConfig() if config is None else config
+    streams = RandomStreams(seed, "futures", samples)
+    steps = _steps(network, scene, streams, given, config, guide)
+    return drawing_steps(steps, len(samples) * scene.has_agent.numel())
 
-        def denoise(noisy: Tensor, _: float) -> Tensor:
-            held = torch.where(given[..., None], scene.future, noisy)
-            clean = drawing.denoise(held, done)
-            if guide is not None:
-                clean = guide(clean, done / config.num_steps)
-            return torch.where(given[..., None], scene.future, clean)
 
-        steps = ddim(
-            denoise,
-            start,
-            network.model.schedule,
-            levels,
-            eta=config.fresh_noise,
-            streams=streams,
-        )
-        for step in steps:
-            latent, done = step.clean, step.index + 1
-            yield TrajectoryStep(
-                index=step.index, num_steps=step.num_steps, latent=latent
-            )
+def _steps(
+    network: FoldedDenoiser,
+    scene: SceneTensors,
+    streams: RandomStreams,
+    given: Bool[Tensor, "B A"],
+    config: TrajectorySamplerConfig,
+    guide: TrajectoryGuide | None,
+) -> Generator[TrajectoryStep, None, Float[Tensor, "S B A 10"]]:
+    levels = levels_of(config.num_steps, config.candidate_level)
+    context = network.context(scene)
+    start = _start(network.model, scene, streams, config)
+    drawing = network.drawing(context, given, levels[:-1], len(start))
+    latent = start
+    done = 0
+
+    def denoise(noisy: Tensor, _: float) -> Tensor:
+        held = torch.where(given[..., None], scene.future, noisy)
+        clean = drawing.denoise(held, done)
+        if guide is not None:
+            clean = guide(clean, done / config.num_steps)
+        return torch.where(given[..., None], scene.future, clean)
+
+    steps = ddim(
+        denoise,
+        start,
+        network.model.schedule,
+        levels,
+        eta=config.fresh_noise,
+        streams=streams,
+    )
+    for step in steps:
+        latent, done = step.clean, step.index + 1
+        yield TrajectoryStep(index=step.index, num_steps=step.num_steps, latent=latent)
     return latent
 
 
