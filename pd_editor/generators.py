@@ -5,7 +5,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from pd_editor.diffusion.defaults import DEFAULT_WEIGHT, NUM_STEPS, NUM_TRIES
+from pd_editor.diffusion.defaults import (
+    DEFAULT_WEIGHT,
+    NUM_STEPS,
+    NUM_TRIES,
+    DeviceName,
+)
 from pd_editor.errors import GenerationError
 from pd_editor.generation import GeneratorOffer, ScenarioGenerator
 from pd_editor.installed_files import models_folder
@@ -25,15 +30,17 @@ def _lane_follower() -> ScenarioGenerator:
 
 
 @lru_cache(maxsize=8)
-def _path_diffuser(folder: Path, name: str) -> "PathDiffuser":
+def _path_diffuser(
+    folder: Path, name: str, device: DeviceName = "auto"
+) -> "PathDiffuser":
     """Weights are read once for all who ask."""
     from pd_editor.diffusion.path_diffuser import PathDiffuser
 
-    return PathDiffuser(folder, name)
+    return PathDiffuser(folder, name, device)
 
 
-def _shipped_model() -> "PathDiffuser":
-    return _path_diffuser(models_folder() / SHIPPED_MODEL, SHIPPED_MODEL)
+def _shipped_model(device: DeviceName = "auto") -> "PathDiffuser":
+    return _path_diffuser(models_folder() / SHIPPED_MODEL, SHIPPED_MODEL, device)
 
 
 def _offers() -> dict[str, GeneratorOffer]:
@@ -56,17 +63,21 @@ GENERATORS: Final[Mapping[str, GeneratorOffer]] = _offers()
 DEFAULT_GENERATOR: Final = next(iter(GENERATORS))
 
 
-def make_generator(name: str) -> ScenarioGenerator:
+def make_generator(name: str, *, device: DeviceName = "auto") -> ScenarioGenerator:
     """The generator of a name, or the model in a folder.
 
+    Only models care about the device.
+
     Raises:
-        GenerationError: there is none.
+        GenerationError: there is none, or no GPU although one is asked for.
     """
+    if name == SHIPPED_MODEL and name in GENERATORS:
+        return _shipped_model(device)
     if name in GENERATORS:
         return GENERATORS[name].make()
     folder = Path(name)
     if (folder / MODEL_CONFIG).is_file():
-        return _path_diffuser(folder.resolve(), folder.resolve().name)
+        return _path_diffuser(folder.resolve(), folder.resolve().name, device)
     raise GenerationError(
         f"There is no generator {name!r}; choose one of {', '.join(GENERATORS)}, or "
         "the folder of a trained model."

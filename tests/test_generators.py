@@ -16,6 +16,17 @@ def test_the_default_is_one_of_them():
     assert DEFAULT_GENERATOR in GENERATORS
 
 
+def test_a_gpu_is_asked_for_in_vain(monkeypatch: pytest.MonkeyPatch):
+    torch = pytest.importorskip("torch")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    for name in GENERATORS:
+        if name == "lane-follower":
+            assert make_generator(name, device="cuda").name == name
+        else:
+            with pytest.raises(GenerationError, match="GPU"):
+                make_generator(name, device="cuda")
+
+
 def test_others_are_refused():
     with pytest.raises(GenerationError, match="There is no generator 'crystal-ball'"):
         make_generator("crystal-ball")

@@ -2,6 +2,7 @@
 
 import shlex
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -9,6 +10,7 @@ import tyro
 
 from pd_editor.cli.arguments import FolderOption, Switch
 from pd_editor.cli.progress import progress_shown
+from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import GenerationError, InputError
 from pd_editor.evaluation.distances import distance_tables
 from pd_editor.evaluation.evaluation import (
@@ -78,6 +80,7 @@ def evaluate(
     workers: Annotated[
         int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
     ] = None,
+    device: DeviceName = "auto",
     resume: Switch = False,
 ) -> Evaluation:
     """Let methods fill scenes and judge the results: rows, tables, a report.
@@ -91,11 +94,12 @@ def evaluate(
         seed: Seed of all draws; the same seed gives the same numbers.
         limit: Use only the first N scenarios.
         workers: Processes to use; they do not change the numbers.
+        device: Where models compute; auto takes a GPU if there is one.
         resume: Go on with an earlier run of the same settings.
     """
     plan = EvaluationPlan(
         data=tuple(map(Path, _several(data))),
-        methods=_methods(_several(methods)),
+        methods=_methods(_several(methods), device),
         conditions=road_conditions(_several(warps)),
         num_samples=_at_least(1, samples, "samples"),
         seed=_at_least(0, seed, "seed"),
@@ -139,15 +143,20 @@ def _several(value: _One | tuple[_One, ...]) -> tuple[_One, ...]:
     return tuple(dict.fromkeys(value)) if isinstance(value, tuple) else (value,)
 
 
-def _methods(asked: tuple[str, ...]) -> tuple[Method, ...]:
+def _methods(asked: tuple[str, ...], device: DeviceName) -> tuple[Method, ...]:
+    make = make_generator
+    if device != "auto":
+        make = partial(make_generator, device=device)
     known = [*REFERENCE_METHODS, *GENERATORS]
-    methods = tuple(Method(name=name, make_generator=make_generator) for name in asked)
+    methods = tuple(Method(name=name, make_generator=make) for name in asked)
     for name, method in zip(asked, methods, strict=True):
         plain = method.generator_name if method.options else name
         if plain not in known and not (Path(plain) / MODEL_CONFIG).is_file():
             raise GenerationError(
                 f"There is no method {name[:60]!r}; choose among {', '.join(known)}."
             )
+        if device == "cuda" and plain not in REFERENCE_METHODS:
+            make(plain)  # Refused here, not once for each scene.
     if not asked:
         raise GenerationError(
             f"No method was asked for; choose among {', '.join(known)}."

@@ -8,6 +8,7 @@ import tyro
 from pd_editor.cli.arguments import FolderOption, ScenarioArgument, Switch
 from pd_editor.cli.outcome import Outcome, write_session
 from pd_editor.cli.progress import run_showing_progress
+from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import GenerationError
@@ -60,6 +61,7 @@ def generate(
     tries: CountOption = None,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
+    device: DeviceName = "auto",
     overwrite: Switch = False,
 ) -> Outcome:
     """Redraw futures; or whole traffic, states and all, where the model can.
@@ -78,9 +80,10 @@ def generate(
         tries: Futures of each agent, of which those that avoid others are taken; who would still run into somebody waits. 1: as drawn.
         seed: Seed of the draw; the same seed gives the same files.
         model: Name of the generator.
+        device: Where a model computes; auto takes a GPU if there is one.
         overwrite: Replace what earlier runs wrote.
     """
-    generator = make_generator(model)
+    generator = make_generator(model, device=device)
     opened, wanted = open_scenario(scenario), tuple(dict.fromkeys(agents))
     counts, fits = _wanted_counts(num_agents)
     draws_agents = bool(counts) or fits

@@ -116,7 +116,7 @@ class DifferentialAttention(nn.Module):
     def share(self) -> Float[Tensor, ""]:
         """How much of the second softmax is taken off; 0 for plain attention."""
         if self.num_maps == 1:
-            return torch.zeros(())
+            return self.to_keys.weight.new_zeros(())
         one, two, three, four = self.share_vectors
         difference = (one * two).sum().exp() - (three * four).sum().exp()
         return difference + self.initial_share
@@ -177,7 +177,7 @@ class NeighborAttention(nn.Module):
             result = self.from_values(taken.transpose(1, 2).flatten(2))
         else:
             weights = attention_weights(logits, mask)
-            result = torch.zeros((), dtype=tokens.dtype)
+            result = tokens.new_zeros(())
         seen = weights.to(relations.dtype) @ relations
         return result + self.to_output(seen.flatten(2))
 

@@ -1,6 +1,9 @@
 """What is used unless a user says otherwise; here without torch, for menus to show."""
 
-from typing import Final
+from typing import Final, Literal
+
+DeviceName = Literal["auto", "cpu", "cuda"]
+"""Where a model computes; auto takes a GPU if there is one."""
 
 NUM_STEPS: Final = 5
 """Denoising steps of the second stage."""

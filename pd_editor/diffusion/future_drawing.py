@@ -74,6 +74,10 @@ class FutureTask:
             is_drawn=is_drawn,
         )
 
+    def to(self, device: torch.device) -> "FutureTask":
+        """With the tensors on a device."""
+        return replace(self, scene=self.scene.to(device))
+
     def motion(
         self, basis: TrajectoryBasis, latent: Float[torch.Tensor, "S 1 A 10"]
     ) -> Motion:
@@ -82,7 +86,7 @@ class FutureTask:
         rows = self.features.agent_row
         return motion_of(
             basis,
-            latent[:, 0].double().numpy(),
+            latent[:, 0].double().cpu().numpy(),
             agents.position_m[rows, now],
             agents.heading_rad[rows, now],
             agents.velocity_mps[rows, now],
@@ -122,7 +126,9 @@ def draw_futures(
             task.scene,
             samples=[sample * tries + t for sample in chunk for t in range(tries)],
             seed=options.seed,
-            is_given=torch.from_numpy(task.is_given)[None],
+            is_given=torch.from_numpy(task.is_given)[None].to(
+                task.scene.has_agent.device
+            ),
             config=TrajectorySamplerConfig(
                 num_steps=options.num_steps, candidate_level=options.candidate_level
             ),
@@ -167,7 +173,8 @@ def _pull(task: FutureTask, options: FutureOptions) -> Float[torch.Tensor, "1 A"
     if options.lane_agent_ids:
         rows = task.scenario.agents.rows(options.lane_agent_ids)
         wanted &= np.isin(task.features.agent_row, rows)
-    return torch.from_numpy(wanted * options.lane_weight).float()[None]
+    weight = torch.from_numpy(wanted * options.lane_weight)[None]
+    return weight.to(task.scene.agent_speed)
 
 
 def _chosen(task: FutureTask, drawn: Motion, part: slice) -> Motion:

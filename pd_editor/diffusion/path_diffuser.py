@@ -10,7 +10,13 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int
 
-from pd_editor.diffusion.defaults import DEFAULT_WEIGHT, NUM_STEPS, NUM_TRIES
+from pd_editor.diffusion.defaults import (
+    DEFAULT_WEIGHT,
+    NUM_STEPS,
+    NUM_TRIES,
+    DeviceName,
+)
+from pd_editor.diffusion.devices import drawing_device
 from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.future_drawing import FutureOptions, FutureTask, draw_futures
 from pd_editor.diffusion.future_motion import Motion
@@ -18,6 +24,7 @@ from pd_editor.diffusion.giving_way import giving_way
 from pd_editor.diffusion.model_folder import TrainedModel, load_model
 from pd_editor.diffusion.placing import Placing, draw_numbers, new_agents, place_agents
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
+from pd_editor.diffusion.request_check import MOST_AGENTS, check_request
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
 from pd_editor.errors import GenerationError
@@ -32,10 +39,6 @@ from pd_editor.generation import (
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
 
-MOST_AGENTS: Final = 500
-
-_LONGEST_S: Final = 6.05
-"""Futures are 5.9 s long; one step more is driven at the last velocity."""
 _PLACING_SHARE: Final = 0.5
 """Of the progress of a sample whose states are drawn too."""
 
@@ -52,9 +55,19 @@ class DenoisingProgress(GenerationProgress):
 class PathDiffuser:
     """Generates initial states and futures with the weights of a model folder."""
 
-    def __init__(self, folder: Path, name: str = "path-diffuser") -> None:
-        """Weights are read when they are first needed."""
+    def __init__(
+        self,
+        folder: Path,
+        name: str = "path-diffuser",
+        device: DeviceName = "auto",
+    ) -> None:
+        """Weights are read when they are first needed.
+
+        Raises:
+            GenerationError: a GPU is asked for, and there is none.
+        """
         self._folder, self._name = Path(folder), name
+        self._device = drawing_device(device)
         self._model: TrainedModel | None = None
         self._driver: FoldedDenoiser | None = None
         self._lock = threading.Lock()
@@ -65,7 +78,7 @@ class PathDiffuser:
         return self._name
 
     def model(self) -> TrainedModel:
-        """The weights, read once.
+        """The weights, read once, on the device that draws.
 
         Raises:
             ModelError: they are missing, damaged or foreign.
@@ -73,6 +86,8 @@ class PathDiffuser:
         with self._lock:
             if self._model is None:
                 self._model = load_model(self._folder, STAGE_KINDS)
+                for stage in self._model.stages.values():
+                    stage.model.to(self._device)
             return self._model
 
     def warm_up(self) -> None:
@@ -179,7 +194,8 @@ class PathDiffuser:
     ) -> Generator[DenoisingProgress, None, tuple[list[TrafficSample], list[str]]]:
         driver = self._folded_driver()
         rows = scenario.agents.rows(ids)
-        task = FutureTask.of(scenario, rows, driver.model.way_points.basis)
+        basis = driver.model.way_points.basis
+        task = FutureTask.of(scenario, rows, basis).to(self._device)
         futures = draw_futures(driver, task, indices, _options(request))
         while True:
             try:
@@ -233,71 +249,6 @@ def _placing(placer: PoseDenoiser, request: GenerationRequest, sample: int) -> P
             )
     ids, kinds = new_agents(request.scenario, numbers)
     return replace(placing, new_ids=ids, new_kinds=kinds)
-
-
-def check_request(request: GenerationRequest) -> None:
-    """Refuse what cannot be generated.
-
-    Raises:
-        GenerationError: numbers, agents, states or times are no good.
-        EditError: an agent is not in the scenario.
-    """
-    scenario, agents = request.scenario, request.scenario.agents
-    if request.num_samples < 1:
-        raise GenerationError(
-            f"The number of samples must be at least 1, not {request.num_samples}."
-        )
-    steps = request.num_denoising_steps
-    if steps is not None and steps < 1:
-        raise GenerationError(
-            f"The number of denoising steps must be at least 1, not {steps}."
-        )
-    if request.seed < 0:
-        raise GenerationError(f"The seed must not be negative, but is {request.seed}.")
-    if len(set(request.agent_ids)) < len(request.agent_ids):
-        raise GenerationError("An agent was asked for twice; each may be named once.")
-    if not set(request.redrawn_state_ids) <= set(request.agent_ids):
-        raise GenerationError(
-            "Only agents whose futures are drawn can get another state."
-        )
-    if any(number < 0 for number in request.num_new_agents.values()):
-        raise GenerationError("The number of new agents must not be negative.")
-    strange = [kind for kind in request.num_new_agents if kind not in ROAD_USER_KINDS]
-    if strange:
-        raise GenerationError(f"The model places road users only, not {strange[0]}.")
-    count = int(agents.is_valid[:, scenario.current_step].sum())
-    count += sum(request.num_new_agents.values())
-    if count > MOST_AGENTS:
-        raise GenerationError(
-            f"The scene would have {count} agents; the model takes {MOST_AGENTS}."
-        )
-    axis = scenario.time_axis
-    if axis.num_future_steps * axis.step_s > _LONGEST_S:
-        raise GenerationError(
-            f"The scenario's future lasts {axis.num_future_steps * axis.step_s:.1f} s; "
-            "the model draws 6 s."
-        )
-    if not scenario.road_map.lanes:
-        raise GenerationError("The scenario has no lanes; the model needs a road.")
-    _check_states(request, agents.rows(request.agent_ids))
-
-
-def _check_states(request: GenerationRequest, rows: Int[np.ndarray, "G"]) -> None:
-    agents, now = request.scenario.agents, request.scenario.current_step
-    for row in rows:
-        name = agents.ids[row]
-        if name in request.redrawn_state_ids:
-            continue
-        if not agents.is_valid[row, now]:
-            raise GenerationError(
-                f"Agent {name} is not there at the current step, so it has no state "
-                "to go on from."
-            )
-        state = (*agents.position_m[row, now], *agents.velocity_mps[row, now])
-        if not np.isfinite([*state, agents.heading_rad[row, now]]).all():
-            raise GenerationError(
-                f"Agent {name} has no finite state at the current step; expected one."
-            )
 
 
 def _options(request: GenerationRequest) -> FutureOptions:

@@ -127,7 +127,8 @@ def place_agents(
         raise GenerationError(
             "There are no lanes where agents are to be placed; expected a road there."
         )
-    scene = _scene(features, placed)
+    device = model.get_buffer("counted").device
+    scene = _scene(features, placed).to(device)
     is_given = torch.zeros_like(scene.has_agent)
     is_given[:, : len(features.agent_row)] = True
     steps = sample_states(
@@ -135,7 +136,7 @@ def place_agents(
         scene,
         samples=[sample],
         seed=seed,
-        task=drawing_task(scene, is_given, torch.tensor([half_side]).float()),
+        task=drawing_task(scene, is_given, scene.agent_speed.new_tensor([half_side])),
         config=PoseSamplerConfig()
         if num_steps is None
         else PoseSamplerConfig(num_steps=num_steps),
@@ -146,7 +147,7 @@ def place_agents(
         states = step.states
         yield (step.index + 1) / step.num_steps
     assert states is not None, "there is at least one step"
-    drawn = states[0, 0, len(features.agent_row) :].double().numpy()
+    drawn = states[0, 0, len(features.agent_row) :].double().cpu().numpy()
     tracks = _with_states(placed, drawn, center, scenario.current_step)
     result = kept.with_agents(kept.agents.joined(tracks))
     return _repaired(result, placing) if placing.repairs else result

@@ -55,7 +55,8 @@ class PoseGuidance:
         def guide(
             clean: Float[Tensor, "S B A 5"], level: float
         ) -> Float[Tensor, "S B A 5"]:
-            noise = noise_scale(torch.tensor(level))[0] * POSITION_UNIT_M
+            levels = torch.tensor(level, device="cpu")
+            noise = noise_scale(levels)[0] * POSITION_UNIT_M
             if noise > self.first_noise_m:
                 return clean
             shift = self._pull(clean, scene) * self.pull

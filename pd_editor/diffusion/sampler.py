@@ -50,7 +50,7 @@ def ddim(
     not asking for the next step.
     """
     assert eta == 0.0 or streams is not None, "fresh noise needs random streams"
-    table = torch.tensor(levels, dtype=torch.float64)
+    table = torch.tensor(levels, dtype=torch.float64, device="cpu")
     alphas, sigmas = schedule.alpha(table).tolist(), schedule.sigma(table).tolist()
     sample = start
     for index in range(len(levels) - 1):

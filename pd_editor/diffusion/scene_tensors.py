@@ -101,8 +101,8 @@ def batch_of(scenes: Sequence[PackedScene]) -> SceneTensors:
         return torch.from_numpy(table)
 
     def exists(name: str, size: int) -> Tensor:
-        counts = torch.tensor([len(getattr(scene, name)) for scene in scenes])
-        return torch.arange(size) < counts[:, None]
+        counts = np.array([len(getattr(scene, name)) for scene in scenes])
+        return torch.from_numpy(np.arange(size) < counts[:, None])
 
     return SceneTensors(
         piece_pose=padded("piece_pose", pieces),

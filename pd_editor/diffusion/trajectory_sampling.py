@@ -128,5 +128,5 @@ def _start(
     table = scene.candidates.expand(len(noise), *scene.candidates.shape)
     candidate = table.gather(-2, index.clamp_max(table.shape[-2] - 1))[..., 0, :]
     candidate = torch.where((count > 0)[..., None], candidate, 0.0)
-    level = torch.tensor(config.candidate_level).to(noise)
+    level = noise.new_tensor(config.candidate_level)
     return model.schedule.noised(candidate, noise, level)

@@ -68,7 +68,8 @@ class TrajectoryDecoder(nn.Module):
         """Latents of not moving at all."""
         buffers = dict(self.named_buffers())
         along = buffers["along"] / buffers["scale_m"][:NUM_ALONG, None]
-        times = buffers["step_s"] * torch.arange(1, self.num_steps + 1).to(speed)
+        steps = torch.arange(1, self.num_steps + 1, device=speed.device)
+        times = buffers["step_s"] * steps.to(speed)
         back = -(speed[..., None] * (along @ times) + along @ buffers["mean_m"])
         return nn.functional.pad(back, (0, NUM_ACROSS))
 

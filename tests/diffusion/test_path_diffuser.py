@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.agent_counts import AgentCounts
+from pd_editor.diffusion.defaults import DeviceName
+from pd_editor.diffusion.devices import drawing_device
 from pd_editor.diffusion.model_folder import TrainedStage, save_model
 from pd_editor.diffusion.path_diffuser import DenoisingProgress, PathDiffuser
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser, PoseDenoiserConfig
@@ -240,6 +243,48 @@ def test_guidance_is_taken_by_name(diffuser: PathDiffuser, scenario: Scenario) -
     assert any("to 0.0 m" in note for note in firm.notes)
     odd = generated(diffuser, scenario, ids, guidance=(GuidanceTerm(name="magic"),))
     assert any("magic" in note for note in odd.notes)
+
+
+def test_every_tensor_is_made_on_the_device_of_the_model(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    diffuser.warm_up()
+    ids = scenario.agents.ids
+    asked = {"redrawn_state_ids": ids[:1], "num_new_agents": {AgentKind.VEHICLE: 2}}
+    expected = generated(diffuser, scenario, ids[:1], **asked)
+    # What is made on the default device by mistake has no numbers there.
+    with torch.device("meta"):
+        found = generated(diffuser, scenario, ids[:1], **asked)
+    assert same(found.samples[0], expected.samples[0])
+
+
+def test_the_device_is_chosen(
+    model_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choices: tuple[tuple[bool, DeviceName, str], ...] = (
+        (True, "auto", "cuda"),
+        (True, "cuda", "cuda"),
+        (True, "cpu", "cpu"),
+        (False, "auto", "cpu"),
+        (False, "cpu", "cpu"),
+    )
+    for there, name, device in choices:
+        monkeypatch.setattr(torch.cuda, "is_available", lambda there=there: there)
+        assert drawing_device(name).type == device
+    with pytest.raises(GenerationError, match="GPU"):
+        PathDiffuser(model_folder, device="cuda")
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
+def test_a_gpu_draws_the_same(model_folder: Path, scenario: Scenario) -> None:
+    ids = scenario.agents.ids
+    asked = {"redrawn_state_ids": ids[:1], "num_new_agents": {AgentKind.VEHICLE: 2}}
+    one, two = (
+        generated(PathDiffuser(model_folder, device=name), scenario, ids, **asked)
+        for name in ("cpu", "cuda")
+    )
+    first, second = one.samples[0], two.samples[0]
+    assert np.allclose(first.position_m, second.position_m, atol=0.2)
 
 
 @pytest.mark.real_data

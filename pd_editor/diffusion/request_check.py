@@ -1,0 +1,80 @@
+"""What the model can be asked for."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Int
+
+from pd_editor.errors import GenerationError
+from pd_editor.generation import GenerationRequest
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+
+MOST_AGENTS: Final = 500
+
+_LONGEST_S: Final = 6.05
+"""Futures are 5.9 s long; one step more is driven at the last velocity."""
+
+
+def check_request(request: GenerationRequest) -> None:
+    """Refuse what cannot be generated.
+
+    Raises:
+        GenerationError: numbers, agents, states or times are no good.
+        EditError: an agent is not in the scenario.
+    """
+    scenario, agents = request.scenario, request.scenario.agents
+    if request.num_samples < 1:
+        raise GenerationError(
+            f"The number of samples must be at least 1, not {request.num_samples}."
+        )
+    steps = request.num_denoising_steps
+    if steps is not None and steps < 1:
+        raise GenerationError(
+            f"The number of denoising steps must be at least 1, not {steps}."
+        )
+    if request.seed < 0:
+        raise GenerationError(f"The seed must not be negative, but is {request.seed}.")
+    if len(set(request.agent_ids)) < len(request.agent_ids):
+        raise GenerationError("An agent was asked for twice; each may be named once.")
+    if not set(request.redrawn_state_ids) <= set(request.agent_ids):
+        raise GenerationError(
+            "Only agents whose futures are drawn can get another state."
+        )
+    if any(number < 0 for number in request.num_new_agents.values()):
+        raise GenerationError("The number of new agents must not be negative.")
+    strange = [kind for kind in request.num_new_agents if kind not in ROAD_USER_KINDS]
+    if strange:
+        raise GenerationError(f"The model places road users only, not {strange[0]}.")
+    count = int(agents.is_valid[:, scenario.current_step].sum())
+    count += sum(request.num_new_agents.values())
+    if count > MOST_AGENTS:
+        raise GenerationError(
+            f"The scene would have {count} agents; the model takes {MOST_AGENTS}."
+        )
+    axis = scenario.time_axis
+    if axis.num_future_steps * axis.step_s > _LONGEST_S:
+        raise GenerationError(
+            f"The scenario's future lasts {axis.num_future_steps * axis.step_s:.1f} s; "
+            "the model draws 6 s."
+        )
+    if not scenario.road_map.lanes:
+        raise GenerationError("The scenario has no lanes; the model needs a road.")
+    _check_states(request, agents.rows(request.agent_ids))
+
+
+def _check_states(request: GenerationRequest, rows: Int[np.ndarray, "G"]) -> None:
+    agents, now = request.scenario.agents, request.scenario.current_step
+    for row in rows:
+        name = agents.ids[row]
+        if name in request.redrawn_state_ids:
+            continue
+        if not agents.is_valid[row, now]:
+            raise GenerationError(
+                f"Agent {name} is not there at the current step, so it has no state "
+                "to go on from."
+            )
+        state = (*agents.position_m[row, now], *agents.velocity_mps[row, now])
+        if not np.isfinite([*state, agents.heading_rad[row, now]]).all():
+            raise GenerationError(
+                f"Agent {name} has no finite state at the current step; expected one."
+            )
