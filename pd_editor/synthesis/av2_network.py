@@ -7,6 +7,7 @@ from typing import Final
 
 from pd_editor.errors import SynthesisError
 from pd_editor.scene.road_map import RoadMap
+from pd_editor.synthesis.footways import footways_of
 from pd_editor.synthesis.kerb_strips import kerb_strips
 from pd_editor.synthesis.lane_links import lane_roads
 from pd_editor.synthesis.lane_net_file import write_lane_net
@@ -54,6 +55,7 @@ def network_of_map(road_map: RoadMap, name: str, folder: Path) -> Av2Network:
         },
         has_signals=net.has_signals,
         parking_strips_m=kerb_strips(road_map),
+        footways=footways_of(road_map),
         stretches=net.stretches,
     )
 

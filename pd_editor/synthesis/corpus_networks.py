@@ -11,6 +11,7 @@ from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import SynthesisError
 from pd_editor.synthesis.av2_network import network_of_map
 from pd_editor.synthesis.corpus_folder import NetworkRecord, write_scenario_folder
+from pd_editor.synthesis.demand_options import MAP_DEMAND
 from pd_editor.synthesis.draw_network import draw_network
 from pd_editor.synthesis.simulate import simulate
 from pd_editor.windows.cut import cut_scenario
@@ -71,7 +72,9 @@ def _recording(item: NetworkItem) -> Recording:
             return simulate(network, item.seed, duration_s=duration_s)
         real = read_scenario(item.map_folder)
         network = network_of_map(real.road_map, f"av2-{real.scenario_id}", folder)
-        recording = simulate(network, item.seed, duration_s=duration_s)
+        recording = simulate(
+            network, item.seed, duration_s=duration_s, demand=MAP_DEMAND
+        )
         return dataclasses.replace(
             recording, city=real.city, origin_city_m=real.origin_city_m
         )

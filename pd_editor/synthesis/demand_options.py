@@ -1,6 +1,7 @@
 """The knobs of synthetic traffic."""
 
 from dataclasses import dataclass, field
+from typing import Final
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,3 +46,13 @@ class DemandOptions:
     )  # fmt: skip
     """Share of each model of ``vehicle_types`` in the traffic."""
     parking: ParkingOptions = ParkingOptions()
+
+
+MAP_DEMAND: Final = DemandOptions(
+    flow_per_lane=480.0,
+    turn_aversion=4.0,
+    pedestrians_per_km=5.0,
+    parking=ParkingOptions(kerb_share=0.55, fullness=(0.5, 0.98)),
+)
+"""Traffic on maps of Argoverse 2. They were cut out around busy places, and so tightly
+that every side street is an entry, from which few would turn."""

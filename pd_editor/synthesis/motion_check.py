@@ -48,11 +48,17 @@ def has_artefact(tracks: TrafficTracks, step_s: float) -> Bool[np.ndarray, "A"]:
     return found
 
 
-def overlapping_pairs(tracks: TrafficTracks) -> Int[np.ndarray, "Q 2"]:
-    """Pairs of agents whose boxes overlap at some step; not two pedestrians."""
+def overlapping_pairs(
+    tracks: TrafficTracks, *, with_pedestrians: bool = False
+) -> Int[np.ndarray, "Q 2"]:
+    """Pairs of agents whose boxes overlap at some step, the earlier row first.
+
+    Two pedestrians may, but for ``with_pedestrians``.
+    """
     pairs = _near_pairs(tracks)
-    walks = np.array([kind is AgentKind.PEDESTRIAN for kind in tracks.kinds], bool)
-    pairs = pairs[~walks[pairs].all(axis=1)]
+    if not with_pedestrians:
+        walks = np.array([kind is AgentKind.PEDESTRIAN for kind in tracks.kinds], bool)
+        pairs = pairs[~walks[pairs].all(axis=1)]
     first = tracks.first_step[pairs].max(axis=1)
     end = tracks.first_step + np.diff(tracks.first_row)
     count = np.maximum(end[pairs].min(axis=1) - first, 0)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.road_map import RoadMap
+from pd_editor.synthesis.footways import Footways
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,3 +30,5 @@ class Network:
     has_signals: bool
     parking_strips_m: tuple[Float[np.ndarray, "_ 2"], ...] = ()
     """Middle lines of the strips along the kerb where vehicles park, as driven."""
+    footways: Footways | None = None
+    """Where people walk if SUMO's net has no sidewalks."""

@@ -20,6 +20,7 @@ from pd_editor.synthesis.sumo_states import read_raw_tracks
 from pd_editor.synthesis.sumo_tools import run_sumo_tool
 from pd_editor.synthesis.traffic_graph import TrafficGraph, read_traffic_graph
 from pd_editor.synthesis.traffic_tracks import TrafficTracks, traffic_tracks
+from pd_editor.synthesis.walkers import draw_walkers
 from pd_editor.windows.recording import Recording
 
 STEP_S: Final = 0.1
@@ -66,8 +67,14 @@ def simulate(
         tracks = _traffic(network, graph, options, duration_s, seed, random)
     tracks = tracks.taken(~has_artefact(tracks, STEP_S))
     tracks = tracks.taken(without_overlaps(tracks))
+    num_steps = round(duration_s / STEP_S)
+    if network.footways is not None and network.footways.lines_m:
+        walkers = draw_walkers(
+            network.footways, tracks, options, num_steps, STEP_S, random
+        )
+        tracks = tracks.joined(walkers)
     parked = draw_parked_vehicles(network, tracks, options.parking, random)
-    return _recording(network, seed, tracks, parked, round(duration_s / STEP_S))
+    return _recording(network, seed, tracks, parked, num_steps)
 
 
 def _traffic(

@@ -62,6 +62,21 @@ class TrafficTracks:
             velocity_mps=self.velocity_mps[rows],
         )
 
+    def joined(self, other: "TrafficTracks") -> "TrafficTracks":
+        """These road users, and after them others in the same recording."""
+        return TrafficTracks(
+            ids=(*self.ids, *other.ids),
+            kinds=(*self.kinds, *other.kinds),
+            size_m=np.concatenate([self.size_m, other.size_m]),
+            first_step=np.concatenate([self.first_step, other.first_step]),
+            first_row=np.concatenate(
+                [self.first_row, self.first_row[-1] + other.first_row[1:]]
+            ),
+            position_m=np.concatenate([self.position_m, other.position_m]),
+            heading_rad=np.concatenate([self.heading_rad, other.heading_rad]),
+            velocity_mps=np.concatenate([self.velocity_mps, other.velocity_mps]),
+        )
+
 
 def traffic_tracks(
     raw: RawTracks, types: dict[str, DrawnType], step_s: float

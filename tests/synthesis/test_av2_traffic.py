@@ -7,10 +7,12 @@ import pytest
 import shapely
 
 from pd_editor.av2_io.read import read_scenario
+from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
 from pd_editor.geometry.polyline import arc_length
-from pd_editor.scene.agent_kind import MOVER_KINDS
+from pd_editor.scene.agent_kind import MOVER_KINDS, AgentKind
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 from pd_editor.synthesis.av2_network import network_of_map
+from pd_editor.synthesis.demand_options import MAP_DEMAND
 from pd_editor.synthesis.kerb_strips import kerb_strips
 from pd_editor.synthesis.simulate import simulate
 from tests.builders import straight_lane
@@ -57,3 +59,29 @@ def test_strips_lie_on_paved_ground_beside_lanes() -> None:
     assert strip[:, 0].max() <= 40
     assert strips(1.0) == strips(9.0) == []
     assert kerb_strips(RoadMap(lanes=(lane,))) == ()
+
+
+def test_people_walk_beside_real_roads(folders: list[Path], tmp_path: Path) -> None:
+    folder = folders[1]
+    road_map = read_scenario(folder).road_map
+    network = network_of_map(road_map, folder.name, tmp_path)
+    recording = simulate(network, 3, duration_s=30.0, demand=MAP_DEMAND)
+    walks = np.array([kind is AgentKind.PEDESTRIAN for kind in recording.kinds])
+    assert walks.any()
+    agent = np.repeat(np.arange(len(walks)), np.diff(recording.first_row))
+    lanes = shapely.union_all(
+        [shapely.Polygon(lane.outline_m()).buffer(0.0) for lane in road_map.lanes]
+    )
+    on_lane = shapely.contains_xy(lanes, *recording.position_m[walks[agent]].T)
+    assert on_lane.mean() < 0.4, "on crosswalks only"
+    step = recording.first_step[agent] + np.arange(len(agent))
+    step -= recording.first_row[agent]
+    for now in (50, 200):
+        rows = np.flatnonzero(step == now)
+        corners = box_corners(
+            recording.position_m[rows],
+            recording.heading_rad[rows],
+            recording.size_m[agent[rows]],
+        )
+        one, other = np.triu_indices(len(rows), 1)
+        assert not boxes_overlap(corners[one], corners[other]).any()
