@@ -24,7 +24,9 @@ class Affine:
     def __init__(self, layer: _Linear, like: Tensor) -> None:
         """Weights are copied, onto the device of ``like`` and in its precision."""
         weight, bias = layer
-        self._weight = weight.t().to(like).contiguous()
+        self._weight = weight.t().to(
+            like, copy=True, memory_format=torch.contiguous_format
+        )
         self._bias = bias.to(like, copy=True)
 
     def __call__(self, values: Float[Tensor, "Z I"]) -> Float[Tensor, "Z O"]:

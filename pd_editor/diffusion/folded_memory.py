@@ -112,7 +112,7 @@ class _FoldedEncoder:
         )
 
     def _copied(self, values: Tensor) -> Tensor:
-        return values.to(self._dtype, copy=True)
+        return values.to(self._dtype, copy=True, memory_format=torch.contiguous_format)
 
 
 def minus_infinity_unless(

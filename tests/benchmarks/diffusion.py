@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import torch
 
+from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.future_drawing import FutureTask
 from pd_editor.diffusion.model_folder import TrainedStage, save_model
 from pd_editor.diffusion.path_diffuser import PathDiffuser
@@ -60,16 +61,15 @@ def print_parts(model: TrajectoryDenoiser, scenario: Scenario) -> None:
     told("the same, packed as tensors", lambda: FutureTask.of(scenario, rows, basis))
     scene = FutureTask.of(scenario, rows, basis).scene
     with torch.inference_mode():
-        told("context, float32", lambda: model.context(scene))
-        with torch.autocast("cpu", torch.bfloat16):
-            told("context, bf16", lambda: model.context(scene))
-        context = model.context(scene)
+        network = FoldedDenoiser(model)
+        told("context", lambda: network.context(scene))
+        context, nobody = network.context(scene), torch.zeros_like(scene.has_agent)
         for samples in (1, 4, 6):
             noisy = torch.randn(samples, *scene.future.shape)
-            level = torch.full(noisy.shape[:-1], 0.5)
+            drawing = network.drawing(context, nobody, [0.5], samples)
             told(
                 f"denoising step, {samples} samples",
-                lambda noisy=noisy, level=level: model.denoise(context, noisy, level),
+                lambda noisy=noisy, drawing=drawing: drawing.denoise(noisy, 0),
             )
 
 

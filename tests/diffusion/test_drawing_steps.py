@@ -1,9 +1,11 @@
+import os
 from collections.abc import Generator
 
 import pytest
 import torch
 
-from pd_editor.diffusion.drawing_steps import drawing_steps
+from pd_editor.diffusion import drawing_steps as module
+from pd_editor.diffusion.drawing_steps import drawing_steps, num_idle_cores
 
 
 def seen_by_steps(closed: list[bool]) -> Generator[tuple[bool, int], None, str]:
@@ -15,16 +17,31 @@ def seen_by_steps(closed: list[bool]) -> Generator[tuple[bool, int], None, str]:
     return "done"
 
 
-def test_few_rows_take_one_thread_and_the_caller_keeps_its_own() -> None:
+@pytest.mark.parametrize(
+    ("idle", "num_rows", "threads"),
+    [
+        ([1] * 9, 100, [2, 2, 2]),
+        ([1] * 9, 10, [1, 1, 1]),
+        ([0] * 9, 100, [1, 1, 1]),
+        ([1, 0, -1, 0, 0], 100, [2, 1, 1]),
+    ],
+)
+def test_only_idle_cores_are_used_and_the_caller_keeps_its_threads(
+    idle: list[int], num_rows: int, threads: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = iter(idle)
+    monkeypatch.setattr(module, "num_idle_cores", lambda: next(said))
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
-        for num_rows, threads in ((10, 1), (100_000, 2)):
-            for found in drawing_steps(seen_by_steps([]), num_rows):
-                assert found == (True, threads)
-                assert torch.get_num_threads() == 2
-                assert not torch.is_inference_mode_enabled()
+        found = []
+        for is_inference, number in drawing_steps(seen_by_steps([]), num_rows):
+            assert is_inference
+            found.append(number)
             assert torch.get_num_threads() == 2
+            assert not torch.is_inference_mode_enabled()
+        assert found == threads
+        assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
 
@@ -45,3 +62,7 @@ def test_who_stops_early_stops_what_is_run() -> None:
     steps.close()
     del steps
     assert closed == [True]
+
+
+def test_a_process_that_runs_leaves_no_more_than_the_other_cores() -> None:
+    assert num_idle_cores() < (os.cpu_count() or 1)
