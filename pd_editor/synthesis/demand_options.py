@@ -49,10 +49,10 @@ class DemandOptions:
 
 
 MAP_DEMAND: Final = DemandOptions(
-    flow_per_lane=480.0,
+    flow_per_lane=650.0,
     turn_aversion=4.0,
-    pedestrians_per_km=5.0,
-    parking=ParkingOptions(kerb_share=0.55, fullness=(0.5, 0.98)),
+    pedestrians_per_km=4.5,
+    parking=ParkingOptions(kerb_share=0.45, fullness=(0.5, 0.98)),
 )
 """Traffic on maps of Argoverse 2. They were cut out around busy places, and so tightly
 that every side street is an entry, from which few would turn."""

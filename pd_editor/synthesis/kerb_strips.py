@@ -1,4 +1,4 @@
-"""Room to park beside the lanes of a map, as its drivable area shows it."""
+"""Room to park beside the lanes of a map, and on those that are wide enough."""
 
 from typing import Final
 
@@ -7,7 +7,7 @@ import shapely
 from jaxtyping import Float
 
 from pd_editor.geometry.angles import left_of
-from pd_editor.geometry.polyline import arc_length, point_at
+from pd_editor.geometry.polyline import arc_length, point_at, resample
 from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
 
 SPACING_M: Final = 1.0
@@ -18,10 +18,12 @@ MAX_ROOM_M: Final = 5.0
 HALF_VEHICLE_M: Final = 1.15
 """From the kerb to the middle of a vehicle that is parked along it."""
 MIN_LENGTH_M: Final = 14.0
+WIDE_M: Final = 4.8
+"""Lanes along the kerb that are as wide take in the room to park."""
 
 
 def kerb_strips(road_map: RoadMap) -> tuple[Float[np.ndarray, "_ 2"], ...]:
-    """Middle lines of strips to park on, beside the rightmost lanes, as driven."""
+    """Middle lines of strips to park on, beside or on the rightmost lanes, as driven."""
     if not road_map.drivable_areas:
         return ()
     paved = shapely.union_all(
@@ -31,14 +33,29 @@ def kerb_strips(road_map: RoadMap) -> tuple[Float[np.ndarray, "_ 2"], ...]:
         ]
     )
     shapely.prepare(paved)
-    return tuple(
-        strip
-        for lane in road_map.lanes
-        if lane.right_neighbor is None
-        and lane.kind is not LaneKind.BIKE
-        and not lane.is_intersection
-        for strip in _beside(lane, paved)
-    )
+    strips: list[Float[np.ndarray, "_ 2"]] = []
+    for lane in road_map.lanes:
+        if (
+            lane.right_neighbor is None
+            and lane.kind is not LaneKind.BIKE
+            and not lane.is_intersection
+        ):
+            strips += _beside(lane, paved) or _within(lane)
+    return tuple(strips)
+
+
+def _within(lane: Lane) -> list[Float[np.ndarray, "_ 2"]]:
+    """Along the right edge of a lane that is wide enough to park on."""
+    length = float(arc_length(lane.right_m)[-1])
+    if length < MIN_LENGTH_M:
+        return []
+    num_points = int(length / SPACING_M) + 2
+    right = resample(lane.right_m, num_points)
+    across = resample(lane.left_m, num_points) - right
+    width = np.linalg.norm(across, axis=1)
+    if np.median(width) < WIDE_M:
+        return []
+    return [right + HALF_VEHICLE_M * across / np.maximum(width, 1e-9)[:, None]]
 
 
 def _beside(lane: Lane, paved: shapely.Geometry) -> list[Float[np.ndarray, "_ 2"]]:

@@ -1,5 +1,6 @@
 """Traffic on real maps stays on the maps' own lanes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,23 @@ def test_strips_lie_on_paved_ground_beside_lanes() -> None:
     assert strip[:, 0].max() <= 40
     assert strips(1.0) == strips(9.0) == []
     assert kerb_strips(RoadMap(lanes=(lane,))) == ()
+
+
+@pytest.mark.parametrize(("width_m", "count"), [(3.5, 0), (5.4, 1)])
+def test_vehicles_park_on_wide_lanes(width_m: float, count: int) -> None:
+    half = width_m / 2
+    lane = straight_lane(1, (0, 0), (60, 0))
+    lane = replace(
+        lane,
+        left=lane.centerline + np.array([0, half, 0]),
+        right=lane.centerline - np.array([0, half, 0]),
+    )
+    ring = np.array([[0, -half, 0], [60, -half, 0], [60, half, 0], [0, half, 0]], float)
+    area = DrivableArea(area_id=1, boundary=ring)
+    strips = kerb_strips(RoadMap(lanes=(lane,), drivable_areas=(area,)))
+    assert len(strips) == count
+    for strip in strips:
+        np.testing.assert_allclose(strip[:, 1], 1.15 - half)
 
 
 def test_people_walk_beside_real_roads(folders: list[Path], tmp_path: Path) -> None:
