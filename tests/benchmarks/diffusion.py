@@ -4,6 +4,7 @@ Weights are random, which takes the same time. Reads the train and val folders u
 PD_EDITOR_AV2.
 """
 
+import itertools
 import statistics
 import time
 from collections.abc import Callable
@@ -64,11 +65,12 @@ def print_parts(model: TrajectoryDenoiser, scenario: Scenario) -> None:
         network = FoldedDenoiser(model)
         told("context", lambda: network.context(scene))
         context, nobody = network.context(scene), torch.zeros_like(scene.has_agent)
-        for samples in (1, 4, 6):
+        for samples, threads in itertools.product((1, 4, 6), (1, 2)):
+            torch.set_num_threads(threads)
             noisy = torch.randn(samples, *scene.future.shape)
             drawing = network.drawing(context, nobody, [0.5], samples)
             told(
-                f"denoising step, {samples} samples",
+                f"denoising step, {samples} samples, {threads} threads",
                 lambda noisy=noisy, drawing=drawing: drawing.denoise(noisy, 0),
             )
 
