@@ -88,8 +88,6 @@ def generate(
     counts, fits = _wanted_counts(num_agents)
     draws_agents = bool(counts) or fits
     _check_choice(draws_agents, bool(wanted), redraw_states=redraw_states, add=add)
-    if samples < 1:
-        raise GenerationError(f"{samples} samples were asked for; expected 1 or more.")
     removed = road_user_ids(opened) if draws_agents and not add else ()
     driven: tuple[str, ...] = ()
     if not draws_agents or (wanted and add):
@@ -118,8 +116,14 @@ def _written(
     overwrite: bool,
     wanted: Sequence[str],
 ) -> Outcome:
-    """Let the generator draw, and write each sample as a folder of its own."""
+    """Let the generator draw, and write each sample as a folder of its own.
+
+    Raises:
+        GenerationError: no sample was asked for.
+    """
     count = request.num_samples
+    if count < 1:
+        raise GenerationError(f"{count} samples were asked for; expected 1 or more.")
     ending = [""] if count == 1 else [f"_s{index:02d}" for index in range(count)]
     names = [f"{opened.scenario_id}{end}" for end in ending]
     for name in names:

@@ -70,6 +70,19 @@ def densify_all(
     return np.split(dense, first[ends[:-1]])
 
 
+def smoothed(
+    points: Float[np.ndarray, "N D"], width_points: float
+) -> Float[np.ndarray, "N D"]:
+    """The line under a Gaussian of that width; its ends count as going on for ever."""
+    reach = int(np.ceil(4.0 * width_points))
+    kernel = np.exp(
+        -0.5 * (np.arange(-reach, reach + 1) / max(width_points, 1e-9)) ** 2
+    )
+    longer = np.pad(points, ((reach, reach), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(longer, len(kernel), axis=0)
+    return windows @ (kernel / kernel.sum())
+
+
 def offset_line(
     points_m: Float[np.ndarray, "N 2"], distance_m: float
 ) -> Float[np.ndarray, "N 2"]:

@@ -8,10 +8,15 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import gaussian_filter1d
 
 from pd_editor.geometry.angles import heading_of, left_of, unit_vector
-from pd_editor.geometry.polyline import arc_length, point_at, resample, without_repeats
+from pd_editor.geometry.polyline import (
+    arc_length,
+    point_at,
+    resample,
+    smoothed,
+    without_repeats,
+)
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.synthesis.demand_options import DemandOptions
 from pd_editor.synthesis.footways import Crossing, Footways
@@ -261,7 +266,7 @@ def _progress(
     places.append(length)
     steps = np.arange(int(times[-1] / traffic.step_s) + 1)
     along = np.interp(steps * traffic.step_s, times, places)
-    return gaussian_filter1d(along, PACE_CHANGE_S / traffic.step_s, mode="nearest")
+    return smoothed(along[:, None], PACE_CHANGE_S / traffic.step_s)[:, 0]
 
 
 def _wait_steps(
@@ -291,10 +296,6 @@ def _rounded(
     """A line with its corners rounded, shifted to its left."""
     num_points = int(arc_length(line)[-1] / LINE_SPACING_M) + 2
     spread = CORNER_M / LINE_SPACING_M
-    smooth = gaussian_filter1d(
-        resample(line, num_points), spread, axis=0, mode="nearest"
-    )
-    ahead = gaussian_filter1d(
-        np.gradient(smooth, axis=0), spread, axis=0, mode="nearest"
-    )
+    smooth = smoothed(resample(line, num_points), spread)
+    ahead = smoothed(np.gradient(smooth, axis=0), spread)
     return smooth + aside_m * left_of(unit_vector(heading_of(ahead)))

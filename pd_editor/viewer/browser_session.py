@@ -69,16 +69,19 @@ class BrowserSession:
         self._inbox.start()
 
     def close(self) -> None:
-        """Stop working; the workspace lives on. Safe to call twice, from any thread."""
+        """Stop working; the workspace lives on.
+
+        Safe to call twice, from any thread: whoever comes second waits for the first.
+        """
         with self._closing:
             if self._is_closed:
                 return
             self._is_closed = True
-        self._inbox.close()
-        if self._is_built:
-            self._generation_panel.close()
-            self._workspace.session.remove_listener(self._changed)
-            self._workspace.session.commit_gesture()
+            self._inbox.close()
+            if self._is_built:
+                self._generation_panel.close()
+                self._workspace.session.remove_listener(self._changed)
+                self._workspace.session.commit_gesture()
 
     def _build(self) -> None:
         client, workspace = self._client, self._workspace

@@ -2,6 +2,7 @@ import numpy as np
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter1d
 
 from pd_editor.geometry.polyline import (
     arc_length,
@@ -10,6 +11,7 @@ from pd_editor.geometry.polyline import (
     offset_line,
     point_at,
     resample,
+    smoothed,
     without_repeats,
 )
 
@@ -71,6 +73,15 @@ def test_repeats_are_dropped_and_one_point_stays():
     line = np.array([[0.0, 0], [0, 0], [1, 0], [1, 0]])
     np.testing.assert_array_equal(without_repeats(line), [[0, 0], [1, 0]])
     assert len(without_repeats(np.zeros((3, 2)))) == 1
+
+
+@given(LINES, st.floats(0.3, 5.0))
+def test_smoothing_is_scipys_gaussian_filter(line, width):
+    dense = resample(line, 40)
+    expected = gaussian_filter1d(
+        dense, width, axis=0, mode="nearest", radius=int(np.ceil(4 * width))
+    )
+    np.testing.assert_allclose(smoothed(dense, width), expected, atol=1e-9)
 
 
 def test_offset_of_a_circle_is_a_circle():
