@@ -38,6 +38,8 @@ class PoseLossConfig:
     small_square_share: float = 0.3
     overlap_weight: float = 10.0
     """Depths are small numbers: the weight is large so that they count at all."""
+    overlap_after: float = 0.75
+    """Share of the training without it: who cannot place agents learns to spread them."""
     overlap_noise_m: float = 2.0
     """Overlap counts below this noise only: above, clean states are blurred means."""
 
@@ -46,9 +48,17 @@ def pose_loss(
     model: PoseDenoiser,
     scene: SceneTensors,
     random: torch.Generator,
+    progress: float = 1.0,
     config: PoseLossConfig | None = None,
 ) -> tuple[Float[Tensor, ""], dict[str, Float[Tensor, ""]]]:
     """Mean squared error of the network at random levels, and its parts.
+
+    Args:
+        model: the network.
+        scene: clean scenes.
+        random: random numbers, on the CPU.
+        progress: share of the training that is done.
+        config: what each step draws.
 
     Returns:
         The loss, and its terms before weighting: position, heading, speed, overlap.
@@ -67,7 +77,7 @@ def pose_loss(
     squared = (error.square() * is_drawn[..., None]).sum(dim=(0, 1, 2)) / count
     parts = {name: squared[list(where)].mean() for name, where in _PARTS.items()}
     loss = sum(parts.values(), torch.zeros_like(count))
-    if config.overlap_weight:
+    if config.overlap_weight and progress >= config.overlap_after:
         parts["overlap"] = _overlap(scene, clean, found, is_drawn > 0, level, config)
         loss = loss + config.overlap_weight * parts["overlap"]
     return loss, {name: part.detach() for name, part in parts.items()}

@@ -50,6 +50,16 @@ def _count_agents(model: nn.Module, store: FeatureStore) -> None:
     model.set_agent_counts(fit_agent_counts(scenes))
 
 
+def _trajectory_loss(
+    model: nn.Module,
+    batch: SceneTensors,
+    random: torch.Generator,
+    _progress: float,
+) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
+    assert isinstance(model, TrajectoryDenoiser)
+    return trajectory_loss(model, batch, random)
+
+
 STAGES: Final[Mapping[str, Stage]] = {
     "init": Stage(
         kind=INITIAL_STATES,
@@ -59,7 +69,7 @@ STAGES: Final[Mapping[str, Stage]] = {
     ),
     "traj": Stage(
         kind=TRAJECTORIES,
-        loss=trajectory_loss,
+        loss=_trajectory_loss,
         with_basis=TrajectoryDenoiser,
     ),
 }

@@ -35,8 +35,9 @@ class Batch(Protocol):
         ...
 
 
-Loss = Callable[[Any, Any, torch.Generator], tuple[Tensor, Mapping[str, Tensor]]]
-"""Loss of a network on a batch, and its parts by name; random numbers on the CPU."""
+Loss = Callable[[Any, Any, torch.Generator, float], tuple[Tensor, Mapping[str, Tensor]]]
+"""Loss of a network on a batch, and its parts by name; random numbers on the CPU, and
+the share of the training that is done."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,8 +77,8 @@ class TrainingProgress:
 class _Work:
     """A step's input, in a wrapping that the library does not look into."""
 
-    def __init__(self, batch: Batch, random: torch.Generator) -> None:
-        self.batch, self.random = batch, random
+    def __init__(self, batch: Batch, random: torch.Generator, progress: float) -> None:
+        self.batch, self.random, self.progress = batch, random, progress
 
 
 class _LossModule(nn.Module):
@@ -88,7 +89,7 @@ class _LossModule(nn.Module):
         self.model, self._loss = model, loss
 
     def forward(self, work: _Work) -> tuple[Tensor, dict[str, Tensor]]:
-        loss, parts = self._loss(self.model, work.batch, work.random)
+        loss, parts = self._loss(self.model, work.batch, work.random, work.progress)
         return loss, {name: part.detach() for name, part in parts.items()}
 
 
@@ -206,14 +207,13 @@ class TrainLoop:
     def _step(self, batch: Batch) -> tuple[Tensor, Mapping[str, Tensor], float]:
         """One step: loss, its parts, and the length of the gradient."""
         step, optimisation = self.standing.step, self._config.optimisation
-        rate = learning_rate(
-            optimisation, step, spent(self._config.budget, self.standing)
-        )
+        progress = spent(self._config.budget, self.standing)
+        rate = learning_rate(optimisation, step, progress)
         for group in self._optimiser.param_groups:
             group["lr"] = rate
         moved = batch.to(self._fabric.device)
         moved = self._data.augment(moved, self._random(_AUGMENT, step))
-        loss, parts = self._module(_Work(moved, self._random(_NOISE, step)))
+        loss, parts = self._module(_Work(moved, self._random(_NOISE, step), progress))
         self._fabric.backward(loss)
         norm = self._fabric.clip_gradients(
             self._module,
@@ -276,6 +276,7 @@ class TrainLoop:
                     self._average.model,
                     batch.to(self._fabric.device),
                     self._random(_HELD_OUT, index),
+                    1.0,
                 )
             recent.add(loss, parts, 0.0)
         return recent.entry(self.standing, held_out=True)

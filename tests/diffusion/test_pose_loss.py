@@ -10,11 +10,13 @@ from tests.diffusion.pose_scenes import scene_batch, small_model
 def test_the_loss_says_what_it_is_made_of():
     model, scene = small_model(is_ordered=True), scene_batch(4, 9, 13)
     config = PoseLossConfig(overlap_weight=0.5)
-    loss, parts = pose_loss(model, scene, torch.Generator().manual_seed(0), config)
+    loss, parts = pose_loss(
+        model, scene, torch.Generator().manual_seed(0), config=config
+    )
     assert set(parts) == {"position", "heading", "speed", "overlap"}
     plain = parts["position"] + parts["heading"] + parts["speed"]
     torch.testing.assert_close(loss.detach(), plain + 0.5 * parts["overlap"])
-    again, _ = pose_loss(model, scene, torch.Generator().manual_seed(0), config)
+    again, _ = pose_loss(model, scene, torch.Generator().manual_seed(0), config=config)
     assert torch.equal(loss, again)
     loss.backward()
     slopes = {
@@ -22,6 +24,15 @@ def test_the_loss_says_what_it_is_made_of():
         for name, parameter in model.named_parameters()
     }
     assert [name for name, has_slope in slopes.items() if not has_slope] == []
+
+
+def test_overlap_counts_late_in_training_only():
+    model, scene = small_model(is_ordered=True), scene_batch(4, 9)
+    config = PoseLossConfig(overlap_after=0.6)
+    for progress, counts in ((0.0, False), (0.59, False), (0.6, True), (1.0, True)):
+        random = torch.Generator().manual_seed(0)
+        _, parts = pose_loss(model, scene, random, progress, config)
+        assert ("overlap" in parts) == counts
 
 
 def test_tasks_are_as_asked_for():
@@ -57,7 +68,7 @@ def test_a_small_model_learns_one_scene_by_heart():
     num_steps = 400
     rates = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, num_steps)
     for _ in range(num_steps):
-        loss, _ = pose_loss(model, scene, random, options)
+        loss, _ = pose_loss(model, scene, random, config=options)
         optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)

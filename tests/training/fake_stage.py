@@ -28,7 +28,7 @@ def fresh_model() -> nn.Module:
 
 
 def noisy_loss(
-    model: nn.Module, batch: Numbers, random: torch.Generator
+    model: nn.Module, batch: Numbers, random: torch.Generator, progress: float
 ) -> tuple[Tensor, dict[str, Tensor]]:
     noise = torch.randn(batch.values.shape, generator=random)
     error = (model(batch.values + noise) - batch.values).square().mean()

@@ -90,8 +90,8 @@ def test_global_random_numbers_do_not_count(tmp_path):
 def test_a_batch_without_a_finite_gradient_is_left_out(tmp_path):
     calls = itertools.count()
 
-    def loss(model, batch, random):
-        value, parts = noisy_loss(model, batch, random)
+    def loss(model, batch, random, progress):
+        value, parts = noisy_loss(model, batch, random, progress)
         bad = math.nan if next(calls) == 3 else 1.0
         return value * bad, parts
 
@@ -102,8 +102,8 @@ def test_a_batch_without_a_finite_gradient_is_left_out(tmp_path):
 
 
 def test_a_loss_that_stays_no_number_ends_the_run(tmp_path):
-    def loss(model, batch, random):
-        value, parts = noisy_loss(model, batch, random)
+    def loss(model, batch, random, progress):
+        value, parts = noisy_loss(model, batch, random, progress)
         return value * math.nan, parts
 
     with pytest.raises(TrainingError, match="lower learning rate"):
