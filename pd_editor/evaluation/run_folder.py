@@ -1,20 +1,17 @@
 """The folder of an evaluation: finished scenes as they come, then rows and reports."""
 
 import json
-import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pd_editor.errors import ExportError, InputError
 from pd_editor.evaluation.scene_rows import ROW_SCHEMA, SceneRows
+from pd_editor.work_engine.resumable_folder import FINISHED_NAME, ResumableFolder
 
-SETTINGS_NAME: Final = "settings.json"
-FINISHED_NAME: Final = "finished"
 _METADATA_KEY: Final = b"pd_editor"
 
 
@@ -30,8 +27,8 @@ class RunSettings:
     seed: int
 
 
-class RunFolder:
-    """Finished scenes on disk; each file is whole or not there at all."""
+class RunFolder(ResumableFolder):
+    """Finished scenes on disk."""
 
     def __init__(self, path: Path, settings: RunSettings, *, resume: bool) -> None:
         """Make the folder, or go on with the one of an earlier run.
@@ -40,53 +37,7 @@ class RunFolder:
             ExportError: the folder cannot be written, or holds something else.
             InputError: it was begun with other settings.
         """
-        self.path = Path(path)
-        try:
-            present = os.listdir(self.path) if os.path.lexists(self.path) else []
-            if present:
-                self._check_earlier(settings, resume=resume)
-            (self.path / FINISHED_NAME).mkdir(parents=True, exist_ok=True)
-            self.write(SETTINGS_NAME, json.dumps(asdict(settings), indent=2).encode())
-        except (OSError, ValueError) as error:
-            raise _unwritable(self.path, error) from error
-
-    def _check_earlier(self, settings: RunSettings, *, resume: bool) -> None:
-        if not resume:
-            raise ExportError(
-                f"{self.path}: already holds files; choose a new folder, or go on with "
-                "an earlier run by --resume."
-            )
-        try:
-            found = json.loads((self.path / SETTINGS_NAME).read_bytes())
-        except (OSError, ValueError) as error:
-            raise ExportError(
-                f"{self.path}: holds no evaluation to go on with (no readable "
-                f"{SETTINGS_NAME}); choose a new folder."
-            ) from error
-        wanted = json.loads(json.dumps(asdict(settings)))
-        earlier = found if isinstance(found, dict) else {}
-        other = [name for name in wanted if earlier.get(name) != wanted[name]]
-        if other:
-            raise InputError(
-                f"{self.path}: was begun with other settings ({', '.join(other)}); use "
-                "the same ones, or choose a new folder."
-            )
-
-    def write(self, name: str, data: bytes) -> Path:
-        """Write a file of the folder, whole or not at all.
-
-        Raises:
-            ExportError: it cannot be written.
-        """
-        target = self.path / name
-        fresh = target.with_name(f".{target.name}.new")
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            fresh.write_bytes(data)
-            fresh.replace(target)
-        except OSError as error:
-            raise _unwritable(target, error) from error
-        return target
+        super().__init__(path, settings, work="evaluation", resume=resume)
 
     def store(self, key: str, rows: SceneRows) -> None:
         """Keep a finished scene.
@@ -132,8 +83,3 @@ class RunFolder:
 
     def _name(self, key: str) -> str:
         return f"{FINISHED_NAME}/{key}.parquet"
-
-
-def _unwritable(path: Path, error: Exception) -> ExportError:
-    reason = getattr(error, "strerror", None) or str(error)
-    return ExportError(f"{path}: cannot be written ({reason}).")

@@ -1,8 +1,5 @@
 from dataclasses import replace
 
-import pytest
-
-from pd_editor.errors import ExportError, InputError
 from pd_editor.evaluation.run_folder import RunFolder, RunSettings
 from pd_editor.evaluation.scene_rows import ROW_SCHEMA, SceneRows
 
@@ -34,33 +31,3 @@ def test_a_damaged_file_counts_as_not_finished(tmp_path):
     path.write_bytes(path.read_bytes()[:-9])
     assert folder.load("a/none") is None
     assert folder.finished({"a/none": 0}) == frozenset()
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"seed": 1},
-        {"samples": 3},
-        {"methods": ("a",)},
-        {"data": ("/other",)},
-        {"version": "2"},
-    ],
-)
-def test_other_settings_are_refused(tmp_path, change):
-    RunFolder(tmp_path, SETTINGS, resume=False)
-    with pytest.raises(InputError, match=next(iter(change))):
-        RunFolder(tmp_path, replace(SETTINGS, **change), resume=True)
-
-
-def test_places_that_cannot_be_used(tmp_path):
-    (tmp_path / "file").write_text("")
-    for place in (tmp_path / "file", tmp_path / "file" / "below", tmp_path / "a\0b"):
-        with pytest.raises(ExportError, match="cannot be written"):
-            RunFolder(place, SETTINGS, resume=False)
-    with pytest.raises(ExportError, match="already holds files"):
-        RunFolder(tmp_path, SETTINGS, resume=False)
-    with pytest.raises(ExportError, match="no evaluation"):
-        RunFolder(tmp_path, SETTINGS, resume=True)
-    (tmp_path / "settings.json").write_text("[1]")
-    with pytest.raises(InputError):
-        RunFolder(tmp_path, SETTINGS, resume=True)
