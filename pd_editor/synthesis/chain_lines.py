@@ -7,11 +7,13 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.geometry.polyline import arc_length, without_repeats
+from pd_editor.geometry.polyline import arc_length, resample, without_repeats
 from pd_editor.synthesis.lane_chains import LaneChain, LaneChains
 from pd_editor.synthesis.lane_geometry import WideLine, wide_line, with_end_normals
 from pd_editor.synthesis.sumo_net import SumoLane
 
+_SPACING_M: Final = 1.0
+"""Between the points of a line through a junction."""
 _MAX_STEP_M: Final = 3.0
 """SUMO lets cyclists turn at the edge of a wide lane; wider steps are not mended."""
 
@@ -83,10 +85,15 @@ def _junction_run(
     run: tuple[SumoLane, ...], start: _Joint | None, end: _Joint | None
 ) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N"]]:
     """Points and widths through a junction, between two roads' lanes."""
-    points = np.concatenate([lane.shape_m for lane in run])
+    points = without_repeats(np.concatenate([lane.shape_m for lane in run]), 1e-3)
+    if len(points) > 1:
+        length = float(arc_length(points)[-1])
+        points = resample(points, max(int(np.ceil(length / _SPACING_M)) + 1, 5))
     along = arc_length(points)
     fraction = (along / max(float(along[-1]), 1e-6))[:, None]
-    for joint, row, weight in ((start, 0, 1.0 - fraction), (end, -1, fraction)):
+    # Eased in and out, so that lines have no kink where they meet the roads' lanes.
+    eased = fraction**2 * (3.0 - 2.0 * fraction)
+    for joint, row, weight in ((start, 0, 1.0 - eased), (end, -1, eased)):
         if joint is not None:
             step = joint.point_m - points[row]
             if np.linalg.norm(step) < _MAX_STEP_M:

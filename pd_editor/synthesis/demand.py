@@ -21,6 +21,10 @@ from pd_editor.synthesis.vehicle_types import (
 MEAN_TRAVEL_SPEED_MPS: Final = 6.0
 """Speed that turns a flow into the number of vehicles that are there at first."""
 
+TYPICAL_LIMIT_MPS: Final = 12.0
+FLOW_POWER: Final = 2.0
+"""How much more traffic fast roads have: with this power of their speed limits."""
+
 WALK_M: Final = 350.0
 """How far pedestrians go, as the crow flies."""
 
@@ -109,6 +113,7 @@ def _trips(
         for entry in choice.entries:
             num_lanes = len(graph.edges[entry].lanes_for(model.sumo_class))
             flow = share * options.flow_per_lane / 3600 * num_lanes
+            flow *= (graph.edges[entry].speed_mps / TYPICAL_LIMIT_MPS) ** FLOW_POWER
             flow *= random.lognormal(0.0, options.flow_spread)
             trips += _trips_of(choice, entry, model, flow, duration_s, random)
     return trips

@@ -8,7 +8,7 @@ from typing import Final
 class ParkingOptions:
     """How much stands beside the road."""
 
-    kerb_share: float = 0.4
+    kerb_share: float = 0.27
     """Share of street sides along which vehicles park."""
     fullness: tuple[float, float] = (0.15, 0.9)
     """Share of places taken along such a side, drawn between these."""
@@ -24,24 +24,24 @@ class ParkingOptions:
 class DemandOptions:
     """Who is on the road, and how many."""
 
-    flow_per_lane: float = 320.0
+    flow_per_lane: float = 420.0
     """Vehicles an hour and lane that enter at a typical entry of the network."""
     flow_spread: float = 0.6
     """Spread of the flows of entries, as that of a log-normal law."""
     turn_cost_s: float = 40.0
     """Detour that a driver accepts to save a turn."""
-    turn_aversion: float = 2.0
+    turn_aversion: float = 2.4
     """How much rarer destinations become with every turn towards them."""
     halting_share: float = 0.08
     """Share of vehicles that halt at the kerb for a while on their way."""
-    pedestrians_per_km: float = 2.8
+    pedestrians_per_km: float = 5.0
     """Pedestrians at any time on a km of sidewalk, at the mean over networks."""
     pedestrian_spread: float = 1.0
     """Spread between networks, as that of a log-normal law: many have hardly any."""
     shares: dict[str, float] = field(
         default_factory=lambda: {
-            "car": 0.55, "suv": 0.28, "van": 0.07, "truck": 0.035, "bus": 0.025,
-            "motorcycle": 0.012, "bicycle": 0.015,
+            "car": 0.555, "suv": 0.282, "van": 0.07, "truck": 0.035, "bus": 0.025,
+            "motorcycle": 0.005, "bicycle": 0.015,
         }
     )  # fmt: skip
     """Share of each model of ``vehicle_types`` in the traffic."""

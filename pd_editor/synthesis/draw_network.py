@@ -38,9 +38,9 @@ _DRAW: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
 }
 FAMILIES: Final[tuple[str, ...]] = tuple(_DRAW)
 FAMILY_SHARES: Final[Mapping[str, float]] = {
-    "grid": 0.29,
-    "downtown": 0.16,
-    "arterial": 0.13,
+    "grid": 0.27,
+    "downtown": 0.19,
+    "arterial": 0.12,
     "town": 0.14,
     "t-junctions": 0.11,
     "slip-lanes": 0.04,

@@ -9,7 +9,7 @@ import numpy as np
 from pd_editor.errors import SynthesisError
 
 LEAST_GREEN_S: Final = 7.0
-GREEN_SHARE: Final = (0.3, 0.65)
+GREEN_SHARE: Final = (0.35, 0.7)
 """Drawn share of netconvert's green times, which make cycles of 90 s."""
 
 ACTUATED_SHARE: Final = 0.5

@@ -30,18 +30,18 @@ class VehicleModel:
 MODELS: Final[tuple[VehicleModel, ...]] = (
     VehicleModel(
         name="car", kind=AgentKind.VEHICLE, sumo_class="passenger",
-        length_m=(4.65, 0.3), width_m=(1.88, 0.08), accel_mps2=1.8,
-        decel_mps2=2.05, max_speed_mps=40.0, lateral_m=0.33,
+        length_m=(4.65, 0.3), width_m=(1.88, 0.08), accel_mps2=2.0,
+        decel_mps2=2.3, max_speed_mps=40.0, lateral_m=0.42,
     ),
     VehicleModel(
         name="suv", kind=AgentKind.VEHICLE, sumo_class="passenger",
-        length_m=(5.0, 0.25), width_m=(2.0, 0.06), accel_mps2=1.75,
-        decel_mps2=1.95, max_speed_mps=40.0, lateral_m=0.3,
+        length_m=(5.0, 0.25), width_m=(2.0, 0.06), accel_mps2=1.95,
+        decel_mps2=2.2, max_speed_mps=40.0, lateral_m=0.4,
     ),
     VehicleModel(
         name="van", kind=AgentKind.VEHICLE, sumo_class="delivery",
-        length_m=(5.9, 0.5), width_m=(2.05, 0.08), accel_mps2=1.6,
-        decel_mps2=2.3, max_speed_mps=36.0, lateral_m=0.28,
+        length_m=(5.9, 0.5), width_m=(2.05, 0.08), accel_mps2=1.8,
+        decel_mps2=2.3, max_speed_mps=36.0, lateral_m=0.35,
     ),
     VehicleModel(
         name="truck", kind=AgentKind.VEHICLE, sumo_class="truck",

@@ -47,7 +47,7 @@ class TrackingNoise:
     position_width_s: float = 1.0
     """Kernel width of positions and headings."""
     velocity_width_s: float = 0.4
-    range_m: float = 80.0
+    range_m: float = 65.0
     """Median distance from the ego up to which an agent is seen."""
     range_spread: float = 0.5
     """Standard deviation of the logarithm of that distance."""
