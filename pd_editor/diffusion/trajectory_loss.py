@@ -47,7 +47,7 @@ def trajectory_loss(
 
     Returns:
         The loss, and terms before weighting: latent, metres (mean square distance of
-        points), early, overlap (mean square depth in metres).
+        points), early, overlap (mean square depth in metres of those near the truth).
     """
     config = TrajectoryLossConfig() if config is None else config
     level, is_drawn = _levels(scene, random, config)

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 
-MAP_MARGIN_M: Final = 32.0
+MAP_MARGIN_M: Final = 35.0
 """Lanes that come so near to a path are in the map."""
 _AREA_MARGIN_M: Final = 15.0
 """Drivable areas are cut off so far outside the lanes."""

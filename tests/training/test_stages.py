@@ -78,8 +78,9 @@ def test_bf16_trains_too(name, prepared, tmp_path):
     assert all(one.dtype == torch.float32 for one in loop.averaged_model.parameters())
 
 
+# The first stage's last losses count overlaps as well.
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "share"), [("init", 0.6), ("traj", 0.5)])
+@pytest.mark.parametrize(("name", "share"), [("init", 0.7), ("traj", 0.5)])
 def test_a_tiny_network_learns_few_scenes_within_a_minute(
     name, share, prepared, tmp_path
 ):
