@@ -38,13 +38,13 @@ class PoseGuidance:
 
     push: float = 1.0
     """Share of an overlap that each step takes away."""
-    pull: float = 0.5
+    pull: float = 0.8
     """Share of the way to the lane that each step goes."""
     moving_offset_m: float = 2.0
     """Moving agents within this distance of a centre line are left alone."""
     standing_offset_m: float = 10.0
     """The same of standing ones: cars park beside lanes, in driveways and on lots."""
-    first_noise_m: float = 4.0
+    first_noise_m: float = 12.0
 
     def of(
         self, scene: SceneTensors, is_given: Bool[Tensor, "B A"] | None = None

@@ -21,6 +21,7 @@ _RANGES: Final = (
     *[tuple(noise / POSITION_UNIT_M for noise in POSITION_NOISE_M)] * 2,
     *[DIRECTION_NOISE] * 3,
 )
+_EMPHASIS: Final = 0.3
 _LOWEST: Final = torch.tensor([math.log(low) for low, _ in _RANGES])
 _SPAN: Final = torch.tensor([math.log(high / low) for low, high in _RANGES])
 _SPREAD: Final = torch.tensor(STATE_SPREAD)
@@ -59,6 +60,16 @@ def first_noise(noise: Float[Tensor, "*b 5"]) -> Float[Tensor, "*b 5"]:
 
 
 def sampling_levels(num_steps: int) -> Sequence[float]:
-    """Levels of the steps from 1 down to 0."""
+    """Levels of the steps from 1 down to 0, closer to each other in the middle.
+
+    There lanes, headings and gaps are found: 10 steps so spread are as good as 12 even
+    ones.
+    """
     assert num_steps >= 1
-    return [1 - step / max(num_steps - 1, 1) for step in range(num_steps)]
+    even = [step / max(num_steps - 1, 1) for step in range(num_steps)]
+    wave = [math.sin(2 * math.pi * one) / (2 * math.pi) for one in even]
+    # Rounded, so that the last one is 0.
+    return [
+        round(1 - one - _EMPHASIS * bend, 12)
+        for one, bend in zip(even, wave, strict=True)
+    ]
