@@ -8,7 +8,7 @@ from typing import Final
 class ParkingOptions:
     """How much stands beside the road."""
 
-    kerb_share: float = 0.27
+    kerb_share: float = 0.31
     """Share of street sides along which vehicles park."""
     fullness: tuple[float, float] = (0.15, 0.9)
     """Share of places taken along such a side, drawn between these."""
@@ -16,7 +16,7 @@ class ParkingOptions:
     """Share of street sides with places at an angle off the lane."""
     driveways_per_km: float = 1.2
     """Vehicles in driveways, across the street or at an angle, per km of side."""
-    lots_per_km: float = 0.06
+    lots_per_km: float = 0.04
     """Small parking lots off the road, per km of side."""
 
 
@@ -24,7 +24,7 @@ class ParkingOptions:
 class DemandOptions:
     """Who is on the road, and how many."""
 
-    flow_per_lane: float = 420.0
+    flow_per_lane: float = 500.0
     """Vehicles an hour and lane that enter at a typical entry of the network."""
     flow_spread: float = 0.6
     """Spread of the flows of entries, as that of a log-normal law."""

@@ -64,8 +64,11 @@ def test_recordings_come_back_rounded(tmp_path_factory, seed, num_agents):
         direct, read = cut_scenario(recording, window), reader.window(index)
         assert read.scenario_id == direct.scenario_id
         assert read.agents.ids == direct.agents.ids
-        gap = np.abs(read.agents.position_m - direct.agents.position_m)
-        assert gap.max() <= POSITION_STEP_M / 2 + TINY
+        # Rounding takes hardly anybody over the edge of the square.
+        both = read.agents.is_valid & direct.agents.is_valid
+        assert (read.agents.is_valid ^ direct.agents.is_valid).sum() <= 2
+        gap = np.abs(read.agents.position_m - direct.agents.position_m)[both]
+        assert gap.max(initial=0) <= POSITION_STEP_M / 2 + TINY
 
 
 def test_headings_may_turn_round_and_round():
