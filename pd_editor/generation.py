@@ -139,7 +139,7 @@ LANE_GUIDANCE: Final = "nearest-candidate"
 AVOIDANCE: Final = "avoidance"
 """Name of the term by which, of ``tries`` futures of each agent, those that avoid
 others are taken, and who would still run into somebody waits; ``tries`` is its
-parameter. With one try, futures stay as drawn."""
+parameter. With none, futures stay as drawn."""
 
 
 def guidance_terms(

@@ -77,7 +77,7 @@ def generate(
         samples: How many samples to draw.
         steps: Denoising steps.
         keep_to_lanes: Strength of the guidance towards the lanes, 0 for none.
-        tries: Futures of each agent, of which those that avoid others are taken; who would still run into somebody waits. 1: as drawn.
+        tries: Futures of each agent, of which those that avoid others are taken; who would still run into somebody waits. 0: as drawn.
         seed: Seed of the draw; the same seed gives the same files.
         model: Name of the generator.
         device: Where a model computes; auto takes a GPU if there is one.
@@ -189,8 +189,8 @@ def _check_choice(
 def _guidance(weight: float | None, tries: int | None) -> tuple[GuidanceTerm, ...]:
     if weight is not None and not 0 <= weight <= 1:
         raise GenerationError(f"--keep-to-lanes must be between 0 and 1, not {weight}.")
-    if tries is not None and tries < 1:
-        raise GenerationError(f"--tries is {tries}; expected 1 or more.")
+    if tries is not None and tries < 0:
+        raise GenerationError(f"--tries is {tries}; expected 0 or more.")
     return guidance_terms(weight, tries)
 
 

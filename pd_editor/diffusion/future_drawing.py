@@ -130,7 +130,9 @@ def draw_futures(
                 task.scene.has_agent.device
             ),
             config=TrajectorySamplerConfig(
-                num_steps=options.num_steps, candidate_level=options.candidate_level
+                num_steps=options.num_steps,
+                candidate_level=options.candidate_level,
+                num_tries=tries,
             ),
             guide=guide if options.lane_weight > 0 else None,
         )

@@ -216,7 +216,7 @@ class PathDiffuser:
                 "the nearest way along the lanes, on average."
             )
         samples = list(_samples(task, rows, drawn.motion))
-        if _options(request).num_tries > 1:
+        if _num_tries(request):
             given = [giving_way(scenario, rows, sample) for sample in samples]
             samples = [sample for sample, _ in given]
             num_waiting = sum(len(waiting) for _, waiting in given)
@@ -251,18 +251,22 @@ def _placing(placer: PoseDenoiser, request: GenerationRequest, sample: int) -> P
     return replace(placing, new_ids=ids, new_kinds=kinds)
 
 
+def _num_tries(request: GenerationRequest) -> int:
+    """Of each future; 0 where nobody is to avoid others."""
+    avoids = [term for term in request.guidance if term.name == AVOIDANCE]
+    if not avoids:
+        return NUM_TRIES
+    wanted = int(avoids[-1].parameters.get("tries", NUM_TRIES))
+    return max(wanted, 0) if avoids[-1].weight > 0 else 0
+
+
 def _options(request: GenerationRequest) -> FutureOptions:
     lanes = [term for term in request.guidance if term.name == LANE_GUIDANCE]
-    avoids = [term for term in request.guidance if term.name == AVOIDANCE]
-    tries = NUM_TRIES
-    if avoids:
-        wanted = int(avoids[-1].parameters.get("tries", NUM_TRIES))
-        tries = max(wanted, 1) if avoids[-1].weight > 0 else 1
     return FutureOptions(
         num_steps=request.num_denoising_steps or NUM_STEPS,
         lane_weight=lanes[-1].weight if lanes else DEFAULT_WEIGHT,
         lane_agent_ids=lanes[-1].agent_ids if lanes else (),
-        num_tries=tries,
+        num_tries=max(_num_tries(request), 1),
         seed=request.seed,
     )
 

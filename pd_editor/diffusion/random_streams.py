@@ -1,11 +1,16 @@
 """Random numbers that belong to a sample, whatever batch the sample is drawn in."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+_GOLDEN_RATIO: Final = (5**0.5 - 1) / 2
+_SHIFT_KEY: Final = (1 << 31, 1)
+"""Sets the numbers that all samples share apart from those of each."""
 
 
 class RandomStreams:
@@ -17,13 +22,11 @@ class RandomStreams:
     """
 
     def __init__(self, seed: int, stage: str, samples: Sequence[int]) -> None:
-        stage_key = int.from_bytes(stage.encode(), "little")
-        self._generators: list[torch.Generator] = []
-        for sample in samples:
-            state = np.random.SeedSequence([seed, stage_key, sample]).generate_state(2)
-            generator = torch.Generator("cpu")
-            generator.manual_seed(int(state[0]) << 31 ^ int(state[1]))
-            self._generators.append(generator)
+        self._key = [seed, int.from_bytes(stage.encode(), "little")]
+        self._samples = tuple(samples)
+        self._generators = [
+            _generator([*self._key, sample]) for sample in self._samples
+        ]
 
     def normal(self, *shape: int) -> Float[Tensor, "S ..."]:
         """Standard normal numbers of shape [S, *shape]."""
@@ -34,6 +37,31 @@ class RandomStreams:
             ]
         )
 
+    def spread_normal(self, *shape: int, num_tries: int = 1) -> Float[Tensor, "S ..."]:
+        """Standard normal numbers of which the first of each row differ most.
+
+        Sample by sample they fill the gaps that earlier samples left: a few samples
+        cover what is likely. With several tries, each ``num_tries`` consecutive
+        samples are tries of one; the first tries of all are spread, then the second.
+
+        Source: Kronecker sequence of the golden ratio, shifted at random (Cranley and
+        Patterson, 1976), so that each sample by itself is normal.
+        """
+        normal = self.normal(*shape)
+        shifts = [
+            torch.rand(
+                shape[:-1],
+                generator=_generator([*self._key, *_SHIFT_KEY, attempt]),
+                dtype=torch.float64,
+                device="cpu",
+            )
+            for attempt in range(num_tries)
+        ]
+        for row, sample in zip(normal, self._samples, strict=True):
+            place = shifts[sample % num_tries] + sample // num_tries * _GOLDEN_RATIO
+            row[..., 0] = torch.special.ndtri(place.frac().clamp(1e-12, 1 - 1e-12))
+        return normal
+
     def uniform(self, *shape: int) -> Float[Tensor, "S ..."]:
         """Numbers from 0 to below 1, of shape [S, *shape]."""
         return torch.stack(
@@ -42,3 +70,10 @@ class RandomStreams:
                 for each in self._generators
             ]
         )
+
+
+def _generator(key: Sequence[int]) -> torch.Generator:
+    state = np.random.SeedSequence(key).generate_state(2)
+    generator = torch.Generator("cpu")
+    generator.manual_seed(int(state[0]) << 31 ^ int(state[1]))
+    return generator

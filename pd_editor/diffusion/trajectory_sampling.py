@@ -28,6 +28,8 @@ class TrajectorySamplerConfig:
     """Below 1, sampling begins at this level with a candidate of each agent, noised."""
     fresh_noise: float = 0.0
     """Share of the noise that is drawn anew at each step: 0 none, 1 ancestral."""
+    num_tries: int = 1
+    """So many consecutive samples are tries of one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,7 +120,9 @@ def _start(
     config: TrajectorySamplerConfig,
 ) -> Float[Tensor, "S B A 10"]:
     shape = scene.has_agent.shape
-    noise = streams.normal(*shape, scene.future.shape[-1]).to(scene.future)
+    noise = streams.spread_normal(
+        *shape, scene.future.shape[-1], num_tries=config.num_tries
+    ).to(scene.future)
     if config.candidate_level >= 1.0:
         return noise
     count = scene.has_candidate.sum(-1)

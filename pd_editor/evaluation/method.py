@@ -65,7 +65,7 @@ class Method:
                 found[name] = float(number)
             except ValueError:
                 found[name] = math.nan
-            if name not in _OPTIONS or not found[name] >= (0 if name == "lanes" else 1):
+            if name not in _OPTIONS or not found[name] >= (1 if name == "steps" else 0):
                 raise GenerationError(
                     f"The method {self.name[:60]!r} has the option {text[:30]!r}; "
                     "expected steps, lanes or tries, such as lanes=0.6."

@@ -80,6 +80,7 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
         ("--num-agents 3 --agents AV", "give --add to keep them"),
         ("--add", "--add needs --num-agents"),
         ("--keep-to-lanes 3", "must be between 0 and 1"),
+        ("--tries -1", "--tries is -1; expected 0 or more."),
     ],
 )
 def test_impossible_requests_are_refused(

@@ -2,6 +2,7 @@ import math
 
 import pytest
 import torch
+from scipy import stats
 
 from pd_editor.diffusion.noise_schedule import NoiseSchedule, ScheduleKind
 from pd_editor.diffusion.random_streams import RandomStreams
@@ -59,6 +60,36 @@ def test_samples_stages_and_seeds_are_independent() -> None:
     assert all(
         not torch.equal(one, two) for one in draws for two in draws if one is not two
     )
+
+
+def test_a_few_samples_cover_what_is_likely() -> None:
+    quantile = torch.special.ndtr(
+        RandomStreams(5, "a", range(6)).spread_normal(400, 3)[..., 0]
+    )
+    gaps = torch.diff(quantile.sort(dim=0).values, dim=0)
+    # Six numbers at random leave a gap over 0.35 in most cases.
+    assert gaps.max() < 0.28
+    assert gaps.min() > 0.05
+
+
+def test_each_sample_of_those_that_are_spread_is_normal_by_itself() -> None:
+    first, fourth = RandomStreams(5, "a", [0, 3]).spread_normal(20_000, 2)
+    for one in (first, fourth):
+        assert stats.kstest(one[:, 0].numpy(), "norm").pvalue > 0.01
+        assert stats.kstest(one[:, 1].numpy(), "norm").pvalue > 0.01
+        assert abs(torch.corrcoef(one.T)[0, 1]) < 0.03
+
+
+def test_a_spread_sample_is_the_same_alone_and_tries_are_independent() -> None:
+    together = RandomStreams(2, "a", range(8)).spread_normal(500, 2, num_tries=2)
+    alone = RandomStreams(2, "a", [5]).spread_normal(500, 2, num_tries=2)
+    assert torch.equal(together[5], alone[0])
+    first = torch.special.ndtr(together[..., 0])
+    spread = (first[2] - first[0]).remainder(1)
+    torch.testing.assert_close(
+        spread, torch.full_like(spread, 0.618), rtol=0, atol=0.01
+    )
+    assert abs(torch.corrcoef(first[:2])[0, 1]) < 0.15
 
 
 def test_nothing_is_computed_after_the_last_step_asked_for() -> None:

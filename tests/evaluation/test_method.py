@@ -41,7 +41,7 @@ def test_without_options_the_generators_own_settings_count():
 
 
 @pytest.mark.parametrize(
-    "options", ["speed=3", "lanes", "lanes=-1", "tries=0", "steps=x"]
+    "options", ["speed=3", "lanes", "lanes=-1", "tries=-1", "steps=0", "steps=x"]
 )
 def test_unknown_options_are_refused(options: str):
     with pytest.raises(GenerationError, match="expected steps, lanes or tries"):

@@ -78,11 +78,11 @@ class GenerationPanel:
             )
             self._tries = gui.add_slider(
                 "Tries",
-                1,
+                0,
                 MAX_TRIES,
                 1,
                 4,
-                hint="Overlaps are avoided: the best of these, then waiting. 1: as drawn",
+                hint="Overlaps are avoided: the best of these, then waiting. 0: as drawn",
             )
         self._result = GenerationRun(desk, self._set_running)
         with gui.add_folder("Regenerate futures"):
