@@ -48,6 +48,10 @@ class GenerationRequest:
     """Whether the model also chooses how many of each kind, to suit the road."""
     redrawn_state_ids: tuple[str, ...] = ()
     """Those of ``agent_ids`` whose states are drawn anew too; id, kind, size stay."""
+    moving_share: float | None = None
+    """Of the agents of each kind whose states are drawn; None: as on roads alike."""
+    only_on_road: bool = False
+    """Whether states are drawn near lanes only, not on parking lots and the like."""
     region: Region | None = None
     """Where states are drawn. None: the model's own choice, around the traffic."""
     num_samples: int = 1
@@ -55,6 +59,27 @@ class GenerationRequest:
     """None: the generator's own default."""
     guidance: tuple[GuidanceTerm, ...] = ()
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        share = self.moving_share
+        if share is not None and not 0 <= share <= 1:
+            raise GenerationError(
+                f"The share of agents that move must be between 0 and 1, not {share:g}."
+            )
+        if (share is not None or self.only_on_road) and not self.draws_states:
+            raise GenerationError(
+                "Which share moves, and whether all are on the road, is about agents "
+                "whose states are drawn; nobody's are."
+            )
+
+    @property
+    def draws_states(self) -> bool:
+        """Whether anybody is placed, not only driven."""
+        return bool(
+            self.draws_num_agents
+            or self.redrawn_state_ids
+            or any(self.num_new_agents.values())
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -43,6 +43,9 @@ CountOption = Annotated[
 WeightOption = Annotated[
     float | None, tyro.conf.arg(metavar="W", help_behavior_hint="(model's own)")
 ]
+ShareOption = Annotated[
+    float | None, tyro.conf.arg(metavar="P", help_behavior_hint="(as on such roads)")
+]
 
 
 def generate(
@@ -54,6 +57,8 @@ def generate(
     redraw_states: Switch = False,
     num_agents: NumAgentsOption = (),
     add: Switch = False,
+    moving_share: ShareOption = None,
+    only_on_road: Switch = False,
     region: RegionOption = None,
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
     steps: CountOption = None,
@@ -73,6 +78,8 @@ def generate(
         redraw_states: Draw the states of these agents anew too.
         num_agents: Put new agents in the place of all: 20 (vehicles), vehicle=12 pedestrian=4, or fit (as many as suit the road).
         add: Keep the present agents and add the new ones.
+        moving_share: Part of the agents drawn of each kind that moves, 0 to 1.
+        only_on_road: Draw no vehicles far from lanes, such as on parking lots.
         region: Square of the scene in which states are drawn, in metres.
         samples: How many samples to draw.
         steps: Denoising steps.
@@ -83,21 +90,17 @@ def generate(
         device: Where a model computes; auto takes a GPU if there is one.
         overwrite: Replace what earlier runs wrote.
     """
-    generator = make_generator(model, device=device)
-    opened, wanted = open_scenario(scenario), tuple(dict.fromkeys(agents))
-    counts, fits = _wanted_counts(num_agents)
-    draws_agents = bool(counts) or fits
-    _check_choice(draws_agents, bool(wanted), redraw_states=redraw_states, add=add)
-    removed = road_user_ids(opened) if draws_agents and not add else ()
-    driven: tuple[str, ...] = ()
-    if not draws_agents or (wanted and add):
-        driven = drivable_agent_ids(opened, wanted or None)
+    generator, opened = make_generator(model, device=device), open_scenario(scenario)
+    wanted, (counts, fits) = tuple(dict.fromkeys(agents)), _wanted_counts(num_agents)
+    removed, driven = _roles(opened, wanted, bool(num_agents), redraw_states, add)
     request = GenerationRequest(
         scenario=opened.without_agents(removed),
         agent_ids=driven,
         num_new_agents=counts,
         draws_num_agents=fits,
         redrawn_state_ids=driven if redraw_states else (),
+        moving_share=moving_share,
+        only_on_road=only_on_road,
         region=region and Region(center_m=region[:2], half_side_m=region[2]),
         num_samples=samples,
         num_denoising_steps=steps,
@@ -164,26 +167,33 @@ def _wanted_counts(texts: Sequence[str]) -> tuple[dict[AgentKind, int], bool]:
     return counts, False
 
 
-def _check_choice(
-    draws_agents: bool, names_agents: bool, *, redraw_states: bool, add: bool
-) -> None:
-    """Refuse options that contradict each other.
+def _roles(
+    opened: Scenario,
+    wanted: tuple[str, ...],
+    draws_agents: bool,
+    redraws_states: bool,
+    adds: bool,
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Ids of those who make way for new agents, and of those who are driven.
 
     Raises:
-        GenerationError: they do.
+        GenerationError: options contradict each other.
     """
-    if redraw_states and draws_agents:
+    if redraws_states and draws_agents:
         raise GenerationError(
             "--redraw-states is for agents that stay, --num-agents for new ones; give "
             "one of them."
         )
-    if names_agents and draws_agents and not add:
+    if wanted and draws_agents and not adds:
         raise GenerationError(
             "--num-agents puts new agents in the place of all, so --agents names "
             "nobody; give --add to keep them."
         )
-    if add and not draws_agents:
+    if adds and not draws_agents:
         raise GenerationError("--add needs --num-agents, which says how many.")
+    removed = road_user_ids(opened) if draws_agents and not adds else ()
+    drives = not draws_agents or (wanted and adds)
+    return removed, drivable_agent_ids(opened, wanted or None) if drives else ()
 
 
 def _guidance(weight: float | None, tries: int | None) -> tuple[GuidanceTerm, ...]:

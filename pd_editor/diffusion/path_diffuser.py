@@ -24,8 +24,10 @@ from pd_editor.diffusion.giving_way import giving_way
 from pd_editor.diffusion.model_folder import TrainedModel, load_model
 from pd_editor.diffusion.placing import Placing, draw_numbers, new_agents, place_agents
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
+from pd_editor.diffusion.pose_traits import TraitWishes
 from pd_editor.diffusion.request_check import MOST_AGENTS, check_request
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
+from pd_editor.diffusion.trait_notes import trait_notes
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
@@ -112,18 +114,12 @@ class PathDiffuser:
         began = time.perf_counter()
         check_request(request)
         model = self.model()
-        draws_states = (
-            request.draws_num_agents
-            or request.redrawn_state_ids
-            or any(request.num_new_agents.values())
-        )
-        if not request.agent_ids and not draws_states:
+        if not request.agent_ids and not request.draws_states:
             raise GenerationError(
                 "There is nobody to generate; expected at least one agent."
             )
-        notes: list[str] = []
-        if draws_states:
-            samples = yield from self._placed_and_driven(request)
+        if request.draws_states:
+            samples, notes = yield from self._placed_and_driven(request)
         else:
             samples, notes = yield from self._driven(
                 request,
@@ -150,10 +146,11 @@ class PathDiffuser:
 
     def _placed_and_driven(
         self, request: GenerationRequest
-    ) -> Generator[GenerationProgress, None, list[TrafficSample]]:
+    ) -> Generator[GenerationProgress, None, tuple[list[TrafficSample], list[str]]]:
         placer = self.model().stage(INITIAL_STATES.name).model
         assert isinstance(placer, PoseDenoiser)
         samples: list[TrafficSample] = []
+        placed: list[tuple[Scenario, tuple[str, ...]]] = []
         for index in range(request.num_samples):
             done, label = index / request.num_samples, _label(index, request)
             share = _PLACING_SHARE / request.num_samples
@@ -170,6 +167,7 @@ class PathDiffuser:
                 share,
                 f"{label}: placing agents",
             )
+            placed.append((scenario, placing.ids))
             ids = request.agent_ids + placing.new_ids
             driven = self._driven(request, scenario, ids, range(index, index + 1))
             while True:
@@ -183,7 +181,7 @@ class PathDiffuser:
                     message=label,
                     preview=step.preview,
                 )
-        return samples
+        return samples, list(trait_notes(placed, _wishes(request)))
 
     def _driven(
         self,
@@ -235,6 +233,7 @@ def _placing(placer: PoseDenoiser, request: GenerationRequest, sample: int) -> P
         new_kinds=(),
         new_ids=(),
         region=request.region,
+        traits=_wishes(request),
     )
     numbers = dict(request.num_new_agents)
     if request.draws_num_agents:
@@ -249,6 +248,12 @@ def _placing(placer: PoseDenoiser, request: GenerationRequest, sample: int) -> P
             )
     ids, kinds = new_agents(request.scenario, numbers)
     return replace(placing, new_ids=ids, new_kinds=kinds)
+
+
+def _wishes(request: GenerationRequest) -> TraitWishes:
+    return TraitWishes(
+        moving_share=request.moving_share, only_on_road=request.only_on_road
+    )
 
 
 def _num_tries(request: GenerationRequest) -> int:

@@ -1,19 +1,20 @@
 """The first stage on a scenario: agents placed by the network, apart and on the road."""
 
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from pd_editor.diffusion.agent_counts import lane_length_m
-from pd_editor.diffusion.pose_context import drawing_task
+from pd_editor.diffusion.agent_counts import cells_of, lane_length_m
+from pd_editor.diffusion.pose_context import TOLD_NO, drawing_task
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.pose_guidance import PoseGuidance
 from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
+from pd_editor.diffusion.pose_traits import TraitWishes, with_traits
 from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
 from pd_editor.errors import GenerationError
 from pd_editor.generation import Region
@@ -39,6 +40,8 @@ from pd_editor.windows.scene_features import (
 
 _KIND_INDEX: Final = {kind: index for index, kind in enumerate(AGENT_KINDS)}
 _LEAST_HALF_SIDE_M: Final = 5.0
+_TRAITS: Final = 1
+"""Sets random numbers for traits apart from those for numbers of agents."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +53,7 @@ class Placing:
     new_kinds: tuple[AgentKind, ...]
     new_ids: tuple[str, ...]
     region: Region | None = None
+    traits: TraitWishes = field(default_factory=TraitWishes)
     repairs: bool = True
     """Whether what is drawn is put on its lane and slid apart afterwards."""
 
@@ -95,8 +99,11 @@ def draw_numbers(
         features.piece_pose, features.piece_shape, features.piece_kind, half_side
     )
     is_inside = (np.abs(features.agent_pose[:, :2]) <= half_side).all(axis=1)
-    there = np.bincount(features.agent_kind[is_inside], minlength=len(AGENT_KINDS))
-    wanted = counts.draw(lane_m, half_side, random)
+    scene = batch_of([packed(features, _no_latents)])
+    only_on_road = placing.traits.only_on_road
+    cells = cells_of(scene, np.resize(is_inside, scene.has_agent.shape[1]))
+    there = (cells[..., 1] if only_on_road else cells.sum(axis=-1)).sum(axis=-1)
+    wanted = counts.draw(lane_m, half_side, random, only_on_road=only_on_road)
     return {
         kind: max(wanted.get(kind, 0) - int(there[index]), 0)
         for kind, index in _KIND_INDEX.items()
@@ -131,16 +138,19 @@ def place_agents(
     scene = _scene(features, placed).to(device)
     is_given = torch.zeros_like(scene.has_agent)
     is_given[:, : len(features.agent_row)] = True
+    task = drawing_task(scene, is_given, scene.agent_speed.new_tensor([half_side]))
+    random = np.random.default_rng([seed, sample, _TRAITS])
+    task = with_traits(task, scene, model.agent_counts, random, placing.traits)
     steps = sample_states(
         model,
         scene,
         samples=[sample],
         seed=seed,
-        task=drawing_task(scene, is_given, scene.agent_speed.new_tensor([half_side])),
+        task=task,
         config=PoseSamplerConfig()
         if num_steps is None
         else PoseSamplerConfig(num_steps=num_steps),
-        guide=PoseGuidance().of(scene, is_given),
+        guide=PoseGuidance().of(scene, task),
     )
     states = None
     for step in steps:
@@ -150,12 +160,22 @@ def place_agents(
     drawn = states[0, 0, len(features.agent_row) :].double().cpu().numpy()
     tracks = _with_states(placed, drawn, center, scenario.current_step)
     result = kept.with_agents(kept.agents.joined(tracks))
-    return _repaired(result, placing) if placing.repairs else result
+    if not placing.repairs:
+        return result
+    return _repaired(
+        result, placing, task.on_road[0, len(features.agent_row) :].cpu().numpy()
+    )
 
 
-def _repaired(scenario: Scenario, placing: Placing) -> Scenario:
+def _repaired(
+    scenario: Scenario, placing: Placing, on_road: Int[np.ndarray, "N"]
+) -> Scenario:
+    """Those of the placed who are not meant to be off the road on their lanes; apart."""
     keep = [name for name in scenario.agents.ids if name not in placing.ids]
-    scenario, _ = project_to_lanes(scenario, placing.ids, keep_ids=keep)
+    follows = [
+        name for name, code in zip(placing.ids, on_road, strict=True) if code != TOLD_NO
+    ]
+    scenario, _ = project_to_lanes(scenario, follows, keep_ids=keep)
     return separate_overlaps(scenario, placing.ids, keep_ids=keep)[0]
 
 

@@ -14,6 +14,12 @@ REACH_M: Final = POSITION_UNIT_M + 16.0
 """What is further out, along x or y, is not looked at."""
 
 
+UNTOLD: Final = 0
+TOLD_NO: Final = 1
+TOLD_YES: Final = 2
+"""What the network is told of a trait of an agent that it draws."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseTask:
     """What is to be drawn in B scenes of A agents."""
@@ -22,6 +28,10 @@ class PoseTask:
     """Agents whose state of ``agent_pose`` and ``agent_speed`` stays as it is."""
     order: Int[Tensor, "B A"]
     """Place of each drawn agent among those drawn of its kind, from 1; else 0."""
+    moves: Int[Tensor, "B A"]
+    """Whether each drawn agent moves, as far as it is told."""
+    on_road: Int[Tensor, "B A"]
+    """Whether it is within ``OFF_LANE_M`` of a centre line, as far as it is told."""
     half_side_m: Float[Tensor, "B"]
     """Of the square around the middle in which agents are drawn."""
     is_central: Bool[Tensor, "B"]
@@ -33,9 +43,16 @@ class PoseTask:
             self,
             is_given=self.is_given.repeat_interleave(num, 0),
             order=self.order.repeat_interleave(num, 0),
+            moves=self.moves.repeat_interleave(num, 0),
+            on_road=self.on_road.repeat_interleave(num, 0),
             half_side_m=self.half_side_m.repeat_interleave(num, 0),
             is_central=self.is_central.repeat_interleave(num, 0),
         )
+
+
+def told(trait: Bool[Tensor, "*b"], is_told: Bool[Tensor, "*b"]) -> Int[Tensor, "*b"]:
+    """What the network is told of a trait, where it is told."""
+    return torch.where(trait, TOLD_YES, TOLD_NO) * is_told
 
 
 def drawing_task(
@@ -43,7 +60,10 @@ def drawing_task(
     is_given: Bool[Tensor, "B A"] | None = None,
     half_side_m: Float[Tensor, "B"] | None = None,
 ) -> PoseTask:
-    """The task of generation: drawn agents of a kind are in the order of their rows."""
+    """The task of generation: drawn agents of a kind are in the order of their rows.
+
+    Nothing is told of their traits.
+    """
     num_scenes, device = scene.num_scenes, scene.has_agent.device
     given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
     sides = torch.full((num_scenes,), POSITION_UNIT_M, device=device)
@@ -51,6 +71,8 @@ def drawing_task(
     return PoseTask(
         is_given=given,
         order=order_by(rows.expand_as(scene.agent_kind), scene, given),
+        moves=torch.full_like(scene.agent_kind, UNTOLD),
+        on_road=torch.full_like(scene.agent_kind, UNTOLD),
         half_side_m=sides if half_side_m is None else half_side_m,
         is_central=torch.ones(num_scenes, dtype=torch.bool, device=device),
     )

@@ -16,7 +16,13 @@ from pd_editor.diffusion.attention import (
     NeighborAttention,
     visible_agents,
 )
-from pd_editor.diffusion.pose_context import REACH_M, PoseTask, pieces_within
+from pd_editor.diffusion.pose_context import (
+    REACH_M,
+    TOLD_YES,
+    UNTOLD,
+    PoseTask,
+    pieces_within,
+)
 from pd_editor.diffusion.pose_encoding import (
     NUM_STATE_PARTS,
     POSITION_UNIT_M,
@@ -97,6 +103,8 @@ class PoseDenoiser(nn.Module):
         self.piece_token = _mlp(_NUM_PIECE_FACTS + 2 + NUM_PLACE_FEATURES, width)
         self.kind_token = nn.Embedding(len(AGENT_KINDS), width)
         self.given_token = nn.Parameter(torch.zeros(width))
+        self.moves_token = _trait_token(width)
+        self.on_road_token = _trait_token(width)
         self.agent_facts = nn.Linear(4, width)
         self.state_token = nn.Linear(NUM_STATE_PARTS + NUM_PLACE_FEATURES, width)
         self.level_token = _mlp(2 * _NUM_LEVEL_WAVES + 1, width)
@@ -258,7 +266,7 @@ class PoseDenoiser(nn.Module):
     def _agent_token(
         self, scene: SceneTensors, task: PoseTask, has_agent: Bool[Tensor, "B A"]
     ) -> Float[Tensor, "B A D"]:
-        """Kind, size, part of the task, and the square's size and number of agents."""
+        """Kind, size, traits, part of the task, the square's size and number of agents."""
         count = has_agent.sum(dim=-1)
         of_scene = torch.stack(
             [task.half_side_m / POSITION_UNIT_M, (1 + count).log() / 4], dim=-1
@@ -267,6 +275,7 @@ class PoseDenoiser(nn.Module):
         facts = torch.cat([scene.agent_size / 5, of_scene], dim=-1)
         token = self.kind_token(scene.agent_kind) + self.agent_facts(facts)
         token = token + task.is_given[..., None] * self.given_token
+        token = token + self.moves_token(task.moves) + self.on_road_token(task.on_road)
         if self.config.is_ordered:
             drawn = task.order[..., None] > 0
             token = token + sinusoids(task.order, self.config.width) * drawn
@@ -334,6 +343,13 @@ def _agents_that_count(scene: SceneTensors, task: PoseTask) -> Bool[Tensor, "B A
     """All but given ones too far out to have been in training."""
     is_near = torch.all(scene.agent_pose[..., :2].abs() <= REACH_M, dim=-1)
     return scene.has_agent & (is_near | ~task.is_given)
+
+
+def _trait_token(width: int) -> nn.Embedding:
+    """Nothing where a trait is not told; nothing anywhere before training."""
+    token = nn.Embedding(TOLD_YES + 1, width, padding_idx=UNTOLD)
+    nn.init.zeros_(token.weight)
+    return token
 
 
 def _mlp(num_inputs: int, width: int) -> nn.Sequential:

@@ -1,13 +1,18 @@
 """Wishes about believed clean states: boxes apart, movers on lanes."""
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from pd_editor.diffusion.pose_context import (
+    TOLD_NO,
+    TOLD_YES,
+    PoseTask,
+    drawing_task,
+)
 from pd_editor.diffusion.pose_encoding import (
     POSITION_UNIT_M,
     decode_states,
@@ -15,15 +20,11 @@ from pd_editor.diffusion.pose_encoding import (
 )
 from pd_editor.diffusion.pose_features import turned, turned_back
 from pd_editor.diffusion.pose_noise import noise_scale
+from pd_editor.diffusion.pose_road import follows_lanes, offset_from_lane_m
 from pd_editor.diffusion.pose_sampling import PoseGuide
 from pd_editor.diffusion.pose_spacing import overlap_vectors_m
 from pd_editor.diffusion.scene_tensors import SceneTensors
-from pd_editor.windows.scene_features import AGENT_KINDS, NUM_PIECE_KINDS
 
-_PEDESTRIAN: Final = len(AGENT_KINDS) - 1
-_CROSSWALK: Final = NUM_PIECE_KINDS - 1
-_LENGTH_UNIT_M: Final = 10.0
-"""Of the first number of ``PIECE_SHAPE``."""
 _NUM_PUSHES: Final = 2
 _NUM_LAST_PUSHES: Final = 12
 """Who is pushed out of one box may be pushed into another."""
@@ -44,13 +45,15 @@ class PoseGuidance:
     """Moving agents within this distance of a centre line are left alone."""
     standing_offset_m: float = 10.0
     """The same of standing ones: cars park beside lanes, in driveways and on lots."""
+    on_road_offset_m: float = 3.5
+    """The same of standing ones that are told to be on the road; who is told to be off
+    the road is left alone anywhere."""
     first_noise_m: float = 12.0
 
-    def of(
-        self, scene: SceneTensors, is_given: Bool[Tensor, "B A"] | None = None
-    ) -> PoseGuide:
+    def of(self, scene: SceneTensors, task: PoseTask | None = None) -> PoseGuide:
         """A guide for the agents of a scene that are not given."""
-        given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
+        task = drawing_task(scene) if task is None else task
+        given = task.is_given
 
         def guide(
             clean: Float[Tensor, "S B A 5"], level: float
@@ -59,7 +62,7 @@ class PoseGuidance:
             noise = noise_scale(levels)[0] * POSITION_UNIT_M
             if noise > self.first_noise_m:
                 return clean
-            shift = self._pull(clean, scene) * self.pull
+            shift = self._pull(clean, scene, task.on_road) * self.pull
             pulled = _shifted(clean, torch.where(given[..., None], 0.0, shift))
             apart = pulled
             for _ in range(_NUM_PUSHES if level > 0 else _NUM_LAST_PUSHES):
@@ -84,28 +87,20 @@ class PoseGuidance:
         return turned(own * own.new_tensor([1.0, _SIDEWAYS]), axis)
 
     def _pull(
-        self, clean: Float[Tensor, "S B A 5"], scene: SceneTensors
+        self,
+        clean: Float[Tensor, "S B A 5"],
+        scene: SceneTensors,
+        on_road: Int[Tensor, "B A"],
     ) -> Float[Tensor, "S B A 2"]:
         """Metres towards the nearest lane for those too far from it."""
         states = decode_states(clean)
-        heading = scene.piece_pose[..., 2]
-        axis = torch.stack([heading.cos(), heading.sin()], dim=-1)[:, None]
-        offset = states[..., None, :2] - scene.piece_pose[:, None, :, :2]
-        along, aside = turned_back(offset, axis.expand_as(offset)).unbind(-1)
-        half_m = scene.piece_shape[:, None, :, 0] * (_LENGTH_UNIT_M / 2)
-        beyond = along - torch.minimum(torch.maximum(along, -half_m), half_m)
-        gap = torch.stack([beyond, aside], dim=-1)
-        usable = scene.has_piece & (scene.piece_kind != _CROSSWALK)
-        distance = gap.norm(dim=-1).masked_fill(~usable[:, None], math.inf)
-        nearest_m, nearest = distance.min(dim=-1)
-        back = turned(gap, axis.expand_as(gap))
-        index = nearest[..., None, None].expand(*nearest.shape, 1, 2)
-        back = back.gather(-2, index)[..., 0, :]
-        allowed = torch.where(
-            states[..., 4] > 0, self.moving_offset_m, self.standing_offset_m
+        back, nearest_m = offset_from_lane_m(states[..., :2], scene)
+        standing = torch.where(
+            on_road == TOLD_YES, self.on_road_offset_m, self.standing_offset_m
         )
-        follows = (scene.agent_kind != _PEDESTRIAN) & usable.any(dim=-1, keepdim=True)
-        too_far = (nearest_m - allowed).clamp(0, 1e3) * follows
+        allowed = torch.where(states[..., 4] > 0, self.moving_offset_m, standing)
+        is_pulled = follows_lanes(scene) & (on_road != TOLD_NO)
+        too_far = (nearest_m - allowed).clamp(0, 1e3) * is_pulled
         return -back * (too_far / nearest_m.clamp(1e-6, 1e6))[..., None]
 
 

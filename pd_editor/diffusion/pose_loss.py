@@ -13,10 +13,16 @@ from pd_editor.diffusion.pose_context import (
     PoseTask,
     only_agents,
     order_by,
+    told,
 )
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
-from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M, encode_states
+from pd_editor.diffusion.pose_encoding import (
+    POSITION_UNIT_M,
+    STANDING_SPEED_MPS,
+    encode_states,
+)
 from pd_editor.diffusion.pose_noise import noise_scale, preconditioning
+from pd_editor.diffusion.pose_road import follows_lanes, is_on_road
 from pd_editor.diffusion.pose_spacing import overlap_depth_m
 from pd_editor.diffusion.scene_tensors import SceneTensors
 
@@ -36,6 +42,8 @@ class PoseLossConfig:
     given_share: float = 0.4
     """Share of scenes with a random part of the agents given."""
     small_square_share: float = 0.3
+    told_share: float = 0.6
+    """Share of scenes in which a trait is told of all or of a random part of agents."""
     overlap_weight: float = 10.0
     """Depths are small numbers: the weight is large so that they count at all."""
     overlap_after: float = 0.75
@@ -106,9 +114,20 @@ def training_task(
     is_inside = scene.agent_pose[..., :2].abs().amax(dim=-1) <= side[:, None]
     part = torch.where(chance(num_scenes) < config.given_share, chance(num_scenes), 0.0)
     is_given = has_agent & (~is_inside | (chance(*has_agent.shape) < part[:, None]))
+
+    def some() -> Bool[Tensor, "B A"]:
+        """All, a random part, or nobody, in each scene."""
+        part = torch.where(
+            chance(num_scenes) < config.told_share, 2 * chance(num_scenes), 0.0
+        )
+        return chance(*has_agent.shape) < part[:, None]
+
+    drawn = has_agent & ~is_given
     return scene, PoseTask(
         is_given=is_given,
         order=order_by(scene.agent_pose[..., 0], scene, is_given),
+        moves=told(scene.agent_speed >= STANDING_SPEED_MPS, drawn & some()),
+        on_road=told(is_on_road(scene), drawn & some() & follows_lanes(scene)),
         half_side_m=side,
         is_central=chance(num_scenes) >= config.decentralized_share,
     )

@@ -33,6 +33,8 @@ class RequestSummary:
     num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
     draws_num_agents: bool = False
     redrawn_state_ids: tuple[str, ...] = ()
+    moving_share: float | None = None
+    only_on_road: bool = False
     region: Region | None = None
     removed_ids: tuple[str, ...] = ()
     """Agents that were taken out before the generator was asked."""
@@ -50,6 +52,8 @@ class RequestSummary:
             num_new_agents=self.num_new_agents,
             draws_num_agents=self.draws_num_agents,
             redrawn_state_ids=self.redrawn_state_ids,
+            moving_share=self.moving_share,
+            only_on_road=self.only_on_road,
             region=self.region,
             num_samples=self.num_samples,
             num_denoising_steps=self.num_denoising_steps,
@@ -212,6 +216,8 @@ def traffic_command(
             num_new_agents=dict(request.num_new_agents),
             draws_num_agents=request.draws_num_agents,
             redrawn_state_ids=request.redrawn_state_ids,
+            moving_share=request.moving_share,
+            only_on_road=request.only_on_road,
             region=request.region,
             removed_ids=removed_ids,
             num_samples=request.num_samples,

@@ -8,6 +8,7 @@ half side 62 m around the focal agent. ``python -m tests.benchmarks.initial_stat
 import argparse
 import os
 import time
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,14 +18,12 @@ import torch
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.model_folder import load_model
+from pd_editor.diffusion.pose_context import TOLD_NO, drawing_task
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.pose_guidance import PoseGuidance
-from pd_editor.diffusion.pose_sampling import (
-    PoseGuide,
-    PoseSamplerConfig,
-    sample_states,
-)
+from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
+from pd_editor.diffusion.pose_traits import TraitWishes, with_traits
 from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS
 from pd_editor.generation import TrafficSample
@@ -64,6 +63,14 @@ class RealScene:
     scenario: Scenario
     tensors: SceneTensors
     center_m: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drawn:
+    """A sample, and who of it was not meant to be off the road."""
+
+    sample: TrafficSample
+    may_be_projected: tuple[str, ...]
 
 
 def real_scenes(split: str, *, only_paper_agents: bool) -> list[RealScene]:
@@ -123,39 +130,68 @@ def drawn(
     scene: RealScene,
     samples: int,
     config: PoseSamplerConfig,
-    guide: PoseGuide | None,
-) -> list[TrafficSample]:
+    guidance: PoseGuidance | None,
+    wishes: TraitWishes,
+) -> list["Drawn"]:
     """Samples of the states of everybody in a scene."""
+    found = [
+        _drawn_states(model, scene, sample, config, guidance, wishes)
+        for sample in range(samples)
+    ]
+    agents = scene.scenario.agents
+    return [
+        Drawn(
+            may_be_projected=tuple(
+                name
+                for name, code in zip(agents.ids, on_road, strict=True)
+                if code != TOLD_NO
+            ),
+            sample=TrafficSample(
+                ids=agents.ids,
+                kinds=agents.kinds,
+                size_m=agents.size_m,
+                position_m=(one[:, None, :2] + scene.center_m),
+                heading_rad=np.arctan2(one[:, 3], one[:, 2])[:, None],
+                velocity_mps=(one[:, 2:4] * one[:, 4:])[:, None],
+            ),
+        )
+        for one, on_road in found
+    ]
+
+
+def _drawn_states(
+    model: PoseDenoiser,
+    real: RealScene,
+    sample: int,
+    config: PoseSamplerConfig,
+    guidance: PoseGuidance | None,
+    wishes: TraitWishes,
+) -> tuple[np.ndarray, list[int]]:
+    """States, and what was told of being on the road."""
+    scene = real.tensors
+    key = zlib.crc32(real.scenario.scenario_id.encode())
+    random = np.random.default_rng([key, sample])
+    task = with_traits(drawing_task(scene), scene, model.agent_counts, random, wishes)
     steps = sample_states(
         model,
-        scene.tensors,
-        samples=range(samples),
+        scene,
+        samples=[sample],
         seed=0,
+        task=task,
         config=config,
-        guide=guide,
+        guide=None if guidance is None else guidance.of(scene, task),
     )
     while True:
         try:
             next(steps)
         except StopIteration as stop:
-            states = stop.value[:, 0].double().numpy()
-            break
-    agents = scene.scenario.agents
-    return [
-        TrafficSample(
-            ids=agents.ids,
-            kinds=agents.kinds,
-            size_m=agents.size_m,
-            position_m=(one[:, None, :2] + scene.center_m),
-            heading_rad=np.arctan2(one[:, 3], one[:, 2])[:, None],
-            velocity_mps=(one[:, 2:4] * one[:, 4:])[:, None],
-        )
-        for one in states
-    ]
+            states = stop.value[0, 0].double().numpy()
+            return states, task.on_road[0].tolist()
 
 
-def repaired(scenario: Scenario, sample: TrafficSample) -> TrafficSample:
+def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
     """A sample after both repairs of states."""
+    sample = drawn.sample
     agents, step = scenario.agents, scenario.current_step
     states = {
         "position_m": sample.position_m[:, 0],
@@ -167,15 +203,16 @@ def repaired(scenario: Scenario, sample: TrafficSample) -> TrafficSample:
         arrays[name][:, step] = values
     rows = np.arange(len(agents))
     mended = scenario.with_agents(agents.with_rows(rows, **arrays))
-    mended, _ = project_to_lanes(mended, keep_ids=())
+    mended, _ = project_to_lanes(mended, drawn.may_be_projected, keep_ids=())
     mended, _ = separate_overlaps(mended, keep_ids=())
     now = mended.agents
-    return replace(
+    mended_sample = replace(
         sample,
         position_m=now.position_m[:, step : step + 1],
         heading_rad=now.heading_rad[:, step : step + 1],
         velocity_mps=now.velocity_mps[:, step : step + 1],
     )
+    return replace(drawn, sample=mended_sample)
 
 
 def load_pose_model(folder: Path) -> PoseDenoiser:
@@ -248,6 +285,7 @@ def print_table(
     scenes: Sequence[RealScene],
     samples: int,
     configs: dict[str, PoseSamplerConfig],
+    wishes: TraitWishes,
     *,
     repairs: bool,
 ) -> None:
@@ -264,13 +302,7 @@ def print_table(
         for guidance in (None, PoseGuidance()):
             label = name if guidance is None else f"{name} guided"
             found = [
-                drawn(
-                    model,
-                    scene,
-                    samples,
-                    config,
-                    None if guidance is None else guidance.of(scene.tensors),
-                )
+                drawn(model, scene, samples, config, guidance, wishes)
                 for scene in scenes
             ]
             print(summary(label, _measured(scenes, found), recorded), flush=True)
@@ -284,10 +316,10 @@ def print_table(
 
 
 def _measured(
-    scenes: Sequence[RealScene], found: Sequence[Sequence[TrafficSample]]
+    scenes: Sequence[RealScene], found: Sequence[Sequence[Drawn]]
 ) -> list[Values]:
     return [
-        state_values(generated_traffic(scene.scenario, one))
+        state_values(generated_traffic(scene.scenario, one.sample))
         for scene, some in zip(scenes, found, strict=True)
         for one in some
     ]
@@ -330,7 +362,10 @@ def main() -> None:
     configs = {
         f"{steps} steps": PoseSamplerConfig(num_steps=steps) for steps in options.steps
     }
-    print_table(model, scenes, options.samples, configs, repairs=not options.no_repair)
+    # Whom the paper's filter keeps is on the road.
+    wishes = TraitWishes(only_on_road=options.paper_agents)
+    repairs = not options.no_repair
+    print_table(model, scenes, options.samples, configs, wishes, repairs=repairs)
     for steps in options.steps:
         print_times(model, scenes, steps)
 

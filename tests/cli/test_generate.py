@@ -81,6 +81,8 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
         ("--add", "--add needs --num-agents"),
         ("--keep-to-lanes 3", "must be between 0 and 1"),
         ("--tries -1", "--tries is -1; expected 0 or more."),
+        ("--moving-share 0.5", "whose states are drawn; nobody's are"),
+        ("--num-agents 3 --moving-share 3", "must be between 0 and 1, not 3."),
     ],
 )
 def test_impossible_requests_are_refused(
@@ -166,12 +168,15 @@ def test_states_of_named_agents_are_redrawn_in_a_region(
         agents=("AV",),
         redraw_states=True,
         region=(1.0, 2.0, 30.0),
+        moving_share=0.5,
+        only_on_road=True,
         keep_to_lanes=0.25,
         model="placing",
     )
     (request,) = placing.requests
     assert request.agent_ids == request.redrawn_state_ids == ("AV",)
     assert request.region == Region(center_m=(1.0, 2.0), half_side_m=30.0)
+    assert (request.moving_share, request.only_on_road) == (0.5, True)
     (term,) = request.guidance
     assert (term.name, term.weight) == (LANE_GUIDANCE, 0.25)
 

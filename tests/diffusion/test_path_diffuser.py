@@ -1,18 +1,22 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
 from pd_editor.av2_io.read import read_scenario
+from pd_editor.diffusion import placing
 from pd_editor.diffusion.agent_counts import AgentCounts
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.devices import drawing_device
 from pd_editor.diffusion.model_folder import TrainedStage, save_model
 from pd_editor.diffusion.path_diffuser import DenoisingProgress, PathDiffuser
+from pd_editor.diffusion.pose_context import TOLD_NO, TOLD_YES, UNTOLD, PoseTask
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser, PoseDenoiserConfig
+from pd_editor.diffusion.pose_sampling import sample_states
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
 from pd_editor.errors import EditError, GenerationError, ModelError
 from pd_editor.generation import (
@@ -26,6 +30,7 @@ from pd_editor.generation import (
     TrafficSample,
     run_to_end,
 )
+from pd_editor.metrics.map_points import map_points
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
@@ -42,7 +47,9 @@ def model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     counts = AgentCounts(
         half_side_m=np.full(3, 62.0),
         lane_m=np.full(3, 200.0),
-        counts=np.array([[4, 0, 0, 1, 2]] * 3),
+        counts=np.einsum("i,jk->ijk", [4, 0, 0, 1, 2], [[0, 0], [0, 1]])[None].repeat(
+            3, axis=0
+        ),
     )
     config = PoseDenoiserConfig(
         width=32, num_heads=2, num_layers=1, num_near_pieces=4, relation_width=16
@@ -176,6 +183,46 @@ def test_the_model_chooses_how_many_so_that_there_are_as_many_as_in_training(
     assert kinds.count(AgentKind.VEHICLE) == 4
 
 
+def test_wishes_about_those_placed_are_answered(
+    diffuser: PathDiffuser, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tasks: list[PoseTask] = []
+
+    def spied(*given: Any, task: PoseTask, **more: Any) -> Any:
+        tasks.append(task)
+        return sample_states(*given, task=task, **more)
+
+    monkeypatch.setattr(placing, "sample_states", spied)
+    asked = {
+        "num_new_agents": {AgentKind.VEHICLE: 6, AgentKind.PEDESTRIAN: 1},
+        "num_samples": 2,
+        "guidance": (SINGLE,),
+    }
+    wishes = {"moving_share": 0.75, "only_on_road": True}
+    traffic = generated(diffuser, scenario, (), **asked, **wishes)
+    for task in tasks:
+        kept, drives, walks = task.moves[0].split([2, 6, 1])
+        assert (kept == UNTOLD).all()
+        assert 4 <= (drives == TOLD_YES).sum() <= 5
+        assert (drives == TOLD_NO).sum() + (drives == TOLD_YES).sum() == 6
+        assert walks != UNTOLD
+        assert task.on_road[0].tolist() == [UNTOLD] * 2 + [TOLD_YES] * 6 + [UNTOLD]
+    numbers = []
+    points = map_points(scenario.road_map).center_m
+    for sample in traffic.samples:
+        walker = sample.kinds.index(AgentKind.PEDESTRIAN)
+        speed = np.hypot(*sample.velocity_mps[:, 0].T)
+        gap = sample.position_m[:, 0, None] - points
+        far = np.hypot(gap[..., 0], gap[..., 1]).min(axis=1) > 4
+        far[walker] = False
+        numbers.append(((speed >= 0.5).sum(), far.sum()))
+    moving, off = np.sum(numbers, axis=0)
+    assert traffic.notes[0].startswith(f"{moving} of 14 placed agents move")
+    assert "75% were asked for" in traffic.notes[0]
+    assert traffic.notes[1].startswith(f"{off or 'None'} of 14 placed agents came")
+    assert not generated(diffuser, scenario, (), **asked).notes
+
+
 def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:
     ids = scenario.agents.ids
     yield {"agent_ids": ()}, "nobody"
@@ -183,6 +230,8 @@ def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:
     yield {"num_samples": 0}, "samples"
     yield {"num_denoising_steps": 0}, "denoising steps"
     yield {"seed": -1}, "seed"
+    yield {"moving_share": 1.5}, "must be between 0 and 1"
+    yield {"only_on_road": True}, "whose states are drawn"
     yield {"agent_ids": ids[:1], "redrawn_state_ids": ids[1:]}, "another state"
     yield {"num_new_agents": {AgentKind.VEHICLE: 500}}, "500"
     yield {"num_new_agents": {AgentKind.STATIC: 1}}, "road users"
@@ -208,10 +257,12 @@ def test_bad_requests_are_refused_in_words(
     diffuser: PathDiffuser, scenario: Scenario
 ) -> None:
     for changes, words in bad_requests(scenario):
-        asked = {"scenario": scenario, "agent_ids": scenario.agents.ids} | changes
-        request = GenerationRequest(**asked)  # type: ignore[arg-type]
+        asked: dict[str, Any] = {
+            "scenario": scenario,
+            "agent_ids": scenario.agents.ids,
+        } | changes
         with pytest.raises(GenerationError, match=words):
-            run_to_end(diffuser.generate(request))
+            generated(diffuser, asked.pop("scenario"), asked.pop("agent_ids"), **asked)
 
 
 def test_strangers_long_futures_and_missing_weights_are_refused(

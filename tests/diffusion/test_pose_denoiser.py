@@ -3,7 +3,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pd_editor.diffusion.pose_context import PoseTask, drawing_task, order_by
+from pd_editor.diffusion.pose_context import (
+    TOLD_YES,
+    PoseTask,
+    drawing_task,
+    order_by,
+)
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from tests.diffusion.pose_scenes import scene_batch, small_model
@@ -98,6 +103,19 @@ def test_the_place_in_the_order_counts_only_if_it_is_told():
         model = small_model(is_ordered=is_ordered)
         one, two = (denoised(model, scene, noisy, each) for each in (task, other))
         assert torch.equal(one, two) is not is_ordered
+
+
+def test_traits_count_once_they_are_learnt():
+    scene, noisy = scene_batch(7), noisy_states(scene_batch(7))
+    task = drawing_task(scene)
+    for name in ("moves", "on_road"):
+        model = small_model()
+        told = replace(task, **{name: torch.full_like(task.moves, TOLD_YES)})
+        before, same = (denoised(model, scene, noisy, one) for one in (task, told))
+        assert torch.equal(before, same)
+        torch.nn.init.normal_(getattr(model, f"{name}_token").weight[TOLD_YES])
+        assert torch.equal(denoised(model, scene, noisy, task), before)
+        assert not torch.equal(denoised(model, scene, noisy, told), before)
 
 
 def test_order_counts_those_drawn_of_a_kind_from_left_to_right():

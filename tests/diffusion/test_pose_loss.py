@@ -1,8 +1,10 @@
 import pytest
 import torch
 
+from pd_editor.diffusion.pose_context import TOLD_NO, TOLD_YES, UNTOLD
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser, PoseDenoiserConfig
 from pd_editor.diffusion.pose_loss import PoseLossConfig, pose_loss, training_task
+from pd_editor.diffusion.pose_road import follows_lanes, offset_from_lane_m
 from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
 from tests.diffusion.pose_scenes import scene_batch, small_model
 
@@ -51,6 +53,26 @@ def test_tasks_are_as_asked_for():
     assert 0 < (~task.is_central).sum() < 30
     assert 10 < (task.half_side_m < 62).sum() + 10 < 40
     assert task.is_given.any()
+
+
+def test_traits_are_told_of_all_of_some_or_of_nobody_and_are_true():
+    scene = scene_batch(*[20] * 60)
+    random = torch.Generator().manual_seed(0)
+    shown, task = training_task(scene, random, PoseLossConfig(told_share=0.6))
+    drawn = shown.has_agent & ~task.is_given
+    distance = offset_from_lane_m(shown.agent_pose[..., :2], shown)[1]
+    traits = {
+        "moves": (task.moves, shown.agent_speed >= 0.5, drawn),
+        "on_road": (task.on_road, distance <= 4, drawn & follows_lanes(shown)),
+    }
+    for code, trait, may_be_told in traits.values():
+        assert not (code != UNTOLD)[~may_be_told].any()
+        assert trait[code == TOLD_YES].all()
+        assert not trait[code == TOLD_NO].any()
+        share = (code != UNTOLD).sum(-1) / may_be_told.sum(-1)
+        for kind in (share == 0, share == 1, (share > 0) & (share < 1)):
+            assert 0.1 < kind.float().mean() < 0.6
+        assert {TOLD_NO, TOLD_YES} <= set(code.unique().tolist())
 
 
 @pytest.mark.slow

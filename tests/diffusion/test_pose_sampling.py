@@ -5,11 +5,18 @@ from typing import Any
 import pytest
 import torch
 
-from pd_editor.diffusion.pose_context import PoseTask, drawing_task
+from pd_editor.diffusion.pose_context import (
+    TOLD_NO,
+    TOLD_YES,
+    UNTOLD,
+    PoseTask,
+    drawing_task,
+)
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import decode_states, encode_states
 from pd_editor.diffusion.pose_guidance import PoseGuidance
 from pd_editor.diffusion.pose_noise import noise_scale
+from pd_editor.diffusion.pose_road import offset_from_lane_m
 from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
 from pd_editor.diffusion.pose_spacing import overlap_depth_m
 from pd_editor.diffusion.scene_tensors import SceneTensors
@@ -124,7 +131,7 @@ def test_guidance_lowers_overlap_and_leaves_given_agents():
     is_given = torch.zeros_like(scene.has_agent)
     is_given[:, 0] = True
     codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
-    guide = PoseGuidance(pull=0.0).of(scene, is_given)
+    guide = PoseGuidance(pull=0.0).of(scene, drawing_task(scene, is_given))
     before, now = overlap_depth_m(codes, scene).sum(), codes
     for _ in range(20):
         now = guide(now, 0.0)
@@ -146,3 +153,27 @@ def test_guidance_pulls_movers_towards_lanes():
     assert (reached < 16).all()
     assert (reached > 1.75).all()
     assert torch.equal(guide(codes, 1.0), codes)
+
+
+def test_guidance_keeps_those_on_the_road_who_are_told_to_be_there():
+    scene = scene_batch(12)
+    away = scene.agent_pose.clone()
+    away[..., 1] = 9.0
+    scene = replace(
+        scene,
+        agent_pose=away,
+        agent_speed=torch.zeros_like(scene.agent_speed),
+        agent_kind=torch.zeros_like(scene.agent_kind),
+    )
+    codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
+    task = drawing_task(scene)
+    reached = {}
+    for code in (UNTOLD, TOLD_NO, TOLD_YES):
+        told = replace(task, on_road=torch.full_like(task.on_road, code))
+        guide, now = PoseGuidance(push=0.0).of(scene, told), codes
+        for _ in range(20):
+            now = guide(now, 0.0)
+        reached[code] = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]
+    assert (reached[TOLD_YES] <= 3.6).all()
+    assert torch.equal(reached[UNTOLD], reached[TOLD_NO])
+    assert (reached[UNTOLD] > 5).all()

@@ -123,12 +123,20 @@ def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
 def test_the_model_may_choose_how_many(tab, placing):
     panel = tab.tab._generation_panel
     panel._fits.value = True
+    panel._moving.value = "A quarter"
+    panel._only_on_road.value = True
     tab.run(panel._show_counts)
     assert not panel._counts[AgentKind.VEHICLE].visible
     run_to_end(tab, panel.resample)
     (request,) = placing.requests
     assert request.draws_num_agents
     assert not request.num_new_agents
+    assert (request.moving_share, request.only_on_road) == (0.25, True)
+    run_to_end(tab, panel.regenerate)
+    assert (placing.requests[-1].moving_share, placing.requests[-1].only_on_road) == (
+        None,
+        False,
+    )
 
 
 def test_a_selected_agent_gets_a_new_state_and_the_rest_stays(tab, placing):

@@ -33,6 +33,14 @@ KIND_LABELS: Final[Mapping[AgentKind, str]] = {
     AgentKind.CYCLIST: "Cyclists",
     AgentKind.PEDESTRIAN: "Pedestrians",
 }
+MOVING_SHARES: Final[Mapping[str, float | None]] = {
+    "As on such roads": None,
+    "Nobody": 0.0,
+    "A quarter": 0.25,
+    "Half": 0.5,
+    "Three quarters": 0.75,
+    "Everybody": 1.0,
+}
 MAX_SAMPLES: Final = 16
 MAX_STEPS: Final = 50
 MAX_TRIES: Final = 12
@@ -108,6 +116,12 @@ class GenerationPanel:
                 kind: gui.add_number(label, 0, min=0, max=MAX_AGENTS_OF_A_KIND, step=1)
                 for kind, label in KIND_LABELS.items()
             }
+            self._moving = gui.add_dropdown(
+                "Moving", tuple(MOVING_SHARES), hint="How many of those drawn move"
+            )
+            self._only_on_road = gui.add_checkbox(
+                "Only on the road", False, hint="No parked cars far from lanes"
+            )
             self._where = gui.add_dropdown("Where", (AROUND_TRAFFIC, AROUND_VIEW))
             self._resample = gui.add_button("Resample", icon=viser.Icon.ARROWS_SHUFFLE)
             clear = gui.add_button("Clear the road", color="gray")
@@ -195,6 +209,8 @@ class GenerationPanel:
             num_new_agents=num_new_agents or {},
             draws_num_agents=draws_num_agents,
             redrawn_state_ids=redrawn_state_ids,
+            moving_share=MOVING_SHARES[self._moving.value] if draws_states else None,
+            only_on_road=draws_states and bool(self._only_on_road.value),
             region=region,
             num_samples=int(self._samples.value),
             num_denoising_steps=None
