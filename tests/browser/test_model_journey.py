@@ -1,9 +1,11 @@
 """From a bare road to traffic with the shipped model, in a real browser."""
 
+import numpy as np
 import pytest
 
 from pd_editor.generators import GENERATORS, SHIPPED_MODEL
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.metrics.map_points import map_points, nearest_points
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.viewer.panels.generation_panel import REDRAW_SELECTION
 
 pytestmark = pytest.mark.browser
@@ -55,6 +57,27 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     for _ in range(3):
         editor.key("Control+z")
     editor.until(lambda: session.scenario is opened, "the very scenario again")
+
+
+def test_as_many_as_suit_the_road_on_the_road_only(editor):
+    session = editor.session
+    editor.open_tab("Drive")
+    editor.tick("As many as suit the road")
+    editor.choose("Moving", "Half")
+    editor.tick("Only on the road")
+    editor.press("Resample")
+    editor.until(lambda: len(session.entries) == 1, "agents", 90)
+    editor.page.get_by_text("50% were asked for").wait_for(timeout=10_000)
+    editor.page.get_by_text("came to be off the road").wait_for(timeout=10_000)
+    editor.screenshot("31_on_the_road")
+    request = session.entries[0].command.request
+    assert (request.moving_share, request.only_on_road) == (0.5, True)
+    scenario = session.scenario
+    drives = scenario.agents.kind_mask(LANE_FOLLOWER_KINDS)
+    position_m = scenario.agents.position_m[drives, scenario.current_step]
+    points_m = map_points(scenario.road_map).center_m
+    assert len(position_m) > 5
+    assert np.mean(nearest_points(position_m, points_m)[1] > 4) < 0.15
 
 
 def test_only_the_selected_agent_is_drawn_anew(editor):
