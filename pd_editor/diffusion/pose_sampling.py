@@ -16,7 +16,7 @@ from pd_editor.diffusion.pose_noise import first_noise, noise_scale, sampling_le
 from pd_editor.diffusion.random_streams import RandomStreams
 from pd_editor.diffusion.scene_tensors import SceneTensors
 
-NUM_STEPS: Final = 9
+NUM_STEPS: Final = 8
 """Default number of calls of the network."""
 
 PoseGuide = Callable[[Tensor, float], Tensor]
