@@ -124,7 +124,8 @@ def load_into(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -
     if missing or foreign:
         raise ModelError(
             f"{source}: does not fit the model ({len(missing)} tensors missing, "
-            f"{len(foreign)} unknown, such as {(missing or foreign)[0]!r})."
+            f"{len(foreign)} unknown, such as {(missing or foreign)[0]!r}); another "
+            "version of this program may have trained it."
         )
     for name, one in wanted.items():
         given = tensors[name]

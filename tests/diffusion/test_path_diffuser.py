@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.diffusion import placing
+from pd_editor.diffusion import path_diffuser, placing
 from pd_editor.diffusion.agent_counts import AgentCounts
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.devices import drawing_device
@@ -28,6 +28,7 @@ from pd_editor.generation import (
     Region,
     ScenarioGenerator,
     TrafficSample,
+    guidance_terms,
     run_to_end,
 )
 from pd_editor.metrics.map_points import map_points
@@ -221,6 +222,26 @@ def test_wishes_about_those_placed_are_answered(
     assert "75% were asked for" in traffic.notes[0]
     assert traffic.notes[1].startswith(f"{off or 'None'} of 14 placed agents came")
     assert not generated(diffuser, scenario, (), **asked).notes
+
+
+def test_nobody_waits_only_where_there_are_no_tries(
+    diffuser: PathDiffuser, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[TrafficSample] = []
+
+    def recorded(_scenario: Scenario, _rows: object, sample: TrafficSample) -> Any:
+        asked.append(sample)
+        return sample, ("somebody",)
+
+    monkeypatch.setattr(path_diffuser, "giving_way", recorded)
+    ids, calls = scenario.agents.ids, {}
+    for tries in (0, 1, 3):
+        asked.clear()
+        guidance = guidance_terms(0.0, tries)
+        traffic = generated(diffuser, scenario, ids, guidance=guidance, num_samples=2)
+        calls[tries] = len(asked)
+        assert any("were slowed" in note for note in traffic.notes) == (tries > 0)
+    assert calls == {0: 0, 1: 2, 3: 2}
 
 
 def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:

@@ -172,6 +172,8 @@ def replacements(draw: st.DrawFn, scenario: Scenario) -> ReplaceTraffic:
         request=RequestSummary(
             agent_ids=asked,
             num_new_agents={AgentKind.VEHICLE: len(added)},
+            moving_share=draw(st.none() | st.floats(0, 1)),
+            only_on_road=draw(st.booleans()),
             num_denoising_steps=draw(st.none() | st.integers(1, 50)),
             guidance=(GuidanceTerm(name="speed", parameters={"limit": 3.5}),),
         ),
