@@ -29,14 +29,15 @@ def with_traits(
     random: np.random.Generator,
     wishes: TraitWishes | None = None,
 ) -> PoseTask:
-    """The task with traits of all drawn agents told, drawn as on roads alike.
+    """The task with the traits of all drawn agents told, if anything is wished.
 
-    Left to itself the network makes too many agents stand: what is most frequent wins.
+    What no wish decides is drawn as on roads alike. Without wishes the network is left
+    to itself: it judges from the road who parks beside it.
 
     Args:
         task: of one scene (B = 1).
         scene: the same one.
-        counts: what training squares hold; nothing is told where there are none.
+        counts: what training squares hold.
         random: random numbers.
         wishes: instead of what is usual.
 
@@ -44,13 +45,13 @@ def with_traits(
         GenerationError: there are wishes, but no training squares.
     """
     wishes = TraitWishes() if wishes is None else wishes
-    if not len(counts.lane_m):
-        if wishes != TraitWishes():
-            raise GenerationError(
-                "These weights do not know moving and parked agents apart; leave out "
-                "the share that moves, and where they may be."
-            )
+    if wishes == TraitWishes():
         return task
+    if not len(counts.lane_m):
+        raise GenerationError(
+            "These weights do not know moving and parked agents apart; leave out the "
+            "share that moves, and where they may be."
+        )
     half_side_m = float(task.half_side_m[0])
     pose, shape, kind = (
         one[scene.has_piece].cpu().numpy()

@@ -11,13 +11,15 @@ from tests.diffusion.pose_scenes import packed_scene, scene_batch
 COUNTS = fit_agent_counts([packed_scene(20, seed=n) for n in range(50)])
 
 
-def test_drawn_agents_are_told_everything_but_where_pedestrians_are():
+def test_with_a_wish_all_is_told_but_where_pedestrians_are():
     scene = scene_batch(30)
     is_given = torch.zeros_like(scene.has_agent)
     is_given[:, :10] = True
     task = drawing_task(scene, is_given)
     random = np.random.default_rng(0)
-    found = with_traits(task, scene, COUNTS, random)
+    assert with_traits(task, scene, COUNTS, random) is task
+    wishes = TraitWishes(moving_share=0.5)
+    found = with_traits(task, scene, COUNTS, random, wishes)
     assert ((found.moves != UNTOLD) == ~is_given).all()
     drives = scene.agent_kind != 4
     assert ((found.on_road != UNTOLD) == (~is_given & drives)).all()
@@ -33,7 +35,7 @@ def test_wishes_are_told():
     assert (found.on_road[scene.agent_kind != 4] == TOLD_YES).all()
 
 
-def test_weights_that_counted_nobody_are_told_nothing_and_take_no_wishes():
+def test_weights_that_counted_nobody_take_no_wishes():
     scene, random = scene_batch(3), np.random.default_rng(0)
     task = drawing_task(scene)
     assert with_traits(task, scene, AgentCounts.none(), random) is task
