@@ -69,7 +69,8 @@ class GenerationRequest:
         if (share is not None or self.only_on_road) and not self.draws_states:
             raise GenerationError(
                 "Which share moves, and whether all are on the road, is about agents "
-                "whose states are drawn; nobody's are."
+                "whose states are drawn: ask for new agents or for states drawn anew "
+                "(in the shell --num-agents or --redraw-states)."
             )
 
     @property

@@ -9,5 +9,5 @@ NUM_STEPS: Final = 5
 """Denoising steps of the second stage."""
 DEFAULT_WEIGHT: Final = 0.8
 """Strength of the pull to the nearest candidate."""
-NUM_TRIES: Final = 4
+NUM_TRIES: Final = 1
 """Futures of each agent of which those that avoid others are taken."""

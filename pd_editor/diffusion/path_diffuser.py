@@ -21,6 +21,7 @@ from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.future_drawing import FutureOptions, FutureTask, draw_futures
 from pd_editor.diffusion.future_motion import Motion
 from pd_editor.diffusion.giving_way import giving_way
+from pd_editor.diffusion.memory_reuse import WHEN_DRAWING, keep_freed_memory
 from pd_editor.diffusion.model_folder import TrainedModel, load_model
 from pd_editor.diffusion.placing import Placing, draw_numbers, new_agents, place_agents
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
@@ -87,6 +88,7 @@ class PathDiffuser:
         """
         with self._lock:
             if self._model is None:
+                keep_freed_memory(WHEN_DRAWING)
                 self._model = load_model(self._folder, STAGE_KINDS)
                 for stage in self._model.stages.values():
                     stage.model.to(self._device)

@@ -16,6 +16,7 @@ from pd_editor.diffusion.attention import (
     NeighborAttention,
     visible_agents,
 )
+from pd_editor.diffusion.lane_votes import LaneVotes, NearPieces
 from pd_editor.diffusion.pose_context import (
     REACH_M,
     TOLD_YES,
@@ -34,6 +35,7 @@ from pd_editor.diffusion.pose_features import (
     NUM_PIECE_FEATURES,
     NUM_PLACE_FEATURES,
     PLACE_WAVELENGTHS_M,
+    NoisyPoses,
     agent_relations,
     nearest_pieces,
     piece_relations,
@@ -119,6 +121,9 @@ class PoseDenoiser(nn.Module):
         self.norm = nn.LayerNorm(width)
         self.to_own_frame = nn.Linear(width, NUM_STATE_PARTS)
         self.to_scene_frame = nn.Linear(width, 4)
+        self.by_pieces = LaneVotes(
+            width, NUM_PIECE_FEATURES + _NUM_PIECE_FACTS, relation_width
+        )
 
     @property
     def agent_counts(self) -> AgentCounts:
@@ -192,20 +197,14 @@ class PoseDenoiser(nn.Module):
         noisy, levels = noisy.transpose(0, 1), levels.transpose(0, 1)
         scale = noise_scale(levels)
         factor_in, factor_skip, factor_out = preconditioning(scale)
-        noise_m = scale[..., 0] * POSITION_UNIT_M
-        token, direction = self._tokens(
-            context, noisy, noisy * factor_in, levels, noise_m
+        token, near, direction = self._tokens(
+            context, noisy, noisy * factor_in, levels, scale
         )
-        own = self.to_own_frame(token).float()
-        shift, turn = self.to_scene_frame(token).float().split(2, dim=-1)
-        found = torch.cat(
-            [
-                turned(own[..., :2], direction) + shift,
-                turned(own[..., 2:4], direction) + turn,
-                own[..., 4:],
-            ],
-            dim=-1,
-        )
+        own, speed = self.to_own_frame(token).float().split([4, 1], dim=-1)
+        own = turned(own.unflatten(-1, (2, 2)), direction[..., None, :]).flatten(-2)
+        by_pieces = self.by_pieces(token.flatten(1, 2), near).view(own.shape)
+        pose = own + self.to_scene_frame(token).float() + by_pieces
+        found = torch.cat([pose, speed], dim=-1)
         clean = factor_skip * noisy + factor_out * found
         return torch.where(is_given[..., None], context.given, clean.transpose(0, 1))
 
@@ -215,40 +214,36 @@ class PoseDenoiser(nn.Module):
         noisy: Float[Tensor, "B S A 5"],
         scaled: Float[Tensor, "B S A 5"],
         levels: Float[Tensor, "B S A"],
-        noise_m: Float[Tensor, "B S A"],
-    ) -> tuple[Float[Tensor, "B S A D"], Float[Tensor, "B S A 2"]]:
-        """What the network makes of each agent, and the directions of their frames."""
+        scale: Float[Tensor, "B S A 5"],
+    ) -> tuple[Float[Tensor, "B S A D"], NearPieces, Float[Tensor, "B S A 2"]]:
+        """What the network makes of each agent, its road, and its frame's direction."""
         num_scenes, num_versions, num_agents = levels.shape
-        position_m = noisy[..., :2] * POSITION_UNIT_M
-        direction = unit_vectors(noisy[..., 2:4])
-        place = waves(position_m, PLACE_WAVELENGTHS_M, noise_m)
+        poses = NoisyPoses(
+            position_m=noisy[..., :2] * POSITION_UNIT_M,
+            direction=unit_vectors(noisy[..., 2:4]),
+            noise_m=scale[..., 0] * POSITION_UNIT_M,
+            turn_noise=scale[..., 2],
+        )
+        place = waves(poses.position_m, PLACE_WAVELENGTHS_M, poses.noise_m)
         level_token = self._level_token(levels)
         token = self.state_token(torch.cat([scaled, place], dim=-1)) + level_token
         token = token + context.agent_token[:, None]
-        near, has_near = self._piece_relations(context, position_m, direction, noise_m)
-        pairs = agent_relations(
-            position_m.flatten(0, 1), direction.flatten(0, 1), noise_m.flatten(0, 1)
-        )
+        near = self._near_pieces(context, poses)
+        pairs = agent_relations(poses.flattened(0, 1))
         facts = context.pair_facts.repeat_interleave(num_versions, 0)
         pairs = self.pair_relation(torch.cat([pairs, facts], dim=-1))
         visible = context.is_visible.repeated(num_versions)
         for layer, seen in zip(self._layers(), context.map_seen, strict=True):
-            token = layer(token + level_token, seen, near, has_near, pairs, visible)
+            token = layer(token + level_token, seen, near, pairs, visible)
         assert token.shape[:3] == (num_scenes, num_versions, num_agents)
-        return self.norm(token), direction
+        return self.norm(token), near, poses.direction
 
-    def _piece_relations(
-        self,
-        context: PoseContext,
-        position_m: Float[Tensor, "B S A 2"],
-        direction: Float[Tensor, "B S A 2"],
-        noise_m: Float[Tensor, "B S A"],
-    ) -> tuple[Float[Tensor, "B Q M R"], Mask]:
+    def _near_pieces(self, context: PoseContext, poses: NoisyPoses) -> NearPieces:
         """The nearest pieces of each noisy pose, as the network sees them."""
-        num_versions = position_m.shape[1]
-        position_m = position_m.flatten(1, 2)
+        num_versions = poses.noise_m.shape[1]
+        poses = poses.flattened(1, 2)
         nearest = nearest_pieces(
-            position_m,
+            poses.position_m,
             context.is_walking.repeat(1, num_versions),
             context.pieces[..., :2],
             context.is_crossing,
@@ -257,11 +252,14 @@ class PoseDenoiser(nn.Module):
         )
         scene = torch.arange(len(nearest), device=nearest.device)[:, None, None]
         near = context.pieces[scene, nearest]
-        relations = piece_relations(
-            position_m, direction.flatten(1, 2), noise_m.flatten(1, 2), near[..., :4]
+        relations = piece_relations(poses, near[..., :4])
+        facts = torch.cat([relations, near[..., 5:]], dim=-1)
+        return NearPieces(
+            axis=near[..., 2:4],
+            facts=facts,
+            relations=self.piece_relation(facts),
+            mask=Mask.of(near[:, :, None, :, 4] > 0),
         )
-        relations = self.piece_relation(torch.cat([relations, near[..., 5:]], dim=-1))
-        return relations, Mask.of(near[:, :, None, :, 4] > 0)
 
     def _agent_token(
         self, scene: SceneTensors, task: PoseTask, has_agent: Bool[Tensor, "B A"]
@@ -315,15 +313,16 @@ class _Layer(nn.Module):
         self,
         token: Float[Tensor, "B S A D"],
         seen: KeysValues,
-        near: Float[Tensor, "B Q M R"],
-        has_near: Mask,
+        near: NearPieces,
         pairs: Float[Tensor, "N A A R"],
         is_visible: Mask,
     ) -> Float[Tensor, "B S A D"]:
         shape = token.shape
         token = token.flatten(1, 2)
         token = token + self.map_attention(self.norms[0](token), seen)
-        token = token + self.piece_attention(self.norms[1](token), near, has_near)
+        token = token + self.piece_attention(
+            self.norms[1](token), near.relations, near.mask
+        )
         token = token.view(shape).flatten(0, 1)
         token = token + self.agent_attention(self.norms[2](token), pairs, is_visible)
         return (token + self.think(self.norms[3](token))).view(shape)
@@ -354,5 +353,5 @@ def _trait_token(width: int) -> nn.Embedding:
 
 def _mlp(num_inputs: int, width: int) -> nn.Sequential:
     return nn.Sequential(
-        nn.Linear(num_inputs, width), nn.GELU(), nn.Linear(width, width)
+        nn.Linear(num_inputs, width), nn.ReLU(), nn.Linear(width, width)
     )

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -12,16 +12,31 @@ PLACE_WAVELENGTHS_M: Final = (16.0, 32.0, 64.0, 128.0, 256.0)
 """Scales at which a place in the square is told."""
 NEIGHBOR_WAVELENGTHS_M: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 NUM_PLACE_FEATURES: Final = 4 * len(PLACE_WAVELENGTHS_M)
-NUM_OFFSET_FEATURES: Final = 4 * len(NEIGHBOR_WAVELENGTHS_M) + 5
-"""Waves of both coordinates; both at the scale of a metre and of the noise; distance."""
-NUM_AGENT_FEATURES: Final = NUM_OFFSET_FEATURES + 2
-NUM_PIECE_FEATURES: Final = NUM_OFFSET_FEATURES + 6
+NUM_AGENT_FEATURES: Final = 4 * len(NEIGHBOR_WAVELENGTHS_M) + 8
+"""Waves of both coordinates; both at the scale of a metre and of the noise; distance;
+direction, and its sine at the scale of the noise."""
+NUM_PIECE_FEATURES: Final = NUM_AGENT_FEATURES + 4
+
+
+class NoisyPoses(NamedTuple):
+    """Poses that are known up to some noise, given by its standard deviations."""
+
+    position_m: Float[Tensor, "*b 2"]
+    direction: Float[Tensor, "*b 2"]
+    """Of unit length."""
+    noise_m: Float[Tensor, "*b"]
+    turn_noise: Float[Tensor, "*b"]
+    """In radians, while small."""
+
+    def flattened(self, first: int, last: int) -> "NoisyPoses":
+        """With some dimensions made one."""
+        return NoisyPoses(*(one.flatten(first, last) for one in self))
 
 
 def waves(
     points_m: Float[Tensor, "*b 2"],
     wavelengths_m: tuple[float, ...],
-    noise_m: Float[Tensor, "*b"] | None = None,
+    noise_m: Float[Tensor, "*#b"] | None = None,
 ) -> Float[Tensor, "*b F"]:
     """Sines and cosines of both coordinates at some wavelengths.
 
@@ -46,83 +61,83 @@ def _rates(wavelengths_m: tuple[float, ...], device: torch.device) -> Tensor:
         return torch.tensor([2 * math.pi / one for one in wavelengths_m], device=device)
 
 
-def offset_features(
-    offset_m: Float[Tensor, "*b 2"], noise_m: Float[Tensor, "*b"]
+def relation_features(
+    offset_m: Float[Tensor, "*b 2"],
+    direction: Float[Tensor, "*b 2"],
+    noise_m: Float[Tensor, "*#b"],
+    turn_noise: Float[Tensor, "*#b"],
 ) -> Float[Tensor, "*b F"]:
-    """An offset in the frame of whom it starts from, known up to some noise."""
-    distance = offset_m.norm(dim=-1, keepdim=True)
+    """An offset and a direction in one's own frame, both known up to some noise.
+
+    Far offsets are dampened.
+    """
+    noise = torch.stack([noise_m, noise_m, turn_noise], dim=-1)
+    lies = torch.cat([offset_m, direction[..., 1:]], dim=-1)
+    scaled = lies / (noise + noise.new_tensor([0.05, 0.05, 0.02]))
     return torch.cat(
         [
             waves(offset_m, NEIGHBOR_WAVELENGTHS_M, noise_m),
-            plain_offset(offset_m, noise_m),
-            distance.log1p() / 3,
+            torch.cat([offset_m, scaled], dim=-1).asinh() / 3,
+            offset_m.norm(dim=-1, keepdim=True).log1p() / 3,
+            direction,
         ],
         dim=-1,
     )
 
 
-def plain_offset(
-    offset_m: Float[Tensor, "*b 2"], noise_m: Float[Tensor, "*b"]
-) -> Float[Tensor, "*b 4"]:
-    """An offset at the scale of a metre and at that of the noise, far ones dampened."""
-    scaled = offset_m / (noise_m[..., None] + 0.05)
-    return torch.cat([offset_m, scaled], dim=-1).asinh() / 3
-
-
 def turned_back(
-    vectors: Float[Tensor, "*b 2"], direction: Float[Tensor, "*b 2"]
+    vectors: Float[Tensor, "*#b 2"], direction: Float[Tensor, "*#b 2"]
 ) -> Float[Tensor, "*b 2"]:
     """Vectors in frames whose x axis is a unit direction."""
-    x, y = vectors.unbind(-1)
-    cos, sin = direction.unbind(-1)
-    return torch.stack([cos * x + sin * y, cos * y - sin * x], dim=-1)
+    return torch.view_as_real(_complex(vectors) * _complex(direction).conj_physical())
 
 
 def turned(
-    vectors: Float[Tensor, "*b 2"], direction: Float[Tensor, "*b 2"]
+    vectors: Float[Tensor, "*#b 2"], direction: Float[Tensor, "*#b 2"]
 ) -> Float[Tensor, "*b 2"]:
     """Inverse of ``turned_back``."""
-    x, y = vectors.unbind(-1)
-    cos, sin = direction.unbind(-1)
-    return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=-1)
+    return torch.view_as_real(_complex(vectors) * _complex(direction))
 
 
-def agent_relations(
-    position_m: Float[Tensor, "N A 2"],
-    direction: Float[Tensor, "N A 2"],
-    noise_m: Float[Tensor, "N A"],
-) -> Float[Tensor, "N A A F"]:
-    """How each agent sees every other one: offset and direction in its own frame."""
-    offset = position_m[:, None] - position_m[:, :, None]
-    own = direction[:, :, None].expand_as(offset)
-    other = direction[:, None].expand_as(offset)
-    both_m = (noise_m[:, None].square() + noise_m[:, :, None].square()).sqrt()
-    return torch.cat(
-        [offset_features(turned_back(offset, own), both_m), turned_back(other, own)],
-        dim=-1,
+def _complex(vectors: Float[Tensor, "*b 2"]) -> Tensor:
+    """As complex numbers, of which turning takes one operation."""
+    return torch.view_as_complex(vectors.contiguous())
+
+
+def agent_relations(poses: NoisyPoses) -> Float[Tensor, "N A A F"]:
+    """How each of A agents sees every other one: offset and direction in its frame."""
+
+    def of_both(noise: Float[Tensor, "N A"]) -> Float[Tensor, "N A A"]:
+        return (noise[:, None].square() + noise[:, :, None].square()).sqrt()
+
+    position_m, own = poses.position_m, poses.direction[:, :, None]
+    return relation_features(
+        turned_back(position_m[:, None] - position_m[:, :, None], own),
+        turned_back(poses.direction[:, None], own),
+        of_both(poses.noise_m),
+        of_both(poses.turn_noise),
     )
 
 
 def piece_relations(
-    position_m: Float[Tensor, "N A 2"],
-    direction: Float[Tensor, "N A 2"],
-    noise_m: Float[Tensor, "N A"],
-    piece: Float[Tensor, "N A M 4"],
+    poses: NoisyPoses, piece: Float[Tensor, "N A M 4"]
 ) -> Float[Tensor, "N A M F"]:
-    """How each agent lies to its pieces: offset and direction in the piece's frame.
+    """How each of A agents lies to its pieces, in the frame of each piece.
 
     And which way the piece's middle is in the agent's own frame. Pieces are told by x,
     y, cosine and sine.
     """
     middle, axis = piece.split(2, dim=-1)
-    offset = position_m[:, :, None] - middle
-    own = direction[:, :, None].expand_as(offset)
-    noise = noise_m[:, :, None].expand(offset.shape[:-1])
+    position_m, own, noise_m, turn_noise = (one[:, :, None] for one in poses)
+    offset = position_m - middle
+    middle_m = turned_back(-offset, own)
+    scaled = middle_m / (noise_m[..., None] + 0.05)
     return torch.cat(
         [
-            offset_features(turned_back(offset, axis), noise),
-            turned_back(own, axis),
-            plain_offset(turned_back(-offset, own), noise),
+            relation_features(
+                turned_back(offset, axis), turned_back(own, axis), noise_m, turn_noise
+            ),
+            torch.cat([middle_m, scaled], dim=-1).asinh() / 3,
         ],
         dim=-1,
     )

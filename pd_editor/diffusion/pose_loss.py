@@ -21,6 +21,7 @@ from pd_editor.diffusion.pose_encoding import (
     STANDING_SPEED_MPS,
     encode_states,
 )
+from pd_editor.diffusion.pose_features import turned_back
 from pd_editor.diffusion.pose_noise import noise_scale, preconditioning
 from pd_editor.diffusion.pose_road import follows_lanes, is_on_road
 from pd_editor.diffusion.pose_spacing import overlap_depth_m
@@ -44,6 +45,12 @@ class PoseLossConfig:
     small_square_share: float = 0.3
     told_share: float = 0.6
     """Share of scenes in which a trait is told of all or of a random part of agents."""
+    across_weight: float = 3.0
+    """Of position errors across the heading, against 1 along it: decimetres decide
+    whether a car is in its lane, and metres along it are nobody's to know."""
+    across_noise_m: float = 4.0
+    """Below this noise only: above, headings are not known yet, and who stands along a
+    street would count more than who is parked beside it."""
     overlap_weight: float = 10.0
     """Depths are small numbers: the weight is large so that they count at all."""
     overlap_after: float = 0.75
@@ -82,13 +89,28 @@ def pose_loss(
     is_drawn = (scene.has_agent & ~task.is_given).to(clean)
     count = is_drawn.sum().clamp_min(1) * config.num_levels
     error = (found - clean) / preconditioning(scale)[2]
-    squared = (error.square() * is_drawn[..., None]).sum(dim=(0, 1, 2)) / count
+    noise_m = scale[..., 0] * POSITION_UNIT_M
+    squared = squared_error(error, clean[..., 2:4], noise_m, config)
+    squared = (squared * is_drawn[..., None]).sum(dim=(0, 1, 2)) / count
     parts = {name: squared[list(where)].mean() for name, where in _PARTS.items()}
     loss = sum(parts.values(), torch.zeros_like(count))
     if config.overlap_weight and progress >= config.overlap_after:
         parts["overlap"] = _overlap(scene, clean, found, is_drawn > 0, level, config)
         loss = loss + config.overlap_weight * parts["overlap"]
     return loss, {name: part.detach() for name, part in parts.items()}
+
+
+def squared_error(
+    error: Float[Tensor, "S B A 5"],
+    direction: Float[Tensor, "B A 2"],
+    noise_m: Float[Tensor, "S B #A"],
+    config: PoseLossConfig,
+) -> Float[Tensor, "S B A 5"]:
+    """Squares of errors, those of positions along and across the true direction."""
+    along, across = turned_back(error[..., :2], direction[None]).square().unbind(-1)
+    weight = torch.where(noise_m < config.across_noise_m, config.across_weight, 1.0)
+    own = torch.stack([along, weight * across], dim=-1)
+    return torch.cat([own, error[..., 2:].square()], dim=-1)
 
 
 def training_task(

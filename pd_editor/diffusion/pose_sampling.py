@@ -16,7 +16,7 @@ from pd_editor.diffusion.pose_noise import first_noise, noise_scale, sampling_le
 from pd_editor.diffusion.random_streams import RandomStreams
 from pd_editor.diffusion.scene_tensors import SceneTensors
 
-NUM_STEPS: Final = 8
+NUM_STEPS: Final = 7
 """Default number of calls of the network."""
 
 PoseGuide = Callable[[Tensor, float], Tensor]
@@ -33,6 +33,9 @@ class PoseSamplerConfig:
 
     Without, errors of early steps stay: 22 instead of 14 % came to be off the road.
     """
+    speed_spread: float = 1.15
+    """Factor of that noise for speeds, which the network blurs: at 1 the median of those
+    who move is 5.8 m/s, 6.6 with it, 7.8 recorded (``train``)."""
     is_second_order: bool = True
     """Extrapolate the clean states from the last two steps."""
 
@@ -141,7 +144,9 @@ def _next(
     kept = (next_scale.square() - fresh.square()).clamp_min(0).sqrt()
     result = clean + kept / scale * (noisy - clean)
     if config.fresh_noise:
-        result = result + fresh * streams.normal(*noisy.shape[1:]).to(noisy)
+        factors = fresh.new_tensor([1.0] * 4 + [config.speed_spread])
+        noise = streams.normal(*noisy.shape[1:]).to(noisy)
+        result = result + factors * fresh * noise
     return result
 
 

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory_features import STANDING_MPS
 from pd_editor.diffusion.trajectory_overlap import overlap_depth_m
 
 _LEAST_VARIANCE: Final = 0.2
@@ -18,6 +19,8 @@ _MOST_OVERLAP_LEVEL: Final = 0.5
 _MOST_ERROR_M: Final = 1.5
 """Futures further off the truth are not yet asked to avoid others: at the beginning of
 training that would keep them from being learnt at all."""
+_STARTED_M: Final = 2.0
+"""Who stands now and is so far away at the end has started."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +36,10 @@ class TrajectoryLossConfig:
     early_guess_weight: float = 0.2
     """Of what the blocks before the last one take for clean."""
     overlap_weight: float = 2.0
+    starting_weight: float = 2.2
+    """Of standing agents that start, which makes them as much likelier: scenarios are
+    recorded where something happens. Near lanes 28 % of standing cars start in Argoverse
+    2's train split, 20 % in the simulation."""
 
 
 def trajectory_loss(
@@ -63,6 +70,7 @@ def trajectory_loss(
     guesses = model.guesses(context, noisy, level)
     weight = is_drawn / model.schedule.sigma(level).square().clamp_min(_LEAST_VARIANCE)
     weight = weight / (is_drawn.sum() * config.num_levels).clamp_min(1)
+    weight = torch.where(starts(model, scene), config.starting_weight * weight, weight)
     scale = model.way_points.get_buffer("scale_m")
     mixed = _component_weights(scale, config.metre_share)
 
@@ -93,6 +101,14 @@ def trajectory_loss(
         parts["overlap"] = (squared * counts).sum() / counts.sum().clamp_min(1)
         loss = loss + config.overlap_weight * parts["overlap"]
     return loss, {name: part.detach() for name, part in parts.items()}
+
+
+def starts(model: TrajectoryDenoiser, scene: SceneTensors) -> Bool[Tensor, "B A"]:
+    """Who stands now, and is elsewhere when its future ends."""
+    last = torch.tensor([model.way_points.num_steps - 1], device=scene.future.device)
+    x, y = model.way_points.points(scene.future, scene.agent_speed, last)
+    has_left = torch.hypot(x, y)[..., 0] > _STARTED_M
+    return has_left & (scene.agent_speed < STANDING_MPS) & scene.has_future
 
 
 def _levels(

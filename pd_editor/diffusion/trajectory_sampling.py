@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import torch
 from jaxtyping import Bool, Float
@@ -14,6 +15,13 @@ from pd_editor.diffusion.random_streams import RandomStreams
 from pd_editor.diffusion.sampler import ddim, levels_of
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory_features import STANDING_MPS
+
+_MOVING_SPREAD: Final = 0.7
+"""Of the noise of moving agents in all numbers but the first, which says how far they
+come: futures nearer to recordings (error 3.11 to 3.05 m) that overlap less (6.5 to 6.0
+%) and are as different (best of six 1.45 to 1.48 m). Standing agents would start less.
+"""
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
 """From believed clean latents [S B A 10] and the share of steps done to better ones."""
@@ -87,7 +95,7 @@ def _steps(
 ) -> Generator[TrajectoryStep, None, Float[Tensor, "S B A 10"]]:
     levels = levels_of(config.num_steps, config.candidate_level)
     context = network.context(scene)
-    start = _start(network.model, scene, streams, config)
+    start = starting_latents(network.model, scene, streams, config)
     drawing = network.drawing(context, given, levels[:-1], len(start))
     latent = start
     done = 0
@@ -113,16 +121,19 @@ def _steps(
     return latent
 
 
-def _start(
+def starting_latents(
     model: TrajectoryDenoiser,
     scene: SceneTensors,
     streams: RandomStreams,
     config: TrajectorySamplerConfig,
 ) -> Float[Tensor, "S B A 10"]:
+    """What denoising begins with: noise, or noised candidates."""
     shape = scene.has_agent.shape
     noise = streams.spread_normal(
         *shape, scene.future.shape[-1], num_tries=config.num_tries
     ).to(scene.future)
+    moves = (scene.agent_speed >= STANDING_MPS)[..., None]
+    noise[..., 1:] *= torch.where(moves, _MOVING_SPREAD, 1.0)
     if config.candidate_level >= 1.0:
         return noise
     count = scene.has_candidate.sum(-1)

@@ -42,7 +42,7 @@ class Augmentation:
 
     warp_share: float = 0.3
     """Bent ahead of the focal agent, as Scene-Attack does."""
-    jitter_m: float = 0.2
+    jitter_m: float = 0.1
     """Standard deviation of how far a map is shifted and bent under its agents."""
     jitter_wave_m: tuple[float, float] = (40.0, 160.0)
     lanes_dropped_share: float = 0.15

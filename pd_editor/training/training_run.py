@@ -12,6 +12,7 @@ import torch
 from lightning_fabric import Fabric
 
 from pd_editor.diffusion.checkpoint import config_from_json, write_whole
+from pd_editor.diffusion.memory_reuse import WHEN_TRAINING, keep_freed_memory
 from pd_editor.diffusion.model_folder import TrainedStage, save_model
 from pd_editor.errors import TrainingError
 from pd_editor.training.loss_curves import loss_curves_png
@@ -90,6 +91,7 @@ def _fabric(hardware: Hardware, precision: Precision, *, is_gpu: bool) -> Fabric
     """The devices, ready to compute; from here on one process for each."""
     if hardware.threads is not None:
         torch.set_num_threads(hardware.threads)
+    keep_freed_memory(WHEN_TRAINING)
     # It says at each start which precision it was told to use.
     logging.getLogger("lightning_fabric").setLevel(logging.WARNING)
     fabric = Fabric(

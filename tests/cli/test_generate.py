@@ -81,7 +81,7 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
         ("--add", "--add needs --num-agents"),
         ("--keep-to-lanes 3", "must be between 0 and 1"),
         ("--tries -1", "--tries is -1; expected 0 or more."),
-        ("--moving-share 0.5", "whose states are drawn; nobody's are"),
+        ("--moving-share 0.5", "--num-agents or --redraw-states"),
         ("--num-agents 3 --moving-share 3", "must be between 0 and 1, not 3."),
     ],
 )

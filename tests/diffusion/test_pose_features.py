@@ -4,11 +4,12 @@ import torch
 
 from pd_editor.diffusion.pose_features import (
     NEIGHBOR_WAVELENGTHS_M,
-    NUM_OFFSET_FEATURES,
+    NUM_AGENT_FEATURES,
+    NoisyPoses,
     agent_relations,
     nearest_pieces,
-    offset_features,
     piece_relations,
+    relation_features,
     turned,
     turned_back,
     waves,
@@ -51,19 +52,26 @@ def test_offsets_are_told_in_metres():
     position = torch.tensor([[[31.0, -20.0]]])
     along = directions(torch.tensor([[0.9]]))
     piece = torch.tensor([[[[28.0, -24.0, 0.6, 0.8]]]])
-    found = piece_relations(position, along, torch.tensor([[0.05]]), piece)
-    expected = offset_features(torch.tensor([[[[5.0, 0.0]]]]), torch.tensor([[[0.05]]]))
-    torch.testing.assert_close(
-        found[..., :NUM_OFFSET_FEATURES], expected, rtol=1e-3, atol=1e-4
-    )
+    noise, turn_noise = torch.tensor([[0.05]]), torch.tensor([[0.08]])
+    found = piece_relations(NoisyPoses(position, along, noise, turn_noise), piece)
     turn = 0.9 - math.atan2(4, 3)
-    torch.testing.assert_close(
-        found[0, 0, 0, -6:-4], torch.tensor([math.cos(turn), math.sin(turn)])
+    expected = relation_features(
+        torch.tensor([[[[5.0, 0.0]]]]),
+        directions(torch.tensor([[[turn]]])),
+        noise[..., None],
+        turn_noise[..., None],
     )
-    ahead, left = -5 * math.cos(turn), 5 * math.sin(turn)
+    own, ahead = found.split([NUM_AGENT_FEATURES, 4], dim=-1)
+    torch.testing.assert_close(own, expected, rtol=1e-3, atol=1e-4)
+    sine = math.asinh(10 * math.sin(turn)) / 3
+    distance = math.log1p(5) / 3
     torch.testing.assert_close(
-        found[0, 0, 0, -4:-2],
-        torch.tensor([math.asinh(ahead) / 3, math.asinh(left) / 3]),
+        own[0, 0, 0, -4:],
+        torch.tensor([sine, distance, math.cos(turn), math.sin(turn)]),
+    )
+    metres = torch.tensor([-5 * math.cos(turn), 5 * math.sin(turn)])
+    torch.testing.assert_close(
+        ahead[0, 0, 0], torch.cat([metres, metres / 0.1]).asinh() / 3
     )
 
 
@@ -74,8 +82,10 @@ def test_relations_stay_when_everything_is_moved_and_turned():
     noise = torch.full((1, 6), 0.5)
     turn = torch.tensor(0.8)
     moved = turned(position, directions(turn).expand_as(position)) + 11.0
-    before = agent_relations(position, directions(angle), noise)
-    after = agent_relations(moved, directions(angle + turn), noise)
+    before, after = (
+        agent_relations(NoisyPoses(place, directions(one), noise, noise))
+        for place, one in ((position, angle), (moved, angle + turn))
+    )
     torch.testing.assert_close(before, after, rtol=1e-3, atol=1e-3)
 
 

@@ -3,10 +3,27 @@ import torch
 
 from pd_editor.diffusion.pose_context import TOLD_NO, TOLD_YES, UNTOLD
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser, PoseDenoiserConfig
-from pd_editor.diffusion.pose_loss import PoseLossConfig, pose_loss, training_task
+from pd_editor.diffusion.pose_loss import (
+    PoseLossConfig,
+    pose_loss,
+    squared_error,
+    training_task,
+)
 from pd_editor.diffusion.pose_road import follows_lanes, offset_from_lane_m
 from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
 from tests.diffusion.pose_scenes import scene_batch, small_model
+
+
+@pytest.mark.parametrize(("noise_m", "weight"), [(3.9, 5.0), (4.1, 1.0)])
+def test_errors_across_a_known_heading_count_more(noise_m: float, weight: float):
+    config = PoseLossConfig(across_weight=5.0)
+    north = torch.tensor([[[0.0, 1.0]]])
+    others = torch.tensor([[0.1, 0.3, -0.4]])
+    for shift, expected in (([[0.2, 0.0]], weight), ([[0.0, 0.2]], 1.0)):
+        error = torch.cat([torch.tensor(shift), others], dim=-1)[None, None]
+        found = squared_error(error, north, torch.full((1, 1, 1), noise_m), config)
+        assert found[..., :2].sum().item() == pytest.approx(expected * 0.04)
+        torch.testing.assert_close(found[..., 2:], others[None, None].square())
 
 
 def test_the_loss_says_what_it_is_made_of():

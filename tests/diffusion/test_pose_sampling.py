@@ -97,10 +97,30 @@ def test_drawing_stops_when_nobody_asks_on(monkeypatch: pytest.MonkeyPatch):
     assert len(calls) == 2
 
 
+MEAN = torch.tensor([0.03, -0.02, 1.0, 0.0, 0.8])
+SPREAD = torch.tensor([0.2, 0.05, 0.1, 0.1, 0.1])
+
+
+def drawn_from_a_gaussian(
+    config: PoseSamplerConfig, monkeypatch: pytest.MonkeyPatch
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Positions over the square, and speeds, with its exact denoiser."""
+    scene, model = scene_batch(30), small_model()
+
+    def exact(_: object, noisy: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
+        noise = noise_scale(level)[:, :, None].square()
+        share = SPREAD.square() / (SPREAD.square() + noise)
+        return MEAN + share * (noisy - MEAN)
+
+    monkeypatch.setattr(model, "denoise", exact)
+    states = drawn(model, scene, range(200), config=config)
+    return states[:, 0, :, :2].flatten(0, 1) / 62.0, states[..., 4]
+
+
 @pytest.mark.parametrize(
     "config",
     [
-        PoseSamplerConfig(num_steps=60, is_second_order=False),
+        PoseSamplerConfig(num_steps=60, is_second_order=False, fresh_noise=0.0),
         PoseSamplerConfig(num_steps=60, is_second_order=False, fresh_noise=1.0),
         PoseSamplerConfig(num_steps=25),
     ],
@@ -110,20 +130,20 @@ def test_the_exact_denoiser_of_a_gaussian_ends_in_that_gaussian(
     config: PoseSamplerConfig, monkeypatch: pytest.MonkeyPatch
 ):
     """Positions only: headings and speeds are no Gaussians when decoded."""
-    scene, model = scene_batch(30), small_model()
-    mean = torch.tensor([0.03, -0.02, 1.0, 0.0, 0.5])
-    spread = torch.tensor([0.2, 0.05, 0.1, 0.1, 0.1])
+    position, _ = drawn_from_a_gaussian(config, monkeypatch)
+    torch.testing.assert_close(position.mean(dim=0), MEAN[:2], rtol=0, atol=0.01)
+    torch.testing.assert_close(position.std(dim=0), SPREAD[:2], rtol=0.08, atol=0)
 
-    def exact(_: object, noisy: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        noise = noise_scale(level)[:, :, None].square()
-        share = spread.square() / (spread.square() + noise)
-        return mean + share * (noisy - mean)
 
-    monkeypatch.setattr(model, "denoise", exact)
-    states = drawn(model, scene, range(200), config=config)
-    position = states[:, 0, :, :2].flatten(0, 1) / 62.0
-    torch.testing.assert_close(position.mean(dim=0), mean[:2], rtol=0, atol=0.01)
-    torch.testing.assert_close(position.std(dim=0), spread[:2], rtol=0.08, atol=0)
+def test_speeds_spread_as_much_as_is_asked(monkeypatch: pytest.MonkeyPatch):
+    found = [
+        drawn_from_a_gaussian(PoseSamplerConfig(speed_spread=one), monkeypatch)
+        for one in (1.0, 1.3)
+    ]
+    (place, speed), (same_place, wide_speed) = found
+    assert torch.equal(place, same_place)
+    assert 1.1 < wide_speed.std() / speed.std() < 1.4
+    assert wide_speed.mean().item() == pytest.approx(speed.mean().item(), rel=0.03)
 
 
 def test_guidance_lowers_overlap_and_leaves_given_agents():

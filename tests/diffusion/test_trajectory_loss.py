@@ -5,7 +5,11 @@ import torch
 
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory_loss import TrajectoryLossConfig, trajectory_loss
+from pd_editor.diffusion.trajectory_loss import (
+    TrajectoryLossConfig,
+    starts,
+    trajectory_loss,
+)
 from pd_editor.diffusion.trajectory_overlap import overlap_depth_m
 from pd_editor.diffusion.trajectory_sampling import (
     TrajectorySamplerConfig,
@@ -47,6 +51,37 @@ def test_all_agents_given_leave_nothing_to_learn() -> None:
     scene, model = scene_batch(5), small_model()
     values = loss_of(model, scene, given_scenes=1.0)
     assert 0 < values["loss"] < 1e3
+
+
+def test_standing_agents_that_leave_have_started() -> None:
+    scene, model = scene_batch(4), small_model()
+    speed = torch.tensor([[0.0, 0.0, 0.4, 0.0]])
+    stays = model.way_points.still(speed)
+    leaves = stays.clone()
+    leaves[..., 0] += 2.0
+    x, _ = model.way_points.points(leaves, speed, torch.tensor([58]))
+    assert (x.abs() > 2).all()
+    scene = replace(scene, agent_speed=speed, has_future=torch.ones(1, 4).bool())
+    scene.has_future[0, 3] = False
+    assert starts(model, replace(scene, future=leaves)).tolist() == [
+        [True, True, False, False]
+    ]
+    assert not starts(model, replace(scene, future=stays)).any()
+
+
+def test_who_starts_counts_more() -> None:
+    scene, model = scene_batch(4), small_model()
+    speed = torch.zeros(1, 4)
+    stays = replace(scene, agent_speed=speed, future=model.way_points.still(speed))
+    leaves = replace(stays, future=stays.future.clone())
+    leaves.future[..., 0] += 2.0
+    latent = {
+        (name, weight): loss_of(model, one, starting_weight=weight)["latent"]
+        for name, one in (("stays", stays), ("leaves", leaves))
+        for weight in (1.0, 3.0)
+    }
+    assert latent["stays", 3.0] == latent["stays", 1.0]
+    assert latent["leaves", 3.0] == pytest.approx(3 * latent["leaves", 1.0])
 
 
 @pytest.mark.parametrize("weight", [0.0, 1.0])

@@ -6,12 +6,14 @@ import torch
 
 from pd_editor.diffusion.folded_denoiser import FutureDrawing
 from pd_editor.diffusion.guidance import NearestCandidateGuide
+from pd_editor.diffusion.random_streams import RandomStreams
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory_sampling import (
     TrajectoryGuide,
     TrajectorySamplerConfig,
     sample_trajectories,
+    starting_latents,
 )
 from tests.diffusion.trajectory_scenes import scene_batch, small_model
 
@@ -89,6 +91,17 @@ def test_steps_are_reported_and_cancelled_at_once(
     assert next(steps).num_steps == 6
     steps.close()
     assert calls == [0, 1]
+
+
+def test_moving_agents_start_from_less_noise_in_all_but_the_way_they_come() -> None:
+    scene, model = scene_batch(4), small_model()
+    scene = replace(scene, agent_speed=torch.tensor([[8.0, 0.0, 3.0, 0.0]]))
+    streams = RandomStreams(0, "futures", range(400))
+    noise = starting_latents(model, scene, streams, TrajectorySamplerConfig())
+    spread = noise[:, 0].std(dim=0)
+    assert ((spread[[1, 3]] - 1).abs() < 0.15).all()
+    assert ((spread[[0, 2], 0] - 1).abs() < 0.15).all()
+    assert ((spread[[0, 2], 1:] - 0.7).abs() < 0.1).all()
 
 
 def test_starting_from_candidates_at_level_zero_gives_candidates() -> None:
