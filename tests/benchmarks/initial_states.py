@@ -21,7 +21,7 @@ from pd_editor.diffusion.model_folder import load_model
 from pd_editor.diffusion.pose_context import TOLD_NO, drawing_task
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
-from pd_editor.diffusion.pose_guidance import PoseGuidance
+from pd_editor.diffusion.pose_guidance import WITHIN_LANES, PoseGuidance
 from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
 from pd_editor.diffusion.pose_traits import TraitWishes, with_traits
 from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
@@ -299,7 +299,7 @@ def print_table(
     print(summary("recorded", recorded, recorded))
     print(floor_line(recorded))
     for name, config in configs.items():
-        for guidance in (None, PoseGuidance()):
+        for guidance in (None, WITHIN_LANES if wishes.only_on_road else PoseGuidance()):
             label = name if guidance is None else f"{name} guided"
             found = [
                 drawn(model, scene, samples, config, guidance, wishes)

@@ -14,7 +14,7 @@ from pd_editor.diffusion.pose_context import (
 )
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import decode_states, encode_states
-from pd_editor.diffusion.pose_guidance import PoseGuidance
+from pd_editor.diffusion.pose_guidance import WITHIN_LANES, PoseGuidance
 from pd_editor.diffusion.pose_noise import noise_scale
 from pd_editor.diffusion.pose_road import offset_from_lane_m
 from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
@@ -197,3 +197,21 @@ def test_guidance_keeps_those_on_the_road_who_are_told_to_be_there():
     assert (reached[TOLD_YES] <= 3.6).all()
     assert torch.equal(reached[UNTOLD], reached[TOLD_NO])
     assert (reached[UNTOLD] > 5).all()
+
+
+def test_guidance_keeps_all_within_lanes_where_nobody_is_wished_off_the_road():
+    scene = scene_batch(12)
+    away = scene.agent_pose.clone()
+    away[..., 1] = 6.0
+    vehicles = torch.zeros_like(scene.agent_kind)
+    scene = replace(scene, agent_pose=away, agent_kind=vehicles)
+    assert 0 < (scene.agent_speed > 0).sum() < scene.agent_speed.numel()
+    task = drawing_task(scene)
+    task = replace(task, on_road=torch.full_like(task.on_road, TOLD_YES))
+    now = encode_states(scene.agent_pose, scene.agent_speed)[None]
+    guide = replace(WITHIN_LANES, push=0.0).of(scene, task)
+    for _ in range(20):
+        now = guide(now, 0.0)
+    offset = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]
+    assert (offset <= 1.5).all()
+    assert (offset >= 1.3).all()
