@@ -17,6 +17,10 @@ NUM_AGENT_FEATURES: Final = 4 * len(NEIGHBOR_WAVELENGTHS_M) + 8
 direction, and its sine at the scale of the noise."""
 NUM_PIECE_FEATURES: Final = NUM_AGENT_FEATURES + 4
 
+_LEAST_NOISE_M: Final = 0.05
+_LEAST_TURN_NOISE: Final = 0.02
+"""Added where something is told at the scale of the noise: given agents have none."""
+
 
 class NoisyPoses(NamedTuple):
     """Poses that are known up to some noise, given by its standard deviations."""
@@ -73,7 +77,8 @@ def relation_features(
     """
     noise = torch.stack([noise_m, noise_m, turn_noise], dim=-1)
     lies = torch.cat([offset_m, direction[..., 1:]], dim=-1)
-    scaled = lies / (noise + noise.new_tensor([0.05, 0.05, 0.02]))
+    least = (_LEAST_NOISE_M, _LEAST_NOISE_M, _LEAST_TURN_NOISE)
+    scaled = lies / (noise + noise.new_tensor(least))
     return torch.cat(
         [
             waves(offset_m, NEIGHBOR_WAVELENGTHS_M, noise_m),
@@ -131,7 +136,7 @@ def piece_relations(
     position_m, own, noise_m, turn_noise = (one[:, :, None] for one in poses)
     offset = position_m - middle
     middle_m = turned_back(-offset, own)
-    scaled = middle_m / (noise_m[..., None] + 0.05)
+    scaled = middle_m / (noise_m[..., None] + _LEAST_NOISE_M)
     return torch.cat(
         [
             relation_features(
