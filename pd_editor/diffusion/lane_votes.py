@@ -36,7 +36,7 @@ class LaneVotes(nn.Module):
         super().__init__()
         self.from_token = nn.Linear(width, width)
         self.from_piece = nn.Linear(num_facts + relation_width, width, bias=False)
-        self.propose = nn.Linear(width, 1 + _NUM_PARTS)
+        self.vote = nn.Linear(width, 1 + _NUM_PARTS)
 
     def forward(
         self, token: Float[Tensor, "B Q D"], near: NearPieces
@@ -44,7 +44,7 @@ class LaneVotes(nn.Module):
         """Shift and turn in the frame of the scene; 0 where no piece is near."""
         pieces = self.from_piece(torch.cat([near.facts, near.relations], dim=-1))
         hidden = nn.functional.relu(pieces + self.from_token(token)[:, :, None])
-        logits, pose = self.propose(hidden).float().split([1, _NUM_PARTS], dim=-1)
+        logits, pose = self.vote(hidden).float().split([1, _NUM_PARTS], dim=-1)
         weights = attention_weights(logits.transpose(-1, -2), near.mask)
         votes = turned(pose.unflatten(-1, (2, 2)), near.axis[..., None, :])
         return (weights @ votes.flatten(-2)).squeeze(-2)

@@ -32,8 +32,8 @@ def test_the_only_piece_is_believed_in_its_own_frame():
     exists[..., 2] = True
     module, pieces = votes(), near(exists=exists)
     with torch.no_grad():
-        module.propose.weight.zero_()
-        module.propose.bias.copy_(torch.tensor([9.0, 0.0, 2.0, 1.0, 0.0]))
+        module.vote.weight.zero_()
+        module.vote.bias.copy_(torch.tensor([9.0, 0.0, 2.0, 1.0, 0.0]))
         found = module(tokens(), pieces)
     axis = pieces.axis[:, :, 2]
     left = torch.stack([-axis[..., 1], axis[..., 0]], dim=-1)
