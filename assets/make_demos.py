@@ -4,6 +4,7 @@ Needs SUMO (the extra ``synth``). The same versions of SUMO and of this reposito
 the same bytes.
 """
 
+import json
 import sys
 import tempfile
 from dataclasses import replace
@@ -16,6 +17,7 @@ from jaxtyping import Bool
 from assets.stories import STORIES
 from assets.story import Story
 from pd_editor.av2_io.write import scenario_files
+from pd_editor.installed_files import SENTENCES_NAME
 from pd_editor.metrics.off_road import off_road
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
@@ -106,6 +108,14 @@ def make_demos(folder: Path) -> None:
         (folder / story.name).mkdir(parents=True, exist_ok=True)
         for name, content in scenario_files(made_demo(story)).items():
             (folder / story.name / name).write_bytes(content)
+    write_sentences(folder)
+
+
+def write_sentences(folder: Path) -> None:
+    """Write what each demo shows, for the editor to tell."""
+    sentences = {story.name: story.sentence for story in STORIES}
+    text = json.dumps(sentences, indent=1) + "\n"
+    (folder / SENTENCES_NAME).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,13 @@
 """Finds the files that come with the package: demos and weights."""
 
+import json
 from pathlib import Path
+from typing import Final
 
 from pd_editor.errors import InputError
 
+SENTENCES_NAME: Final = "sentences.json"
+"""Beside the demos: what each shows, by its name."""
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -32,6 +36,14 @@ def demo_folder(name: str) -> Path:
             f"There is no demo {name!r}; choose one of {', '.join(demo_names())}."
         )
     return _folder("assets") / "demos" / name
+
+
+def demo_sentence(name: str) -> str:
+    """What a demo shows; empty if nobody has said."""
+    path = _folder("assets") / "demos" / SENTENCES_NAME
+    if not path.is_file():
+        return ""
+    return json.loads(path.read_text(encoding="utf-8")).get(name, "")
 
 
 def models_folder() -> Path:

@@ -8,12 +8,12 @@ import pyarrow.parquet as pq
 import pytest
 import shapely
 
-from assets.make_demos import made_demo
+from assets.make_demos import made_demo, write_sentences
 from assets.stories import STORIES
 from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
-from pd_editor.installed_files import demo_names
+from pd_editor.installed_files import SENTENCES_NAME, demo_names, demo_sentence
 from pd_editor.metrics.collision import first_overlap
 from pd_editor.metrics.off_road import off_road
 from pd_editor.metrics.scene_warnings import scene_warnings
@@ -101,6 +101,15 @@ def test_the_readme_says_what_each_shows():
     text = (FOLDER / "README.md").read_text()
     for story in STORIES:
         assert f"| `{story.name}` | {story.sentence} |" in text
+
+
+def test_the_editor_can_tell_what_each_shows(tmp_path):
+    write_sentences(tmp_path)
+    told = (tmp_path / SENTENCES_NAME).read_bytes()
+    assert (FOLDER / SENTENCES_NAME).read_bytes() == told
+    assert [demo_sentence(story.name) for story in STORIES] == [
+        story.sentence for story in STORIES
+    ]
 
 
 def test_it_is_complete(demo):

@@ -4,7 +4,12 @@ import pytest
 
 from pd_editor import installed_files
 from pd_editor.errors import InputError
-from pd_editor.installed_files import demo_folder, demo_names, models_folder
+from pd_editor.installed_files import (
+    demo_folder,
+    demo_names,
+    demo_sentence,
+    models_folder,
+)
 
 
 def test_demos_are_found_in_a_checkout():
@@ -24,6 +29,7 @@ def test_a_wheel_keeps_them_inside_the_package(
     monkeypatch.setattr(installed_files, "_PACKAGE", tmp_path)
     assert demo_names() == ("inside",)
     assert demo_folder("inside") == demo
+    assert demo_sentence("inside") == ""
 
 
 @pytest.mark.parametrize("name", ["", "..", "nowhere", "../demos/winding-street"])

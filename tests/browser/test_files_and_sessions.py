@@ -39,7 +39,9 @@ def test_open_a_folder_by_path_and_upload_a_zip(open_editor, folder):
     editor.until(
         lambda: editor.session.scenario.scenario_id == "two-lane-road", "the folder"
     )
+    notice(editor, "A bus halts on an arterial road")
     editor.choose("Demo", "signalised-junction")
+    notice(editor, "Lights turn green for a full street of three lanes")
     editor.press("Open demo")
     editor.until(
         lambda: editor.session.scenario.scenario_id != "two-lane-road", "the demo"

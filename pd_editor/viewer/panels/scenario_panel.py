@@ -7,7 +7,7 @@ import viser
 
 from pd_editor.av2_io.upload import MAX_UPLOAD_BYTES
 from pd_editor.errors import ArchiveError, InputError
-from pd_editor.installed_files import demo_names
+from pd_editor.installed_files import demo_names, demo_sentence
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.desk import Desk, set_property
 from pd_editor.viewer.page_text import plain
@@ -29,6 +29,7 @@ class ScenarioPanel:
         self._card = gui.add_markdown("")
         with gui.add_folder("Open"):
             self._demo = gui.add_dropdown("Demo", demo_names() or ("-",))
+            self._shows = gui.add_markdown(_shows(str(self._demo.value)))
             open_demo = gui.add_button("Open demo", icon=viser.Icon.FOLDER_OPEN)
             self._folder = gui.add_text(
                 "Folder", "", hint="A scenario folder: parquet and map JSON."
@@ -50,6 +51,7 @@ class ScenarioPanel:
                 "Into folder", "", hint="A folder on the server's machine."
             )
             write = gui.add_button("Write to folder", color="gray")
+        desk.on_change(self._demo, self._tell_demo)
         desk.on_click(open_demo, self._open_demo)
         desk.on_click(open_folder, self._open_folder)
         desk.on_click(download, self._download)
@@ -74,6 +76,9 @@ class ScenarioPanel:
         notes = scenario.provenance.notes[-MAX_NOTES:]
         lines += [f"*{plain(note)}*" for note in notes]
         set_property(self._card, "content", "  \n".join(lines))
+
+    def _tell_demo(self, name: str) -> None:
+        set_property(self._shows, "content", _shows(name))
 
     def _open_demo(self) -> None:
         self._desk.commit_gesture()
@@ -132,3 +137,9 @@ class ScenarioPanel:
         self._desk.commit_gesture()
         written = self._workspace.export_into(Path(path).expanduser())
         self._desk.notify("Exported", str(written), "success")
+
+
+def _shows(name: str) -> str:
+    """What a demo shows, to be read before it is opened."""
+    sentence = demo_sentence(name)
+    return f"*{plain(sentence[:1].upper() + sentence[1:])}.*" if sentence else ""
