@@ -4,7 +4,7 @@ import shlex
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Final, TypeVar
 
 import tyro
 
@@ -20,19 +20,37 @@ from pd_editor.evaluation.evaluation import (
     run_evaluation,
     scenes_of,
 )
-from pd_editor.evaluation.figures import figures_of
+from pd_editor.evaluation.evaluation_task import (
+    DRIVING,
+    AgentsChoice,
+    EvaluationTask,
+    StatesChoice,
+)
+from pd_editor.evaluation.figures import PLACING_SHOWN, SHOWN, figures_of
 from pd_editor.evaluation.html import html_of
 from pd_editor.evaluation.markdown import markdown_of
 from pd_editor.evaluation.method import Method
-from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
+from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHODS
 from pd_editor.evaluation.report import report_of
 from pd_editor.evaluation.road_condition import road_conditions
 from pd_editor.evaluation.run_folder import RunFolder
 from pd_editor.evaluation.summary import Summary, summarise
-from pd_editor.generators import GENERATORS, MODEL_CONFIG, make_generator
+from pd_editor.generators import (
+    DEFAULT_GENERATOR,
+    GENERATORS,
+    MODEL_CONFIG,
+    make_generator,
+)
 from pd_editor.work_engine import LocalProcesses
 
 DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower")
+DEFAULT_PLACING_METHODS = (GROUND_TRUTH, DEFAULT_GENERATOR)
+"""Where states are drawn."""
+_BY_DEFAULT: Final = (
+    f"(default: {' '.join(DEFAULT_METHODS)}; where states are drawn "
+    f"{' '.join(DEFAULT_PLACING_METHODS)})"
+)
+_Roots = str | Path | tuple[str | Path, ...]
 _One = TypeVar("_One", str, str | Path)
 
 
@@ -62,13 +80,14 @@ class Evaluation:
 
 def evaluate(
     *,
-    data: Annotated[
-        str | Path | tuple[str | Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")
-    ],
+    data: Annotated[_Roots, tyro.conf.arg(metavar="DIR [DIR ...]")],
     out: FolderOption,
     methods: Annotated[
-        tuple[str, ...], tyro.conf.arg(metavar="NAME [NAME ...]")
-    ] = DEFAULT_METHODS,
+        tuple[str, ...] | None,
+        tyro.conf.arg(metavar="NAME [NAME ...]", help_behavior_hint=_BY_DEFAULT),
+    ] = None,
+    states: StatesChoice = "recorded",
+    agents: AgentsChoice = "all",
     warps: Annotated[tuple[str, ...], tyro.conf.arg(metavar="WARP [WARP ...]")] = (
         "none",
     ),
@@ -89,17 +108,21 @@ def evaluate(
         data: Roots of Argoverse 2 datasets; folders below them are searched.
         out: New folder for finished scenes, rows.parquet, report.md and report.html.
         methods: Reference methods, generators (also with options: path-diffuser:lanes=0.6,tries=1,steps=10) and folders of models; ground-truth is what others are compared with.
+        states: Keep the recorded states and draw futures, or draw states as well: as many agents of each kind as the log has within 62 m of the focal agent.
+        agents: All road users, or only those that the paper's code keeps.
         warps: Roads: none (as recorded), KIND:POWER such as smooth-turn:3, or all.
-        samples: Futures of each scene, for methods that draw at random.
+        samples: Of each scene, for methods that draw at random.
         seed: Seed of all draws; the same seed gives the same numbers.
         limit: Use only the first N scenarios.
         workers: Processes to use; they do not change the numbers.
         device: Where models compute; auto takes a GPU if there is one.
         resume: Go on with an earlier run of the same settings.
     """
+    task = EvaluationTask(states=states, agents=agents)
     plan = EvaluationPlan(
+        task=task,
         data=tuple(map(Path, _several(data))),
-        methods=_methods(_several(methods), device),
+        methods=_methods(methods, device, task),
         conditions=road_conditions(_several(warps)),
         num_samples=_at_least(1, samples, "samples"),
         seed=_at_least(0, seed, "seed"),
@@ -126,9 +149,10 @@ def _reported(
     """
     rows = folder.path / ROWS_NAME
     summary = summarise(rows, plan.settings.methods, plan.conditions, plan.seed)
-    distances = distance_tables(rows, plan.settings.methods)
+    distances = distance_tables(rows, plan.settings.methods, plan.task)
     report = report_of(plan, record, summary, command, distances)
-    page = html_of(report, figures_of(summary, plan.conditions))
+    shown = PLACING_SHOWN if plan.task.draws_states else SHOWN
+    page = html_of(report, figures_of(summary, plan.conditions, shown))
     files = (
         folder.write("report.md", markdown_of(report).encode()),
         folder.write("report.html", page.encode()),
@@ -143,7 +167,12 @@ def _several(value: _One | tuple[_One, ...]) -> tuple[_One, ...]:
     return tuple(dict.fromkeys(value)) if isinstance(value, tuple) else (value,)
 
 
-def _methods(asked: tuple[str, ...], device: DeviceName) -> tuple[Method, ...]:
+def _methods(
+    wanted: str | tuple[str, ...] | None, device: DeviceName, task: EvaluationTask
+) -> tuple[Method, ...]:
+    if wanted is None:
+        wanted = DEFAULT_PLACING_METHODS if task.draws_states else DEFAULT_METHODS
+    asked = _several(wanted)
     make = make_generator
     if device != "auto":
         make = partial(make_generator, device=device)
@@ -155,6 +184,11 @@ def _methods(asked: tuple[str, ...], device: DeviceName) -> tuple[Method, ...]:
             raise GenerationError(
                 f"There is no method {name[:60]!r}; choose among {', '.join(known)}."
             )
+        if task.draws_states and not _places_agents(plain):
+            raise GenerationError(
+                f"{name[:60]} draws no states; where states are drawn, choose "
+                f"{GROUND_TRUTH}, {DEFAULT_GENERATOR} or the folder of a model."
+            )
         if device == "cuda" and plain not in REFERENCE_METHODS:
             make(plain)  # Refused here, not once for each scene.
     if not asked:
@@ -162,6 +196,12 @@ def _methods(asked: tuple[str, ...], device: DeviceName) -> tuple[Method, ...]:
             f"No method was asked for; choose among {', '.join(known)}."
         )
     return methods
+
+
+def _places_agents(name: str) -> bool:
+    if name in REFERENCE_METHODS:
+        return name == GROUND_TRUTH
+    return name not in GENERATORS or GENERATORS[name].draws_states
 
 
 def _at_least(least: int, value: int, name: str) -> int:
@@ -196,6 +236,8 @@ def _command(plan: EvaluationPlan, out: str | Path) -> str:
     """The command line that leads to the same numbers."""
     words = ["pd-editor", "evaluate", "--data", *map(str, plan.data), "--out", str(out)]
     words += ["--methods", *(method.name for method in plan.methods)]
+    if plan.task != DRIVING:
+        words += ["--states", plan.task.states, "--agents", plan.task.agents]
     words += ["--warps", *(one.label for one in plan.conditions)]
     words += ["--samples", str(plan.num_samples), "--seed", str(plan.seed)]
     words += [] if plan.limit is None else ["--limit", str(plan.limit)]

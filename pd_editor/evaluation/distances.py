@@ -9,6 +9,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float
 
+from pd_editor.evaluation.evaluation_task import EvaluationTask
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.evaluation.report_tables import ReportTable
 from pd_editor.metrics.distribution_distance import HISTOGRAMS, Histogram
@@ -17,13 +18,25 @@ from pd_editor.metrics.metric_values import MetricValues, measured
 from pd_editor.metrics.noise_floor import NUM_DRAWS, noise_floor
 
 PLAIN: Final = "none"
+STATE_METRICS: Final = (
+    "nearest_distance",
+    "local_density",
+    "nearest_edge",
+    "nearest_edge_angle",
+    "speed",
+)
+"""What is known of an agent at the current step, however early it leaves."""
 _KEYS: Final = ("scenario_id", "method", "sample", "agent_id")
 
 
 class _Rows:
-    """Movers on plain roads that the log has to the end, one row per sample."""
+    """Movers on plain roads, one row per sample.
 
-    def __init__(self, rows_file: Path) -> None:
+    Of futures only those count that the log has to the end; where states are drawn, of
+    the log's own agents.
+    """
+
+    def __init__(self, rows_file: Path, task: EvaluationTask) -> None:
         schema = pq.read_schema(rows_file)
         self.histograms = [h for h in HISTOGRAMS if h.metric in schema.names]
         metrics = dict.fromkeys(histogram.metric for histogram in self.histograms)
@@ -40,8 +53,13 @@ class _Rows:
         # Who left the recording early has a shorter path in the log only.
         key = [f"{scene}/{name}" for scene, name in zip(self.scene, agent, strict=True)]
         self.agent = np.array(key, object)
-        logged = set(self.agent[whole & (self.method == GROUND_TRUTH)])
-        self.counts = np.array([name in logged for name in key], bool)
+        self.is_logged = np.asarray(self.method == GROUND_TRUTH, bool)
+        if task.draws_states:
+            self.counts = whole | ~self.is_logged
+        else:
+            logged = set(self.agent[whole & self.is_logged])
+            self.counts = np.array([name in logged for name in key], bool)
+        self._states_count = self.counts | task.draws_states
         self.columns = {
             name: [_numbers(value) for value in table[name].to_pylist()]
             for name in metrics
@@ -50,8 +68,9 @@ class _Rows:
     def _parts(
         self, metric: str, which: Bool[np.ndarray, "R"]
     ) -> list[Float[np.ndarray, "_"]]:
+        counts = self._states_count if metric in STATE_METRICS else self.counts
         column = self.columns[metric]
-        return [column[row] for row in np.flatnonzero(which & self.counts)]
+        return [column[row] for row in np.flatnonzero(which & counts)]
 
     def values(
         self, metric: str, which: Bool[np.ndarray, "R"]
@@ -61,19 +80,22 @@ class _Rows:
 
     def scenes(self, metric: str) -> list[MetricValues]:
         """The log's values, scene by scene."""
-        is_logged = self.counts & (self.method == GROUND_TRUTH)
-        return [
-            _padded(metric, self._parts(metric, is_logged & (self.scene == scene)))
-            for scene in dict.fromkeys(self.scene[is_logged])
-        ]
+        scenes = (
+            self._parts(metric, self.is_logged & (self.scene == scene))
+            for scene in dict.fromkeys(self.scene[self.is_logged])
+        )
+        return [_padded(metric, parts) for parts in scenes if parts]
 
 
-def distance_tables(rows_file: Path, methods: Sequence[str]) -> list[ReportTable]:
+def distance_tables(
+    rows_file: Path, methods: Sequence[str], task: EvaluationTask
+) -> list[ReportTable]:
     """Square roots of Jensen-Shannon divergences to the log, for movers."""
-    rows = _Rows(rows_file)
+    rows = _Rows(rows_file, task)
     others = [name for name in methods if name != GROUND_TRUTH]
-    is_logged = rows.method == GROUND_TRUTH
-    if not others or not (rows.counts & is_logged).any():
+    is_logged = rows.is_logged
+    num_agents = len(set(rows.agent[rows.counts & is_logged]))
+    if not others or not num_agents:
         return []
     lines = []
     for histogram in rows.histograms:
@@ -85,13 +107,16 @@ def distance_tables(rows_file: Path, methods: Sequence[str]) -> list[ReportTable
         ]
         unit = METRICS[histogram.metric].unit
         lines.append((histogram.metric, unit, histogram.source, floor, *cells))
-    num_agents = len(set(rows.agent[rows.counts & is_logged]))
+    whole = f"{num_agents} agents that the log has to the end"
+    if task.draws_states:
+        present = len(set(rows.agent[is_logged]))
+        whole = f"{present} agents of the log at the state; of their ways, {whole}"
     return [
         ReportTable(
             title="Movers, plain roads: distance of distributions",
             header=("metric", "unit", "bins", "noise floor", *others),
             rows=tuple(lines),
-            note=f"{num_agents} agents that the log has to the end. The noise floor is "
+            note=f"{whole}. The noise floor is "
             f"the mean over {NUM_DRAWS} draws of recorded scenes with as many agents.",
         )
     ]

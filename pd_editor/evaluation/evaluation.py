@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 
 from pd_editor.av2_io.dataset import CardFilter, DatasetIndex
 from pd_editor.errors import ExportError, InputError
+from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.evaluation.run_folder import RunFolder, RunSettings
@@ -37,6 +38,7 @@ class EvaluationPlan:
     seed: int
     limit: int | None = None
     """No more scenes than these; the first ones by their folders' names."""
+    task: EvaluationTask = DRIVING
 
     @property
     def settings(self) -> RunSettings:
@@ -47,6 +49,8 @@ class EvaluationPlan:
             methods=tuple(method.name for method in self.methods),
             samples=self.num_samples,
             seed=self.seed,
+            states=self.task.states,
+            agents=self.task.agents,
         )
 
 
@@ -143,6 +147,7 @@ def items_of(plan: EvaluationPlan, scenes: Sequence[Scene]) -> dict[str, SceneIt
             methods=plan.methods,
             num_samples=plan.num_samples,
             seed=plan.seed,
+            task=plan.task,
         )
         for scene in scenes
         for condition in plan.conditions

@@ -19,6 +19,15 @@ SHOWN: Final = (
     "ade",
     "end_spread",
 )
+PLACING_SHOWN: Final = (
+    "init_overlap",
+    "init_off_road_4m",
+    "speed",
+    "lateral_deviation_final",
+    "new_overlap",
+    "path_length",
+)
+"""Where states are drawn."""
 COLORS: Final = ("#333333", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 """Okabe and Ito's, which colour-blind readers can tell apart."""
 _LABELS_PX: Final = 130
@@ -37,13 +46,15 @@ class Figure:
 
 
 def figures_of(
-    summary: Summary, conditions: Sequence[RoadCondition]
+    summary: Summary,
+    conditions: Sequence[RoadCondition],
+    shown: Sequence[str] = SHOWN,
 ) -> tuple[Figure, ...]:
-    """All figures that the roads allow."""
+    """All figures that the roads allow; a panel for each metric that is shown."""
     group = "movers on their way"
     if not summary.num_agents[:, :, summary.groups.index(group)].any():
         return ()
-    panels = "".join(_interval_panel(summary, name, group) for name in SHOWN)
+    panels = "".join(_interval_panel(summary, name, group) for name in shown)
     figures = [
         Figure(
             svg=panels,

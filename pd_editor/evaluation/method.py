@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from pd_editor.errors import GenerationError
-from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
+from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHODS
 from pd_editor.generation import (
     GeneratedTraffic,
     GenerationRequest,
@@ -80,6 +80,8 @@ class Method:
         """
         reference = REFERENCE_METHODS.get(self.name)
         if reference is not None:
+            if request.draws_states and self.name != GROUND_TRUTH:
+                raise GenerationError(f"{self.name} draws no states.")
             return JudgedTraffic(samples=reference.traffic(request))
         generator = _generator(self.make_generator, self.generator_name)
         traffic = run_to_end(generator.generate(self._with_options(request)))

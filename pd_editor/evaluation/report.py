@@ -9,7 +9,10 @@ from typing import Final
 
 from pd_editor.evaluation.bootstrap import COVERAGE, NUM_RESAMPLES
 from pd_editor.evaluation.evaluation import EvaluationPlan, RunRecord
+from pd_editor.evaluation.evaluation_task import DRAWN_HALF_SIDE_M, EvaluationTask
 from pd_editor.evaluation.report_tables import (
+    HEADLINES,
+    PLACING_HEADLINES,
     ReportTable,
     complete_tables,
     definition_table,
@@ -22,6 +25,12 @@ from pd_editor.evaluation.summary import Summary
 FIGURES_TITLE: Final = "Results"
 """The section that figures belong to."""
 _PACKAGES: Final = ("pd-editor", "numpy", "pyarrow", "shapely", "av2")
+_DISTANCES_TITLE: Final = "Distances to the log"
+_DISTANCES_WORDS: Final = (
+    "Square roots of Jensen-Shannon divergences, natural logarithm (what the paper calls "
+    "JSD), 0 to 0.833. Read each beside its noise floor: recordings differ that much from "
+    "recordings."
+)
 _LISTED: Final = 30
 """Failures written out; the rest is counted."""
 
@@ -51,41 +60,12 @@ def report_of(
     distances: Sequence[ReportTable] = (),
 ) -> Report:
     """The report in words and numbers."""
+    compared = _drawn_sections if plan.task.draws_states else _kept_sections
     return Report(
         title="Evaluation",
         sections=(
             Section(title="What was done", paragraphs=_words(plan, record, summary)),
-            Section(
-                title=FIGURES_TITLE,
-                paragraphs=(
-                    "Means over agents and samples, with intervals. Final lateral "
-                    "deviation alone is low for whoever stays on some lane, even at "
-                    "random: read it beside overlap, path length, ADE and spread. Agents "
-                    "of the log are judged while they are recorded, all others to the "
-                    "end; the differences to the log, below, are free of that.",
-                ),
-                tables=tuple(headline_tables(summary)),
-            ),
-            Section(
-                title="Differences to the log",
-                paragraphs=(
-                    "Paired on the same agents on the same roads, of which the log has "
-                    "every later step: an agent that left the recording early has a "
-                    "shorter path there, and less time to go astray.",
-                ),
-                tables=tuple(difference_tables(summary)),
-            ),
-            Section(
-                title="Distances to the log",
-                paragraphs=(
-                    "Square roots of Jensen-Shannon divergences, natural logarithm (what "
-                    "the paper calls JSD), 0 to 0.833. Read each beside its noise floor: "
-                    "recordings differ that much from recordings. The methods here keep "
-                    "the states, so distances of states (speed, nearest distance, "
-                    "density, nearest edge and its angle) are 0 by construction.",
-                ),
-                tables=tuple(distances),
-            ),
+            *compared(summary, distances),
             Section(title="Road by road", tables=tuple(road_tables(summary))),
             Section(title="All metrics", tables=tuple(complete_tables(summary))),
             Section(title="Definitions", tables=(definition_table(),)),
@@ -101,14 +81,78 @@ def report_of(
     )
 
 
+def _kept_sections(
+    summary: Summary, distances: Sequence[ReportTable]
+) -> tuple[Section, ...]:
+    """Results where agents keep their states."""
+    return (
+        Section(
+            title=FIGURES_TITLE,
+            paragraphs=(
+                "Means over agents and samples, with intervals. Final lateral "
+                "deviation alone is low for whoever stays on some lane, even at "
+                "random: read it beside overlap, path length, ADE and spread. Agents "
+                "of the log are judged while they are recorded, all others to the "
+                "end; the differences to the log, below, are free of that.",
+            ),
+            tables=tuple(headline_tables(summary, HEADLINES)),
+        ),
+        Section(
+            title="Differences to the log",
+            paragraphs=(
+                "Paired on the same agents on the same roads, of which the log has "
+                "every later step: an agent that left the recording early has a "
+                "shorter path there, and less time to go astray.",
+            ),
+            tables=tuple(difference_tables(summary)),
+        ),
+        Section(
+            title=_DISTANCES_TITLE,
+            paragraphs=(
+                f"{_DISTANCES_WORDS} The methods here keep the states, so distances of "
+                "states (speed, nearest distance, density, nearest edge and its angle) "
+                "are 0 by construction.",
+            ),
+            tables=tuple(distances),
+        ),
+    )
+
+
+def _drawn_sections(
+    summary: Summary, distances: Sequence[ReportTable]
+) -> tuple[Section, ...]:
+    """Results where states are drawn too."""
+    return (
+        Section(
+            title=FIGURES_TITLE,
+            paragraphs=(
+                "Means over agents and samples, with intervals. Final lateral "
+                "deviation alone is low for whoever stays on some lane, even at "
+                "random: read it beside overlap and path length. Agents of the log are "
+                "judged while they are recorded, all others to the end.",
+            ),
+            tables=tuple(headline_tables(summary, PLACING_HEADLINES)),
+        ),
+        Section(
+            title=_DISTANCES_TITLE,
+            paragraphs=(
+                f"{_DISTANCES_WORDS} Distances of states (speed, nearest distance, "
+                "density, nearest edge and its angle) are to all agents of the log, those "
+                "of ways to the agents that the log has to the end.",
+            ),
+            tables=tuple(distances),
+        ),
+    )
+
+
 def _words(
     plan: EvaluationPlan, record: RunRecord, summary: Summary
 ) -> tuple[str, ...]:
     roads = ", ".join(one.label for one in plan.conditions)
     words = [
-        f"{record.num_scenes} scenes on {len(plan.conditions)} roads ({roads}). Agents "
-        "keep their states at the current step; their futures are redrawn. Methods "
-        f"that draw at random give {plan.num_samples} samples of each scene.",
+        f"{record.num_scenes} scenes on {len(plan.conditions)} roads ({roads}). "
+        f"{_asked(plan.task)} Methods that draw at random give {plan.num_samples} "
+        "samples of each scene.",
         *(f"**{method.name}**: {method.description}" for method in plan.methods),
         "Counted are road users present at the current step. Movers are vehicles, "
         "buses and motorcyclists; those on their way are not slower than 0.3 m/s at "
@@ -147,6 +191,24 @@ def _words(
     if lost:
         words.append(f"Some methods failed on scenes: {'; '.join(lost)}.")
     return tuple(words)
+
+
+def _asked(task: EvaluationTask) -> str:
+    """What methods were asked to fill."""
+    words = "Agents keep their states at the current step; their futures are redrawn."
+    if task.draws_states:
+        words = (
+            "Agents are placed anew and driven: as many of each kind as the log has in a "
+            f"square of {2 * DRAWN_HALF_SIDE_M:g} m around the focal agent, all others "
+            "left out. Whether a drawn agent is on its way, its drawn state tells."
+        )
+    if task.agents == "paper":
+        words += (
+            " Only agents that the paper's code keeps are in the scenes"
+            + (", and states are drawn on the road only" if task.draws_states else "")
+            + "."
+        )
+    return words
 
 
 def _failure_words(record: RunRecord) -> tuple[str, ...]:

@@ -27,6 +27,20 @@ HEADLINES: Final = (
     ("off_drivable_steps", "steps off drivable, %"),
 )
 """Lateral deviation alone is met by whoever stays on a lane, so all stand together."""
+PLACING_HEADLINES: Final = (
+    ("init_collision_2m", "collision 2 m, %"),
+    ("init_overlap", "boxes overlap, %"),
+    ("init_off_road_4m", "placed off-road 4 m, %"),
+    ("nearest_edge", "to a centre line, m"),
+    ("standing", "standing, %"),
+    ("speed", "speed, m/s"),
+    *(
+        (name, title)
+        for name, title in HEADLINES
+        if name not in ("ade", "fde", "missed", "min_ade", "end_spread")
+    ),
+)
+"""Where states are drawn: nobody is on the way of an agent of the log."""
 COMPARED: Final = (
     "lateral_deviation_final",
     FAR_FROM_LANE,
@@ -60,31 +74,36 @@ class ReportTable:
     note: str = ""
 
 
-def headline_tables(summary: Summary) -> list[ReportTable]:
+def headline_tables(
+    summary: Summary, headlines: Sequence[tuple[str, str]]
+) -> list[ReportTable]:
     """For each group, the most telling metrics on plain and on perturbed roads."""
     return [
         table
         for group in summary.groups
         for road in _main_roads(summary)
-        if (table := _headline(summary, group, road)) is not None
+        if (table := _headline(summary, headlines, group, road)) is not None
     ]
 
 
-def _headline(summary: Summary, group: str, road: str) -> ReportTable | None:
+def _headline(
+    summary: Summary, headlines: Sequence[tuple[str, str]], group: str, road: str
+) -> ReportTable | None:
     w, g = summary.roads.index(road), summary.groups.index(group)
     if not summary.num_agents[:, w, g].any():
         return None
+    of_median = 1 + [name for name, _ in headlines].index("lateral_deviation_final")
     rows = []
     for m, method in enumerate(summary.methods):
         cells = [
             cell(summary.statistics[name].mean, (m, w, g), unit_of(name))
-            for name, _ in HEADLINES
+            for name, _ in headlines
         ]
-        cells.insert(1, _number(summary.median_final_m[m, w, g]))
+        cells.insert(of_median, _number(summary.median_final_m[m, w, g]))
         counts = f"{summary.num_agents[m, w, g]} / {summary.num_scenes[m, w, g]}"
         rows.append((method, counts, *cells))
-    titles = [title for _, title in HEADLINES]
-    titles.insert(1, "its median, m")
+    titles = [title for _, title in headlines]
+    titles.insert(of_median, "its median, m")
     return ReportTable(
         title=f"{group.capitalize()}, {_in_words(road)}",
         header=("method", "agents / scenes", *titles),

@@ -25,6 +25,8 @@ class RunSettings:
     methods: tuple[str, ...]
     samples: int
     seed: int
+    states: str = "recorded"
+    agents: str = "all"
 
 
 class RunFolder(ResumableFolder):

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import PdEditorError
+from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.evaluation.method import JudgedTraffic, Method
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.generation import GenerationRequest
@@ -19,8 +20,12 @@ from pd_editor.metrics.metric_table import METRICS
 from pd_editor.metrics.metric_values import MetricValues
 from pd_editor.metrics.off_lane import OFF_LANE_M, nearest_edge
 from pd_editor.metrics.report import agent_values, sample_values
-from pd_editor.metrics.traffic_view import GROUP_KINDS, AgentStates, recorded_traffic
-from pd_editor.scene.traffic_choice import drivable_agent_ids
+from pd_editor.metrics.traffic_view import (
+    GROUP_KINDS,
+    AgentStates,
+    TrafficView,
+    recorded_traffic,
+)
 
 LISTS: Final = ("local_density",)
 """Metrics with several values for each agent."""
@@ -34,6 +39,7 @@ PER_STEP: Final = (
 METRIC_COLUMNS: Final = tuple(
     name for name in METRICS if name not in PER_STEP and name not in LISTS
 )
+_Columns = dict[str, np.ndarray]
 KEY_FIELDS: Final = (
     ("scenario_id", pa.string()),
     ("city", pa.string()),
@@ -50,9 +56,10 @@ KEY_FIELDS: Final = (
     ("on_lane", pa.bool_()),
     ("recorded", pa.float32()),
 )
-"""``sample`` is null in rows about all samples of an agent together. Of the log are
-``under_way`` (not standing at the current step), ``on_lane`` (no farther than 4 m from
-a centre line then) and ``recorded`` (share of later steps)."""
+"""``sample`` is null in rows about all samples of an agent together. Of the log, where
+states are recorded, are ``under_way`` (not standing at the current step), ``on_lane``
+(no farther than 4 m from a centre line then) and ``recorded`` (share of later steps);
+where they are drawn, of the sample itself."""
 ROW_SCHEMA: Final = pa.schema(
     [
         *KEY_FIELDS,
@@ -73,6 +80,7 @@ class SceneItem:
     methods: tuple[Method, ...]
     num_samples: int
     seed: int
+    task: EvaluationTask = DRIVING
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,14 +107,15 @@ def judge_scene(item: SceneItem) -> SceneRows:
     later = recorded.agents.is_valid[:, recorded.current_step + 1 :]
     if not later.any():
         return SceneRows(table=ROW_SCHEMA.empty_table(), has_future=False)
-    scenario = item.condition.applied_to(recorded)
-    request = GenerationRequest(
-        scenario=scenario,
-        agent_ids=drivable_agent_ids(scenario),
+    request = item.task.request(
+        recorded,
+        item.condition.applied_to(recorded),
         num_samples=item.num_samples,
-        seed=scene_seed(item.seed, scenario.scenario_id),
+        seed=scene_seed(item.seed, recorded.scenario_id),
     )
-    log = _log_columns(request)
+    log = None
+    if not item.task.draws_states:
+        log = _columns_of(recorded_traffic(request.scenario, request.agent_ids))
     tables, failures, hashes = [ROW_SCHEMA.empty_table()], {}, {}
     for method in item.methods:
         try:
@@ -132,9 +141,8 @@ def scene_seed(seed: int, scenario_id: str) -> int:
     return int.from_bytes(digest[:4])
 
 
-def _log_columns(request: GenerationRequest) -> dict[str, np.ndarray]:
-    """What the log says of the agents, whatever a method makes of them."""
-    view = recorded_traffic(request.scenario, request.agent_ids)
+def _columns_of(view: TrafficView) -> _Columns:
+    """Which agents drive, and which are recorded to the end."""
     edge, _ = nearest_edge(view)
     return {
         "under_way": np.hypot(*view.agents.velocity_mps[:, 0].T) >= STANDING_MPS,
@@ -146,16 +154,29 @@ def _log_columns(request: GenerationRequest) -> dict[str, np.ndarray]:
 def _method_tables(
     item: SceneItem,
     request: GenerationRequest,
-    log: Mapping[str, np.ndarray],
+    log: _Columns | None,
     method: Method,
     traffic: JudgedTraffic,
 ) -> list[pa.Table]:
-    """One table for each sample, and one for all of them together."""
-    values: list[tuple[int | None, Mapping[str, MetricValues]]] = [
-        (number, agent_values(view)) for number, view in enumerate(traffic.samples)
-    ]
-    values.append((None, sample_values(traffic.samples)))
-    agents = traffic.samples[0].agents
+    """One table for each sample, and one for all of them together.
+
+    Without a log, states are drawn and another one's in each sample: nothing then
+    tells of all together, or of the way from the log.
+    """
+    views = list(traffic.samples)
+    values: list[tuple[int | None, _Columns, Mapping[str, MetricValues]]]
+    if log is None:
+        views = [_without_log(view) for view in views]
+        values = [
+            (number, _columns_of(view), agent_values(view))
+            for number, view in enumerate(views)
+        ]
+    else:
+        values = [
+            (number, log, agent_values(view)) for number, view in enumerate(views)
+        ]
+        values.append((None, log, sample_values(views)))
+    agents = views[0].agents
     fixed = {
         "scenario_id": request.scenario.scenario_id,
         "city": request.scenario.city,
@@ -166,15 +187,20 @@ def _method_tables(
         "seed": request.seed,
     }
     return [
-        _table({**fixed, "sample": sample}, agents, log, metrics)
-        for sample, metrics in values
+        _table({**fixed, "sample": sample}, agents, columns, metrics)
+        for sample, columns, metrics in values
     ]
+
+
+def _without_log(view: TrafficView) -> TrafficView:
+    nowhere = np.zeros_like(view.logged.is_valid)
+    return replace(view, logged=replace(view.logged, is_valid=nowhere))
 
 
 def _table(
     fixed: Mapping[str, str | float | None],
     agents: AgentStates,
-    log: Mapping[str, np.ndarray],
+    about: Mapping[str, np.ndarray],
     metrics: Mapping[str, MetricValues],
 ) -> pa.Table:
     count, groups = len(agents), list(GROUP_KINDS)
@@ -182,7 +208,7 @@ def _table(
         "agent_id": list(agents.ids),
         "kind": [kind.value for kind in agents.kinds],
         "group": [groups[row] if row >= 0 else None for row in agents.group.tolist()],
-        **log,
+        **about,
     }
     columns = []
     for one in ROW_SCHEMA:

@@ -53,6 +53,35 @@ def test_a_run_writes_rows_and_reports(shell: Shell, data: Path, tmp_path: Path)
     assert "--warps none ripple-road:6 --samples 2 --seed 0" in text
 
 
+def test_states_can_be_drawn_too(shell: Shell, data: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    options = ("--states", "drawn", "--samples", 1, "--limit", 1, "--workers", 1)
+    result = shell.run("evaluate", "--data", data, "--out", out, *options)
+    assert (result.code, result.err) == (0, "")
+    rows = pq.read_table(out / "rows.parquet")
+    assert rows["method"].to_pylist() == ["ground-truth"] * 2 + ["path-diffuser"] * 2
+    text = (out / "report.md").read_text()
+    for words in (
+        "Agents are placed anew and driven: as many of each kind",
+        "| method | agents / scenes | collision 2 m, % | boxes overlap, % |",
+        "--states drawn --agents all",
+        "2 agents of the log at the state",
+    ):
+        assert words in text
+    assert "Differences to the log" not in text
+    assert "ADE, m" not in text
+
+
+@pytest.mark.parametrize("name", ["lane-follower", "best-candidate"])
+def test_who_draws_no_states_is_refused_where_they_are_drawn(
+    shell: Shell, data: Path, tmp_path: Path, name: str
+):
+    command = ("evaluate", "--data", data, "--out", tmp_path / "out")
+    words = shell.refused(*command, "--states", "drawn", "--methods", name)
+    assert words.startswith(f"{name} draws no states")
+    assert not (tmp_path / "out").exists()
+
+
 def test_it_is_a_python_function_too(data: Path, tmp_path: Path):
     found = pd_editor.evaluate(
         data=data / "train",
@@ -203,3 +232,24 @@ def test_real_scenes(shell: Shell, av2_root: Path, tmp_path: Path):
     assert {one["ade"] for one in log} == {0.0, None}
     assert {one["split"] for one in log} == {"train"}
     assert "Movers on their way, perturbed roads" in (out / "report.md").read_text()
+
+
+@pytest.mark.real_data
+def test_whole_scenes_on_real_roads(shell: Shell, av2_root: Path, tmp_path: Path):
+    options = ("--limit", 1, "--warps", "none", "double-turn:9", "--samples", 2)
+    task = ("--states", "drawn", "--agents", "paper")
+    out = tmp_path / "out"
+    result = shell.run(
+        "evaluate", "--data", av2_root / "val", "--out", out, *task, *options
+    )
+    assert (result.code, result.err) == (0, "")
+    rows = pq.read_table(out / "rows.parquet").to_pylist()
+    for road in ("none", "double-turn"):
+        log, placed = (
+            [one for one in rows if (one["method"], one["warp"]) == (method, road)]
+            for method in ("ground-truth", "path-diffuser")
+        )
+        assert {one["kind"] for one in log} == {"vehicle"}
+        assert len(placed) == 2 * len(log) > 0
+        assert max(one["nearest_edge"] for one in placed) <= 4.0
+        assert {one["init_overlap"] for one in placed} == {0.0}

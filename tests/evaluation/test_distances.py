@@ -4,6 +4,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from pd_editor.evaluation.distances import distance_tables
+from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
+from pd_editor.metrics.distribution_distance import histogram_of
 
 LN2_ROOT = np.sqrt(np.log(2))
 
@@ -42,7 +44,7 @@ def test_equal_is_zero_and_disjoint_is_the_root_of_ln_2(tmp_path):
         tmp_path,
         {"ground-truth": log, "same": log, "far": [100.0, 101.0, 102.0, 103.0]},
     )
-    (table,) = distance_tables(path, ["ground-truth", "same", "far"])
+    (table,) = distance_tables(path, ["ground-truth", "same", "far"], DRIVING)
     found = cells(table, "path_length", "ours")
     assert float(found["same"]) == 0.0
     assert float(found["far"]) == pytest.approx(LN2_ROOT, abs=1e-3)
@@ -59,11 +61,39 @@ def test_agents_that_leave_the_recording_early_do_not_count(tmp_path):
         },
         recorded=(1.0, 1.0, 1.0, 0.4),
     )
-    (table,) = distance_tables(path, ["ground-truth", "same-else"])
+    (table,) = distance_tables(path, ["ground-truth", "same-else"], DRIVING)
     assert float(cells(table, "path_length", "ours")["same-else"]) == 0.0
     assert table.note.startswith("3 agents")
 
 
+def test_drawn_states_are_compared_with_all_of_the_log(tmp_path):
+    """A way that the log has not to the end does not count; its state does."""
+    path = rows_file(
+        tmp_path,
+        {
+            "ground-truth": [10.0, 20.0, 30.0, 1.0],
+            "drawn": [10.0, 20.0, 30.0, 30.0],
+        },
+        recorded=(1.0, 1.0, 1.0, 0.4),
+    )
+    rows = pq.read_table(path).to_pylist()
+    for row in rows:
+        row["speed"] = 9.0 if row["recorded"] < 1 else 5.0
+        row["recorded"] = 1.0 if row["method"] == "drawn" else row["recorded"]
+    pq.write_table(pa.Table.from_pylist(rows), path)
+    (table,) = distance_tables(
+        path, ["ground-truth", "drawn"], EvaluationTask(states="drawn")
+    )
+    assert float(cells(table, "speed", "ours")["drawn"]) == 0.0
+    lengths = histogram_of("path_length", "ours")
+    far = lengths.distance(np.array([10.0, 20, 30]), np.array([10.0, 20, 30, 30]))
+    assert far.root > 0.05
+    assert float(cells(table, "path_length", "ours")["drawn"]) == pytest.approx(
+        far.root, abs=1e-3
+    )
+    assert table.note.startswith("4 agents of the log at the state; of their ways, 3")
+
+
 def test_without_a_log_there_is_nothing_to_compare_with(tmp_path):
     path = rows_file(tmp_path, {"same": [10.0, 20.0, 30.0, 40.0]})
-    assert distance_tables(path, ["same"]) == []
+    assert distance_tables(path, ["same"], DRIVING) == []

@@ -139,4 +139,6 @@ def test_settings_are_written_down(root, tmp_path):
         "methods": ["ground-truth"],
         "samples": 2,
         "seed": 0,
+        "states": "recorded",
+        "agents": "all",
     }

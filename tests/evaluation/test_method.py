@@ -4,6 +4,7 @@ import pytest
 
 from pd_editor.errors import GenerationError
 from pd_editor.evaluation.method import Method
+from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHODS
 from pd_editor.generation import AVOIDANCE, LANE_GUIDANCE, GenerationRequest
 from tests.builders import two_agents_that_pass
 from tests.editor.fake_generators import PlacingGenerator
@@ -38,6 +39,21 @@ def test_without_options_the_generators_own_settings_count():
     (seen,) = placing.requests
     assert seen.num_denoising_steps is None
     assert not seen.guidance
+
+
+def test_references_but_the_log_draw_no_states():
+    scenario = two_agents_that_pass()
+    ids = scenario.agents.ids
+    request = GenerationRequest(
+        scenario=scenario, agent_ids=ids, redrawn_state_ids=ids[:1]
+    )
+    for name in REFERENCE_METHODS:
+        method = Method(name=name, make_generator=make_nothing)
+        if name == GROUND_TRUTH:
+            assert method.traffic(request).samples[0].agents.ids == ids
+        else:
+            with pytest.raises(GenerationError, match=f"{name} draws no states"):
+                method.traffic(request)
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,12 @@ from dataclasses import replace
 import pytest
 
 from pd_editor.errors import EditError, InputError
+from pd_editor.evaluation.evaluation_task import EvaluationTask
+from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.evaluation.scene_rows import ROW_SCHEMA, SceneItem, judge_scene
 from tests.builders import scenario_with, straight_drivers
+from tests.editor.fake_generators import PlacingGenerator
 from tests.evaluation.small_dataset import (
     COLLIDING,
     methods,
@@ -71,6 +74,35 @@ def test_known_values_of_known_traffic(tmp_path):
     assert together[1]["min_ade"] == pytest.approx(1.0, abs=1e-3)
     assert together[0]["ade"] is None
     assert log[0]["min_ade"] is None
+
+
+def test_drawn_states_are_told_of_themselves(tmp_path):
+    road_edge = [(0.0, 0.0, 0.0, 10.0), (20.0, 0.0, 0.0, 10.0)]
+    folder = write_scenario(
+        tmp_path, "train", "aaa", scenario_with(straight_drivers(road_edge))
+    )
+    placing = Method(name="placing", make_generator=lambda _name: PlacingGenerator())
+    rows = judge_scene(
+        replace(
+            item(folder, "ground-truth", num_samples=6),
+            methods=(*methods("ground-truth", "constant-velocity"), placing),
+            task=EvaluationTask(states="drawn"),
+        )
+    )
+    assert rows.failures == {"constant-velocity": "constant-velocity draws no states."}
+    assert len(rows.table) == 2 * (1 + 6)
+    log = rows_of(rows, "ground-truth", 0)
+    assert [one["under_way"] for one in log] == [True, True]
+    for sample in range(6):
+        drawn = rows_of(rows, "placing", sample)
+        # Sample k stands k m beside the middle of the first lane.
+        assert [one["under_way"] for one in drawn] == [False, False]
+        assert [one["on_lane"] for one in drawn] == [True, True]
+        assert [one["recorded"] for one in drawn] == [1.0, 1.0]
+        assert [one["nearest_distance"] for one in drawn] == pytest.approx([8.0, 8.0])
+    # Whoever is drawn is nobody of the log, and nobody of another sample.
+    for name in ("ade", "fde", "missed", "min_ade", "end_spread"):
+        assert set(rows.table[name].to_pylist()) == {None}
 
 
 def test_what_is_not_valid_is_null(tmp_path):
