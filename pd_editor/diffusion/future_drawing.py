@@ -156,7 +156,7 @@ def draw_futures(
             heading_rad=np.stack([one.heading_rad[0] for one in motions]),
             velocity_mps=np.stack([one.velocity_mps[0] for one in motions]),
         ),
-        lane_cost_m=(guide.cost_before_m, guide.cost_after_m),
+        lane_cost_m=guide.cost_m(),
     )
 
 

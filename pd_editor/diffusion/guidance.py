@@ -6,6 +6,7 @@ and strength open). No gradient is needed: distances are those of latents in met
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final
 
 import torch
@@ -22,6 +23,10 @@ _STANDING_FROM_SHARE: Final = 0.65
 """The same of those who stand: few of them start, and pulled early on none would."""
 _STAYS_M: Final = 0.4
 """A future as close to standing still as this counts as standing."""
+_STARTING_SHARE: Final = 0.2
+"""Of the pull on those who stand and are believed to start: the nearest candidate that
+starts may be far. Pulled all the way, 6.1 instead of 4.9 % of the futures overlap as
+drawn, and their error is 0.93 instead of 0.89 of constant velocity's (``train``)."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -29,8 +34,8 @@ class NearestCandidateGuide:
     """Pulls the agents of B scenes to their nearest candidates.
 
     Who stands and is believed to go on standing is pulled to standing candidates
-    only, who is believed to start only to others; both late. Agents without candidates
-    are left alone.
+    only, who is believed to start only a little, and only to others; both late. Agents
+    without candidates are left alone.
     """
 
     weight: Float[Tensor, "B A"]
@@ -45,9 +50,10 @@ class NearestCandidateGuide:
     """Standing still, in metres."""
     scale: Float[Tensor, "10"]
     """Metres of root mean square distance per unit of each latent."""
-    cost_before_m: float = field(default=0.0, init=False)
-    """Mean distance of guided agents to their candidates before the last pull."""
-    cost_after_m: float = field(default=0.0, init=False)
+    _last: tuple[Float[Tensor, "S B A 10"], Float[Tensor, "S B A"]] | None = field(
+        default=None, init=False
+    )
+    """The ways to the candidates in metres, and which part of each the last pull went."""
 
     @classmethod
     def of(
@@ -79,32 +85,62 @@ class NearestCandidateGuide:
         if share_done < _FROM_SHARE:
             return clean
         belief = clean * self.scale
-        nearest, distance, exists = self._nearest(belief)
+        stays = self.is_standing
+        if self._does_anybody_stand:
+            stays = stays & ((belief - self.still).norm(dim=-1) < _STAYS_M)
+        nearest, exists = self._nearest(belief, stays)
         pull = torch.where(exists, self.weight, 0.0)
-        if share_done < _STANDING_FROM_SHARE:
-            pull = torch.where(self.is_standing, 0.0, pull)
+        if self._does_anybody_stand:
+            late = share_done >= _STANDING_FROM_SHARE
+            share = torch.where(stays, 1.0, _STARTING_SHARE) * late
+            pull = torch.where(self.is_standing, share * pull, pull)
+        way = nearest - belief
+        self._last = way, pull
+        return torch.addcmul(clean, way, pull[..., None] / self.scale)
+
+    def cost_m(self) -> tuple[float, float]:
+        """Mean distance of guided agents to candidates before and after the last pull."""
+        if self._last is None:
+            return 0.0, 0.0
+        way, pull = self._last
         guided = pull > 0
-        count = guided.sum().clamp_min(1)
-        self.cost_before_m = float((distance * guided).sum() / count)
-        self.cost_after_m = float((distance * (1 - pull) * guided).sum() / count)
-        return clean + pull[..., None] * (nearest - belief) / self.scale
+        before = way.norm(dim=-1)[guided]
+        after = before * (1 - pull[guided])
+        count = max(len(before), 1)
+        return float(before.sum()) / count, float(after.sum()) / count
 
     def _nearest(
-        self, belief: Float[Tensor, "S B A 10"]
-    ) -> tuple[
-        Float[Tensor, "S B A 10"],
-        Float[Tensor, "S B A"],
-        Bool[Tensor, "S B A"],
-    ]:
-        """Nearest allowed candidates, distances to them, and whether there is one."""
-        stays = self.is_standing & ((belief - self.still).norm(dim=-1) < _STAYS_M)
-        starts = self.allowed & ~(self.is_standing[..., None] & self.stays)
-        allowed = torch.where(stays[..., None], self.stays, starts)
-        gap = (belief[..., None, :] - self.candidates).square().sum(-1)
-        best = gap.masked_fill(~allowed, torch.inf).min(dim=-1)
-        index = best.indices[..., None, None].expand(*best.indices.shape, 1, 10)
+        self, belief: Float[Tensor, "S B A 10"], stays: Bool[Tensor, "*S B A"]
+    ) -> tuple[Float[Tensor, "S B A 10"], Bool[Tensor, "S B A"]]:
+        """Nearest allowed candidates, and whether there is one."""
+        cost, exists = self._of_going
+        if self._does_anybody_stand:
+            cost = torch.where(stays[..., None], self._of_staying[0], cost)
+            exists = torch.where(stays, self._of_staying[1], exists)
+        # The square of the distance, but for what is the same for all candidates.
+        product = (self.candidates @ belief[..., None])[..., 0]
+        best = torch.sub(cost, product, alpha=2).argmin(dim=-1)
+        index = best[..., None, None].expand(*best.shape, 1, belief.shape[-1])
         table = self.candidates.expand(len(belief), *self.candidates.shape)
-        nearest = table.gather(-2, index)[..., 0, :]
-        exists = allowed.any(-1)
-        distance = torch.where(exists, best.values, 0.0).sqrt()
-        return nearest, distance, exists
+        return table.gather(-2, index)[..., 0, :], exists.expand(best.shape)
+
+    @cached_property
+    def _does_anybody_stand(self) -> bool:
+        return bool(self.is_standing.any())
+
+    @cached_property
+    def _of_going(self) -> tuple[Float[Tensor, "B A C"], Bool[Tensor, "B A"]]:
+        return self._allowing(
+            self.allowed & ~(self.is_standing[..., None] & self.stays)
+        )
+
+    @cached_property
+    def _of_staying(self) -> tuple[Float[Tensor, "B A C"], Bool[Tensor, "B A"]]:
+        return self._allowing(self.stays)
+
+    def _allowing(
+        self, some: Bool[Tensor, "B A C"]
+    ) -> tuple[Float[Tensor, "B A C"], Bool[Tensor, "B A"]]:
+        """Squares of their lengths, infinite of others; who has one of them at all."""
+        squares = self.candidates.square().sum(dim=-1)
+        return squares.masked_fill(~some, torch.inf), some.any(dim=-1)

@@ -18,7 +18,7 @@ from pd_editor.diffusion.pose_traits import TraitWishes, with_traits
 from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
 from pd_editor.errors import GenerationError
 from pd_editor.generation import Region
-from pd_editor.repair import project_to_lanes, separate_overlaps
+from pd_editor.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.scene.agent_kind import (
     ROAD_USER_KINDS,
     AgentCategory,
@@ -171,13 +171,17 @@ def place_agents(
 def _repaired(
     scenario: Scenario, placing: Placing, on_road: Int[np.ndarray, "N"]
 ) -> Scenario:
-    """Those of the placed who are not meant to be off the road on their lanes; apart."""
+    """Those of the placed who are not meant to be off the road on their lanes; apart.
+
+    And none of them too fast for whoever is ahead.
+    """
     keep = [name for name in scenario.agents.ids if name not in placing.ids]
     follows = [
         name for name, code in zip(placing.ids, on_road, strict=True) if code != TOLD_NO
     ]
     scenario, _ = project_to_lanes(scenario, follows, keep_ids=keep)
-    return separate_overlaps(scenario, placing.ids, keep_ids=keep)[0]
+    scenario, _ = separate_overlaps(scenario, placing.ids, keep_ids=keep)
+    return slow_for_gaps(scenario, placing.ids, keep_ids=keep)[0]
 
 
 def _square(

@@ -44,7 +44,7 @@ class TrajectoryConfig:
 
     width: int = 128
     num_heads: int = 4
-    num_blocks: int = 3
+    num_blocks: int = 2
     edge_width: int = 64
     """Width in which a neighbour's place and way are looked at."""
     sees_way_points: bool = True

@@ -11,7 +11,9 @@ from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
-RepairKind = Literal["project-to-lanes", "separate-overlaps", "retime-futures"]
+RepairKind = Literal[
+    "project-to-lanes", "separate-overlaps", "slow-for-gaps", "retime-futures"
+]
 
 
 @dataclass(frozen=True, kw_only=True)

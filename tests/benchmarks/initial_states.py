@@ -41,7 +41,7 @@ from pd_editor.metrics.traffic_view import (
     generated_traffic,
     recorded_traffic,
 )
-from pd_editor.repair import project_to_lanes, separate_overlaps
+from pd_editor.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.scene.scenario import Scenario
 from pd_editor.windows.packed_scene import PackedScene
 from pd_editor.windows.scene_features import scene_center, scene_features
@@ -190,7 +190,7 @@ def _drawn_states(
 
 
 def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
-    """A sample after both repairs of states."""
+    """A sample after all repairs of states."""
     sample = drawn.sample
     agents, step = scenario.agents, scenario.current_step
     states = {
@@ -205,6 +205,7 @@ def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
     mended = scenario.with_agents(agents.with_rows(rows, **arrays))
     mended, _ = project_to_lanes(mended, drawn.may_be_projected, keep_ids=())
     mended, _ = separate_overlaps(mended, keep_ids=())
+    mended, _ = slow_for_gaps(mended, keep_ids=())
     now = mended.agents
     mended_sample = replace(
         sample,

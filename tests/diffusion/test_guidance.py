@@ -35,4 +35,5 @@ def test_who_stands_is_guided_late() -> None:
 def test_who_stays_is_held_and_who_starts_is_let_go() -> None:
     assert guided(0.1, 0.8, is_standing=True) == STILL
     assert abs(guided(0.35, 0.8, is_standing=True) - CREEPS) < 1e-6
-    assert guided(2.0, 0.8, is_standing=True) == LEAVES
+    # Only a little of the way: the candidate may start much faster.
+    assert abs(guided(2.0, 0.8, is_standing=True) - (2.0 + 0.2 * (LEAVES - 2.0))) < 1e-5

@@ -32,10 +32,11 @@ from pd_editor.generation import (
     run_to_end,
 )
 from pd_editor.metrics.map_points import map_points
+from pd_editor.repair import slow_for_gaps
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
-from tests.builders import two_agents_that_pass
+from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
 from tests.diffusion.trajectory_scenes import small_model
 
 SINGLE = GuidanceTerm(name=AVOIDANCE, weight=0.0)
@@ -166,6 +167,28 @@ def test_agents_are_added_and_placed_anew(
         region=Region(center_m=(20.0, 0.0), half_side_m=30.0),
     )
     assert same(alone.samples[0], one)
+
+
+def test_whoever_is_placed_can_brake_behind_those_ahead(diffuser: PathDiffuser) -> None:
+    """The weights are random: without the last repair some could not."""
+    crowd = [(8.0 * k, 3.5 * lane, 0.0, 9.0) for k in range(9) for lane in range(2)]
+    scenario = scenario_with(straight_drivers(crowd))
+    ids = scenario.agents.ids
+    traffic = generated(
+        diffuser, scenario, ids, redrawn_state_ids=ids, moving_share=1.0, num_samples=3
+    )
+    now = scenario.current_step
+    for sample in traffic.samples:
+        agents = scenario.agents
+        rows = agents.rows(sample.ids)
+        arrays = {
+            name: getattr(agents, name).copy()
+            for name in ("position_m", "heading_rad", "velocity_mps")
+        }
+        for name, values in arrays.items():
+            values[rows, now] = getattr(sample, name)[:, 0]
+        placed = scenario.with_agents(agents.with_rows(rows, **arrays))
+        assert slow_for_gaps(placed, keep_ids=())[1].changes == ()
 
 
 def test_the_model_chooses_how_many_so_that_there_are_as_many_as_in_training(

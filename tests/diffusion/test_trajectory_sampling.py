@@ -93,15 +93,14 @@ def test_steps_are_reported_and_cancelled_at_once(
     assert calls == [0, 1]
 
 
-def test_moving_agents_start_from_less_noise_in_all_but_the_way_they_come() -> None:
+def test_standing_agents_start_from_a_little_more_noise() -> None:
     scene, model = scene_batch(4), small_model()
     scene = replace(scene, agent_speed=torch.tensor([[8.0, 0.0, 3.0, 0.0]]))
-    streams = RandomStreams(0, "futures", range(400))
+    streams = RandomStreams(0, "futures", range(4000))
     noise = starting_latents(model, scene, streams, TrajectorySamplerConfig())
     spread = noise[:, 0].std(dim=0)
-    assert ((spread[[1, 3]] - 1).abs() < 0.15).all()
-    assert ((spread[[0, 2], 0] - 1).abs() < 0.15).all()
-    assert ((spread[[0, 2], 1:] - 0.7).abs() < 0.1).all()
+    assert (spread[[0, 2]].mean() - 1).abs() < 0.02
+    assert (spread[[1, 3]].mean() - 1.08).abs() < 0.02
 
 
 def test_starting_from_candidates_at_level_zero_gives_candidates() -> None:
@@ -124,12 +123,15 @@ def guide_of(
 
 def test_guidance_lowers_its_own_cost() -> None:
     scene, model = scene_batch(6, 9), small_model()
+    # Those who stand are pulled only a little once they start.
+    scene = replace(scene, agent_speed=scene.agent_speed.clamp_min(1.0))
     free, pulled, firm = (guide_of(model, scene, weight) for weight in (1e-9, 0.3, 1.0))
     costs = []
     for guide in (free, pulled, firm):
         drawn(model, scene, guide=guide)
-        assert guide.cost_after_m <= guide.cost_before_m
-        costs.append(guide.cost_after_m)
+        before, after = guide.cost_m()
+        assert after <= before
+        costs.append(after)
     assert costs[0] > costs[1] > costs[2]
     assert costs[2] == 0.0
 
