@@ -1,6 +1,7 @@
 """Checks array shapes at run time in every test, and finds the real data."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,16 @@ import tests.shape_checker  # noqa: F401  (named by the hook below)
 
 _hook = install_import_hook("pd_editor", "tests.shape_checker.check")
 _hook.__enter__()
+
+
+def pytest_configure() -> None:
+    """Let programs that tests start heed Ctrl-C, even where tests run in the background.
+
+    A shell without job control lets background commands ignore it, and their children
+    inherit that.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
