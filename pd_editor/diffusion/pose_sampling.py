@@ -35,7 +35,7 @@ class PoseSamplerConfig:
     """
     speed_spread: float = 1.15
     """Factor of that noise for speeds, which the network blurs: at 1 the median of those
-    who move is 5.8 m/s, 6.6 with it, 7.8 recorded (``train``)."""
+    who move is 6.1 m/s, 6.9 with it, 7.8 recorded (``train``)."""
     is_second_order: bool = True
     """Extrapolate the clean states from the last two steps."""
 
