@@ -25,7 +25,6 @@ from pd_editor.evaluation.summary import Summary
 FIGURES_TITLE: Final = "Results"
 """The section that figures belong to."""
 _PACKAGES: Final = ("pd-editor", "numpy", "pyarrow", "shapely", "av2")
-_DISTANCES_TITLE: Final = "Distances to the log"
 _DISTANCES_WORDS: Final = (
     "Square roots of Jensen-Shannon divergences, natural logarithm (what the paper calls "
     "JSD), 0 to 0.833. Read each beside its noise floor: recordings differ that much from "
@@ -60,12 +59,11 @@ def report_of(
     distances: Sequence[ReportTable] = (),
 ) -> Report:
     """The report in words and numbers."""
-    compared = _drawn_sections if plan.task.draws_states else _kept_sections
     return Report(
         title="Evaluation",
         sections=(
             Section(title="What was done", paragraphs=_words(plan, record, summary)),
-            *compared(summary, distances),
+            *_compared(plan.task, summary, distances),
             Section(title="Road by road", tables=tuple(road_tables(summary))),
             Section(title="All metrics", tables=tuple(complete_tables(summary))),
             Section(title="Definitions", tables=(definition_table(),)),
@@ -81,21 +79,33 @@ def report_of(
     )
 
 
-def _kept_sections(
-    summary: Summary, distances: Sequence[ReportTable]
+def _compared(
+    task: EvaluationTask, summary: Summary, distances: Sequence[ReportTable]
 ) -> tuple[Section, ...]:
-    """Results where agents keep their states."""
-    return (
-        Section(
-            title=FIGURES_TITLE,
-            paragraphs=(
-                "Means over agents and samples, with intervals. Final lateral "
-                "deviation alone is low for whoever stays on some lane, even at "
-                "random: read it beside overlap, path length, ADE and spread. Agents "
-                "of the log are judged while they are recorded, all others to the "
-                "end; the differences to the log, below, are free of that.",
+    """Results, and how far they are from the log."""
+    beside = "overlap, path length, ADE and spread"
+    if task.draws_states:
+        beside = "overlap and path length"
+    results = (
+        "Means over agents and samples, with intervals. Final lateral deviation alone is "
+        f"low for whoever stays on some lane, even at random: read it beside {beside}. "
+        "Agents of the log are judged while they are recorded, all others to the end"
+    )
+    of_states = "states (speed, nearest distance, density, nearest edge and its angle)"
+    if task.draws_states:
+        return (
+            _results(summary, f"{results}.", PLACING_HEADLINES),
+            _distances(
+                f"Distances of {of_states} are to all agents of the log, those of ways "
+                "to the agents that the log has to the end.",
+                distances,
             ),
-            tables=tuple(headline_tables(summary, HEADLINES)),
+        )
+    return (
+        _results(
+            summary,
+            f"{results}; the differences to the log, below, are free of that.",
+            HEADLINES,
         ),
         Section(
             title="Differences to the log",
@@ -106,42 +116,26 @@ def _kept_sections(
             ),
             tables=tuple(difference_tables(summary)),
         ),
-        Section(
-            title=_DISTANCES_TITLE,
-            paragraphs=(
-                f"{_DISTANCES_WORDS} The methods here keep the states, so distances of "
-                "states (speed, nearest distance, density, nearest edge and its angle) "
-                "are 0 by construction.",
-            ),
-            tables=tuple(distances),
+        _distances(
+            f"The methods here keep the states, so distances of {of_states} are 0 by "
+            "construction.",
+            distances,
         ),
     )
 
 
-def _drawn_sections(
-    summary: Summary, distances: Sequence[ReportTable]
-) -> tuple[Section, ...]:
-    """Results where states are drawn too."""
-    return (
-        Section(
-            title=FIGURES_TITLE,
-            paragraphs=(
-                "Means over agents and samples, with intervals. Final lateral "
-                "deviation alone is low for whoever stays on some lane, even at "
-                "random: read it beside overlap and path length. Agents of the log are "
-                "judged while they are recorded, all others to the end.",
-            ),
-            tables=tuple(headline_tables(summary, PLACING_HEADLINES)),
-        ),
-        Section(
-            title=_DISTANCES_TITLE,
-            paragraphs=(
-                f"{_DISTANCES_WORDS} Distances of states (speed, nearest distance, "
-                "density, nearest edge and its angle) are to all agents of the log, those "
-                "of ways to the agents that the log has to the end.",
-            ),
-            tables=tuple(distances),
-        ),
+def _results(
+    summary: Summary, words: str, headlines: Sequence[tuple[str, str]]
+) -> Section:
+    tables = tuple(headline_tables(summary, headlines))
+    return Section(title=FIGURES_TITLE, paragraphs=(words,), tables=tables)
+
+
+def _distances(words: str, tables: Sequence[ReportTable]) -> Section:
+    return Section(
+        title="Distances to the log",
+        paragraphs=(f"{_DISTANCES_WORDS} {words}",),
+        tables=tuple(tables),
     )
 
 
