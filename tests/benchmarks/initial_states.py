@@ -26,6 +26,7 @@ from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
 from pd_editor.diffusion.pose_traits import TraitWishes, with_traits
 from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS
+from pd_editor.evaluation.distances import STATE_METRICS
 from pd_editor.generation import TrafficSample
 from pd_editor.metrics.box_overlap import box_overlap
 from pd_editor.metrics.center_collision import init_collision_2m
@@ -46,13 +47,6 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.windows.packed_scene import PackedScene
 from pd_editor.windows.scene_features import scene_center, scene_features
 
-COMPARED = (
-    "nearest_distance",
-    "local_density",
-    "nearest_edge",
-    "nearest_edge_angle",
-    "speed",
-)
 Values = dict[str, MetricValues]
 
 
@@ -238,7 +232,8 @@ def state_values(view: TrafficView) -> Values:
     )
     # As in the reports: distributions are those of movers.
     return {
-        one.name: one.taken(movers) if one.name in COMPARED else one for one in values
+        one.name: one.taken(movers) if one.name in STATE_METRICS else one
+        for one in values
     }
 
 
@@ -248,7 +243,7 @@ def summary(name: str, scenes: Sequence[Values], recorded: Sequence[Values]) -> 
     def mean(metric: str) -> float:
         return 100 * float(pooled(scene[metric] for scene in scenes).mean())
 
-    values = {key: pooled(scene[key] for scene in scenes) for key in COMPARED}
+    values = {key: pooled(scene[key] for scene in scenes) for key in STATE_METRICS}
     cells = [f"{mean(key):6.2f}" for key in ("init_collision_2m", "init_overlap")]
     cells.append(f"{mean('init_off_road_4m'):6.2f}")
     cells.append(f"{values['nearest_edge'].mean():6.2f}")
@@ -258,7 +253,7 @@ def summary(name: str, scenes: Sequence[Values], recorded: Sequence[Values]) -> 
     moving = values["speed"][values["speed"] > 0.5]
     cells.append(f"{np.median(moving) if len(moving) else 0:6.2f}")
     for histogram in HISTOGRAMS:
-        if histogram.metric in COMPARED and histogram.source == "ours":
+        if histogram.metric in STATE_METRICS and histogram.source == "ours":
             real = pooled(scene[histogram.metric] for scene in recorded)
             found = histogram.distance(values[histogram.metric], real)
             cells.append(f"{found.root:6.3f}")
@@ -269,7 +264,7 @@ def floor_line(recorded: Sequence[Values]) -> str:
     """Distances between recordings and recordings."""
     cells = []
     for histogram in HISTOGRAMS:
-        if histogram.metric in COMPARED and histogram.source == "ours":
+        if histogram.metric in STATE_METRICS and histogram.source == "ours":
             scenes = [scene[histogram.metric] for scene in recorded]
             agents = sum(len(scene) for scene in scenes)
             floor = noise_floor(
