@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-_NORM_EPSILON: Final = 1e-5
+NORM_EPSILON: Final = 1e-5
 
 
 class Mask(NamedTuple):
@@ -123,7 +123,7 @@ class DifferentialAttention(nn.Module):
 
     def _normed(self, values: Float[Tensor, "B H Q C"]) -> Float[Tensor, "B H Q C"]:
         """Each head at root mean square one, times what the first share leaves."""
-        size = values.square().mean(dim=-1, keepdim=True) + _NORM_EPSILON
+        size = values.square().mean(dim=-1, keepdim=True) + NORM_EPSILON
         return values * size.rsqrt() * (self.norm_weight * (1 - self.initial_share))
 
     def _split(

@@ -34,15 +34,17 @@ class Affine:
         return torch.addmm(self._bias, values, self._weight)
 
 
-class _Norm:
+class Norm:
     """A layer norm; with its weights it is faster than without, oddly."""
 
     def __init__(self, norm: nn.Module) -> None:
+        """Weights are copied."""
         assert isinstance(norm, nn.LayerNorm)
         self._weight, self._bias = norm.weight.clone(), norm.bias.clone()
         self._shape, self._epsilon = norm.normalized_shape, norm.eps
 
     def __call__(self, values: Float[Tensor, "Z I"]) -> Float[Tensor, "Z I"]:
+        """Each row at mean 0 and variance 1, then with the weights."""
         return layer_norm(values, self._shape, self._weight, self._bias, self._epsilon)
 
 
@@ -91,7 +93,7 @@ class FoldedBlock:
         self.first = Affine(_double(first), like)
         self.second = Affine(_double(second), like)
         self.guess = Affine(_double(guess), like)
-        self.norms = [_Norm(one) for one in (block.norm, second_norm, third_norm)]
+        self.norms = [Norm(one) for one in (block.norm, second_norm, third_norm)]
         factors = like.new_tensor([1.0, 1.0, NEAR_M])
         factors = factors.repeat_interleave(block.way_in.in_features // 3)
         self.way_in = (block.way_in.weight * factors).t().contiguous()

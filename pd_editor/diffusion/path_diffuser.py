@@ -18,6 +18,7 @@ from pd_editor.diffusion.defaults import (
 )
 from pd_editor.diffusion.devices import drawing_device
 from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
+from pd_editor.diffusion.folded_pose_denoiser import FoldedPoseDenoiser
 from pd_editor.diffusion.future_drawing import FutureOptions, FutureTask, draw_futures
 from pd_editor.diffusion.future_motion import Motion
 from pd_editor.diffusion.giving_way import giving_way
@@ -72,6 +73,7 @@ class PathDiffuser:
         self._folder, self._name = Path(folder), name
         self._device = drawing_device(device)
         self._model: TrainedModel | None = None
+        self._placer: FoldedPoseDenoiser | None = None
         self._driver: FoldedDenoiser | None = None
         self._lock = threading.Lock()
 
@@ -100,7 +102,7 @@ class PathDiffuser:
         Raises:
             ModelError: they are missing, damaged or foreign.
         """
-        self.model()
+        self._folded_placer()
         self._folded_driver()
 
     def generate(
@@ -138,6 +140,14 @@ class PathDiffuser:
             notes=(*notes, *_notes(request)),
         )
 
+    def _folded_placer(self) -> FoldedPoseDenoiser:
+        placer = self.model().stage(INITIAL_STATES.name).model
+        assert isinstance(placer, PoseDenoiser)
+        with self._lock:
+            if self._placer is None:
+                self._placer = FoldedPoseDenoiser(placer)
+            return self._placer
+
     def _folded_driver(self) -> FoldedDenoiser:
         driver = self.model().stage(TRAJECTORIES.name).model
         assert isinstance(driver, TrajectoryDenoiser)
@@ -149,8 +159,7 @@ class PathDiffuser:
     def _placed_and_driven(
         self, request: GenerationRequest
     ) -> Generator[GenerationProgress, None, tuple[list[TrafficSample], list[str]]]:
-        placer = self.model().stage(INITIAL_STATES.name).model
-        assert isinstance(placer, PoseDenoiser)
+        placer = self._folded_placer()
         samples: list[TrafficSample] = []
         placed: list[tuple[Scenario, tuple[str, ...]]] = []
         for index in range(request.num_samples):
@@ -228,7 +237,9 @@ class PathDiffuser:
         return samples, notes
 
 
-def _placing(placer: PoseDenoiser, request: GenerationRequest, sample: int) -> Placing:
+def _placing(
+    placer: FoldedPoseDenoiser, request: GenerationRequest, sample: int
+) -> Placing:
     """Whom to place in a sample; the model may choose how many, in each another."""
     placing = Placing(
         redrawn_ids=request.redrawn_state_ids,

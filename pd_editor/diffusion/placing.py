@@ -9,8 +9,8 @@ import torch
 from jaxtyping import Float, Int
 
 from pd_editor.diffusion.agent_counts import cells_of, lane_length_m
+from pd_editor.diffusion.folded_pose_denoiser import FoldedPoseDenoiser
 from pd_editor.diffusion.pose_context import TOLD_NO, drawing_task
-from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.pose_guidance import WITHIN_LANES, PoseGuidance
 from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
@@ -78,7 +78,7 @@ def new_agents(
 
 
 def draw_numbers(
-    model: PoseDenoiser,
+    network: FoldedPoseDenoiser,
     scenario: Scenario,
     placing: Placing,
     random: np.random.Generator,
@@ -88,7 +88,7 @@ def draw_numbers(
     Raises:
         GenerationError: the model does not know how many there are.
     """
-    counts = model.agent_counts
+    counts = network.model.agent_counts
     if not len(counts.lane_m):
         raise GenerationError(
             "These weights do not tell how many agents a road has; give numbers."
@@ -111,7 +111,7 @@ def draw_numbers(
 
 
 def place_agents(
-    model: PoseDenoiser,
+    network: FoldedPoseDenoiser,
     scenario: Scenario,
     placing: Placing,
     *,
@@ -134,6 +134,7 @@ def place_agents(
         raise GenerationError(
             "There are no lanes where agents are to be placed; expected a road there."
         )
+    model = network.model
     device = model.get_buffer("counted").device
     scene = _scene(features, placed).to(device)
     is_given = torch.zeros_like(scene.has_agent)
@@ -143,7 +144,7 @@ def place_agents(
     task = with_traits(task, scene, model.agent_counts, random, placing.traits)
     guidance = WITHIN_LANES if placing.traits.only_on_road else PoseGuidance()
     steps = sample_states(
-        model,
+        network,
         scene,
         samples=[sample],
         seed=seed,

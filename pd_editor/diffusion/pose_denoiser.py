@@ -115,7 +115,7 @@ class PoseDenoiser(nn.Module):
             NUM_PIECE_FEATURES + _NUM_PIECE_FACTS, relation_width
         )
         self.layers = nn.ModuleList(
-            _Layer(config, depth) for depth in range(config.num_layers)
+            PoseLayer(config, depth) for depth in range(config.num_layers)
         )
         self.register_buffer("counted", AgentCounts.none().as_tensor())
         self.norm = nn.LayerNorm(width)
@@ -157,7 +157,7 @@ class PoseDenoiser(nn.Module):
         return PoseContext(
             map_seen=tuple(
                 layer.map_attention.keys_values(pieces, is_piece)
-                for layer in self._layers()
+                for layer in self.blocks()
             ),
             pieces=torch.cat(
                 [
@@ -225,7 +225,7 @@ class PoseDenoiser(nn.Module):
             turn_noise=scale[..., 2],
         )
         place = waves(poses.position_m, PLACE_WAVELENGTHS_M, poses.noise_m)
-        level_token = self._level_token(levels)
+        level_token = self.level_tokens(levels)
         token = self.state_token(torch.cat([scaled, place], dim=-1)) + level_token
         token = token + context.agent_token[:, None]
         near = self._near_pieces(context, poses)
@@ -233,7 +233,7 @@ class PoseDenoiser(nn.Module):
         facts = context.pair_facts.repeat_interleave(num_versions, 0)
         pairs = self.pair_relation(torch.cat([pairs, facts], dim=-1))
         visible = context.is_visible.repeated(num_versions)
-        for layer, seen in zip(self._layers(), context.map_seen, strict=True):
+        for layer, seen in zip(self.blocks(), context.map_seen, strict=True):
             token = layer(token + level_token, seen, near, pairs, visible)
         assert token.shape[:3] == (num_scenes, num_versions, num_agents)
         return self.norm(token), near, poses.direction
@@ -279,17 +279,19 @@ class PoseDenoiser(nn.Module):
             token = token + sinusoids(task.order, self.config.width) * drawn
         return token
 
-    def _level_token(self, levels: Float[Tensor, "B S A"]) -> Float[Tensor, "B S A D"]:
+    def level_tokens(self, levels: Float[Tensor, "*b"]) -> Float[Tensor, "*b D"]:
+        """What each layer is told of noise levels; -1 for agents that are given."""
         rates = math.pi * torch.arange(1, _NUM_LEVEL_WAVES + 1, device=levels.device)
         phase = levels.clamp_min(0)[..., None] * rates
         is_clean = (levels < 0)[..., None].to(levels.dtype)
         return self.level_token(torch.cat([phase.sin(), phase.cos(), is_clean], dim=-1))
 
-    def _layers(self) -> list["_Layer"]:
-        return [layer for layer in self.layers if isinstance(layer, _Layer)]
+    def blocks(self) -> list["PoseLayer"]:
+        """The layers in their order."""
+        return [layer for layer in self.layers if isinstance(layer, PoseLayer)]
 
 
-class _Layer(nn.Module):
+class PoseLayer(nn.Module):
     """Looks at the whole road, at the road nearby, at the others; then thinks."""
 
     def __init__(self, config: PoseDenoiserConfig, depth: int) -> None:
@@ -317,6 +319,7 @@ class _Layer(nn.Module):
         pairs: Float[Tensor, "N A A R"],
         is_visible: Mask,
     ) -> Float[Tensor, "B S A D"]:
+        """Tokens of S versions of B scenes after the layer."""
         shape = token.shape
         token = token.flatten(1, 2)
         token = token + self.map_attention(self.norms[0](token), seen)

@@ -17,8 +17,8 @@ NUM_AGENT_FEATURES: Final = 4 * len(NEIGHBOR_WAVELENGTHS_M) + 8
 direction, and its sine at the scale of the noise."""
 NUM_PIECE_FEATURES: Final = NUM_AGENT_FEATURES + 4
 
-_LEAST_NOISE_M: Final = 0.05
-_LEAST_TURN_NOISE: Final = 0.02
+LEAST_NOISE_M: Final = 0.05
+LEAST_TURN_NOISE: Final = 0.02
 """Added where something is told at the scale of the noise: given agents have none."""
 
 
@@ -77,7 +77,7 @@ def relation_features(
     """
     noise = torch.stack([noise_m, noise_m, turn_noise], dim=-1)
     lies = torch.cat([offset_m, direction[..., 1:]], dim=-1)
-    least = (_LEAST_NOISE_M, _LEAST_NOISE_M, _LEAST_TURN_NOISE)
+    least = (LEAST_NOISE_M, LEAST_NOISE_M, LEAST_TURN_NOISE)
     scaled = lies / (noise + noise.new_tensor(least))
     return torch.cat(
         [
@@ -94,19 +94,24 @@ def turned_back(
     vectors: Float[Tensor, "*#b 2"], direction: Float[Tensor, "*#b 2"]
 ) -> Float[Tensor, "*b 2"]:
     """Vectors in frames whose x axis is a unit direction."""
-    return torch.view_as_real(_complex(vectors) * _complex(direction).conj_physical())
+    return torch.view_as_real(
+        as_complex(vectors) * as_complex(direction).conj_physical()
+    )
 
 
 def turned(
     vectors: Float[Tensor, "*#b 2"], direction: Float[Tensor, "*#b 2"]
 ) -> Float[Tensor, "*b 2"]:
     """Inverse of ``turned_back``."""
-    return torch.view_as_real(_complex(vectors) * _complex(direction))
+    return torch.view_as_real(as_complex(vectors) * as_complex(direction))
 
 
-def _complex(vectors: Float[Tensor, "*b 2"]) -> Tensor:
+def as_complex(vectors: Float[Tensor, "*b 2"]) -> Tensor:
     """As complex numbers, of which turning takes one operation."""
-    return torch.view_as_complex(vectors.contiguous())
+    vectors = vectors.contiguous()
+    # A part of a row counts as contiguous where there is only one row.
+    is_even = vectors.storage_offset() % 2 == 0
+    return torch.view_as_complex(vectors if is_even else vectors.clone())
 
 
 def agent_relations(poses: NoisyPoses) -> Float[Tensor, "N A A F"]:
@@ -136,7 +141,7 @@ def piece_relations(
     position_m, own, noise_m, turn_noise = (one[:, :, None] for one in poses)
     offset = position_m - middle
     middle_m = turned_back(-offset, own)
-    scaled = middle_m / (noise_m[..., None] + _LEAST_NOISE_M)
+    scaled = middle_m / (noise_m[..., None] + LEAST_NOISE_M)
     return torch.cat(
         [
             relation_features(
@@ -161,8 +166,15 @@ def nearest_pieces(
     To a pedestrian crosswalks seem at half the distance, to others at twice.
     """
     distance = torch.cdist(position_m, piece_m)
-    factor = torch.where(prefers_crossings, 0.5, 2.0)[..., None]
-    distance = torch.where(is_crossing[:, None], distance * factor, distance)
+    distance = distance * crossing_factors(prefers_crossings, is_crossing)
     distance = distance.masked_fill(~has_piece[:, None], math.inf)
     num_nearest = min(num_nearest, distance.shape[-1])
     return distance.topk(num_nearest, dim=-1, largest=False).indices
+
+
+def crossing_factors(
+    prefers_crossings: Bool[Tensor, "B Q"], is_crossing: Bool[Tensor, "B P"]
+) -> Float[Tensor, "B Q P"]:
+    """By how much further each piece seems to each agent."""
+    factor = torch.where(prefers_crossings, 0.5, 2.0)[..., None]
+    return torch.where(is_crossing[:, None], factor, 1.0)

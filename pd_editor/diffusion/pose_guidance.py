@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.pose_context import (
@@ -18,11 +18,11 @@ from pd_editor.diffusion.pose_encoding import (
     decode_states,
     unit_vectors,
 )
-from pd_editor.diffusion.pose_features import turned, turned_back
+from pd_editor.diffusion.pose_features import as_complex
 from pd_editor.diffusion.pose_noise import noise_scale
 from pd_editor.diffusion.pose_road import follows_lanes, offset_from_lane_m
 from pd_editor.diffusion.pose_sampling import PoseGuide
-from pd_editor.diffusion.pose_spacing import overlap_vectors_m
+from pd_editor.diffusion.pose_spacing import OverlapVectors
 from pd_editor.diffusion.scene_tensors import SceneTensors
 
 _NUM_PUSHES: Final = 2
@@ -54,6 +54,7 @@ class PoseGuidance:
         """A guide for the agents of a scene that are not given."""
         task = drawing_task(scene) if task is None else task
         given = task.is_given
+        overlaps = OverlapVectors.of(scene, gap_m=_GAP_M)
 
         def guide(
             clean: Float[Tensor, "S B A 5"], level: float
@@ -63,28 +64,33 @@ class PoseGuidance:
             if noise > self.first_noise_m:
                 return clean
             shift = self._pull(clean, scene, task.on_road) * self.pull
-            pulled = _shifted(clean, torch.where(given[..., None], 0.0, shift))
-            apart = pulled
+            shift = torch.where(given[..., None], 0.0, shift)
+            start = as_complex(clean[..., :2] * POSITION_UNIT_M)
+            place = start + as_complex(shift)
+            axis = as_complex(unit_vectors(clean[..., 2:4]))
             for _ in range(_NUM_PUSHES if level > 0 else _NUM_LAST_PUSHES):
-                shift = self._push(apart, scene, given) * self.push
-                apart = _shifted(apart, torch.where(given[..., None], 0.0, shift))
-            return apart
+                push = self._push(place, axis, overlaps, given)
+                if not bool(push.any()):
+                    break
+                place = place + push
+            moved = torch.view_as_real(place - start) / POSITION_UNIT_M
+            return torch.cat([clean[..., :2] + moved, clean[..., 2:]], dim=-1)
 
         return guide
 
     def _push(
         self,
-        clean: Float[Tensor, "S B A 5"],
-        scene: SceneTensors,
+        place_m: Complex[Tensor, "S B A"],
+        axis: Complex[Tensor, "S B A"],
+        overlaps: OverlapVectors,
         is_given: Bool[Tensor, "B A"],
-    ) -> Float[Tensor, "S B A 2"]:
+    ) -> Complex[Tensor, "S B A"]:
         """Metres out of all overlaps; who overlaps a given agent goes all the way."""
-        vectors = overlap_vectors_m(clean, scene, gap_m=_GAP_M)
-        share = torch.where(is_given[:, None, :, None], 1.0, 0.5)
-        shift = (vectors * share).sum(dim=-2)
-        axis = unit_vectors(clean[..., 2:4])
-        own = turned_back(shift, axis)
-        return turned(own * own.new_tensor([1.0, _SIDEWAYS]), axis)
+        share = torch.where(is_given, 1.0, 0.5)[:, None]
+        shift = (overlaps(place_m, axis) * share).sum(dim=-1)
+        own = shift * axis.conj_physical()
+        push = self.push * torch.complex(own.real, _SIDEWAYS * own.imag) * axis
+        return torch.where(is_given, 0.0, push)
 
     def _pull(
         self,
@@ -107,11 +113,3 @@ class PoseGuidance:
 WITHIN_LANES: Final = PoseGuidance(moving_offset_m=1.4, on_road_offset_m=1.4)
 """Where nobody is wished to be off the road: most lanes are 3 to 3.5 m wide. Without it
 22 % of the vehicles placed on three demos were beside the drivable surface, with it 1."""
-
-
-def _shifted(
-    clean: Float[Tensor, "S B A 5"], shift_m: Float[Tensor, "S B A 2"]
-) -> Float[Tensor, "S B A 5"]:
-    return torch.cat(
-        [clean[..., :2] + shift_m / POSITION_UNIT_M, clean[..., 2:]], dim=-1
-    )

@@ -9,8 +9,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pd_editor.diffusion.drawing_steps import drawing_steps
+from pd_editor.diffusion.folded_pose_denoiser import FoldedPoseDenoiser
 from pd_editor.diffusion.pose_context import PoseTask, drawing_task
-from pd_editor.diffusion.pose_denoiser import PoseContext, PoseDenoiser
+from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M, decode_states
 from pd_editor.diffusion.pose_noise import first_noise, noise_scale, sampling_levels
 from pd_editor.diffusion.random_streams import RandomStreams
@@ -51,7 +52,7 @@ class PoseStep:
 
 
 def sample_states(
-    model: PoseDenoiser,
+    model: PoseDenoiser | FoldedPoseDenoiser,
     scene: SceneTensors,
     *,
     samples: Sequence[int],
@@ -66,7 +67,7 @@ def sample_states(
     of a seed is the same alone and among others.
 
     Args:
-        model: in evaluation mode.
+        model: in evaluation mode; who draws often gives it folded.
         scene: its pieces, and of its agents kind, size and ``has_agent``; poses and
             speeds are read of given agents only.
         samples: indices of the S samples to draw.
@@ -82,25 +83,31 @@ def sample_states(
     config = PoseSamplerConfig() if config is None else config
     task = drawing_task(scene) if task is None else task
     streams = RandomStreams(seed, "states", samples)
-    steps = _steps(model, scene, streams, task, config, guide)
+    network = (
+        model if isinstance(model, FoldedPoseDenoiser) else FoldedPoseDenoiser(model)
+    )
+    steps = _steps(network, scene, streams, task, config, guide)
     return drawing_steps(steps, len(samples) * scene.has_agent.numel())
 
 
 def _steps(
-    model: PoseDenoiser,
+    network: FoldedPoseDenoiser,
     scene: SceneTensors,
     streams: RandomStreams,
     task: PoseTask,
     config: PoseSamplerConfig,
     guide: PoseGuide | None,
 ) -> Generator[PoseStep, None, Float[Tensor, "S B A 5"]]:
-    context = model.context(scene, task)
     noisy = first_noise(streams.normal(*scene.has_agent.shape, 5).to(scene.agent_pose))
     levels = sampling_levels(config.num_steps)
+    drawing = network.drawing(scene, task, levels, len(noisy))
+    side = (task.half_side_m / POSITION_UNIT_M)[:, None, None]
     last = None
     states = noisy
     for index, level in enumerate(levels):
-        clean = _clean(model, context, task, noisy, level)
+        clean = drawing.denoise(noisy, index)
+        inside = torch.minimum(torch.maximum(clean[..., :2], -side), side)
+        clean = torch.cat([inside, clean[..., 2:]], dim=-1)
         if guide is not None:
             clean = guide(clean, level)
         better = clean
@@ -111,21 +118,6 @@ def _steps(
             noisy = _next(noisy, better, level, levels[index + 1], config, streams)
         yield PoseStep(index=index, num_steps=len(levels), states=states)
     return states
-
-
-def _clean(
-    model: PoseDenoiser,
-    context: PoseContext,
-    task: PoseTask,
-    noisy: Float[Tensor, "S B A 5"],
-    level: float,
-) -> Float[Tensor, "S B A 5"]:
-    """What the network believes in, inside the square."""
-    levels = torch.full(noisy.shape[:2], level, device=noisy.device)
-    clean = model.denoise(context, noisy, levels)
-    side = (task.half_side_m / POSITION_UNIT_M)[:, None, None]
-    inside = torch.minimum(torch.maximum(clean[..., :2], -side), side)
-    return torch.cat([inside, clean[..., 2:]], dim=-1)
 
 
 def _next(

@@ -1,9 +1,10 @@
 """How deep boxes overlap, as a smooth number: three discs for each box."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M, unit_vectors
@@ -28,23 +29,49 @@ def overlap_depth_m(
     return depth.clamp_min(0) * _counts(scene)
 
 
-def overlap_vectors_m(
-    states: Float[Tensor, "*b A 5"], scene: SceneTensors, *, gap_m: float = 0.0
-) -> Float[Tensor, "*b A A 2"]:
-    """How the first of each pair has to move to be out of the second, 0 if it is.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OverlapVectors:
+    """How agents of B scenes have to move to be out of each other.
 
     Corners stick out of the discs: a gap of 0.4 m keeps those of cars apart.
     """
-    offset = _offsets_m(states, scene)
-    nearest = offset.square().sum(dim=-1).argmin(dim=-1, keepdim=True)
-    offset = offset.gather(-2, nearest[..., None].expand(*nearest.shape, 2))[..., 0, :]
-    # Of two in one place, the first in the list goes ahead.
-    axis = unit_vectors(states[..., 2:4])[..., :, None, :]
-    sign = torch.ones_like(offset[..., 0]).triu() * 2 - 1
-    offset = offset + 1e-3 * sign[..., None] * axis
-    distance = offset.norm(dim=-1)
-    depth = (_radii_m(scene) + gap_m - distance).clamp_min(0) * _counts(scene)
-    return offset * (depth / distance.clamp_min(1e-6))[..., None]
+
+    reach_m: Float[Tensor, "B A 3"]
+    """Of the discs, ahead of the middle."""
+    least_m: Float[Tensor, "B A A"]
+    """Distance between discs; below 0 for pairs that may overlap."""
+    nudge_m: Float[Tensor, "A A"]
+    """Of two in one place, the first in the list goes ahead."""
+
+    @classmethod
+    def of(cls, scene: SceneTensors, *, gap_m: float = 0.0) -> "OverlapVectors":
+        """Agents that count, with a gap between them."""
+        places = torch.tensor(_PLACES, device=scene.agent_size.device)
+        radii = _radii_m(scene)
+        nudge = torch.ones_like(radii[0]).triu() * 2 - 1
+        return cls(
+            reach_m=_reach_m(scene)[..., None] * places,
+            least_m=torch.where(_counts(scene), radii + gap_m, -1.0),
+            nudge_m=1e-3 * nudge,
+        )
+
+    def __call__(
+        self, place_m: Complex[Tensor, "*b A"], axis: Complex[Tensor, "*b A"]
+    ) -> Complex[Tensor, "*b A A"]:
+        """How the first of each pair has to move; 0 where they do not overlap.
+
+        Args:
+            place_m: x and y as complex numbers.
+            axis: headings as numbers of length one.
+        """
+        discs = place_m[..., None] + axis[..., None] * self.reach_m
+        offset = discs[..., :, None, :, None] - discs[..., None, :, None, :]
+        offset = offset.flatten(-2)
+        nearest = offset.abs().argmin(dim=-1, keepdim=True)
+        offset = offset.gather(-1, nearest)[..., 0] + self.nudge_m * axis[..., None]
+        distance = offset.abs()
+        depth = (self.least_m - distance).clamp_min_(0)
+        return offset * (depth / distance.clamp_min_(1e-6))
 
 
 def _offsets_m(
@@ -53,12 +80,17 @@ def _offsets_m(
     """From each disc of the second of a pair to each of the first."""
     position_m = states[..., :2] * POSITION_UNIT_M
     axis = unit_vectors(states[..., 2:4])
-    length, width = scene.agent_size.unbind(-1)
-    reach = ((length - width) / 2).clamp_min(0)[..., None, None]
+    reach = _reach_m(scene)[..., None, None]
     places = torch.tensor(_PLACES, device=states.device)[:, None]
     discs = position_m[..., None, :] + axis[..., None, :] * places * reach
     offset = discs[..., :, None, :, None, :] - discs[..., None, :, None, :, :]
     return offset.flatten(-3, -2)
+
+
+def _reach_m(scene: SceneTensors) -> Float[Tensor, "B A"]:
+    """From the middle of each agent to that of its outer discs."""
+    length, width = scene.agent_size.unbind(-1)
+    return ((length - width) / 2).clamp_min(0)
 
 
 def _radii_m(scene: SceneTensors) -> Float[Tensor, "B A A"]:

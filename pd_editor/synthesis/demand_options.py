@@ -8,15 +8,15 @@ from typing import Final
 class ParkingOptions:
     """How much stands beside the road."""
 
-    kerb_share: float = 0.31
+    kerb_share: float = 0.22
     """Share of street sides along which vehicles park."""
-    fullness: tuple[float, float] = (0.15, 0.9)
+    fullness: tuple[float, float] = (0.3, 0.97)
     """Share of places taken along such a side, drawn between these."""
-    angled_share: float = 0.045
-    """Share of street sides with places at an angle off the lane."""
-    driveways_per_km: float = 1.2
+    angled_share: float = 0.12
+    """Share of street sides with places at an angle to the lane."""
+    driveways_per_km: float = 1.6
     """Vehicles in driveways, across the street or at an angle, per km of side."""
-    lots_per_km: float = 0.04
+    lots_per_km: float = 0.06
     """Small parking lots off the road, per km of side."""
 
 

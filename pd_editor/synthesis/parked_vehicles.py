@@ -33,8 +33,16 @@ SLOT_GAP_M: Final = (0.5, 1.6)
 """Between two places along the kerb."""
 
 ANGLED_PITCH_M: Final = 3.5
-ANGLED_ASIDE_M: Final = 4.6
-"""From the edge of the lane to the middles of vehicles at an angle to it."""
+ANGLED_ASIDE_M: Final = (1.2, 3.2)
+"""From the edge of the lane to the middles of vehicles at an angle to it; lanes of
+recorded maps often take in a part of such places."""
+PERPENDICULAR_SHARE: Final = 0.25
+"""Of the rows at an angle."""
+PERPENDICULAR_PITCH_M: Final = 2.75
+PERPENDICULAR_ASIDE_M: Final = (1.6, 5.0)
+
+TURNED_SHARE: Final = 0.008
+"""Of the vehicles along a kerb, those that face oncoming traffic."""
 
 LOT_PITCH_M: Final = 2.75
 LOT_AISLE_M: Final = 6.5
@@ -130,16 +138,16 @@ def _along(
     """Places one behind the other, ``aside_m`` to the right of a line."""
     length = arc_length(line)[-1] - 2 * end_m
     num_slots = max(int(length / (5.2 + np.mean(SLOT_GAP_M))), 0)
-    at = (
-        end_m
-        + random.uniform(0.0, 3.0)
-        + np.cumsum(5.2 + random.uniform(*SLOT_GAP_M, num_slots))
-    )
-    taken = random.random(num_slots) < random.uniform(*options.fullness)
-    at = at[taken & (at < length + end_m)]
+    taken = random.uniform(*options.fullness)
+    # Nothing marks the places, so that what stays free is of any length.
+    is_followed = random.random(num_slots) < taken
+    free = random.exponential(5.2 / taken, num_slots)
+    pitch = 5.2 + random.uniform(*SLOT_GAP_M, num_slots) + free * ~is_followed
+    at = end_m + random.uniform(0.0, 3.0) + np.cumsum(pitch)
+    at = at[at < length + end_m]
     right = aside_m + random.normal(0.0, 0.18, len(at))
     position, heading = _beside(line, at, right)
-    turned = np.where(random.random(len(at)) < 0.02, np.pi, 0.0)
+    turned = np.where(random.random(len(at)) < TURNED_SHARE, np.pi, 0.0)
     noise = np.deg2rad(np.clip(1.2 * random.standard_t(2, len(at)), -20.0, 20.0))
     return _Places(
         position_m=position,
@@ -151,14 +159,22 @@ def _along(
 def _angled(
     kerb: Float[np.ndarray, "N 2"], options: ParkingOptions, random: np.random.Generator
 ) -> _Places:
-    """A row of places nose to the kerb, turned clockwise from the lane."""
-    at = np.arange(KERB_END_M, arc_length(kerb)[-1] - 2 * KERB_END_M, ANGLED_PITCH_M)
+    """A row of places turned clockwise from the lane, or across it either way round."""
+    is_across = random.random() < PERPENDICULAR_SHARE
+    pitch = PERPENDICULAR_PITCH_M if is_across else ANGLED_PITCH_M
+    at = np.arange(KERB_END_M, arc_length(kerb)[-1] - 2 * KERB_END_M, pitch)
     at = at[random.random(len(at)) < random.uniform(*options.fullness)]
-    aside = ANGLED_ASIDE_M + random.normal(0.0, 0.25, len(at))
+    aside = random.uniform(*(PERPENDICULAR_ASIDE_M if is_across else ANGLED_ASIDE_M))
+    aside = aside + random.normal(0.0, 0.25, len(at))
     position, heading = _beside(kerb, at, aside)
-    turn = np.deg2rad(random.uniform(-60.0, -42.0) + random.normal(0.0, 2.5, len(at)))
+    if is_across:
+        turn = random.choice(np.deg2rad([-90.0, 90.0]), len(at), p=[0.65, 0.35])
+    else:
+        turn = np.full(len(at), np.deg2rad(random.uniform(-60.0, -42.0)))
+    askew = np.clip(2.0 * random.standard_t(2, len(at)), -25.0, 25.0)
+    turn = turn + np.deg2rad(askew + (random.normal(0.0, 6.0) if is_across else 0.0))
     return _Places(
-        position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=False
+        position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=True
     )
 
 
@@ -170,8 +186,8 @@ def _driveways(
     count = random.poisson(options.driveways_per_km * length / 1000)
     at = random.uniform(0.0, length, count)
     position, heading = _beside(kerb, at, random.uniform(3.0, 10.0, count))
-    turn = random.choice(np.deg2rad([90.0, -90.0, -60.0, 0.0]), count)
-    turn = turn + random.normal(0.0, np.deg2rad(5.0), count)
+    turn = random.choice(np.deg2rad([90.0, -90.0, -70.0, 0.0]), count)
+    turn = turn + random.normal(0.0, np.deg2rad(12.0), count)
     return _Places(
         position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=False
     )

@@ -17,6 +17,7 @@ import numpy as np
 import torch
 
 from pd_editor.av2_io.read import read_scenario
+from pd_editor.diffusion.folded_pose_denoiser import FoldedPoseDenoiser
 from pd_editor.diffusion.model_folder import load_model
 from pd_editor.diffusion.pose_context import TOLD_NO, drawing_task
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
@@ -120,7 +121,7 @@ def _real_scene(scenario: Scenario, only_paper_agents: bool) -> RealScene | None
 
 
 def drawn(
-    model: PoseDenoiser,
+    model: FoldedPoseDenoiser,
     scene: RealScene,
     samples: int,
     config: PoseSamplerConfig,
@@ -154,7 +155,7 @@ def drawn(
 
 
 def _drawn_states(
-    model: PoseDenoiser,
+    model: FoldedPoseDenoiser,
     real: RealScene,
     sample: int,
     config: PoseSamplerConfig,
@@ -165,7 +166,9 @@ def _drawn_states(
     scene = real.tensors
     key = zlib.crc32(real.scenario.scenario_id.encode())
     random = np.random.default_rng([key, sample])
-    task = with_traits(drawing_task(scene), scene, model.agent_counts, random, wishes)
+    task = with_traits(
+        drawing_task(scene), scene, model.model.agent_counts, random, wishes
+    )
     steps = sample_states(
         model,
         scene,
@@ -210,11 +213,11 @@ def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
     return replace(drawn, sample=mended_sample)
 
 
-def load_pose_model(folder: Path) -> PoseDenoiser:
+def load_pose_model(folder: Path) -> FoldedPoseDenoiser:
     """The first stage's network."""
     model = load_model(folder, STAGE_KINDS).stage(INITIAL_STATES.name).model
     assert isinstance(model, PoseDenoiser)
-    return model
+    return FoldedPoseDenoiser(model)
 
 
 def state_values(view: TrafficView) -> Values:
@@ -277,7 +280,7 @@ def floor_line(recorded: Sequence[Values]) -> str:
 
 
 def print_table(
-    model: PoseDenoiser,
+    model: FoldedPoseDenoiser,
     scenes: Sequence[RealScene],
     samples: int,
     configs: dict[str, PoseSamplerConfig],
@@ -326,7 +329,7 @@ def _measured(
 
 
 def print_times(
-    model: PoseDenoiser, scenes: Sequence[RealScene], num_steps: int
+    model: FoldedPoseDenoiser, scenes: Sequence[RealScene], num_steps: int
 ) -> None:
     """Milliseconds for one sample of 32 agents."""
     scene = max(scenes, key=lambda one: len(one.scenario.agents)).tensors

@@ -55,7 +55,9 @@ def scene_batch(*counts: int, seed: int = 0) -> SceneTensors:
     )
 
 
-def small_model(*, is_ordered: bool = False, seed: int = 0) -> PoseDenoiser:
+def small_model(
+    *, is_ordered: bool = False, is_differential: bool = True, seed: int = 0
+) -> PoseDenoiser:
     """A tiny network with random weights."""
     torch.manual_seed(seed)
     config = PoseDenoiserConfig(
@@ -65,5 +67,6 @@ def small_model(*, is_ordered: bool = False, seed: int = 0) -> PoseDenoiser:
         num_near_pieces=6,
         relation_width=16,
         is_ordered=is_ordered,
+        is_differential=is_differential,
     )
     return PoseDenoiser(config).eval()

@@ -3,7 +3,7 @@ from dataclasses import replace
 import torch
 
 from pd_editor.diffusion.pose_encoding import encode_states
-from pd_editor.diffusion.pose_spacing import overlap_depth_m, overlap_vectors_m
+from pd_editor.diffusion.pose_spacing import OverlapVectors, overlap_depth_m
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from tests.diffusion.pose_scenes import scene_batch
 
@@ -23,6 +23,13 @@ def codes_of(scene: SceneTensors) -> torch.Tensor:
     return encode_states(scene.agent_pose, scene.agent_speed)
 
 
+def vectors_of(scene: SceneTensors) -> torch.Tensor:
+    place = torch.view_as_complex(scene.agent_pose[..., :2].contiguous())
+    heading = scene.agent_pose[..., 2]
+    axis = torch.complex(heading.cos(), heading.sin())
+    return torch.view_as_real(OverlapVectors.of(scene)(place, axis))
+
+
 def test_depth_of_cars_in_line_and_side_by_side():
     scene = cars_at((0, 0, 0), (4.0, 0, 0), (0, 1.5, 0), (30, 0, 0))
     depth = overlap_depth_m(codes_of(scene), scene)[0]
@@ -35,7 +42,7 @@ def test_depth_of_cars_in_line_and_side_by_side():
 def test_pushing_by_the_vectors_takes_the_overlap_away():
     scene = cars_at((0, 0, 0.1), (4.0, 0.4, 0), (40, 0, 0), (40, 1.4, 3.0))
     codes = codes_of(scene)
-    vectors = overlap_vectors_m(codes, scene)
+    vectors = vectors_of(scene)
     before = overlap_depth_m(codes, scene).sum()
     moved = codes.clone()
     moved[..., :2] += vectors.sum(dim=-2) / 2 / 62.0
@@ -46,7 +53,7 @@ def test_pushing_by_the_vectors_takes_the_overlap_away():
 
 def test_cars_in_one_place_part():
     scene = cars_at((3, 4, 0.7), (3, 4, 0.7))
-    vectors = overlap_vectors_m(codes_of(scene), scene)[0]
+    vectors = vectors_of(scene)[0]
     torch.testing.assert_close(vectors[0, 1], -vectors[1, 0])
     assert vectors[0, 1].norm() > 1.5
 
@@ -59,4 +66,4 @@ def test_pedestrians_and_padding_do_not_overlap():
         has_agent=torch.tensor([[True, True, False]]),
     )
     assert not overlap_depth_m(codes_of(scene), scene).any()
-    assert not overlap_vectors_m(codes_of(scene), scene).any()
+    assert not vectors_of(scene).any()
