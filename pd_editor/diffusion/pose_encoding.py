@@ -3,7 +3,7 @@
 from typing import Final
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 POSITION_UNIT_M: Final = 62.0
@@ -15,6 +15,8 @@ STATE_SPREAD: Final = (0.5, 0.5, 0.7, 0.7, 0.8)
 STANDING_SPEED_MPS: Final = 0.5
 _STANDING_CODE: Final = -0.5
 _MOVING_UNIT: Final = 2.0
+_SLOWEST_CODE: Final = STANDING_SPEED_MPS**0.5 / _MOVING_UNIT
+"""Of those who move."""
 
 
 def encode_states(
@@ -43,10 +45,8 @@ def decode_states(codes: Float[Tensor, "*b 5"]) -> Float[Tensor, "*b 5"]:
 
     Standing agents come out with speed 0.
     """
-    moving = STANDING_SPEED_MPS**0.5 / _MOVING_UNIT
-    code = codes[..., 4]
-    speed = (code.clamp_min(moving) * _MOVING_UNIT) ** 2
-    stands = code < (moving + _STANDING_CODE) / 2
+    speed = (codes[..., 4].clamp_min(_SLOWEST_CODE) * _MOVING_UNIT) ** 2
+    stands = is_standing(codes)
     return torch.cat(
         [
             codes[..., :2] * POSITION_UNIT_M,
@@ -55,6 +55,11 @@ def decode_states(codes: Float[Tensor, "*b 5"]) -> Float[Tensor, "*b 5"]:
         ],
         dim=-1,
     )
+
+
+def is_standing(codes: Float[Tensor, "*b 5"]) -> Bool[Tensor, "*b"]:
+    """Who is meant to stand."""
+    return codes[..., 4] < (_SLOWEST_CODE + _STANDING_CODE) / 2
 
 
 def unit_vectors(vectors: Float[Tensor, "*b 2"]) -> Float[Tensor, "*b 2"]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import torch
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from pd_editor.diffusion.pose_context import (
@@ -15,12 +15,12 @@ from pd_editor.diffusion.pose_context import (
 )
 from pd_editor.diffusion.pose_encoding import (
     POSITION_UNIT_M,
-    decode_states,
+    is_standing,
     unit_vectors,
 )
 from pd_editor.diffusion.pose_features import as_complex
 from pd_editor.diffusion.pose_noise import noise_scale
-from pd_editor.diffusion.pose_road import follows_lanes, offset_from_lane_m
+from pd_editor.diffusion.pose_road import CenterLines, follows_lanes
 from pd_editor.diffusion.pose_sampling import PoseGuide
 from pd_editor.diffusion.pose_spacing import OverlapVectors
 from pd_editor.diffusion.scene_tensors import SceneTensors
@@ -55,6 +55,7 @@ class PoseGuidance:
         task = drawing_task(scene) if task is None else task
         given = task.is_given
         overlaps = OverlapVectors.of(scene, gap_m=_GAP_M)
+        lines, pulled = CenterLines.of(scene), _Pulled.of(scene, task, self)
 
         def guide(
             clean: Float[Tensor, "S B A 5"], level: float
@@ -63,10 +64,8 @@ class PoseGuidance:
             noise = noise_scale(levels)[0] * POSITION_UNIT_M
             if noise > self.first_noise_m:
                 return clean
-            shift = self._pull(clean, scene, task.on_road) * self.pull
-            shift = torch.where(given[..., None], 0.0, shift)
             start = as_complex(clean[..., :2] * POSITION_UNIT_M)
-            place = start + as_complex(shift)
+            place = start + self._pull(start, is_standing(clean), lines, pulled)
             axis = as_complex(unit_vectors(clean[..., 2:4]))
             for _ in range(_NUM_PUSHES if level > 0 else _NUM_LAST_PUSHES):
                 push = self._push(place, axis, overlaps, given)
@@ -94,20 +93,39 @@ class PoseGuidance:
 
     def _pull(
         self,
-        clean: Float[Tensor, "S B A 5"],
-        scene: SceneTensors,
-        on_road: Int[Tensor, "B A"],
-    ) -> Float[Tensor, "S B A 2"]:
+        place_m: Complex[Tensor, "S B A"],
+        stands: Bool[Tensor, "S B A"],
+        lines: CenterLines,
+        pulled: "_Pulled",
+    ) -> Complex[Tensor, "S B A"]:
         """Metres towards the nearest lane for those too far from it."""
-        states = decode_states(clean)
-        back, nearest_m = offset_from_lane_m(states[..., :2], scene)
-        standing = torch.where(
-            on_road == TOLD_YES, self.on_road_offset_m, self.standing_offset_m
+        offset, length_m = lines.offset_m(place_m)
+        allowed = torch.where(stands, pulled.standing_offset_m, self.moving_offset_m)
+        too_far = (length_m - allowed).clamp_(0, 1e3) * pulled.share
+        return -offset * (too_far / length_m.clamp(1e-6, 1e6))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pulled:
+    """Who is pulled to lanes, and how much."""
+
+    standing_offset_m: Float[Tensor, "B A"]
+    share: Float[Tensor, "B A"]
+
+    @classmethod
+    def of(
+        cls, scene: SceneTensors, task: PoseTask, guidance: PoseGuidance
+    ) -> "_Pulled":
+        """Those that follow lanes, are drawn, and not told to be off the road."""
+        is_pulled = follows_lanes(scene) & (task.on_road != TOLD_NO) & ~task.is_given
+        return cls(
+            standing_offset_m=torch.where(
+                task.on_road == TOLD_YES,
+                guidance.on_road_offset_m,
+                guidance.standing_offset_m,
+            ),
+            share=guidance.pull * is_pulled,
         )
-        allowed = torch.where(states[..., 4] > 0, self.moving_offset_m, standing)
-        is_pulled = follows_lanes(scene) & (on_road != TOLD_NO)
-        too_far = (nearest_m - allowed).clamp(0, 1e3) * is_pulled
-        return -back * (too_far / nearest_m.clamp(1e-6, 1e6))[..., None]
 
 
 WITHIN_LANES: Final = PoseGuidance(moving_offset_m=1.4, on_road_offset_m=1.4)

@@ -331,23 +331,28 @@ def _measured(
 def print_times(
     model: FoldedPoseDenoiser, scenes: Sequence[RealScene], num_steps: int
 ) -> None:
-    """Milliseconds for one sample of 32 agents."""
+    """Milliseconds for one sample of 32 agents, as drawn and guided."""
     scene = max(scenes, key=lambda one: len(one.scenario.agents)).tensors
     rows = torch.arange(32) % scene.has_agent.shape[1]
     names = ("agent_pose", "agent_speed", "agent_size", "agent_kind", "has_agent")
     scene = replace(scene, **{name: getattr(scene, name)[:, rows] for name in names})
-    spent = []
-    for repeat in range(12):
-        start = time.perf_counter()
-        config = PoseSamplerConfig(num_steps=num_steps)
-        for _ in sample_states(model, scene, samples=[repeat], seed=0, config=config):
-            pass
-        spent.append(1e3 * (time.perf_counter() - start))
-    print(
-        f"32 agents, {scene.has_piece.sum()} pieces, {num_steps} steps, "
-        f"{torch.get_num_threads()} threads: median {np.median(spent):.1f} ms, "
-        f"min {min(spent):.1f} ms"
-    )
+    config = PoseSamplerConfig(num_steps=num_steps)
+    for guidance in (None, PoseGuidance()):
+        spent = []
+        for repeat in range(15):
+            start = time.perf_counter()
+            guide = None if guidance is None else guidance.of(scene)
+            for _ in sample_states(
+                model, scene, samples=[repeat], seed=0, config=config, guide=guide
+            ):
+                pass
+            spent.append(1e3 * (time.perf_counter() - start))
+        quarters = np.quantile(spent, [0.25, 0.5, 0.75])
+        print(
+            f"32 agents, {scene.has_piece.sum()} pieces, {num_steps} steps"
+            f"{'' if guidance is None else ', guided'}: median {quarters[1]:.1f} ms, "
+            f"quartiles {quarters[0]:.1f} - {quarters[2]:.1f}, min {min(spent):.1f}"
+        )
 
 
 def main() -> None:
