@@ -56,7 +56,8 @@ class FoldedRelations:
         shift = like.new_zeros(matrix.shape[1])
         shift[_NUM_SINES:_NUM_WAVES] = math.pi / 2
         self._matrix, self._shift = matrix, shift
-        self._wave = torch.arange(_NUM_RATES).repeat_interleave(2).repeat(2)
+        wave = torch.arange(_NUM_RATES, device=like.device)
+        self._wave = wave.repeat_interleave(2).repeat(2)
 
     @property
     def order(self) -> list[int]:

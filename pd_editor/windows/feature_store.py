@@ -109,14 +109,22 @@ def write_part(
     groups: Sequence[str],
     root: int,
 ) -> None:
-    """Add scenes of a root to a store; ``groups`` are their networks or cities."""
+    """Add scenes of a root to a store; ``groups`` are their networks or cities.
+
+    Nothing happens where another process has just added a part of this name.
+    """
     whole = folder / f"{_PART_PREFIX}{name}"
     beside = folder / f".{name}-{os.getpid()}"
     shutil.rmtree(beside, ignore_errors=True)
     beside.mkdir()
     for title, array in zip(_ARRAYS, _tables(scenes, groups, root), strict=True):
         np.save(beside / f"{title}.npy", array)
-    beside.rename(whole)
+    try:
+        beside.rename(whole)
+    except OSError:
+        if not whole.is_dir():
+            raise
+        shutil.rmtree(beside, ignore_errors=True)
 
 
 class FeatureStore:

@@ -106,6 +106,14 @@ def test_going_on_finds_the_parts_that_are_there(tmp_path):
     assert len(FeatureStore(tmp_path)) == 1
 
 
+def test_a_part_that_another_process_has_added_stays(tmp_path):
+    open_for_writing(tmp_path, INDEX)
+    for size in (3, 5):
+        write_part(tmp_path, "000", [some_scene(size, 3, 2)], ["a"], 0)
+    assert FeatureStore(tmp_path).num_agents.tolist() == [3]
+    assert [one.name for one in tmp_path.iterdir() if one.name.startswith(".")] == []
+
+
 def test_large_latents_stay_finite(tmp_path):
     scene = some_scene(0, 3, 2)
     scene.future[:] = 1e9

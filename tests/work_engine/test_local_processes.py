@@ -123,8 +123,9 @@ def test_an_error_of_the_caller_stops_the_run():
     assert len(seen) == 1
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to a child")
-def test_an_interrupt_ends_the_workers():
+@pytest.mark.skipif(sys.platform == "win32", reason="no signals to a child")
+@pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_whoever_started_them(kill: signal.Signals):
     run = subprocess.Popen(
         [sys.executable, "-m", "tests.work_engine.interrupted_run"],
         cwd=ROOT,
@@ -137,10 +138,14 @@ def test_an_interrupt_ends_the_workers():
         worker = int(run.stdout.readline())
         assert run.stdout.readline() == "sleeping\n"
         time.sleep(1.0)
-        os.killpg(run.pid, signal.SIGINT)
-        assert run.wait(20) == 130
-    with pytest.raises(ProcessLookupError):
-        os.kill(worker, 0)
+        if kill is signal.SIGINT:
+            os.killpg(run.pid, kill)
+            assert run.wait(20) == 130
+            with pytest.raises(ProcessLookupError):
+                os.kill(worker, 0)
+        else:
+            run.send_signal(kill)
+            assert run.wait(20) == -kill
     # The resource tracker of multiprocessing goes a moment after its parent.
     end = time.monotonic() + 10
     while _group_lives(run.pid):
