@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
 import torch
 from jaxtyping import Bool, Complex, Float
@@ -11,15 +10,12 @@ from torch import Tensor, nn
 from pd_editor.diffusion.folded_block import Affine
 from pd_editor.diffusion.folded_relations import FoldedRelations, NoiseFactors
 from pd_editor.diffusion.lane_votes import LaneVotes
-from pd_editor.diffusion.pose_denoiser import PoseContext
+from pd_editor.diffusion.pose_denoiser import PIECE_EXISTS, PoseContext
 from pd_editor.diffusion.pose_features import (
     NUM_PIECE_FEATURES,
     as_complex,
     crossing_factors,
 )
-
-_EXISTS: Final = 4
-"""Place in ``PoseContext.pieces``; what a piece is comes after it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +45,6 @@ class FoldedPieces:
         first, _, last = relation
         assert isinstance(first, nn.Linear)
         assert isinstance(last, nn.Linear)
-        self.last = last
         self.num_nearest = num_nearest
         self._width = last.out_features
         weight = votes.from_piece.weight
@@ -82,7 +77,7 @@ class FoldedPieces:
 
     def of(self, context: PoseContext, num_samples: int) -> "RoadPieces":
         """The pieces of some scenes."""
-        facts = self._facts(context.pieces[..., _EXISTS + 1 :].flatten(0, 1))
+        facts = self._facts(context.pieces[..., PIECE_EXISTS + 1 :].flatten(0, 1))
         return RoadPieces(self, facts, context, num_samples)
 
     def near(
@@ -127,14 +122,14 @@ class RoadPieces:
     ) -> None:
         self._folded, self._facts = folded, facts
         pieces = context.pieces
-        exists = pieces[..., _EXISTS] > 0
+        exists = pieces[..., PIECE_EXISTS] > 0
         self._middle_m = pieces[..., :2].contiguous()
         pose = as_complex(pieces[..., :4].unflatten(-1, (2, 2)))
         self._pose = pose.flatten(0, 1)
         self._num_nearest = min(folded.num_nearest, exists.shape[1])
         crossings = crossing_factors(context.is_walking, context.is_crossing)
         self._factors = crossings[:, None] if bool(context.is_crossing.any()) else None
-        self._far = None if bool(exists.all()) else _far(exists)
+        self._far = None if bool(exists.all()) else _nowhere(exists)
         self._first = exists.shape[1] * torch.arange(len(exists), device=exists.device)
         self._sees_any, self._hidden = None, None
         if self._far is not None:
@@ -187,7 +182,7 @@ class RoadPieces:
         )
 
 
-def _far(exists: Bool[Tensor, "B P"]) -> Float[Tensor, "B 1 1 P"]:
+def _nowhere(exists: Bool[Tensor, "B P"]) -> Float[Tensor, "B 1 1 P"]:
     """Added to distances: missing pieces are nowhere."""
     far = torch.zeros(exists.shape, device=exists.device)
     return far.masked_fill(~exists, math.inf)[:, None, None]

@@ -1,7 +1,9 @@
 """The first stage's network made ready for drawing: the same in fewer operations.
 
-At a few agents it is the number of operations that takes the time. Everything that
-depends on the scene or on the noise levels only is computed before the first step.
+At a few agents it is the number of operations that takes the time. What depends on the
+scene only is computed before the first step, and what depends on the noise levels too,
+unless agents are given: they have no noise. Sines of large angles need matrix products
+in full float32: no autocast, no TF32.
 """
 
 import math
@@ -37,7 +39,7 @@ class FoldedPoseDenoiser:
     """Weights of a denoiser, put together so that a step is few operations."""
 
     def __init__(self, model: PoseDenoiser) -> None:
-        """Weights are copied: the model may be trained on."""
+        """Drawings that are made keep the weights of now; fold again after training."""
         self.model = model
         with torch.no_grad():
             like = model.state_token.weight
@@ -45,17 +47,18 @@ class FoldedPoseDenoiser:
                 model.piece_relation, model.by_pieces, model.config.num_near_pieces
             )
             self.others = FoldedRelations(like, sees_middle=False)
+            _, _, of_pieces = model.piece_relation
             first, _, last = model.pair_relation
             assert isinstance(first, nn.Linear)
             assert isinstance(last, nn.Linear)
+            assert isinstance(of_pieces, nn.Linear)
             features, facts = first.weight.split(
                 [NUM_AGENT_FEATURES, first.in_features - NUM_AGENT_FEATURES], dim=1
             )
             self.other_in = self.others.layer(features)
             self.other_facts = Affine((facts, first.bias), like)
             self.layers = [
-                FoldedPoseLayer(layer, self.pieces.last, last)
-                for layer in model.blocks()
+                FoldedPoseLayer(layer, of_pieces, last) for layer in model.blocks()
             ]
             self._fold_state(model.state_token)
             self._norm = Norm(model.norm)
@@ -151,7 +154,7 @@ class _Level:
         noise_m: tuple[Float[Tensor, "*c"], Float[Tensor, "*d"]],
         turn_noise: tuple[Float[Tensor, "*c"], Float[Tensor, "*d"]],
     ) -> "_Level":
-        """Of agents with some noise; noise itself to pieces and to others."""
+        """Of agents with some noise, in what they see of pieces, and of others."""
         factor_in, factor_skip, factor_out = preconditioning(scale)
         place_noise = scale[..., :1] * POSITION_UNIT_M * network.place_rates
         return cls(
@@ -264,6 +267,7 @@ class PoseDrawing:
             states = torch.where(*self._given, states)
         position_m = states[..., :2] * POSITION_UNIT_M
         place = as_complex(position_m)
+        # A direction of no length, which nobody has, would stay one.
         own = torch.sgn(as_complex(states[..., 2:4]))
         token = network.first_tokens(states, position_m, level)
         token = token.view(*place.shape, -1).add_(self._agent).add_(level.token)

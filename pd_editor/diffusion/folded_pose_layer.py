@@ -75,21 +75,21 @@ class FoldedPoseLayer:
         self._num_heads, self._num_maps = road.num_heads, road.num_maps
         width = road.to_output.in_features
         scale = (width // road.num_heads) ** -0.5
-        self._road_queries = _turned(road.to_queries.weight * scale)
+        self._road_queries = _transposed(road.to_queries.weight * scale)
         result = road.to_output.weight
         if road.num_maps == 2:
             factor = road.norm_weight * (1 - road.initial_share)
             result = result * factor.repeat(road.num_heads)
-        self._road_result = _turned(result)
+        self._road_result = _transposed(result)
         queries, self._near_result, self._near_shift = _folded(
             layer.piece_attention, of_pieces
         )
-        self._near_queries = _turned(queries)
+        self._near_queries = _transposed(queries)
         queries, seen, self._others_shift = _folded(others, of_others)
         parts = others.to_token_parts.weight.clone()
         parts[:width] *= scale
-        self._others_queries = _turned(torch.cat([queries, parts]))
-        self._others_result = torch.cat([seen, _turned(others.from_values.weight)])
+        self._others_queries = _transposed(torch.cat([queries, parts]))
+        self._others_result = torch.cat([seen, _transposed(others.from_values.weight)])
         self._others_sizes = [len(queries), width, width, width]
         first, _, second = layer.think
         assert isinstance(first, nn.Linear)
@@ -107,9 +107,9 @@ class FoldedPoseLayer:
             token, self._of_road(norms[0](token), road), self._road_result
         )
         token.addmm_(self._of_pieces(norms[1](token), around), self._near_result)
-        token.add_(_where(self._near_shift, around.sees_pieces))
+        token.add_(_unless_blind(self._near_shift, around.sees_pieces))
         token.addmm_(self._of_others(norms[2](token), around), self._others_result)
-        token.add_(_where(self._others_shift, around.sees_others))
+        token.add_(_unless_blind(self._others_shift, around.sees_others))
         inner = gelu(self._first(norms[3](token)))
         return self._second(inner).add_(token)
 
@@ -144,7 +144,7 @@ class FoldedPoseLayer:
         if around.hidden_pieces is not None:
             logits.add_(around.hidden_pieces)
         found = torch.bmm(logits.softmax(dim=-1), around.pieces).flatten(1)
-        return _where(found, around.sees_pieces)
+        return _unless_blind(found, around.sees_pieces)
 
     def _of_others(
         self, token: Float[Tensor, "Z D"], around: Around
@@ -166,10 +166,10 @@ class FoldedPoseLayer:
         by_agent = weights.transpose(1, 2).reshape(len(token), heads, agents)
         seen = torch.bmm(by_agent, around.others)
         found = torch.cat([seen.flatten(1), taken.reshape(len(token), -1)], dim=-1)
-        return _where(found, around.sees_others)
+        return _unless_blind(found, around.sees_others)
 
 
-def _where(
+def _unless_blind(
     values: Float[Tensor, "*#Z F"], sees_any: Float[Tensor, "Z 1"] | None
 ) -> Float[Tensor, "*Z F"]:
     """Nothing for those who see nothing."""
@@ -198,6 +198,6 @@ def _folded(
     )
 
 
-def _turned(weight: Float[Tensor, "O I"]) -> Float[Tensor, "I O"]:
+def _transposed(weight: Float[Tensor, "O I"]) -> Float[Tensor, "I O"]:
     """As it is multiplied fastest; a copy."""
     return weight.t().clone(memory_format=torch.contiguous_format)

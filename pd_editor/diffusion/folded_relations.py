@@ -1,6 +1,7 @@
 """How noisy poses lie to each other and to the road, in few operations.
 
-The features are those of ``pose_features``, in another order.
+The features are those of ``pose_features`` in another order; ``layer`` has the factors
+of those that are dampened.
 """
 
 import math
@@ -21,7 +22,7 @@ _NUM_SINES: Final = 2 * _NUM_RATES
 """Of both coordinates; there are as many cosines."""
 _NUM_WAVES: Final = 2 * _NUM_SINES
 _NUM_DAMPENED: Final = 5
-_FAR: Final = _NUM_WAVES + _NUM_DAMPENED
+_DISTANCE: Final = _NUM_WAVES + _NUM_DAMPENED
 """Where distance and direction are in ``pose_features``."""
 _NUM_OF_MIDDLE: Final = 4
 
@@ -62,13 +63,15 @@ class FoldedRelations:
     @property
     def order(self) -> list[int]:
         """Places of the features among those of ``pose_features``."""
-        of_middle = range(_FAR + 3, _FAR + 3 + _NUM_OF_MIDDLE * self._sees_middle)
+        of_middle = range(
+            _DISTANCE + 3, _DISTANCE + 3 + _NUM_OF_MIDDLE * self._sees_middle
+        )
         return [
             *range(0, _NUM_WAVES, 2),
             *range(1, _NUM_WAVES, 2),
-            *range(_NUM_WAVES, _FAR),
+            *range(_NUM_WAVES, _DISTANCE),
             *of_middle,
-            *range(_FAR, _FAR + 3),
+            *range(_DISTANCE, _DISTANCE + 3),
         ]
 
     def layer(self, weight: Float[Tensor, "R F"]) -> Float[Tensor, "F R"]:

@@ -54,6 +54,8 @@ _CROSSWALK: Final = NUM_PIECE_KINDS - 1
 _PEDESTRIAN: Final = len(AGENT_KINDS) - 1
 _NUM_PIECE_FACTS: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
 _NUM_LEVEL_WAVES: Final = 8
+PIECE_EXISTS: Final = 4
+"""Place in ``PoseContext.pieces``; what a piece is comes after it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,18 +249,18 @@ class PoseDenoiser(nn.Module):
             context.is_walking.repeat(1, num_versions),
             context.pieces[..., :2],
             context.is_crossing,
-            context.pieces[..., 4] > 0,
+            context.pieces[..., PIECE_EXISTS] > 0,
             self.config.num_near_pieces,
         )
         scene = torch.arange(len(nearest), device=nearest.device)[:, None, None]
         near = context.pieces[scene, nearest]
         relations = piece_relations(poses, near[..., :4])
-        facts = torch.cat([relations, near[..., 5:]], dim=-1)
+        facts = torch.cat([relations, near[..., PIECE_EXISTS + 1 :]], dim=-1)
         return NearPieces(
             axis=near[..., 2:4],
             facts=facts,
             relations=self.piece_relation(facts),
-            mask=Mask.of(near[:, :, None, :, 4] > 0),
+            mask=Mask.of(near[:, :, None, :, PIECE_EXISTS] > 0),
         )
 
     def _agent_token(

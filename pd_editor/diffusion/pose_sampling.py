@@ -64,7 +64,7 @@ def sample_states(
     """Draw initial states for all agents of B scenes that are not given.
 
     Yields after each step; a caller cancels by not asking for the next one. Sample k
-    of a seed is the same alone and among others.
+    of a seed is the same alone and among others, but for float rounding.
 
     Args:
         model: in evaluation mode; who draws often gives it folded.

@@ -11,7 +11,7 @@ class ParkingOptions:
     kerb_share: float = 0.22
     """Share of street sides along which vehicles park."""
     fullness: tuple[float, float] = (0.3, 0.97)
-    """Share of places taken along such a side, drawn between these."""
+    """About the share of such a side that is taken, drawn between these."""
     angled_share: float = 0.12
     """Share of street sides with places at an angle to the lane."""
     driveways_per_km: float = 1.6

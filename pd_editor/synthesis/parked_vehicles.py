@@ -29,6 +29,7 @@ STRIP_END_M: Final = 2.0
 KERB_END_M: Final = 3.0
 """Free space at both ends of a parking strip, and of a kerb."""
 
+PLACE_M: Final = 5.2
 SLOT_GAP_M: Final = (0.5, 1.6)
 """Between two places along the kerb."""
 
@@ -137,12 +138,12 @@ def _along(
 ) -> _Places:
     """Places one behind the other, ``aside_m`` to the right of a line."""
     length = arc_length(line)[-1] - 2 * end_m
-    num_slots = max(int(length / (5.2 + np.mean(SLOT_GAP_M))), 0)
+    num_slots = max(int(length / (PLACE_M + np.mean(SLOT_GAP_M))), 0)
     taken = random.uniform(*options.fullness)
     # Nothing marks the places, so that what stays free is of any length.
     is_followed = random.random(num_slots) < taken
-    free = random.exponential(5.2 / taken, num_slots)
-    pitch = 5.2 + random.uniform(*SLOT_GAP_M, num_slots) + free * ~is_followed
+    free = random.exponential(PLACE_M / max(taken, 1e-3), num_slots)
+    pitch = PLACE_M + random.uniform(*SLOT_GAP_M, num_slots) + free * ~is_followed
     at = end_m + random.uniform(0.0, 3.0) + np.cumsum(pitch)
     at = at[at < length + end_m]
     right = aside_m + random.normal(0.0, 0.18, len(at))

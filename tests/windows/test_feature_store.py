@@ -109,8 +109,8 @@ def test_going_on_finds_the_parts_that_are_there(tmp_path):
 def test_a_part_that_another_process_has_added_stays(tmp_path):
     open_for_writing(tmp_path, INDEX)
     for size in (3, 5):
-        write_part(tmp_path, "000", [some_scene(size, 3, 2)], ["a"], 0)
-    assert FeatureStore(tmp_path).num_agents.tolist() == [3]
+        write_part(tmp_path, "000", [some_scene(0, size, 2)], ["a"], 0)
+    assert FeatureStore(tmp_path).num_pieces.tolist() == [3]
     assert [one.name for one in tmp_path.iterdir() if one.name.startswith(".")] == []
 
 
