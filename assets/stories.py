@@ -134,7 +134,7 @@ STORIES: Final[tuple[Story, ...]] = (
         family="winding-street",
         seed=23,
         demand=DemandOptions(
-            flow_per_lane=260, pedestrians_per_km=8, parking=_parking(0.7)
+            flow_per_lane=260, pedestrians_per_km=8, parking=_parking(0.75)
         ),
         current_step=245,
         focal_id="car-0010",

@@ -24,29 +24,29 @@ class VehicleModel:
     """Median over drivers."""
     max_speed_mps: float
     lateral_m: float
-    """Scale of the place within the lane that drivers keep to."""
+    """Spread of the place within the lane that drivers keep to."""
 
 
 MODELS: Final[tuple[VehicleModel, ...]] = (
     VehicleModel(
         name="car", kind=AgentKind.VEHICLE, sumo_class="passenger",
         length_m=(4.65, 0.3), width_m=(1.88, 0.08), accel_mps2=2.0,
-        decel_mps2=2.3, max_speed_mps=40.0, lateral_m=0.3,
+        decel_mps2=2.3, max_speed_mps=40.0, lateral_m=0.42,
     ),
     VehicleModel(
         name="suv", kind=AgentKind.VEHICLE, sumo_class="passenger",
         length_m=(5.0, 0.25), width_m=(2.0, 0.06), accel_mps2=1.95,
-        decel_mps2=2.2, max_speed_mps=40.0, lateral_m=0.28,
+        decel_mps2=2.2, max_speed_mps=40.0, lateral_m=0.4,
     ),
     VehicleModel(
         name="van", kind=AgentKind.VEHICLE, sumo_class="delivery",
         length_m=(5.9, 0.5), width_m=(2.05, 0.08), accel_mps2=1.8,
-        decel_mps2=2.3, max_speed_mps=36.0, lateral_m=0.25,
+        decel_mps2=2.3, max_speed_mps=36.0, lateral_m=0.35,
     ),
     VehicleModel(
         name="truck", kind=AgentKind.VEHICLE, sumo_class="truck",
         length_m=(8.5, 1.2), width_m=(2.45, 0.08), accel_mps2=1.1,
-        decel_mps2=2.0, max_speed_mps=25.0, lateral_m=0.15,
+        decel_mps2=2.0, max_speed_mps=25.0, lateral_m=0.2,
     ),
     VehicleModel(
         name="bus", kind=AgentKind.BUS, sumo_class="bus",
@@ -77,11 +77,6 @@ ACCEL_OVER_SPEED: Final = (
 )  # fmt: skip
 """How much of their acceleration drivers still use at a speed in m/s."""
 
-LATERAL_TAILS: Final = 2.0
-"""Degrees of freedom of the law of places within lanes."""
-
-MAX_LATERAL_M: Final = 1.6
-
 PEDESTRIAN_SIZE_M: Final = (0.65, 0.7)
 
 
@@ -106,9 +101,7 @@ def draw_type(
         return float(np.clip(value, low * mean, mean / low))
 
     length, width = around(model.length_m, 0.85), around(model.width_m, 0.93)
-    # Most keep near the middle, some well aside: a Student law with heavy tails.
-    aside = model.lateral_m * random.standard_t(LATERAL_TAILS)
-    lateral = float(np.clip(aside, -MAX_LATERAL_M, MAX_LATERAL_M))
+    lateral = float(np.clip(random.normal(0.0, model.lateral_m), -1.1, 1.1))
     if model.kind is AgentKind.CYCLIST:
         lateral = -1.2 + lateral
     harsh = float(np.clip(random.normal(0.0, DECEL_SPREAD), -0.5, 0.5))
