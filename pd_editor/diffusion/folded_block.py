@@ -9,43 +9,10 @@ from dataclasses import dataclass
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
-from torch.nn.functional import layer_norm
 
 from pd_editor.diffusion.agent_block import AgentBlock
+from pd_editor.diffusion.folded_layers import Affine, Linear, Norm, linear_layers
 from pd_editor.diffusion.way_points import NEAR_M
-
-_Linear = tuple[Tensor, Tensor]
-"""Weight and bias."""
-
-
-class Affine:
-    """A linear layer, its weights as they are multiplied fastest."""
-
-    def __init__(self, layer: _Linear, like: Tensor) -> None:
-        """Weights are copied, onto the device of ``like`` and in its precision."""
-        weight, bias = layer
-        self._weight = weight.t().to(
-            like, copy=True, memory_format=torch.contiguous_format
-        )
-        self._bias = bias.to(like, copy=True)
-
-    def __call__(self, values: Float[Tensor, "Z I"]) -> Float[Tensor, "Z O"]:
-        """The layer's output."""
-        return torch.addmm(self._bias, values, self._weight)
-
-
-class Norm:
-    """A layer norm; with its weights it is faster than without, oddly."""
-
-    def __init__(self, norm: nn.Module) -> None:
-        """Weights are copied."""
-        assert isinstance(norm, nn.LayerNorm)
-        self._weight, self._bias = norm.weight.clone(), norm.bias.clone()
-        self._shape, self._epsilon = norm.normalized_shape, norm.eps
-
-    def __call__(self, values: Float[Tensor, "Z I"]) -> Float[Tensor, "Z I"]:
-        """Each row at mean 0 and variance 1, then with the weights."""
-        return layer_norm(values, self._shape, self._weight, self._bias, self._epsilon)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,20 +52,18 @@ class FoldedBlock:
         result = self._folded_result(_double(block.attended), block)
         self.attended = Affine(result, like)
         self.sizes = [2 * width, width, heads * self.edge_width, width, width]
-        second_norm, first, _, second = block.feed_forward
-        third_norm, guess = block.guess
-        assert isinstance(first, nn.Linear)
-        assert isinstance(second, nn.Linear)
-        assert isinstance(guess, nn.Linear)
+        first, second = linear_layers(block.feed_forward)
+        (guess,) = linear_layers(block.guess)
         self.first = Affine(_double(first), like)
         self.second = Affine(_double(second), like)
         self.guess = Affine(_double(guess), like)
-        self.norms = [Norm(one) for one in (block.norm, second_norm, third_norm)]
+        norms = (block.norm, block.feed_forward[0], block.guess[0])
+        self.norms = [Norm(one) for one in norms]
         factors = like.new_tensor([1.0, 1.0, NEAR_M])
         factors = factors.repeat_interleave(block.way_in.in_features // 3)
         self.way_in = (block.way_in.weight * factors).t().contiguous()
 
-    def _folded_queries(self, queries: _Linear, block: AgentBlock) -> _Linear:
+    def _folded_queries(self, queries: Linear, block: AgentBlock) -> Linear:
         """To things, to neighbours, to what edges add; own keys and values."""
         weight, bias = queries
         width, heads = self.width, self.num_heads
@@ -117,7 +82,7 @@ class FoldedBlock:
             ),
         )
 
-    def _folded_result(self, attended: _Linear, block: AgentBlock) -> _Linear:
+    def _folded_result(self, attended: Linear, block: AgentBlock) -> Linear:
         """Of things, of what edges add, of neighbours."""
         weight, bias = attended
         width, heads = self.width, self.num_heads
@@ -218,5 +183,5 @@ class FoldedBlock:
         return edge.relu_()
 
 
-def _double(layer: nn.Linear) -> _Linear:
+def _double(layer: nn.Linear) -> Linear:
     return layer.weight.double(), layer.bias.double()

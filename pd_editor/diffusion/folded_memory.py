@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import torch
 from jaxtyping import Bool, Float
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.functional import linear, pad
 
+from pd_editor.diffusion.folded_layers import linear_layers
 from pd_editor.diffusion.memory_encoder import MemoryEncoder
 
 
@@ -73,12 +74,9 @@ class _FoldedEncoder:
         self._dtype = torch.bfloat16 if is_fast and is_single else weight.dtype
         blocks, _, heads, _ = encoder.shape
         self.shape = (blocks, heads, weight.shape[1] // heads)
-        first, _, second, _ = encoder.things
-        assert isinstance(first, nn.Linear)
-        assert isinstance(second, nn.Linear)
         self._layers = [
             (self._copied(one.weight), self._copied(one.bias))
-            for one in (first, second)
+            for one in linear_layers(encoder.things)
         ]
         self._nothing = self._copied(encoder.nothing)
         by_block = (blocks, 2, -1)

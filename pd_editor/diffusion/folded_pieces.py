@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor, nn
 
-from pd_editor.diffusion.folded_block import Affine
+from pd_editor.diffusion.folded_layers import Affine, linear_layers
 from pd_editor.diffusion.folded_relations import FoldedRelations, NoiseFactors
 from pd_editor.diffusion.lane_votes import LaneVotes
 from pd_editor.diffusion.pose_denoiser import PIECE_EXISTS, PoseContext
@@ -42,9 +42,7 @@ class FoldedPieces:
         self, relation: nn.Sequential, votes: LaneVotes, num_nearest: int
     ) -> None:
         """Weights are copied."""
-        first, _, last = relation
-        assert isinstance(first, nn.Linear)
-        assert isinstance(last, nn.Linear)
+        first, last = linear_layers(relation)
         self.num_nearest = num_nearest
         self._width = last.out_features
         weight = votes.from_piece.weight

@@ -15,7 +15,12 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor, nn
 
-from pd_editor.diffusion.folded_block import Affine, Norm
+from pd_editor.diffusion.folded_layers import (
+    Affine,
+    Norm,
+    PlaneWaves,
+    linear_layers,
+)
 from pd_editor.diffusion.folded_pieces import FoldedPieces, NearRoad
 from pd_editor.diffusion.folded_pose_layer import Around, FoldedPoseLayer, RoadSeen
 from pd_editor.diffusion.folded_relations import FoldedRelations, NoiseFactors
@@ -32,7 +37,6 @@ from pd_editor.diffusion.scene_tensors import SceneTensors
 
 _GIVEN: Final = -1.0
 """The level of agents that are given."""
-_NUM_SINES: Final = 2 * len(PLACE_WAVELENGTHS_M)
 
 
 class FoldedPoseDenoiser:
@@ -47,11 +51,8 @@ class FoldedPoseDenoiser:
                 model.piece_relation, model.by_pieces, model.config.num_near_pieces
             )
             self.others = FoldedRelations(like, sees_middle=False)
-            _, _, of_pieces = model.piece_relation
-            first, _, last = model.pair_relation
-            assert isinstance(first, nn.Linear)
-            assert isinstance(last, nn.Linear)
-            assert isinstance(of_pieces, nn.Linear)
+            _, of_pieces = linear_layers(model.piece_relation)
+            first, last = linear_layers(model.pair_relation)
             features, facts = first.weight.split(
                 [NUM_AGENT_FEATURES, first.in_features - NUM_AGENT_FEATURES], dim=1
             )
@@ -76,20 +77,12 @@ class FoldedPoseDenoiser:
             )
 
     def _fold_state(self, layer: nn.Linear) -> None:
-        """The first layer, sines before cosines; a cosine is a sine a turn ahead."""
-        waves = NUM_STATE_PARTS + 2 * torch.arange(_NUM_SINES)
-        order = torch.cat([torch.arange(NUM_STATE_PARTS), waves, waves + 1])
+        """The first layer, for waves in the order in which they come here."""
         like = layer.weight
+        self.place_waves = PlaneWaves(PLACE_WAVELENGTHS_M, like)
+        waves = [NUM_STATE_PARTS + one for one in self.place_waves.order]
+        order = [*range(NUM_STATE_PARTS), *waves]
         self._state_in = Affine((like[:, order], layer.bias), like)
-        rates = [2 * math.pi / one for one in PLACE_WAVELENGTHS_M]
-        self.place_rates = like.new_tensor(rates)
-        self._place_matrix = like.new_zeros(2, 2 * _NUM_SINES)
-        for axis in (0, 1):
-            self._place_matrix[axis, axis::2] = self.place_rates.repeat(2)
-        self._place_shift = like.new_zeros(2 * _NUM_SINES)
-        self._place_shift[_NUM_SINES:] = math.pi / 2
-        wave = torch.arange(len(rates), device=like.device)
-        self.place_wave = wave.repeat_interleave(2).repeat(2)
 
     def drawing(
         self,
@@ -109,9 +102,8 @@ class FoldedPoseDenoiser:
         level: "_Level",
     ) -> Float[Tensor, "Z D"]:
         """What noisy states are taken for, by themselves."""
-        place = torch.addmm(
-            self._place_shift, position_m.flatten(0, 2), self._place_matrix
-        )
+        waves = self.place_waves
+        place = torch.addmm(waves.shift, position_m.flatten(0, 2), waves.matrix)
         place = place.sin_().view(*states.shape[:-1], -1) * level.place_fading
         given = torch.cat([states * level.factor_in, place], dim=-1)
         return self._state_in(given.flatten(0, 2))
@@ -156,13 +148,13 @@ class _Level:
     ) -> "_Level":
         """Of agents with some noise, in what they see of pieces, and of others."""
         factor_in, factor_skip, factor_out = preconditioning(scale)
-        place_noise = scale[..., :1] * POSITION_UNIT_M * network.place_rates
+        place_noise_m = scale[..., 0] * POSITION_UNIT_M
         return cls(
             token=token,
             factor_in=factor_in,
             factor_skip=factor_skip,
             factor_out=factor_out,
-            place_fading=place_noise.square().mul(-0.5).exp()[..., network.place_wave],
+            place_fading=network.place_waves.fading(place_noise_m),
             to_pieces=network.pieces.noise_factors(noise_m[0], turn_noise[0]),
             to_others=network.others.noise_factors(noise_m[1], turn_noise[1]),
         )
@@ -190,7 +182,7 @@ class _Levels:
         is_given: Bool[Tensor, "B A"],
     ) -> None:
         self._network = network
-        like = network.place_rates
+        like = network.place_waves.matrix
         level = torch.tensor([*levels, _GIVEN], dtype=like.dtype, device=like.device)
         self._token = network.model.level_tokens(level)
         self._scale = noise_scale(level).to(like)

@@ -16,7 +16,7 @@ from pd_editor.diffusion.attention import (
     KeysValues,
     NeighborAttention,
 )
-from pd_editor.diffusion.folded_block import Affine, Norm
+from pd_editor.diffusion.folded_layers import Affine, Norm, linear_layers
 from pd_editor.diffusion.pose_denoiser import PoseLayer
 
 
@@ -91,9 +91,7 @@ class FoldedPoseLayer:
         self._others_queries = _transposed(torch.cat([queries, parts]))
         self._others_result = torch.cat([seen, _transposed(others.from_values.weight)])
         self._others_sizes = [len(queries), width, width, width]
-        first, _, second = layer.think
-        assert isinstance(first, nn.Linear)
-        assert isinstance(second, nn.Linear)
+        first, second = linear_layers(layer.think)
         like = first.weight
         self._first = Affine((first.weight, first.bias), like)
         self._second = Affine((second.weight, second.bias), like)

@@ -4,23 +4,21 @@ The features are those of ``pose_features`` in another order; ``layer`` has the 
 of those that are dampened.
 """
 
-import math
 from typing import Final, NamedTuple
 
 import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
+from pd_editor.diffusion.folded_layers import PlaneWaves
 from pd_editor.diffusion.pose_features import (
     LEAST_NOISE_M,
     LEAST_TURN_NOISE,
     NEIGHBOR_WAVELENGTHS_M,
 )
 
-_NUM_RATES: Final = len(NEIGHBOR_WAVELENGTHS_M)
-_NUM_SINES: Final = 2 * _NUM_RATES
-"""Of both coordinates; there are as many cosines."""
-_NUM_WAVES: Final = 2 * _NUM_SINES
+_NUM_WAVES: Final = 4 * len(NEIGHBOR_WAVELENGTHS_M)
+"""Sines and cosines, of both coordinates."""
 _NUM_DAMPENED: Final = 5
 _DISTANCE: Final = _NUM_WAVES + _NUM_DAMPENED
 """Where distance and direction are in ``pose_features``."""
@@ -45,20 +43,15 @@ class FoldedRelations:
     def __init__(self, like: Tensor, *, sees_middle: bool) -> None:
         """Made on the device of ``like`` and in its precision."""
         self._sees_middle = sees_middle
-        rates = [2 * math.pi / one for one in NEIGHBOR_WAVELENGTHS_M]
-        self._rates = like.new_tensor(rates)
+        self._waves = PlaneWaves(NEIGHBOR_WAVELENGTHS_M, like)
         # Real and imaginary part of offset and direction, then of the third number.
         taken = [0, 1, 0, 1, 3, *([4, 5, 4, 5] if sees_middle else [])]
         matrix = like.new_zeros(max(taken) + 1, _NUM_WAVES + len(taken))
-        for axis in (0, 1):
-            matrix[axis, axis:_NUM_WAVES:2] = self._rates.repeat(2)
+        matrix[:2, :_NUM_WAVES] = self._waves.matrix
         matrix[taken, torch.arange(len(taken)) + _NUM_WAVES] = 1.0
-        # A cosine is a sine a quarter turn ahead.
         shift = like.new_zeros(matrix.shape[1])
-        shift[_NUM_SINES:_NUM_WAVES] = math.pi / 2
+        shift[:_NUM_WAVES] = self._waves.shift
         self._matrix, self._shift = matrix, shift
-        wave = torch.arange(_NUM_RATES, device=like.device)
-        self._wave = wave.repeat_interleave(2).repeat(2)
 
     @property
     def order(self) -> list[int]:
@@ -67,8 +60,7 @@ class FoldedRelations:
             _DISTANCE + 3, _DISTANCE + 3 + _NUM_OF_MIDDLE * self._sees_middle
         )
         return [
-            *range(0, _NUM_WAVES, 2),
-            *range(1, _NUM_WAVES, 2),
+            *self._waves.order,
             *range(_NUM_WAVES, _DISTANCE),
             *of_middle,
             *range(_DISTANCE, _DISTANCE + 3),
@@ -84,13 +76,12 @@ class FoldedRelations:
         self, noise_m: Float[Tensor, "*b"], turn_noise: Float[Tensor, "*b"]
     ) -> NoiseFactors:
         """What the standard deviations of places and directions make of features."""
-        fading = (noise_m[..., None] * self._rates).square().mul(-0.5).exp()
         one = torch.ones_like(noise_m)
         near = 1 / (noise_m + LEAST_NOISE_M)
         parts = [one, one, near, near, 1 / (turn_noise + LEAST_TURN_NOISE)]
         if self._sees_middle:
             parts += [one, one, near, near]
-        return NoiseFactors(fading[..., self._wave], torch.stack(parts, dim=-1))
+        return NoiseFactors(self._waves.fading(noise_m), torch.stack(parts, dim=-1))
 
     def __call__(
         self, parts: list[Complex[Tensor, "*b"]], factors: NoiseFactors

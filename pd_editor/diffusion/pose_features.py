@@ -5,7 +5,7 @@ import math
 from typing import Final, NamedTuple
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 PLACE_WAVELENGTHS_M: Final = (16.0, 32.0, 64.0, 128.0, 256.0)
@@ -106,7 +106,7 @@ def turned(
     return torch.view_as_real(as_complex(vectors) * as_complex(direction))
 
 
-def as_complex(vectors: Float[Tensor, "*b 2"]) -> Tensor:
+def as_complex(vectors: Float[Tensor, "*b 2"]) -> Complex[Tensor, "*b"]:
     """As complex numbers, of which turning takes one operation."""
     vectors = vectors.contiguous()
     # A part of a row counts as contiguous where there is only one row.

@@ -1,0 +1,79 @@
+"""What folded networks are made of: layers and waves, as they are computed fastest."""
+
+import math
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import layer_norm
+
+Linear = tuple[Tensor, Tensor]
+"""Weight and bias."""
+
+
+class Affine:
+    """A linear layer, its weights as they are multiplied fastest."""
+
+    def __init__(self, layer: Linear, like: Tensor) -> None:
+        """Weights are copied, onto the device of ``like`` and in its precision."""
+        weight, bias = layer
+        self._weight = weight.t().to(
+            like, copy=True, memory_format=torch.contiguous_format
+        )
+        self._bias = bias.to(like, copy=True)
+
+    def __call__(self, values: Float[Tensor, "Z I"]) -> Float[Tensor, "Z O"]:
+        """The layer's output."""
+        return torch.addmm(self._bias, values, self._weight)
+
+
+class Norm:
+    """A layer norm; with its weights it is faster than without, oddly."""
+
+    def __init__(self, norm: nn.Module) -> None:
+        """Weights are copied."""
+        assert isinstance(norm, nn.LayerNorm)
+        self._weight, self._bias = norm.weight.clone(), norm.bias.clone()
+        self._shape, self._epsilon = norm.normalized_shape, norm.eps
+
+    def __call__(self, values: Float[Tensor, "Z I"]) -> Float[Tensor, "Z I"]:
+        """Each row at mean 0 and variance 1, then with the weights."""
+        return layer_norm(values, self._shape, self._weight, self._bias, self._epsilon)
+
+
+class PlaneWaves:
+    """Waves along both axes: all sines, then all cosines, each pair x before y.
+
+    A cosine is a sine a quarter turn ahead, so that one call computes all.
+    """
+
+    def __init__(self, wavelengths: Sequence[float], like: Tensor) -> None:
+        """Made on the device of ``like`` and in its precision."""
+        self._rates = like.new_tensor([2 * math.pi / one for one in wavelengths])
+        num_sines = 2 * len(wavelengths)
+        self.number = 2 * num_sines
+        self.matrix = like.new_zeros(2, self.number)
+        """From coordinates to angles."""
+        for axis in (0, 1):
+            self.matrix[axis, axis::2] = self._rates.repeat(2)
+        self.shift = like.new_zeros(self.number)
+        """Added to the angles."""
+        self.shift[num_sines:] = math.pi / 2
+        wave = torch.arange(len(wavelengths), device=like.device)
+        self._wave = wave.repeat_interleave(2).repeat(2)
+
+    @property
+    def order(self) -> list[int]:
+        """Places of the waves where each sine stands before its own cosine."""
+        return [*range(0, self.number, 2), *range(1, self.number, 2)]
+
+    def fading(self, noise: Float[Tensor, "*b"]) -> Float[Tensor, "*b W"]:
+        """What is expected of each wave if its place has noise: exp(-(k s)^2 / 2)."""
+        fading = (noise[..., None] * self._rates).square().mul(-0.5).exp()
+        return fading[..., self._wave]
+
+
+def linear_layers(module: nn.Module) -> list[nn.Linear]:
+    """The linear layers of a chain, in its order."""
+    return [layer for layer in module.children() if isinstance(layer, nn.Linear)]
