@@ -17,7 +17,7 @@ from pd_editor.synthesis.network import Network
 from pd_editor.synthesis.parked_vehicles import ParkedVehicles, draw_parked_vehicles
 from pd_editor.synthesis.signal_plans import draw_signal_plans
 from pd_editor.synthesis.sumo_states import read_raw_tracks
-from pd_editor.synthesis.sumo_tools import run_sumo_tool
+from pd_editor.synthesis.sumo_tools import SIMULATION_LIMIT_S, run_sumo_tool
 from pd_editor.synthesis.traffic_graph import TrafficGraph, read_traffic_graph
 from pd_editor.synthesis.traffic_tracks import TrafficTracks, traffic_tracks
 from pd_editor.synthesis.walkers import draw_walkers
@@ -125,7 +125,7 @@ def _run(folder: Path, seed: int, end_s: float) -> None:
     quiet = "--no-step-log true --no-warnings true --duration-log.disable true"
     quiet += " --xml-validation never"
     arguments = f"{files} {clock} {model} {rules} {quiet}".split()
-    run_sumo_tool("sumo", arguments, folder)
+    run_sumo_tool("sumo", arguments, folder, limit_s=SIMULATION_LIMIT_S)
 
 
 def _recording(

@@ -11,6 +11,9 @@ from pd_editor.errors import SynthesisError
 
 TIME_LIMIT_S: Final = 60.0
 """A network takes well under a second; beyond this something hangs."""
+SIMULATION_LIMIT_S: Final = 900.0
+"""Crowded networks take up to half a minute of a core; many may share that core, and
+what is made must not depend on it."""
 
 
 def sumo_tool(name: str) -> Path:
@@ -36,25 +39,28 @@ def sumo_tool(name: str) -> Path:
     return Path(found)
 
 
-def run_sumo_tool(name: str, arguments: list[str], folder: Path) -> None:
-    """Run a SUMO tool in a folder.
+def run_sumo_tool(
+    name: str, arguments: list[str], folder: Path, *, limit_s: float | None = None
+) -> None:
+    """Run a SUMO tool in a folder, by default for a minute at most.
 
     Raises:
         SynthesisError: SUMO is not installed, the tool failed, or took too long.
     """
     command = [str(sumo_tool(name)), *arguments]
+    limit_s = TIME_LIMIT_S if limit_s is None else limit_s
     try:
         result = subprocess.run(
             command,
             cwd=folder,
             capture_output=True,
             text=True,
-            timeout=TIME_LIMIT_S,
+            timeout=limit_s,
             check=False,
         )
     except subprocess.TimeoutExpired as error:
         raise SynthesisError(
-            f"{folder}: {name} did not finish within {TIME_LIMIT_S:.0f} s."
+            f"{folder}: {name} did not finish within {limit_s:.0f} s."
         ) from error
     if result.returncode != 0:
         said = [line for line in result.stderr.splitlines() if "Error" in line]

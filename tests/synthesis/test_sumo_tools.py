@@ -4,7 +4,7 @@ import pytest
 
 from pd_editor.errors import SynthesisError
 from pd_editor.synthesis import sumo_tools
-from pd_editor.synthesis.sumo_tools import run_sumo_tool, sumo_tool
+from pd_editor.synthesis.sumo_tools import SIMULATION_LIMIT_S, run_sumo_tool, sumo_tool
 
 
 def test_tools_are_found_where_pip_put_them() -> None:
@@ -40,3 +40,14 @@ def test_a_tool_that_hangs_is_stopped(
     monkeypatch.setattr(sumo_tools, "TIME_LIMIT_S", 0.2)
     with pytest.raises(SynthesisError, match="did not finish within"):
         run_sumo_tool("netconvert", [], tmp_path)
+
+
+def test_a_simulation_may_take_longer_than_other_tools(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    slow = tmp_path / "sumo"
+    slow.write_text("#!/bin/sh\nexec sleep 0.5\n")
+    slow.chmod(0o755)
+    monkeypatch.setattr(sumo_tools, "sumo_tool", lambda _: slow)
+    monkeypatch.setattr(sumo_tools, "TIME_LIMIT_S", 0.1)
+    run_sumo_tool("sumo", [], tmp_path, limit_s=SIMULATION_LIMIT_S)
