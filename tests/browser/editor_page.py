@@ -62,7 +62,7 @@ class EditorPage:
     def workspace(self):
         return self._tab()._workspace
 
-    def until(self, condition: Callable[[], object], what: str, seconds: float = 15.0):
+    def until(self, condition: Callable[[], object], what: str, seconds: float = 30.0):
         """Wait for the server's state; the browser goes on meanwhile."""
         end = time.monotonic() + seconds
         while True:
