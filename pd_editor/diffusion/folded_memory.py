@@ -45,9 +45,8 @@ class FoldedMemory:
         most = 1 + max(one.exists.shape[1] for one in both)
         blocks, heads, channels = self._encoders[0].shape
         shape = (blocks, len(like), 2 * heads)
-        # What is not there counts nothing, but must be finite.
-        keys = like.new_zeros(*shape, channels, most)
-        values = like.new_zeros(*shape, most, channels)
+        keys = like.new_empty(*shape, channels, most)
+        values = like.new_empty(*shape, most, channels)
         masks: list[Tensor] = []
         for index, things in enumerate(both):
             own = slice(index * heads, (index + 1) * heads)
@@ -55,6 +54,9 @@ class FoldedMemory:
             of_keys, of_values = self._encoders[index].keys_values(things.facts)
             keys[:, :, own, :, :number].copy_(of_keys)
             values[:, :, own, :number].copy_(of_values)
+            # What is not there counts nothing, but must be finite.
+            keys[:, :, own, :, number:] = 0.0
+            values[:, :, own, number:] = 0.0
             exists = pad(pad(things.exists, (1, 0), value=True), (0, most - number))
             masks.append(minus_infinity_unless(exists, like))
         hidden = torch.stack(masks, dim=1).repeat_interleave(heads, 1)[:, :, None]
