@@ -1,7 +1,7 @@
 """All generators by name; heavy ones are made when they are asked for."""
 
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -43,24 +43,49 @@ def _shipped_model(device: DeviceName = "auto") -> "PathDiffuser":
     return _path_diffuser(models_folder() / SHIPPED_MODEL, SHIPPED_MODEL, device)
 
 
+def _model_offer(make: Callable[[], "PathDiffuser"]) -> GeneratorOffer:
+    return GeneratorOffer(
+        make=make,
+        draws_states=True,
+        default_num_steps=NUM_STEPS,
+        default_guidance=DEFAULT_WEIGHT,
+        default_num_tries=NUM_TRIES,
+        warm_up=lambda: make().warm_up(),
+    )
+
+
 def _offers() -> dict[str, GeneratorOffer]:
     """The shipped model first, if its weights are there."""
     offers: dict[str, GeneratorOffer] = {}
     if (models_folder() / SHIPPED_MODEL / MODEL_CONFIG).is_file():
-        offers[SHIPPED_MODEL] = GeneratorOffer(
-            make=_shipped_model,
-            draws_states=True,
-            default_num_steps=NUM_STEPS,
-            default_guidance=DEFAULT_WEIGHT,
-            default_num_tries=NUM_TRIES,
-            warm_up=lambda: _shipped_model().warm_up(),
-        )
+        offers[SHIPPED_MODEL] = _model_offer(_shipped_model)
     offers["lane-follower"] = GeneratorOffer(make=_lane_follower)
     return offers
 
 
 GENERATORS: Final[Mapping[str, GeneratorOffer]] = _offers()
 DEFAULT_GENERATOR: Final = next(iter(GENERATORS))
+
+
+def offers_with(models: Sequence[Path]) -> Mapping[str, GeneratorOffer]:
+    """All generators, before them the models in some folders, named after those.
+
+    Raises:
+        GenerationError: a folder holds no model, or has the name of another generator.
+    """
+    offers: dict[str, GeneratorOffer] = {}
+    for folder in map(Path.resolve, models):
+        name = folder.name
+        if not (folder / MODEL_CONFIG).is_file():
+            raise GenerationError(
+                f"{folder}: not a trained model; expected a folder with {MODEL_CONFIG}."
+            )
+        if name in offers or name in GENERATORS:
+            raise GenerationError(
+                f"{folder}: there is a generator {name!r} already; rename the folder."
+            )
+        offers[name] = _model_offer(partial(_path_diffuser, folder, name))
+    return {**offers, **GENERATORS}
 
 
 def make_generator(name: str, *, device: DeviceName = "auto") -> ScenarioGenerator:

@@ -1,8 +1,16 @@
+from pathlib import Path
+
 import pytest
 
 from pd_editor.errors import GenerationError
 from pd_editor.generation import ScenarioGenerator
-from pd_editor.generators import DEFAULT_GENERATOR, GENERATORS, make_generator
+from pd_editor.generators import (
+    DEFAULT_GENERATOR,
+    GENERATORS,
+    MODEL_CONFIG,
+    make_generator,
+    offers_with,
+)
 
 
 @pytest.mark.parametrize("name", GENERATORS)
@@ -30,3 +38,29 @@ def test_a_gpu_is_asked_for_in_vain(monkeypatch: pytest.MonkeyPatch):
 def test_others_are_refused():
     with pytest.raises(GenerationError, match="There is no generator 'crystal-ball'"):
         make_generator("crystal-ball")
+
+
+def model_folder(path: Path) -> Path:
+    path.mkdir(parents=True)
+    (path / MODEL_CONFIG).write_text("{}")
+    return path
+
+
+def test_models_of_a_users_own_come_first(tmp_path: Path):
+    folders = [model_folder(tmp_path / name) for name in ("mine", "other")]
+    offers = offers_with(folders)
+    assert list(offers) == ["mine", "other", *GENERATORS]
+    assert [offers[name].make().name for name in ("mine", "other")] == ["mine", "other"]
+    assert offers_with(()) == GENERATORS
+
+
+def test_folders_that_are_no_models_are_refused(tmp_path: Path):
+    with pytest.raises(GenerationError, match="not a trained model; expected a folder"):
+        offers_with([tmp_path])
+
+
+@pytest.mark.parametrize("taken", [DEFAULT_GENERATOR, "mine"])
+def test_two_generators_of_one_name_are_refused(tmp_path: Path, taken: str):
+    folders = [model_folder(tmp_path / parent / taken) for parent in ("a", "b")]
+    with pytest.raises(GenerationError, match="already; rename the folder"):
+        offers_with(folders)

@@ -15,6 +15,16 @@ FolderOption = Annotated[str | Path, tyro.conf.arg(metavar="DIR")]
 OptionalFolder = Annotated[
     Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(optional)")
 ]
+OptionalFolders = Annotated[
+    str | Path | tuple[str | Path, ...],
+    tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(optional)"),
+]
 Switch = Annotated[
     bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")
 ]
+
+
+def folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
+    """One folder or several, each once."""
+    several = value if isinstance(value, tuple) else (value,)
+    return tuple(dict.fromkeys(map(Path, several)))

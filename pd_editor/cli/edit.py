@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.arguments import OptionalFolder
+from pd_editor.cli.arguments import OptionalFolder, OptionalFolders, folders
 from pd_editor.errors import InputError
 
 DEFAULT_DEMO = "signalised-junction"
@@ -24,6 +24,7 @@ def edit(
     port: Annotated[int, tyro.conf.arg(metavar="PORT")] = 8080,
     data: OptionalFolder = None,
     library: OptionalFolder = None,
+    models: OptionalFolders = (),
 ) -> None:
     """Start the browser editor, print its address, and serve until interrupted.
 
@@ -33,12 +34,18 @@ def edit(
         port: Port to listen on; the next free one if it is taken.
         data: Root of an Argoverse 2 dataset to browse.
         library: Folder for unfinished work; ~/.local/state/pd-editor if not given.
+        models: Folders of trained models to offer beside the shipped one.
     """
     from pd_editor.viewer.viewer_app import ViewerApp
 
     _check_address(host, port)
     app = ViewerApp(
-        reference=str(scenario), host=host, port=port, data_root=data, library=library
+        reference=str(scenario),
+        host=host,
+        port=port,
+        data_root=data,
+        library=library,
+        models=folders(models),
     )
     sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")
     sys.stdout.flush()

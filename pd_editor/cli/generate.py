@@ -8,7 +8,12 @@ import tyro
 from pd_editor.cli.arguments import FolderOption, ScenarioArgument, Switch
 from pd_editor.cli.outcome import Outcome, write_session
 from pd_editor.cli.progress import run_showing_progress
-from pd_editor.diffusion.defaults import DeviceName
+from pd_editor.diffusion.defaults import (
+    DEFAULT_WEIGHT,
+    NUM_STEPS,
+    NUM_TRIES,
+    DeviceName,
+)
 from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import GenerationError
@@ -37,11 +42,17 @@ RegionOption = Annotated[
     tuple[float, float, float] | None,
     tyro.conf.arg(metavar="X Y HALF_SIDE", help_behavior_hint="(optional)"),
 ]
-CountOption = Annotated[
-    int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(model's own)")
+StepsOption = Annotated[
+    int | None,
+    tyro.conf.arg(metavar="N", help_behavior_hint=f"(default: {NUM_STEPS})"),
+]
+TriesOption = Annotated[
+    int | None,
+    tyro.conf.arg(metavar="N", help_behavior_hint=f"(default: {NUM_TRIES})"),
 ]
 WeightOption = Annotated[
-    float | None, tyro.conf.arg(metavar="W", help_behavior_hint="(model's own)")
+    float | None,
+    tyro.conf.arg(metavar="W", help_behavior_hint=f"(default: {DEFAULT_WEIGHT})"),
 ]
 ShareOption = Annotated[
     float | None, tyro.conf.arg(metavar="P", help_behavior_hint="(as on such roads)")
@@ -61,9 +72,9 @@ def generate(
     only_on_road: Switch = False,
     region: RegionOption = None,
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
-    steps: CountOption = None,
+    steps: StepsOption = None,
     keep_to_lanes: WeightOption = None,
-    tries: CountOption = None,
+    tries: TriesOption = None,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
     device: DeviceName = "auto",
@@ -82,11 +93,11 @@ def generate(
         only_on_road: Draw no vehicles far from lanes, such as on parking lots.
         region: Square of the scene in which states are drawn, in metres.
         samples: How many samples to draw.
-        steps: Denoising steps.
-        keep_to_lanes: Strength of the guidance towards the lanes, 0 for none.
+        steps: Denoising steps of futures; for states the model has its own number.
+        keep_to_lanes: Strength of the guidance towards the lanes, from 0 for none to 1.
         tries: Futures of each agent, of which those that avoid others are taken; who would still run into somebody waits. 0: as drawn.
         seed: Seed of the draw; the same seed gives the same files.
-        model: Name of the generator.
+        model: path-diffuser, lane-follower (futures only), or the folder of a trained model.
         device: Where a model computes; auto takes a GPU if there is one.
         overwrite: Replace what earlier runs wrote.
     """

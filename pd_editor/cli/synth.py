@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, Switch
+from pd_editor.cli.arguments import FolderOption, OptionalFolders, Switch, folders
 from pd_editor.cli.progress import progress_shown
 from pd_editor.errors import InputError
 from pd_editor.synthesis.corpus import CorpusPlan, CorpusRecord, build_corpus
@@ -22,10 +22,6 @@ from pd_editor.synthesis.realism import realism_report
 from pd_editor.work_engine import LocalProcesses
 
 _MAX_REASONS = 5
-OptionalFolders = Annotated[
-    str | Path | tuple[str | Path, ...],
-    tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(optional)"),
-]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,11 +77,11 @@ def synth(
         out: New folder for the scenarios, and manifest.json with what they are.
         num: Number of scenarios.
         seed: Seed of all draws; the same seed gives the same files.
-        families: Families of roads to draw.
+        families: Families of roads to draw: grid, downtown, town, arterial, t-junctions, roundabout, merge, slip-lanes, winding-street, dead-ends.
         maps: Roots of Argoverse 2 datasets, on whose maps to drive instead.
-        report: Also compare with real scenes below the first folder, and with others.
+        report: Write realism.md too: distances to real scenes below the first folder, and between those and scenes below a second one, if given.
         shards: Write compact shards for training instead of scenario folders.
-        noise: Blur states and break off tracks as a tracker does.
+        noise: Blur states and break off tracks as a tracker does; not with --shards.
         workers: Processes to use; they do not change the files.
         resume: Go on with an earlier run of the same settings.
     """
@@ -96,7 +92,7 @@ def synth(
         num=num,
         seed=seed,
         families=tuple(dict.fromkeys(families)),
-        maps=_folders(maps),
+        maps=folders(maps),
         as_shards=shards,
         with_noise=noise,
     )
@@ -119,17 +115,12 @@ def _engine(workers: int | None) -> LocalProcesses:
 
 def _real_roots(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
     """Folders of real scenes to compare with; refused before the work begins."""
-    roots = _folders(value)
+    roots = folders(value)
     if len(roots) > 2:
         raise InputError("--report takes one folder of real scenes, or two.")
     for root in roots:
         scenario_folders((root,))
     return roots
-
-
-def _folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
-    several = value if isinstance(value, tuple) else (value,)
-    return tuple(dict.fromkeys(map(Path, several)))
 
 
 def _reported(folder: CorpusFolder, roots: tuple[Path, ...]) -> tuple[Path, ...]:

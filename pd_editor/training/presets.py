@@ -24,7 +24,7 @@ PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
     "traj": {
         "default": Preset(
             model=asdict(TrajectoryConfig()),
-            optimisation=Optimisation(batch_size=16),
+            optimisation=Optimisation(batch_size=16, learning_rate=1.5e-3),
             minutes=20.0,
         ),
         "gpu": Preset(
@@ -43,7 +43,7 @@ PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
     "init": {
         "default": Preset(
             model=asdict(PoseDenoiserConfig()),
-            optimisation=Optimisation(batch_size=16),
+            optimisation=Optimisation(batch_size=16, learning_rate=2e-3),
             minutes=30.0,
         ),
         "gpu": Preset(

@@ -5,6 +5,7 @@ import logging
 import os
 import secrets
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +13,7 @@ import viser
 
 from pd_editor.av2_io.dataset import DatasetIndex
 from pd_editor.errors import PdEditorError
-from pd_editor.generators import GENERATORS
+from pd_editor.generators import offers_with
 from pd_editor.scenario_store import open_scenario
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.server_guard import LOOPBACK_HOSTS, guarded_server
@@ -44,12 +45,15 @@ class ViewerApp:
         port: int = 8080,
         data_root: Path | None = None,
         library: Path | None = None,
+        models: Sequence[Path] = (),
     ) -> None:
-        """Start serving.
+        """Start serving, with the models in some folders among the generators.
 
         Raises:
+            GenerationError: a folder holds no model.
             InputError: the scenario or the dataset root cannot be opened.
         """
+        self._offers = offers_with(models)
         self._scenario = open_scenario(reference)
         self._dataset = None if data_root is None else DatasetIndex(data_root)
         self._journals = (library or default_library()) / "journals"
@@ -57,7 +61,7 @@ class ViewerApp:
         self._tabs: dict[int, tuple[str, BrowserSession]] = {}
         self._is_local = host in LOOPBACK_HOSTS
         self._lock = threading.Lock()
-        self._warm_up = threading.Timer(WARM_UP_AFTER_S, _warm_up_generators)
+        self._warm_up = threading.Timer(WARM_UP_AFTER_S, self._warm_up_generators)
         self._warm_up.daemon = True
         self._warms_up = False
         self.server = guarded_server(host, port)
@@ -111,7 +115,7 @@ class ViewerApp:
                     is_local=self._is_local,
                 )
             workspace = self._workspaces[key]
-            tab = BrowserSession(client, workspace, GENERATORS)
+            tab = BrowserSession(client, workspace, self._offers)
             if client.client_id not in self.server.get_clients():
                 return
             self._tabs[client.client_id] = (key, tab)
@@ -131,21 +135,20 @@ class ViewerApp:
         with self._lock:
             self._tabs.pop(client.client_id, None)
 
+    def _warm_up_generators(self) -> None:
+        """Load what the first generation would wait for; it says itself what is wrong."""
+        for name, offer in self._offers.items():
+            if offer.warm_up is None:
+                continue
+            try:
+                offer.warm_up()
+            except PdEditorError as error:
+                _LOG.info("%s cannot be prepared: %s", name, error)
+
     def _forget_old(self, in_use: set[str]) -> None:
         idle = [key for key in self._workspaces if key not in in_use]
         for key in idle[: max(len(idle) - MAX_KEPT_WORKSPACES + 1, 0)]:
             self._workspaces.pop(key).close()
-
-
-def _warm_up_generators() -> None:
-    """Load what the first generation would wait for; it says itself what is wrong."""
-    for name, offer in GENERATORS.items():
-        if offer.warm_up is None:
-            continue
-        try:
-            offer.warm_up()
-        except PdEditorError as error:
-            _LOG.info("%s cannot be prepared: %s", name, error)
 
 
 def _stored_keys(client: viser.ClientHandle) -> list[str]:

@@ -37,6 +37,7 @@ def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyP
         "port": 8123,
         "data_root": Path("somewhere"),
         "library": None,
+        "models": (),
     }
 
 
@@ -49,6 +50,7 @@ def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyP
         ("--host ...", "...: cannot be listened on"),
         ("nowhere", "nowhere: is neither a scenario folder nor a demo"),
         ("--data nowhere", "nowhere: there is no such dataset folder"),
+        ("--models nowhere", "nowhere: not a trained model"),
     ],
 )
 def test_what_cannot_be_served_is_refused(shell: Shell, options: str, sentence: str):

@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from pd_editor import generators
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.errors import GenerationError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.generation import LANE_GUIDANCE, GeneratorOffer, GuidanceTerm
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.viewer import viewer_app
 from pd_editor.viewer.panels.generation_panel import (
     ADD_AGENTS,
     AROUND_VIEW,
@@ -36,7 +36,7 @@ def placing(monkeypatch) -> PlacingGenerator:
         ),
         "plain": GeneratorOffer(make=lambda: generator),
     }
-    monkeypatch.setattr(viewer_app, "GENERATORS", offers)
+    monkeypatch.setattr(generators, "GENERATORS", offers)
     return generator
 
 
