@@ -1,7 +1,7 @@
 """Runs all benchmarks, one after the other: ``python -m tests.benchmarks [NAME ...]``.
 
-What a benchmark needs, PD_EDITOR_AV2 or Chromium, its docstring says; without it, it is
-skipped aloud. Each runs in a process of its own.
+What a benchmark needs, PD_EDITOR_AV2, PD_EDITOR_CORPUS or Chromium, its docstring says;
+without it, it is skipped aloud. Each runs in a process of its own.
 """
 
 import ast
@@ -28,8 +28,9 @@ def benchmarks() -> dict[str, str]:
 
 def missing(docstring: str) -> str | None:
     """What a benchmark needs and this machine lacks."""
-    if "PD_EDITOR_AV2" in docstring and "PD_EDITOR_AV2" not in os.environ:
-        return "PD_EDITOR_AV2 is not set"
+    for name in ("PD_EDITOR_AV2", "PD_EDITOR_CORPUS"):
+        if name in docstring and name not in os.environ:
+            return f"{name} is not set"
     if "Chromium" in docstring and chromium_path() is None:
         return "there is no Chromium"
     return None

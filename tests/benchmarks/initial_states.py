@@ -2,7 +2,7 @@
 
 Reads full scenes under PD_EDITOR_AV2; recorded counts and kinds in the square of
 half side 62 m around the focal agent. ``python -m tests.benchmarks.initial_states
---model FOLDER [--split train|val|all] [--samples 3] [--steps 20]``.
+[--model FOLDER] [--split train|val|all] [--samples 3] [--steps 10]``.
 """
 
 import argparse
@@ -23,12 +23,18 @@ from pd_editor.diffusion.pose_context import TOLD_NO, drawing_task
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.pose_guidance import WITHIN_LANES, PoseGuidance
-from pd_editor.diffusion.pose_sampling import PoseSamplerConfig, sample_states
+from pd_editor.diffusion.pose_sampling import (
+    NUM_STEPS,
+    PoseSamplerConfig,
+    sample_states,
+)
 from pd_editor.diffusion.pose_traits import TraitWishes, with_traits
 from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS
 from pd_editor.evaluation.distances import STATE_METRICS
 from pd_editor.generation import TrafficSample
+from pd_editor.generators import SHIPPED_MODEL
+from pd_editor.installed_files import models_folder
 from pd_editor.metrics.box_overlap import box_overlap
 from pd_editor.metrics.center_collision import init_collision_2m
 from pd_editor.metrics.distribution_distance import HISTOGRAMS
@@ -358,10 +364,10 @@ def print_times(
 def main() -> None:
     """Print the table and the time."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--model", type=Path, required=True)
+    parser.add_argument("--model", type=Path, default=models_folder() / SHIPPED_MODEL)
     parser.add_argument("--split", default="train")
     parser.add_argument("--samples", type=int, default=3)
-    parser.add_argument("--steps", type=int, nargs="+", default=[20])
+    parser.add_argument("--steps", type=int, nargs="+", default=[NUM_STEPS])
     parser.add_argument("--paper-agents", action="store_true")
     parser.add_argument("--no-repair", action="store_true")
     options = parser.parse_args()

@@ -1,11 +1,11 @@
-"""How fast both stages train: python -m tests.benchmarks.training_speed ROOT [CACHE].
+"""How fast both stages train on the scenarios in the folder PD_EDITOR_CORPUS.
 
 CPU seconds of the process are counted, so that other work on the machine matters
 little; with one thread they are what the clock shows on a quiet machine.
 """
 
+import os
 import statistics
-import sys
 import time
 from pathlib import Path
 
@@ -30,9 +30,8 @@ _STEPS = 30
 
 def main() -> None:
     torch.set_num_threads(1)
-    root = Path(sys.argv[1])
-    cache = Path(sys.argv[2]) if len(sys.argv) > 2 else default_cache()
-    prepared = prepared_data([root], cache)
+    root = Path(os.environ["PD_EDITOR_CORPUS"])
+    prepared = prepared_data([root], default_cache())
     data = training_data(prepared.store, Budget(), seed=0)
     print(
         f"{len(prepared.store)} scenes, {prepared.store.num_agents.mean():.1f} agents"
