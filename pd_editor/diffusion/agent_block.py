@@ -93,10 +93,9 @@ class AgentBlock(nn.Module):
         heads = seen.flatten(0, 1).unflatten(-1, (2, self.num_heads, -1))
         keys, values = heads.permute(2, 0, 3, 1, 4)
         exists = context.has_neighbor.expand(len(query), *(-1,) * 4).flatten(0, 1)
-        found = nn.functional.scaled_dot_product_attention(
-            query.flatten(0, 1).unflatten(-1, (self.num_heads, 1, -1)),
-            keys,
-            values,
-            attn_mask=exists,
-        )
+        # Fused kernels for GPUs take 65,535 rows only, some of them, and ours are more.
+        queries = query.flatten(0, 1).unflatten(-1, (self.num_heads, 1, -1))
+        weights = queries * queries.shape[-1] ** -0.5 @ keys.mT
+        weights = weights.masked_fill(~exists, -torch.inf).softmax(dim=-1)
+        found = weights.to(values.dtype) @ values
         return found.flatten(1).unflatten(0, query.shape[:2])

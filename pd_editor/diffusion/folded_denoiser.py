@@ -59,7 +59,7 @@ class FoldedDenoiser:
     """Weights of a denoiser, put together so that a step is few operations."""
 
     def __init__(self, model: TrajectoryDenoiser) -> None:
-        """Weights are copied: the model may be trained on."""
+        """Fold again after training: some weights are copied, some are the model's."""
         self.model = model
         self.num_heads = model.config.num_heads
         with torch.no_grad():

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import layer_norm
 
@@ -50,28 +50,43 @@ class PlaneWaves:
 
     def __init__(self, wavelengths: Sequence[float], like: Tensor) -> None:
         """Made on the device of ``like`` and in its precision."""
-        self._rates = like.new_tensor([2 * math.pi / one for one in wavelengths])
+        rates = like.new_tensor([2 * math.pi / one for one in wavelengths])
         num_sines = 2 * len(wavelengths)
         self.number = 2 * num_sines
-        self.matrix = like.new_zeros(2, self.number)
-        """From coordinates to angles."""
-        for axis in (0, 1):
-            self.matrix[axis, axis::2] = self._rates.repeat(2)
+        self.rate = rates.repeat_interleave(2).repeat(2)
+        """Radians for each metre."""
+        self.axis = torch.arange(self.number, device=like.device) % 2
+        """0 for waves along x, 1 along y."""
         self.shift = like.new_zeros(self.number)
         """Added to the angles."""
         self.shift[num_sines:] = math.pi / 2
-        wave = torch.arange(len(wavelengths), device=like.device)
-        self._wave = wave.repeat_interleave(2).repeat(2)
 
     @property
     def order(self) -> list[int]:
         """Places of the waves where each sine stands before its own cosine."""
         return [*range(0, self.number, 2), *range(1, self.number, 2)]
 
+    def __call__(self, points_m: Float[Tensor, "Z 2"]) -> Float[Tensor, "Z W"]:
+        """The waves at some points."""
+        return scaled_columns(points_m, self.axis, self.rate, self.shift).sin_()
+
     def fading(self, noise: Float[Tensor, "*b"]) -> Float[Tensor, "*b W"]:
         """What is expected of each wave if its place has noise: exp(-(k s)^2 / 2)."""
-        fading = (noise[..., None] * self._rates).square().mul(-0.5).exp()
-        return fading[..., self._wave]
+        return (noise[..., None] * self.rate).square().mul(-0.5).exp()
+
+
+def scaled_columns(
+    values: Float[Tensor, "Z I"],
+    column: Int[Tensor, "O"],
+    factor: Float[Tensor, "O"],
+    shift: Float[Tensor, "O"],
+) -> Float[Tensor, "Z O"]:
+    """Some columns, each with a factor and a shift.
+
+    Unlike a matrix product it is exact whatever a user lets torch do with those: angles
+    of hundreds of radians must not be rounded to TF32.
+    """
+    return torch.addcmul(shift, values.index_select(1, column), factor)
 
 
 def linear_layers(module: nn.Module) -> list[nn.Linear]:

@@ -2,8 +2,7 @@
 
 At a few agents it is the number of operations that takes the time. What depends on the
 scene only is computed before the first step, and what depends on the noise levels too,
-unless agents are given: they have no noise. Sines of large angles need matrix products
-in full float32: no autocast, no TF32.
+unless agents are given: they have no noise.
 """
 
 import math
@@ -102,9 +101,8 @@ class FoldedPoseDenoiser:
         level: "_Level",
     ) -> Float[Tensor, "Z D"]:
         """What noisy states are taken for, by themselves."""
-        waves = self.place_waves
-        place = torch.addmm(waves.shift, position_m.flatten(0, 2), waves.matrix)
-        place = place.sin_().view(*states.shape[:-1], -1) * level.place_fading
+        place = self.place_waves(position_m.flatten(0, 2))
+        place = place.view(*states.shape[:-1], -1) * level.place_fading
         given = torch.cat([states * level.factor_in, place], dim=-1)
         return self._state_in(given.flatten(0, 2))
 
@@ -182,7 +180,7 @@ class _Levels:
         is_given: Bool[Tensor, "B A"],
     ) -> None:
         self._network = network
-        like = network.place_waves.matrix
+        like = network.place_waves.rate
         level = torch.tensor([*levels, _GIVEN], dtype=like.dtype, device=like.device)
         self._token = network.model.level_tokens(level)
         self._scale = noise_scale(level).to(like)

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from pd_editor.diffusion.folded_layers import PlaneWaves
+from pd_editor.diffusion.folded_layers import PlaneWaves, scaled_columns
 from pd_editor.diffusion.pose_features import (
     LEAST_NOISE_M,
     LEAST_TURN_NOISE,
@@ -46,12 +46,12 @@ class FoldedRelations:
         self._waves = PlaneWaves(NEIGHBOR_WAVELENGTHS_M, like)
         # Real and imaginary part of offset and direction, then of the third number.
         taken = [0, 1, 0, 1, 3, *([4, 5, 4, 5] if sees_middle else [])]
-        matrix = like.new_zeros(max(taken) + 1, _NUM_WAVES + len(taken))
-        matrix[:2, :_NUM_WAVES] = self._waves.matrix
-        matrix[taken, torch.arange(len(taken)) + _NUM_WAVES] = 1.0
-        shift = like.new_zeros(matrix.shape[1])
-        shift[:_NUM_WAVES] = self._waves.shift
-        self._matrix, self._shift = matrix, shift
+        waves, as_it_is = self._waves, like.new_ones(len(taken))
+        self._columns = (
+            torch.cat([waves.axis, torch.tensor(taken, device=like.device)]),
+            torch.cat([waves.rate, as_it_is]),
+            torch.cat([waves.shift, torch.zeros_like(as_it_is)]),
+        )
 
     @property
     def order(self) -> list[int]:
@@ -89,10 +89,8 @@ class FoldedRelations:
         """Features of offsets, directions, and with ``sees_middle`` a third offset."""
         offset, direction = parts[:2]
         shape = offset.shape
-        given = (
-            torch.view_as_real(torch.stack(parts, dim=-1)).flatten(-2).flatten(0, -2)
-        )
-        found = torch.addmm(self._shift, given, self._matrix).view(*shape, -1)
+        given = torch.view_as_real(torch.stack(parts, dim=-1)).flatten(-2)
+        found = scaled_columns(given.flatten(0, -2), *self._columns).view(*shape, -1)
         return torch.cat(
             [
                 found[..., :_NUM_WAVES].sin() * factors.fading,

@@ -39,7 +39,6 @@ class FutureOptions:
     """Whom it pulls; empty means all."""
     num_tries: int = 1
     """Futures drawn for each sample, of which those that avoid each other are taken."""
-    candidate_level: float = 1.0
     seed: int = 0
 
 
@@ -78,6 +77,16 @@ class FutureTask:
         """With the tensors on a device."""
         return replace(self, scene=self.scene.to(device))
 
+    def no_motion(self, num_samples: int) -> Motion:
+        """Zeros, for whoever draws nobody."""
+        steps = self.scenario.time_axis.num_future_steps + 1
+        shape = (num_samples, len(self.features.agent_row), steps)
+        return Motion(
+            position_m=np.zeros((*shape, 2)),
+            heading_rad=np.zeros(shape),
+            velocity_mps=np.zeros((*shape, 2)),
+        )
+
     def motion(
         self, basis: TrajectoryBasis, latent: Float[torch.Tensor, "S 1 A 10"]
     ) -> Motion:
@@ -113,6 +122,8 @@ def draw_futures(
 
     Yields the share that is done, and how to get the futures believed in so far.
     """
+    if not task.is_drawn.any():
+        return DrawnFutures(motion=task.no_motion(len(samples)), lane_cost_m=(0.0, 0.0))
     model = network.model
     basis = model.way_points.basis
     tries = options.num_tries
@@ -131,7 +142,6 @@ def draw_futures(
             ),
             config=TrajectorySamplerConfig(
                 num_steps=options.num_steps,
-                candidate_level=options.candidate_level,
                 num_tries=tries,
             ),
             guide=guide if options.lane_weight > 0 else None,
@@ -238,10 +248,12 @@ def _completed(
     now, rows = scenario.current_step, features.agent_row[partly]
     steps = slice(now + 1, now + 1 + basis.num_steps)
     exists = agents.is_valid[rows, steps]
+    exists = exists & np.isfinite(agents.position_m[rows, steps]).all(axis=-1)
     is_known = exists.sum(axis=1) >= _LEAST_KNOWN_STEPS
     rows, exists = rows[is_known], exists[is_known]
     gap = agents.position_m[rows, steps] - agents.position_m[rows, now][:, None]
     turn = np.exp(-1j * agents.heading_rad[rows, now])[:, None]
+    gap = np.where(exists[..., None], gap, 0.0)
     local = (gap[..., 0] + 1j * gap[..., 1]) * turn
     future = np.zeros((len(rows), basis.num_steps, 2))
     future[:, : local.shape[1]] = np.stack([local.real, local.imag], axis=-1)

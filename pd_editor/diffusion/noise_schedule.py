@@ -64,23 +64,6 @@ class NoiseSchedule:
         """What ``clean`` has become at ``level``, which is broadcast against it."""
         return self.alpha(level) * clean + self.sigma(level) * noise
 
-    def target(
-        self,
-        clean: Float[Tensor, "..."],
-        noise: Float[Tensor, "..."],
-        level: Float[Tensor, "..."],
-    ) -> Float[Tensor, "..."]:
-        """What the network should put out."""
-        match self.prediction:
-            case "clean":
-                return clean
-            case "velocity":
-                return self.alpha(level) * noise - self.sigma(level) * clean
-            case "noise":
-                return noise
-            case _:
-                assert_never(self.prediction)
-
     def clean_of(
         self,
         output: Float[Tensor, "..."],

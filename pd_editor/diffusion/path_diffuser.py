@@ -27,7 +27,11 @@ from pd_editor.diffusion.model_folder import TrainedModel, load_model
 from pd_editor.diffusion.placing import Placing, draw_numbers, new_agents, place_agents
 from pd_editor.diffusion.pose_denoiser import PoseDenoiser
 from pd_editor.diffusion.pose_traits import TraitWishes
-from pd_editor.diffusion.request_check import MOST_AGENTS, check_request
+from pd_editor.diffusion.request_check import (
+    MOST_AGENTS,
+    check_request,
+    num_present,
+)
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
 from pd_editor.diffusion.trait_notes import trait_notes
 from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
@@ -192,7 +196,14 @@ class PathDiffuser:
                     message=label,
                     preview=step.preview,
                 )
-        return samples, list(trait_notes(placed, _wishes(request)))
+        notes = list(trait_notes(placed, _wishes(request)))
+        num_empty = sum(not ids for _, ids in placed)
+        if num_empty:
+            notes.append(
+                f"Nobody was placed in {num_empty} of {len(placed)} samples: there are "
+                "as many road users as suit the road."
+            )
+        return samples, notes
 
     def _driven(
         self,
@@ -253,7 +264,7 @@ def _placing(
         random = np.random.default_rng([request.seed, sample])
         drawn = draw_numbers(placer, request.scenario, placing, random)
         numbers = {kind: max(drawn[kind], numbers.get(kind, 0)) for kind in drawn}
-        room = MOST_AGENTS - len(request.scenario.agents)
+        room = MOST_AGENTS - num_present(request.scenario)
         if sum(numbers.values()) > room:
             raise GenerationError(
                 f"The road asks for {sum(numbers.values())} more agents; the model "

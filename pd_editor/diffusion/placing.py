@@ -126,6 +126,8 @@ def place_agents(
     Raises:
         GenerationError: there is no road where agents are to be placed.
     """
+    if not placing.ids:
+        return scenario
     placed = _agents_to_place(scenario, placing)
     kept = scenario.without_agents(placing.redrawn_ids)
     center, half_side = _square(scenario, placing.region)
@@ -159,14 +161,13 @@ def place_agents(
         states = step.states
         yield (step.index + 1) / step.num_steps
     assert states is not None, "there is at least one step"
-    drawn = states[0, 0, len(features.agent_row) :].double().cpu().numpy()
+    own = slice(len(features.agent_row), None)
+    drawn = states[0, 0, own].double().cpu().numpy()
     tracks = _with_states(placed, drawn, center, scenario.current_step)
     result = kept.with_agents(kept.agents.joined(tracks))
     if not placing.repairs:
         return result
-    return _repaired(
-        result, placing, task.on_road[0, len(features.agent_row) :].cpu().numpy()
-    )
+    return _repaired(result, placing, task.on_road[0, own].cpu().numpy())
 
 
 def _repaired(
@@ -174,15 +175,28 @@ def _repaired(
 ) -> Scenario:
     """Those of the placed who are not meant to be off the road on their lanes; apart.
 
-    And none of them too fast for whoever is ahead.
+    And none of them too fast for whoever is ahead. Nobody leaves the square for a lane.
     """
     keep = [name for name in scenario.agents.ids if name not in placing.ids]
     follows = [
         name for name, code in zip(placing.ids, on_road, strict=True) if code != TOLD_NO
     ]
-    scenario, _ = project_to_lanes(scenario, follows, keep_ids=keep)
-    scenario, _ = separate_overlaps(scenario, placing.ids, keep_ids=keep)
+    on_lanes, _ = project_to_lanes(scenario, follows, keep_ids=keep)
+    left = _outside(on_lanes, placing) - _outside(scenario, placing)
+    if left:
+        follows = [name for name in follows if name not in left]
+        on_lanes, _ = project_to_lanes(scenario, follows, keep_ids=keep)
+    scenario, _ = separate_overlaps(on_lanes, placing.ids, keep_ids=keep)
     return slow_for_gaps(scenario, placing.ids, keep_ids=keep)[0]
+
+
+def _outside(scenario: Scenario, placing: Placing) -> set[str]:
+    """Ids of the placed who are outside the square."""
+    center, half_side = _square(scenario, placing.region)
+    rows = scenario.agents.rows(placing.ids)
+    place = scenario.agents.position_m[rows, scenario.current_step]
+    is_out = (np.abs(place - center) > half_side).any(axis=1)
+    return {name for name, out in zip(placing.ids, is_out, strict=True) if out}
 
 
 def _square(

@@ -37,18 +37,6 @@ class PoseTask:
     is_central: Bool[Tensor, "B"]
     """Whether agents see each other; in generation they always do."""
 
-    def repeated(self, num: int) -> "PoseTask":
-        """The task of each scene several times in a row."""
-        return replace(
-            self,
-            is_given=self.is_given.repeat_interleave(num, 0),
-            order=self.order.repeat_interleave(num, 0),
-            moves=self.moves.repeat_interleave(num, 0),
-            on_road=self.on_road.repeat_interleave(num, 0),
-            half_side_m=self.half_side_m.repeat_interleave(num, 0),
-            is_central=self.is_central.repeat_interleave(num, 0),
-        )
-
 
 def told(trait: Bool[Tensor, "*b"], is_told: Bool[Tensor, "*b"]) -> Int[Tensor, "*b"]:
     """What the network is told of a trait, where it is told."""

@@ -44,14 +44,14 @@ from pd_editor.diffusion.pose_features import (
 )
 from pd_editor.diffusion.pose_noise import noise_scale, preconditioning
 from pd_editor.diffusion.scene_tensors import SceneTensors
+from pd_editor.windows.lane_pieces import CROSSWALK_KIND
 from pd_editor.windows.scene_features import (
     AGENT_KINDS,
     NUM_PIECE_KINDS,
+    PEDESTRIAN,
     PIECE_SHAPE,
 )
 
-_CROSSWALK: Final = NUM_PIECE_KINDS - 1
-_PEDESTRIAN: Final = len(AGENT_KINDS) - 1
 _NUM_PIECE_FACTS: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
 _NUM_LEVEL_WAVES: Final = 8
 PIECE_EXISTS: Final = 4
@@ -170,9 +170,9 @@ class PoseDenoiser(nn.Module):
                 ],
                 dim=-1,
             ),
-            is_crossing=scene.piece_kind == _CROSSWALK,
+            is_crossing=scene.piece_kind == CROSSWALK_KIND,
             agent_token=self._agent_token(scene, task, has_agent),
-            is_walking=scene.agent_kind == _PEDESTRIAN,
+            is_walking=scene.agent_kind == PEDESTRIAN,
             is_given=task.is_given,
             given=encode_states(scene.agent_pose, scene.agent_speed),
             pair_facts=pairs,

@@ -98,11 +98,16 @@ class PoseGuidance:
         lines: CenterLines,
         pulled: "_Pulled",
     ) -> Complex[Tensor, "S B A"]:
-        """Metres towards the nearest lane for those too far from it."""
+        """Metres towards the nearest lane for those too far from it.
+
+        Nobody is pulled out of the square: a lane beyond its border is not meant.
+        """
         offset, length_m = lines.offset_m(place_m)
         allowed = torch.where(stands, pulled.standing_offset_m, self.moving_offset_m)
         too_far = (length_m - allowed).clamp_(0, 1e3) * pulled.share
-        return -offset * (too_far / length_m.clamp(1e-6, 1e6))
+        way = -offset * (too_far / length_m.clamp(1e-6, 1e6))
+        end = torch.view_as_real(place_m + way).abs()
+        return way * (end.amax(dim=-1) <= pulled.half_side_m)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,6 +116,8 @@ class _Pulled:
 
     standing_offset_m: Float[Tensor, "B A"]
     share: Float[Tensor, "B A"]
+    half_side_m: Float[Tensor, "B 1"]
+    """Of the square around the middle, out of which nobody is pulled."""
 
     @classmethod
     def of(
@@ -125,6 +132,7 @@ class _Pulled:
                 guidance.standing_offset_m,
             ),
             share=guidance.pull * is_pulled,
+            half_side_m=task.half_side_m[:, None],
         )
 
 

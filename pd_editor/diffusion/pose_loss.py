@@ -22,13 +22,12 @@ from pd_editor.diffusion.pose_encoding import (
     encode_states,
 )
 from pd_editor.diffusion.pose_features import turned_back
-from pd_editor.diffusion.pose_noise import noise_scale, preconditioning
+from pd_editor.diffusion.pose_noise import denser_levels, noise_scale, preconditioning
 from pd_editor.diffusion.pose_road import follows_lanes, is_on_road
 from pd_editor.diffusion.pose_spacing import overlap_depth_m
 from pd_editor.diffusion.scene_tensors import SceneTensors
 
 _MIN_HALF_SIDE_M: Final = 25.0
-_EMPHASIS: Final = 0.3
 _PARTS: Final = {"position": (0, 1), "heading": (2, 3), "speed": (4,)}
 
 
@@ -158,14 +157,10 @@ def training_task(
 def _levels(
     num_levels: int, num_scenes: int, random: torch.Generator
 ) -> Float[Tensor, "S B"]:
-    """Levels 0..1, spread over the versions of each scene.
-
-    Those in the middle, where lanes, headings and gaps are found, are nearly twice as
-    dense as those at both ends.
-    """
+    """Levels 0..1, spread over the versions of each scene."""
     offset = torch.rand((num_levels, num_scenes), generator=random)
     even = (torch.arange(num_levels)[:, None] + offset) / num_levels
-    return even + _EMPHASIS * (2 * math.pi * even).sin() / (2 * math.pi)
+    return denser_levels(even)
 
 
 def _overlap(

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
 import torch
 from jaxtyping import Bool, Complex, Float
@@ -12,9 +11,7 @@ from pd_editor.diffusion.pose_features import as_complex
 from pd_editor.diffusion.scene_tensors import SceneTensors
 from pd_editor.metrics.off_lane import OFF_LANE_M
 from pd_editor.windows.lane_pieces import CROSSWALK_KIND, PIECE_LENGTH_M
-from pd_editor.windows.scene_features import AGENT_KINDS
-
-_PEDESTRIAN: Final = len(AGENT_KINDS) - 1
+from pd_editor.windows.scene_features import PEDESTRIAN
 
 
 def is_on_road(scene: SceneTensors) -> Bool[Tensor, "B A"]:
@@ -25,7 +22,7 @@ def is_on_road(scene: SceneTensors) -> Bool[Tensor, "B A"]:
 def follows_lanes(scene: SceneTensors) -> Bool[Tensor, "B A"]:
     """All but pedestrians, where there are lanes."""
     has_lanes = (scene.has_piece & (scene.piece_kind != CROSSWALK_KIND)).any(dim=-1)
-    return scene.has_agent & (scene.agent_kind != _PEDESTRIAN) & has_lanes[:, None]
+    return scene.has_agent & (scene.agent_kind != PEDESTRIAN) & has_lanes[:, None]
 
 
 def offset_from_lane_m(

@@ -108,10 +108,9 @@ def _steps(
     states = noisy
     for index, level in enumerate(levels):
         clean = drawing.denoise(noisy, index)
-        inside = torch.minimum(torch.maximum(clean[..., :2], -side), side)
-        clean = torch.cat([inside, clean[..., 2:]], dim=-1)
+        clean = _inside(clean, side)
         if guide is not None:
-            clean = guide(clean, level)
+            clean = _inside(guide(clean, level), side)
         better = clean
         if config.is_second_order and last is not None:
             better = 1.5 * clean - 0.5 * last
@@ -120,6 +119,14 @@ def _steps(
             noisy = _next(noisy, better, level, levels[index + 1], config, streams)
         yield PoseStep(index=index, num_steps=len(levels), states=states)
     return states
+
+
+def _inside(
+    clean: Float[Tensor, "S B A 5"], side: Float[Tensor, "B 1 1"]
+) -> Float[Tensor, "S B A 5"]:
+    """States with places moved into the square."""
+    place = torch.minimum(torch.maximum(clean[..., :2], -side), side)
+    return torch.cat([place, clean[..., 2:]], dim=-1)
 
 
 def _next(

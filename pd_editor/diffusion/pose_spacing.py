@@ -9,9 +9,8 @@ from torch import Tensor
 
 from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M, unit_vectors
 from pd_editor.diffusion.scene_tensors import SceneTensors
-from pd_editor.windows.scene_features import AGENT_KINDS
+from pd_editor.windows.scene_features import PEDESTRIAN
 
-_PEDESTRIAN: Final = len(AGENT_KINDS) - 1
 _PLACES: Final = (-1.0, 0.0, 1.0)
 
 
@@ -99,7 +98,7 @@ def _radii_m(scene: SceneTensors) -> Float[Tensor, "B A A"]:
 
 
 def _counts(scene: SceneTensors) -> Bool[Tensor, "B A A"]:
-    walks = scene.agent_kind == _PEDESTRIAN
+    walks = scene.agent_kind == PEDESTRIAN
     counts = ~(walks[..., None] & walks[..., None, :])
     counts &= scene.has_agent[..., None] & scene.has_agent[..., None, :]
     eye = torch.eye(counts.shape[-1], dtype=torch.bool, device=counts.device)

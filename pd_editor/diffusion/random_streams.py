@@ -62,15 +62,6 @@ class RandomStreams:
             row[..., 0] = torch.special.ndtri(place.frac().clamp(1e-12, 1 - 1e-12))
         return normal
 
-    def uniform(self, *shape: int) -> Float[Tensor, "S ..."]:
-        """Numbers from 0 to below 1, of shape [S, *shape]."""
-        return torch.stack(
-            [
-                torch.rand(shape, generator=each, device="cpu")
-                for each in self._generators
-            ]
-        )
-
 
 def _generator(key: Sequence[int]) -> torch.Generator:
     state = np.random.SeedSequence(key).generate_state(2)

@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Int
 
 from pd_editor.errors import GenerationError
-from pd_editor.generation import GenerationRequest
+from pd_editor.generation import LANE_GUIDANCE, GenerationRequest
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.scenario import Scenario
 
 MOST_AGENTS: Final = 500
 
@@ -40,13 +41,18 @@ def check_request(request: GenerationRequest) -> None:
         raise GenerationError(
             "Only agents whose futures are drawn can get another state."
         )
+    for term in request.guidance:
+        if term.name == LANE_GUIDANCE and not 0 <= term.weight <= 1:
+            raise GenerationError(
+                f"The strength of the guidance to the lanes is {term.weight:g}; "
+                "expected 0 to 1."
+            )
     if any(number < 0 for number in request.num_new_agents.values()):
         raise GenerationError("The number of new agents must not be negative.")
     strange = [kind for kind in request.num_new_agents if kind not in ROAD_USER_KINDS]
     if strange:
         raise GenerationError(f"The model places road users only, not {strange[0]}.")
-    count = int(agents.is_valid[:, scenario.current_step].sum())
-    count += sum(request.num_new_agents.values())
+    count = num_present(scenario) + sum(request.num_new_agents.values())
     if count > MOST_AGENTS:
         raise GenerationError(
             f"The scene would have {count} agents; the model takes {MOST_AGENTS}."
@@ -60,6 +66,11 @@ def check_request(request: GenerationRequest) -> None:
     if not scenario.road_map.lanes:
         raise GenerationError("The scenario has no lanes; the model needs a road.")
     _check_states(request, agents.rows(request.agent_ids))
+
+
+def num_present(scenario: Scenario) -> int:
+    """Agents that are there at the current step."""
+    return int(scenario.agents.is_valid[:, scenario.current_step].sum())
 
 
 def _check_states(request: GenerationRequest, rows: Int[np.ndarray, "G"]) -> None:

@@ -28,10 +28,10 @@ class SamplerStep:
     """What the step took for the clean sample."""
 
 
-def levels_of(num_steps: int, first_level: float = 1.0) -> list[float]:
-    """Levels from ``first_level`` down to 0, evenly spaced; one more than steps."""
+def levels_of(num_steps: int) -> list[float]:
+    """Levels from 1 down to 0, evenly spaced; one more than steps."""
     assert num_steps >= 1, "a sample takes at least one step"
-    return [first_level * (num_steps - i) / num_steps for i in range(num_steps + 1)]
+    return [(num_steps - i) / num_steps for i in range(num_steps + 1)]
 
 
 def ddim(

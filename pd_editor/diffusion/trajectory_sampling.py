@@ -1,4 +1,4 @@
-"""Drawing futures: from noise, or from noised candidates, to latents of futures."""
+"""Drawing futures: from noise to latents of futures."""
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
@@ -30,8 +30,6 @@ class TrajectorySamplerConfig:
     """How futures are drawn."""
 
     num_steps: int = NUM_STEPS
-    candidate_level: float = 1.0
-    """Below 1, sampling begins at this level with a candidate of each agent, noised."""
     fresh_noise: float = 0.0
     """Share of the noise that is drawn anew at each step: 0 none, 1 ancestral."""
     num_tries: int = 1
@@ -69,7 +67,7 @@ def sample_trajectories(
         samples: Indices of the S samples to draw.
         seed: Of all samples.
         is_given: Agents whose future latents stay as they are; None: nobody.
-        config: Steps, start and noise.
+        config: Steps and noise.
         guide: Changes the believed clean latents of each step.
 
     Returns:
@@ -91,9 +89,9 @@ def _steps(
     config: TrajectorySamplerConfig,
     guide: TrajectoryGuide | None,
 ) -> Generator[TrajectoryStep, None, Float[Tensor, "S B A 10"]]:
-    levels = levels_of(config.num_steps, config.candidate_level)
+    levels = levels_of(config.num_steps)
     context = network.context(scene)
-    start = starting_latents(network.model, scene, streams, config)
+    start = starting_latents(scene, streams, config.num_tries)
     drawing = network.drawing(context, given, levels[:-1], len(start))
     latent = start
     done = 0
@@ -125,26 +123,9 @@ def _steps(
 
 
 def starting_latents(
-    model: TrajectoryDenoiser,
-    scene: SceneTensors,
-    streams: RandomStreams,
-    config: TrajectorySamplerConfig,
+    scene: SceneTensors, streams: RandomStreams, num_tries: int
 ) -> Float[Tensor, "S B A 10"]:
-    """What denoising begins with: noise, or noised candidates."""
-    shape = scene.has_agent.shape
-    noise = streams.spread_normal(
-        *shape, scene.future.shape[-1], num_tries=config.num_tries
-    ).to(scene.future)
+    """The noise that denoising begins with."""
+    noise = streams.spread_normal(*scene.future.shape, num_tries=num_tries)
     stands = (scene.agent_speed < STANDING_MPS)[..., None]
-    noise *= torch.where(stands, _STANDING_SPREAD, 1.0)
-    if config.candidate_level >= 1.0:
-        return noise
-    count = scene.has_candidate.sum(-1)
-    chosen = (streams.uniform(*shape).to(noise) * count).long()
-    index = chosen[..., None, None].expand(*chosen.shape, 1, noise.shape[-1])
-    # Agents without candidates begin with the mean of all futures, which is zero.
-    table = scene.candidates.expand(len(noise), *scene.candidates.shape)
-    candidate = table.gather(-2, index.clamp_max(table.shape[-2] - 1))[..., 0, :]
-    candidate = torch.where((count > 0)[..., None], candidate, 0.0)
-    level = noise.new_tensor(config.candidate_level)
-    return model.schedule.noised(candidate, noise, level)
+    return noise.to(scene.future) * torch.where(stands, _STANDING_SPREAD, 1.0)

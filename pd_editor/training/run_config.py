@@ -3,12 +3,11 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from pd_editor.errors import TrainingError
 
 Precision = Literal["32", "bf16"]
-PRECISIONS: Final[tuple[Precision, ...]] = ("32", "bf16")
 _Part = TypeVar("_Part")
 
 

@@ -53,11 +53,6 @@ class TrainingData:
     augment: Callable[[Any, torch.Generator], Batch]
     """Another scene that is as likely as the one it is given."""
 
-    @property
-    def num_training(self) -> int:
-        """Scenes that are trained on."""
-        return sum(map(len, self.training_rows))
-
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingProgress:

@@ -5,13 +5,16 @@ import logging
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from datetime import timedelta
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from lightning_fabric import Fabric
+from lightning_fabric.strategies.ddp import DDPStrategy
 
 from pd_editor.diffusion.checkpoint import config_from_json, write_whole
+from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.memory_reuse import WHEN_TRAINING, keep_freed_memory
 from pd_editor.diffusion.model_folder import TrainedStage, save_model
 from pd_editor.errors import TrainingError
@@ -29,8 +32,6 @@ from pd_editor.training.training_data import (
 )
 from pd_editor.training.training_state import Standing
 from pd_editor.work_engine.work_engine import WorkProgress
-
-DeviceName = Literal["auto", "cpu", "cuda"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +99,10 @@ def _fabric(hardware: Hardware, precision: Precision, *, is_gpu: bool) -> Fabric
         accelerator="cuda" if is_gpu else "cpu",
         devices=hardware.num_devices,
         precision="bf16-mixed" if precision == "bf16" else "32-true",
+        # The first process may prepare data for hours while the others wait.
+        strategy=DDPStrategy(timeout=timedelta(days=2))
+        if hardware.num_devices > 1
+        else "auto",
     )
     fabric.launch()
     return fabric

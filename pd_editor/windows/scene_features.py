@@ -30,6 +30,7 @@ __all__ = [
     "NUM_NEAR_AGENTS",
     "NUM_NEAR_PIECES",
     "NUM_PIECE_KINDS",
+    "PEDESTRIAN",
     "PIECE_LENGTH_M",
     "PIECE_SHAPE",
     "SceneFeatures",
@@ -44,6 +45,8 @@ AGENT_KINDS: Final = (
     AgentKind.CYCLIST,
     AgentKind.PEDESTRIAN,
 )
+PEDESTRIAN: Final = AGENT_KINDS.index(AgentKind.PEDESTRIAN)
+"""Index of the kind that follows no lane."""
 NUM_NEAR_PIECES: Final = 24
 NUM_NEAR_AGENTS: Final = 8
 NUM_CANDIDATES: Final = 24
@@ -145,6 +148,7 @@ def scene_center(scenario: Scenario) -> Float[np.ndarray, "2"]:
     """Where the focal agent is now, or the ego, or all agents, or the road."""
     tracks, step = scenario.agents, scenario.current_step
     there = tracks.is_valid[:, step]
+    there = there & np.isfinite(tracks.position_m[:, step]).all(axis=-1)
     for name in (scenario.focal_id, EGO_ID):
         row = tracks.row_of.get(name)
         if row is not None and there[row]:

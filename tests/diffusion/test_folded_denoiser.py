@@ -44,7 +44,7 @@ def test_folded_it_is_the_same_function(
                 assert torch.equal(found[:, is_given], noisy[:, is_given])
 
 
-def test_training_goes_on_without_what_was_folded() -> None:
+def test_blocks_that_were_folded_do_not_follow_a_training() -> None:
     model, scene = in_double()
     noisy = noise(scene, 1)
     network = FoldedDenoiser(model)

@@ -33,7 +33,7 @@ def test_waves_are_sines_and_cosines_in_the_order_told() -> None:
     like = torch.zeros((), dtype=torch.float64)
     waves = PlaneWaves(wavelengths_m, like)
     place_m = 30 * torch.randn(9, 2, dtype=torch.float64)
-    found = torch.addmm(waves.shift, place_m, waves.matrix).sin()
+    found = waves(place_m)
     one_by_one = torch.stack(
         [
             function(2 * math.pi * place_m[:, axis] / wavelength)
@@ -52,8 +52,8 @@ def test_waves_fade_to_what_is_expected_under_noise() -> None:
     place_m = torch.tensor([[0.3, -4.0]], dtype=torch.float64)
     stream = torch.Generator().manual_seed(5)
     noise = torch.randn(200_000, 2, generator=stream, dtype=torch.float64)
-    noisy = torch.addmm(waves.shift, place_m + noise_m * noise, waves.matrix).sin()
-    clean = torch.addmm(waves.shift, place_m, waves.matrix).sin()
+    noisy = waves(place_m + noise_m * noise)
+    clean = waves(place_m)
     fading = waves.fading(torch.tensor([noise_m], dtype=torch.float64))
     torch.testing.assert_close(
         noisy.mean(dim=0, keepdim=True), clean * fading, atol=6e-3, rtol=0

@@ -39,12 +39,18 @@ def test_ends_are_exact_in_single_precision(kind: ScheduleKind) -> None:
 
 @settings(deadline=None)
 @given(st.sampled_from(KINDS), st.sampled_from(get_args(Prediction)), st.data())
-def test_the_clean_sample_comes_back_from_the_target(
+def test_the_clean_sample_comes_back_from_what_a_network_predicts(
     kind: ScheduleKind, prediction: Prediction, data: st.DataObject
 ) -> None:
     level = torch.tensor(data.draw(st.floats(0.0, 0.95)), dtype=torch.float64)
     schedule = NoiseSchedule(kind=kind, prediction=prediction)
     clean, noise = torch.randn(2, 7, dtype=torch.float64)
     noisy = schedule.noised(clean, noise, level)
-    found = schedule.clean_of(schedule.target(clean, noise, level), noisy, level)
+    alpha, sigma = schedule.alpha(level), schedule.sigma(level)
+    outputs = {
+        "clean": clean,
+        "velocity": alpha * noise - sigma * clean,
+        "noise": noise,
+    }
+    found = schedule.clean_of(outputs[prediction], noisy, level)
     assert torch.allclose(found, clean, atol=1e-4 if prediction == "noise" else 1e-9)

@@ -341,16 +341,22 @@ def test_guidance_is_taken_by_name(diffuser: PathDiffuser, scenario: Scenario) -
 
 
 def test_every_tensor_is_made_on_the_device_of_the_model(
-    diffuser: PathDiffuser, scenario: Scenario
+    diffuser: PathDiffuser, model_folder: Path, scenario: Scenario
 ) -> None:
-    diffuser.warm_up()
     ids = scenario.agents.ids
-    asked = {"redrawn_state_ids": ids[:1], "num_new_agents": {AgentKind.VEHICLE: 2}}
-    expected = generated(diffuser, scenario, ids[:1], **asked)
+    requests: list[dict[str, Any]] = [
+        {"redrawn_state_ids": ids[:1], "num_new_agents": {AgentKind.VEHICLE: 2}},
+        {"draws_num_agents": True, "moving_share": 0.5, "only_on_road": True},
+        {"guidance": guidance_terms(0.9, 3), "num_samples": 2},
+    ]
+    expected = [generated(diffuser, scenario, ids[:1], **asked) for asked in requests]
+    anew = PathDiffuser(model_folder)
+    anew.model()
     # What is made on the default device by mistake has no numbers there.
     with torch.device("meta"):
-        found = generated(diffuser, scenario, ids[:1], **asked)
-    assert same(found.samples[0], expected.samples[0])
+        found = [generated(anew, scenario, ids[:1], **asked) for asked in requests]
+    for one, two in zip(found, expected, strict=True):
+        assert all(map(same, one.samples, two.samples))
 
 
 def test_the_device_is_chosen(
@@ -368,6 +374,73 @@ def test_the_device_is_chosen(
         assert drawing_device(name).type == device
     with pytest.raises(GenerationError, match="GPU"):
         PathDiffuser(model_folder, device="cuda")
+
+
+def test_nobody_is_placed_outside_the_square_even_to_be_on_a_lane(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    beside = Region(center_m=(0.0, 40.0), half_side_m=10.0)
+    traffic = generated(
+        diffuser,
+        scenario.without_agents(scenario.agents.ids),
+        (),
+        num_new_agents={AgentKind.VEHICLE: 4},
+        region=beside,
+    )
+    place = traffic.samples[0].position_m[:, 0]
+    # Who overlaps somebody at the border is slid out of it by a car's length at most.
+    outside = np.abs(place - beside.center_m) - beside.half_side_m
+    assert (outside <= 5.0).all()
+    assert (outside.max(axis=1) <= 0).sum() >= 3
+
+
+def test_a_road_that_is_full_gets_nobody_more(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    nowhere = Region(center_m=(500.0, 500.0), half_side_m=5.0)
+    traffic = generated(
+        diffuser,
+        scenario.without_agents(scenario.agents.ids),
+        (),
+        draws_num_agents=True,
+        region=nowhere,
+        num_samples=2,
+    )
+    assert [sample.ids for sample in traffic.samples] == [(), ()]
+    assert any("Nobody was placed in 2 of 2 samples" in note for note in traffic.notes)
+
+
+def test_things_alone_keep_their_velocity(diffuser: PathDiffuser) -> None:
+    thing = straight_drivers([(0.0, 0.0, 0.0, 2.0)], kinds=(AgentKind.STATIC,))
+    scenario = scenario_with(thing)
+    traffic = generated(diffuser, scenario, thing.ids)
+    now = scenario.current_step
+    velocity = traffic.samples[0].velocity_mps
+    assert (velocity == thing.velocity_mps[:, None, now]).all()
+    assert any("no road users" in note for note in traffic.notes)
+
+
+def test_agents_that_are_not_there_take_no_room(diffuser: PathDiffuser) -> None:
+    agents = straight_drivers(
+        [(4.0 * number, 0.0, 0.0, 1.0) for number in range(path_diffuser.MOST_AGENTS)]
+    )
+    scenario = scenario_with(agents)
+    valid = agents.is_valid.copy()
+    valid[3:, scenario.current_step] = False
+    scenario = scenario.with_agents(replace(agents, is_valid=valid))
+    traffic = generated(diffuser, scenario, (), draws_num_agents=True)
+    assert traffic.samples
+
+
+def test_a_kept_future_with_a_hole_of_nan_leaves_the_others_alone(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    first, second = scenario.agents.ids
+    position = scenario.agents.position_m.copy()
+    position[scenario.agents.row_of[second], -3] = np.nan
+    holed = scenario.with_agents(replace(scenario.agents, position_m=position))
+    sample = generated(diffuser, holed, (first,)).samples[0]
+    assert np.isfinite(sample.position_m).all()
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")

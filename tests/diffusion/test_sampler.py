@@ -108,4 +108,3 @@ def test_nothing_is_computed_after_the_last_step_asked_for() -> None:
 
 def test_levels_fall_evenly_to_zero() -> None:
     assert levels_of(4) == [1.0, 0.75, 0.5, 0.25, 0.0]
-    assert levels_of(2, 0.6) == [0.6, 0.3, 0.0]

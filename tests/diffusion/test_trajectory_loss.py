@@ -39,15 +39,28 @@ def test_agents_without_a_future_are_context_but_not_learned() -> None:
 
 
 def test_padding_adds_nothing() -> None:
-    model = small_model()
-    losses = loss_of(model, scene_batch(5, 12), overlap_weight=0.0)
-    assert all(value >= 0 for value in losses.values())
-    nobody = scene_batch(3)
+    model, scene = small_model(), scene_batch(5, 12)
+    padded = ~scene.has_agent
+    assert padded.any()
+    changes = {}
+    for name in ("future", "agent_pose", "agent_speed", "candidates"):
+        values = getattr(scene, name).clone()
+        values[padded] = 7.0
+        changes[name] = values
+    expected, found = (
+        loss_of(model, one, given_scenes=0.0, overlap_weight=1.0)
+        for one in (scene, replace(scene, **changes))
+    )
+    assert found == pytest.approx(expected, rel=1e-5)
+
+
+def test_scenes_without_futures_teach_nothing() -> None:
+    model, nobody = small_model(), scene_batch(3)
     nobody = replace(nobody, has_future=torch.zeros_like(nobody.has_future))
     assert loss_of(model, nobody)["loss"] == 0.0
 
 
-def test_all_agents_given_leave_nothing_to_learn() -> None:
+def test_given_agents_leave_the_others_to_be_learned() -> None:
     scene, model = scene_batch(5), small_model()
     values = loss_of(model, scene, given_scenes=1.0)
     assert 0 < values["loss"] < 1e3

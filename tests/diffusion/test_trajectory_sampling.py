@@ -43,15 +43,10 @@ def drawn(
             return stop.value
 
 
-@pytest.mark.parametrize("level", [1.0, 0.7])
 @pytest.mark.parametrize("fresh", [0.0, 1.0])
-def test_a_sample_is_the_same_alone_and_among_others(
-    level: float, fresh: float
-) -> None:
+def test_a_sample_is_the_same_alone_and_among_others(fresh: float) -> None:
     scene, model = scene_batch(5, 8), small_model()
-    config = TrajectorySamplerConfig(
-        num_steps=4, candidate_level=level, fresh_noise=fresh
-    )
+    config = TrajectorySamplerConfig(num_steps=4, fresh_noise=fresh)
     together = drawn(model, scene, range(4), config=config)
     alone = drawn(model, scene, [2], config=config)
     assert torch.allclose(alone[0], together[2], atol=1e-5)
@@ -94,23 +89,13 @@ def test_steps_are_reported_and_cancelled_at_once(
 
 
 def test_standing_agents_start_from_a_little_more_noise() -> None:
-    scene, model = scene_batch(4), small_model()
+    scene = scene_batch(4)
     scene = replace(scene, agent_speed=torch.tensor([[8.0, 0.0, 3.0, 0.0]]))
     streams = RandomStreams(0, "futures", range(4000))
-    noise = starting_latents(model, scene, streams, TrajectorySamplerConfig())
+    noise = starting_latents(scene, streams, 1)
     spread = noise[:, 0].std(dim=0)
     assert (spread[[0, 2]].mean() - 1).abs() < 0.02
     assert (spread[[1, 3]].mean() - 1.08).abs() < 0.02
-
-
-def test_starting_from_candidates_at_level_zero_gives_candidates() -> None:
-    scene, model = scene_batch(6), small_model()
-    config = TrajectorySamplerConfig(num_steps=1, candidate_level=1e-4)
-    found = drawn(model, scene, config=config)
-    gap = (found[:, :, :, None] - scene.candidates).abs().amax(-1)
-    gap = gap.masked_fill(~scene.has_candidate, torch.inf).amin(-1)
-    some = scene.has_candidate.any(-1)
-    assert gap[:, some].max() < 0.01
 
 
 def guide_of(
