@@ -1,5 +1,6 @@
 """Regenerating and resampling in the whole tab, without a browser."""
 
+import shutil
 import time
 from collections.abc import Callable
 
@@ -12,6 +13,7 @@ from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.errors import GenerationError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.generation import LANE_GUIDANCE, GeneratorOffer, GuidanceTerm
+from pd_editor.installed_files import models_folder
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.panels.generation_panel import (
     ADD_AGENTS,
@@ -191,3 +193,18 @@ def test_another_sample_takes_the_place_of_the_first(tab, placing):
     tab.run(lambda: panel._result._sample_chosen(2))
     assert not chooser.visible
     assert labels(tab)[-1] == "Remove all agents"
+
+
+def test_models_of_a_users_own_are_offered_first(tmp_path):
+    shipped = models_folder() / generators.SHIPPED_MODEL
+    mine = tmp_path / "mine"
+    shutil.copytree(shipped, mine)
+    with (
+        running_app(tmp_path / "library", "crosswalk", models=(mine,)) as app,
+        connected_tab(app) as tab,
+    ):
+        panel = tab.tab._generation_panel
+        assert panel._model.options[:2] == ("mine", generators.SHIPPED_MODEL)
+        run_to_end(tab, panel.regenerate)
+        (entry,) = tab.session.entries
+        assert "(mine, seed 0)" in entry.label
