@@ -11,14 +11,10 @@ import viser
 from pd_editor.editor.session import SessionState
 from pd_editor.errors import PdEditorError
 from pd_editor.generation import GeneratorOffer
-from pd_editor.viewer import camera
-from pd_editor.viewer.agents_view import AgentsView
-from pd_editor.viewer.candidates_view import CandidatesView
-from pd_editor.viewer.colors import DARK, LIGHT, Palette
-from pd_editor.viewer.desk import Desk
-from pd_editor.viewer.inbox import Inbox
-from pd_editor.viewer.map_view import MapView
-from pd_editor.viewer.marks_view import MarksView
+from pd_editor.viewer.interaction import camera
+from pd_editor.viewer.interaction.pointer import Pointer
+from pd_editor.viewer.meshes.colors import DARK, LIGHT, Palette
+from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.panels.agent_panel import AgentPanel
 from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
 from pd_editor.viewer.panels.dataset_panel import DatasetPanel
@@ -30,9 +26,14 @@ from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
 from pd_editor.viewer.panels.status_panel import StatusPanel
 from pd_editor.viewer.panels.timeline import TimelinePanel
 from pd_editor.viewer.panels.view_panel import ViewPanel
-from pd_editor.viewer.pointer import Pointer
-from pd_editor.viewer.ribbons_view import RibbonsView
-from pd_editor.viewer.workspace import Workspace
+from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.inbox import Inbox
+from pd_editor.viewer.state.workspace import Workspace
+from pd_editor.viewer.views.agents_view import AgentsView
+from pd_editor.viewer.views.candidates_view import CandidatesView
+from pd_editor.viewer.views.map_view import MapView
+from pd_editor.viewer.views.marks_view import MarksView
+from pd_editor.viewer.views.ribbons_view import RibbonsView
 
 TIMELINE_REFRESH_S: Final = 0.25
 SEARCH_PAUSE_S: Final = 0.02
@@ -88,6 +89,7 @@ class BrowserSession:
         palette = DARK if workspace.is_dark else LIGHT
         with client.atomic():
             self._configure_page()
+            self._overlay = Overlay(self._desk)
             self._map = MapView(client, palette)
             self._pointer = Pointer(
                 self._desk, lambda: self._agents, self._ground_clicked
@@ -242,8 +244,21 @@ class BrowserSession:
             session.scenario, poses, step, session.selection, self._status.warned_now()
         )
 
+    def _show_page(self) -> None:
+        """Title and theme of the page; a star marks a scenario with edits in force."""
+        session = self._workspace.session
+        mark = "*" if session.state.position else ""
+        self._overlay.show(
+            "page",
+            {
+                "title": f"{session.scenario.scenario_id}{mark} - Path Diffuser Editor",
+                "isDark": self._workspace.is_dark,
+            },
+        )
+
     def _show_panels(self, state: SessionState) -> None:
         scenario, selection = state.scenario, state.selection
+        self._show_page()
         self._scenario_panel.show(scenario)
         self._road_panel.show(scenario)
         self._agent_panel.show(scenario, selection)
@@ -318,6 +333,7 @@ class BrowserSession:
 
     def _theme_chosen(self, is_dark: bool) -> None:
         self._workspace.is_dark = is_dark
+        self._show_page()
         palette: Palette = DARK if is_dark else LIGHT
         self._client.gui.configure_theme(
             dark_mode=is_dark, show_logo=False, show_share_button=False

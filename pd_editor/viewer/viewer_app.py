@@ -16,8 +16,8 @@ from pd_editor.errors import PdEditorError
 from pd_editor.generators import offers_with
 from pd_editor.scenario_store import open_scenario
 from pd_editor.viewer.browser_session import BrowserSession
-from pd_editor.viewer.server_guard import LOOPBACK_HOSTS, guarded_server
-from pd_editor.viewer.workspace import Workspace
+from pd_editor.viewer.server.server_guard import LOOPBACK_HOSTS, guarded_server
+from pd_editor.viewer.state.workspace import Workspace
 
 _LOG = logging.getLogger(__name__)
 STORAGE_KEY: Final = "pd-editor-sessions"

@@ -21,10 +21,10 @@ from websockets.asyncio.server import ServerConnection
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.desk import GESTURE_PAUSE_S
-from pd_editor.viewer.inbox import Inbox
-from pd_editor.viewer.map_view import MapView
+from pd_editor.viewer.state.desk import GESTURE_PAUSE_S
+from pd_editor.viewer.state.inbox import Inbox
 from pd_editor.viewer.viewer_app import ViewerApp
+from pd_editor.viewer.views.map_view import MapView
 from tests.benchmarks.chromium import opened_chromium
 from tests.benchmarks.figures import load_in_words, spread
 from tests.benchmarks.warp_scenario import busiest_scenario, with_largest_map

@@ -117,7 +117,7 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
     code = (
         "import sys, time; from pathlib import Path;"
         "from pd_editor.scenario_store import open_scenario;"
-        "from pd_editor.viewer.workspace import Workspace;"
+        "from pd_editor.viewer.state.workspace import Workspace;"
         "from pd_editor.editor.commands import SetAgentSpeed;"
         "scene = open_scenario('signalised-junction');"
         "work = Workspace(scene, dataset=None, journals=Path(sys.argv[1]));"

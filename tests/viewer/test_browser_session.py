@@ -10,7 +10,7 @@ from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, SetFocalAgent
 from pd_editor.errors import EditError, GenerationError, InputError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.viewer.desk import GESTURE_PAUSE_S
+from pd_editor.viewer.state.desk import GESTURE_PAUSE_S
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
 

@@ -25,8 +25,8 @@ from pd_editor.errors import EditError
 from pd_editor.paths.suggested_state import suggested_state
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.desk import Desk, set_property, set_value
-from pd_editor.viewer.page_text import plain
+from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.page_text import plain
 
 KINDS: Final = tuple(str(kind) for kind in AgentKind)
 _OWN_GESTURE: Final = "agent panel:"

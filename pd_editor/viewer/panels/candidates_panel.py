@@ -8,8 +8,8 @@ from pd_editor.editor.commands import AdoptTrajectory
 from pd_editor.errors import EditError
 from pd_editor.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.candidates_view import CandidatesView
-from pd_editor.viewer.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.views.candidates_view import CandidatesView
 
 NO_CANDIDATE: Final[str] = "-"
 

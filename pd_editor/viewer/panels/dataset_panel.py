@@ -6,7 +6,7 @@ import viser
 
 from pd_editor.av2_io.dataset import CardFilter
 from pd_editor.errors import InputError
-from pd_editor.viewer.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.desk import Desk, set_property, set_value
 
 ANY_CITY: Final[str] = "Any city"
 MAX_LISTED: Final = 200

@@ -17,8 +17,8 @@ from pd_editor.generation import (
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import drivable_agent_ids, road_user_ids
-from pd_editor.viewer.desk import Desk, set_property, set_value
 from pd_editor.viewer.panels.generation_run import Draw, GenerationRun
+from pd_editor.viewer.state.desk import Desk, set_property, set_value
 
 SCOPES: Final = ("All agents", "Selection")
 REPLACE_ALL: Final = "All agents"

@@ -16,8 +16,8 @@ from pd_editor.generation import (
     ScenarioGenerator,
 )
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.desk import Desk, set_property, set_value
-from pd_editor.viewer.page_text import plain
+from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.page_text import plain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

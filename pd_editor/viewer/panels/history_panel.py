@@ -4,7 +4,7 @@ from typing import Final
 
 import viser
 
-from pd_editor.viewer.desk import Desk, set_property
+from pd_editor.viewer.state.desk import Desk, set_property
 
 MAX_SHOWN: Final = 14
 

@@ -6,8 +6,8 @@ from typing import Final
 import viser
 
 from pd_editor.editor.journal import UnfinishedWork
-from pd_editor.viewer.desk import Desk, set_property
-from pd_editor.viewer.page_text import plain
+from pd_editor.viewer.state.desk import Desk, set_property
+from pd_editor.viewer.state.page_text import plain
 
 MAX_OFFERED: Final = 3
 

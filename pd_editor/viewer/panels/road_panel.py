@@ -21,8 +21,8 @@ from pd_editor.scene.road_warp import (
     WarpTerm,
 )
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.anchor_gizmo import AnchorGizmo
-from pd_editor.viewer.desk import Desk, set_property, set_value
+from pd_editor.viewer.interaction.anchor_gizmo import AnchorGizmo
+from pd_editor.viewer.state.desk import Desk, set_property, set_value
 
 Anchor = Literal["Focal agent", "Ego", "Selected agent", "Pose on the map"]
 ANCHORS: Final[tuple[Anchor, ...]] = (

@@ -9,9 +9,9 @@ from pd_editor.av2_io.upload import MAX_UPLOAD_BYTES
 from pd_editor.errors import ArchiveError, InputError
 from pd_editor.installed_files import demo_names, demo_sentence
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.desk import Desk, set_property
-from pd_editor.viewer.page_text import plain
-from pd_editor.viewer.server_guard import limit_uploads
+from pd_editor.viewer.server.server_guard import limit_uploads
+from pd_editor.viewer.state.desk import Desk, set_property
+from pd_editor.viewer.state.page_text import plain
 
 MAX_NOTES: Final = 3
 UPLOAD_TYPES: Final = ".zip,.parquet,.json,application/zip,application/json"

@@ -9,8 +9,8 @@ from pd_editor.metrics.scene_warnings import (
 )
 from pd_editor.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.desk import Desk, set_property
-from pd_editor.viewer.page_text import plain
+from pd_editor.viewer.state.desk import Desk, set_property
+from pd_editor.viewer.state.page_text import plain
 
 MAX_LISTED: Final = 4
 

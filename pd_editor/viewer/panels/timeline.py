@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from pd_editor.viewer.desk import Desk, set_property, set_value
-from pd_editor.viewer.playback import Playback
+from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.playback import Playback
 
 
 class TimelinePanel:

@@ -5,8 +5,8 @@ from typing import Final
 
 import viser
 
-from pd_editor.viewer.desk import Desk
-from pd_editor.viewer.road_mesh import Layer
+from pd_editor.viewer.meshes.road_mesh import Layer
+from pd_editor.viewer.state.desk import Desk
 
 _LAYER_TITLE: Final[dict[Layer, str]] = {
     "road": "Road surface",

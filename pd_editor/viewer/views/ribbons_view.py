@@ -8,10 +8,10 @@ import viser
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.agents_view import agent_color
-from pd_editor.viewer.colors import Palette, inverse_aces, srgb_to_linear
-from pd_editor.viewer.flat_mesh import glb_of
-from pd_editor.viewer.ribbons import path_ribbons
+from pd_editor.viewer.meshes.colors import Palette, inverse_aces, srgb_to_linear
+from pd_editor.viewer.meshes.flat_mesh import glb_of
+from pd_editor.viewer.meshes.ribbons import path_ribbons
+from pd_editor.viewer.views.agents_view import agent_color
 
 STRIDE: Final = 2
 """Every second step is drawn; at 10 Hz that is still under 6 m at 30 m/s."""

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.viewer.flat_mesh import FlatMesh, Primitive, facing_up
+from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, facing_up
 
 PATH_HEIGHT_STEP_M = 2e-4
 MIN_EXTENT_M = 2.0

@@ -24,7 +24,7 @@ from pd_editor.geometry.polyline import (
     without_repeats,
 )
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark, RoadMap
-from pd_editor.viewer.flat_mesh import FlatMesh, facing_up, merged, ribbon, strip
+from pd_editor.viewer.meshes.flat_mesh import FlatMesh, facing_up, merged, ribbon, strip
 
 Layer = Literal["road", "lanes", "crosswalks", "paint", "centerlines"]
 LAYERS: Final[tuple[Layer, ...]] = (

@@ -2,7 +2,7 @@ import http.client
 
 import pytest
 
-from pd_editor.viewer.server_guard import guarded_server, is_origin_allowed
+from pd_editor.viewer.server.server_guard import guarded_server, is_origin_allowed
 
 
 @pytest.mark.parametrize(

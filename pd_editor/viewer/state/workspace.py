@@ -18,7 +18,7 @@ from pd_editor.errors import InputError
 from pd_editor.exporters.bundle import zip_files
 from pd_editor.scenario_store import export_into, exported_files, open_scenario
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.playback import Playback
+from pd_editor.viewer.state.playback import Playback
 
 SEARCH_STEP: Final = 4
 """Scenario folders looked at before the clock is looked at again."""

@@ -10,14 +10,14 @@ from jaxtyping import Float
 from pd_editor.geometry.polyline import without_repeats
 from pd_editor.paths.motion_primitives import CandidateSet
 from pd_editor.scene.road_map import RoadMap
-from pd_editor.viewer.colors import (
+from pd_editor.viewer.meshes.colors import (
     CANDIDATE_COLOR,
     inverse_aces,
     shown_exactly,
     srgb_to_linear,
 )
-from pd_editor.viewer.flat_mesh import Primitive, glb_of, merged, ribbon
-from pd_editor.viewer.ribbons import path_ribbons
+from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, merged, ribbon
+from pd_editor.viewer.meshes.ribbons import path_ribbons
 
 HEIGHT_M: Final = 0.085
 LANE_HEIGHT_M: Final = 0.06

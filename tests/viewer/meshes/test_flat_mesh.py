@@ -3,7 +3,13 @@ import io
 import numpy as np
 import trimesh
 
-from pd_editor.viewer.flat_mesh import FlatMesh, Primitive, glb_of, merged, ribbon
+from pd_editor.viewer.meshes.flat_mesh import (
+    FlatMesh,
+    Primitive,
+    glb_of,
+    merged,
+    ribbon,
+)
 
 
 def signed_areas(mesh: FlatMesh) -> np.ndarray:

@@ -10,8 +10,8 @@ import viser
 from pd_editor.editor.commands import Command
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import PdEditorError
-from pd_editor.viewer.inbox import Inbox
-from pd_editor.viewer.workspace import Workspace
+from pd_editor.viewer.state.inbox import Inbox
+from pd_editor.viewer.state.workspace import Workspace
 
 _LOG = logging.getLogger(__name__)
 GESTURE_PAUSE_S: Final = 1.0

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.viewer.colors import (
+from pd_editor.viewer.meshes.colors import (
     _ACES_INPUT,
     _ACES_OUTPUT,
     inverse_aces,

@@ -1,6 +1,6 @@
 import threading
 
-from pd_editor.viewer.inbox import Inbox
+from pd_editor.viewer.state.inbox import Inbox
 
 
 def make(on_error=None, tick=None):

@@ -1,7 +1,7 @@
 import pytest
 
 from pd_editor.scene.time_axis import TimeAxis
-from pd_editor.viewer.playback import FRAME_S, Playback
+from pd_editor.viewer.state.playback import FRAME_S, Playback
 
 
 class Clock:

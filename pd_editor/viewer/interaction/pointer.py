@@ -13,9 +13,13 @@ from pd_editor.errors import EditError
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.agents_view import AgentsView
-from pd_editor.viewer.camera import dragged_ground_point, ground_point, projected
-from pd_editor.viewer.desk import Desk
+from pd_editor.viewer.interaction.camera import (
+    dragged_ground_point,
+    ground_point,
+    projected,
+)
+from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.views.agents_view import AgentsView
 
 TOGGLE_MODIFIERS: Final = ("shift", "cmd/ctrl")
 BOX_MODIFIER: Final = "cmd/ctrl"

@@ -6,8 +6,8 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_map import LaneMark
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
-from pd_editor.viewer.flat_mesh import FlatMesh
-from pd_editor.viewer.road_mesh import _line_styles, cell_meshes, road_parts
+from pd_editor.viewer.meshes.flat_mesh import FlatMesh
+from pd_editor.viewer.meshes.road_mesh import _line_styles, cell_meshes, road_parts
 from tests.builders import two_lane_road
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import viser
 
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.viewer.desk import Desk
+from pd_editor.viewer.state.desk import Desk
 
 SIZE_M: Final = 6.0
 HEIGHT_M: Final = 0.3

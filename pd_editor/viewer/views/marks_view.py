@@ -8,9 +8,9 @@ import viser
 
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.scenario import EGO_ID, Scenario
-from pd_editor.viewer.agent_poses import AgentPoses, yaw_quaternions
-from pd_editor.viewer.agent_shapes import pointer, ring
-from pd_editor.viewer.colors import (
+from pd_editor.viewer.meshes.agent_poses import AgentPoses, yaw_quaternions
+from pd_editor.viewer.meshes.agent_shapes import pointer, ring
+from pd_editor.viewer.meshes.colors import (
     EGO_COLOR,
     FOCAL_COLOR,
     SELECTION_COLOR,

@@ -13,7 +13,7 @@ import trimesh
 from jaxtyping import Float
 
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.viewer.flat_mesh import Primitive, glb_of
+from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of
 
 Profile = list[tuple[float, float]]
 

@@ -11,9 +11,9 @@ from jaxtyping import Float
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import EGO_ID, Scenario
-from pd_editor.viewer.agent_poses import AgentPoses, poses_at, yaw_quaternions
-from pd_editor.viewer.agent_shapes import contact_shadow, shape_of
-from pd_editor.viewer.colors import (
+from pd_editor.viewer.meshes.agent_poses import AgentPoses, poses_at, yaw_quaternions
+from pd_editor.viewer.meshes.agent_shapes import contact_shadow, shape_of
+from pd_editor.viewer.meshes.colors import (
     EGO_COLOR,
     FOCAL_COLOR,
     KIND_COLOR,

@@ -1,0 +1,1 @@
+"""Mouse, camera and gizmos: from events on the canvas to commands."""

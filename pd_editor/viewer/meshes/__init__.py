@@ -1,0 +1,1 @@
+"""Geometry and colours of what is drawn: pure functions from arrays to meshes."""

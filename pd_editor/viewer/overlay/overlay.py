@@ -1,0 +1,96 @@
+"""The Python side of the elements that stand on top of the picture."""
+
+import json
+import logging
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+import viser
+from viser import _messages
+
+from pd_editor.viewer.state.desk import Desk
+
+_LOG = logging.getLogger(__name__)
+MAX_EVENT_CHARACTERS: Final = 65_536
+_SCRIPT_FIRST: Final = "base.js"
+
+State = Mapping[str, Any]
+Handler = Callable[[Mapping[str, Any]], None]
+
+
+class Overlay:
+    """Shows elements over one tab's picture, and hears what the user does with them.
+
+    viser has no elements over its picture, so a script of our own adds them to the page:
+    it is sent by the message that viser itself uses for Plotly, and answers through a
+    hidden input. viser's client is not changed. Whatever an element offers can also be
+    done by a key or in the panel, so that a page without the script stays usable.
+    """
+
+    def __init__(self, desk: Desk) -> None:
+        """Start the script in the tab's page."""
+        self._desk = desk
+        self._handlers: dict[str, Handler] = {}
+        self._shown: dict[str, str] = {}
+        self.is_ready = False
+        self._answers = desk.client.gui.add_text("overlay", "", visible=False)
+
+        @self._answers.on_update
+        async def _(event: viser.GuiEvent[Any]) -> None:
+            if event.client is not None:
+                text = str(event.target.value)
+                desk.post(lambda: self._heard(text))
+
+        uuid = self._answers._impl.uuid
+        self._run(f"{page_script()}\npdOverlay.start({json.dumps(uuid)});")
+        self.on("page", self._page_said)
+
+    def show(self, element: str, state: State) -> None:
+        """Send an element's state unless the page shows it already.
+
+        The state is plain JSON; an element replaces what it showed before as a whole.
+        """
+        text = json.dumps(state, separators=(",", ":"), allow_nan=False)
+        if self._shown.get(element) != text:
+            self._shown[element] = text
+            self._run(f"pdOverlay.update({json.dumps(element)}, {text});")
+
+    def on(self, element: str, handler: Handler) -> None:
+        """Call ``handler`` on the session's worker with each event of an element."""
+        self._handlers[element] = handler
+
+    def _run(self, source: str) -> None:
+        self._desk.client.gui._websock_interface.queue_message(
+            _messages.RunJavascriptMessage(source=source)
+        )
+
+    def _heard(self, text: str) -> None:
+        """Pass an event on; what no element of ours would send is dropped."""
+        if len(text) > MAX_EVENT_CHARACTERS:
+            return
+        try:
+            message = json.loads(text)
+            handler = self._handlers[message["element"]]
+            event = dict(message["event"])
+        except (ValueError, KeyError, TypeError):
+            _LOG.info("The page sent an event that no element sends.")
+            return
+        handler(event)
+
+    def _page_said(self, event: Mapping[str, Any]) -> None:
+        self.is_ready = self.is_ready or event.get("kind") == "ready"
+
+
+@cache
+def page_script() -> str:
+    """The script of all elements, the frame that holds them first."""
+    folder = files("pd_editor.viewer.overlay").joinpath("page")
+    names = sorted(item.name for item in folder.iterdir() if item.name.endswith(".js"))
+    names.remove(_SCRIPT_FIRST)
+    parts = [
+        folder.joinpath(name).read_text("utf-8") for name in (_SCRIPT_FIRST, *names)
+    ]
+    style = folder.joinpath("style.css").read_text("utf-8")
+    return "\n".join([*parts, f"pdOverlay.setStyle({json.dumps(style)});"])

@@ -1,0 +1,172 @@
+// The frame that holds every element drawn over the picture.
+//
+// An element is registered by pdOverlay.define(name, mount). mount(api) builds its DOM
+// into api.box and returns update(state). State comes from Python (Overlay.show), events
+// go back by api.send({...}) (Overlay.on). Texts are set by textContent only, since ids
+// come from files. Elements never take pointer events except where they are .pd-solid.
+(() => {
+  const former = window.pdOverlay;
+  if (former) former.dispose();
+
+  const definitions = new Map();
+  const mounted = new Map();
+  const waiting = new Map();
+  const frameListeners = new Set();
+  const cleanups = [];
+  let number = 0;
+  let answerUuid = null;
+  let isAlive = true;
+
+  const root = document.createElement("div");
+  root.id = "pd-overlay";
+  document.body.appendChild(root);
+  const style = document.createElement("style");
+  document.head.appendChild(style);
+
+  const viewer = () => window.__viserMutable;
+  const canvas = () => viewer()?.canvas ?? null;
+
+  function fitToCanvas() {
+    const element = canvas();
+    if (!element) return;
+    const box = element.getBoundingClientRect();
+    for (const [name, value] of [
+      ["left", box.left], ["top", box.top], ["width", box.width], ["height", box.height],
+    ]) {
+      const text = `${value}px`;
+      if (root.style[name] !== text) root.style[name] = text;
+    }
+  }
+
+  // A point of the scene (x, y, z in metres) in pixels of the picture, or null if it
+  // lies behind the camera.
+  function project(point) {
+    const { camera, nodeRefFromName } = viewer() ?? {};
+    const world = nodeRefFromName?.[""];
+    const element = canvas();
+    if (!camera || !world || !element) return null;
+    const vector = camera.position.clone().set(point[0], point[1], point[2] ?? 0);
+    world.localToWorld(vector);
+    const depth = vector.clone().applyMatrix4(camera.matrixWorldInverse).z;
+    if (depth >= 0) return null;
+    vector.project(camera);
+    return [
+      (0.5 + vector.x / 2) * element.clientWidth,
+      (0.5 - vector.y / 2) * element.clientHeight,
+    ];
+  }
+
+  // The point of the ground (z = 0) under a pixel of the picture, or null for the sky.
+  function ground(x, y) {
+    const { camera, nodeRefFromName } = viewer() ?? {};
+    const world = nodeRefFromName?.[""];
+    const element = canvas();
+    if (!camera || !world || !element) return null;
+    const far = camera.position.clone().set(
+      (2 * x) / element.clientWidth - 1, 1 - (2 * y) / element.clientHeight, 0.5);
+    far.unproject(camera);
+    const start = camera.position.clone();
+    world.worldToLocal(far);
+    world.worldToLocal(start);
+    const fall = start.z - far.z;
+    if (fall <= 1e-9) return null;
+    const reach = start.z / fall;
+    return [start.x + reach * (far.x - start.x), start.y + reach * (far.y - start.y)];
+  }
+
+  function send(name, event) {
+    if (answerUuid === null || !viewer()) return;
+    number += 1;
+    viewer().sendMessage({
+      type: "GuiUpdateMessage",
+      uuid: answerUuid,
+      updates: { value: JSON.stringify({ number, element: name, event }) },
+    });
+  }
+
+  function listen(target, type, listener, options) {
+    target.addEventListener(type, listener, options);
+    cleanups.push(() => target.removeEventListener(type, listener, options));
+  }
+
+  function mount(name) {
+    const box = document.createElement("div");
+    box.className = `pd-element pd-${name}`;
+    root.appendChild(box);
+    const api = {
+      box, root, canvas, viewer, project, ground, listen,
+      send: (event) => send(name, event),
+      // Called with the camera once per drawn frame in which the view has changed.
+      onView: (listener) => frameListeners.add(listener),
+      onDispose: (cleanup) => cleanups.push(cleanup),
+      // make("button", "pd-key", {type: "button", title: "Undo"}, "Undo")
+      make(tag, className = "", attributes = {}, text = "") {
+        const element = document.createElement(tag);
+        if (className) element.className = className;
+        for (const [key, value] of Object.entries(attributes))
+          element.setAttribute(key, value);
+        if (text) element.textContent = text;
+        return element;
+      },
+    };
+    mounted.set(name, definitions.get(name)(api) ?? (() => {}));
+    if (waiting.has(name)) {
+      const state = waiting.get(name);
+      waiting.delete(name);
+      mounted.get(name)(state);
+    }
+  }
+
+  let lastView = "";
+  function frame() {
+    if (!isAlive) return;
+    const camera = viewer()?.camera;
+    const element = canvas();
+    if (camera && element) {
+      const view =
+        camera.matrixWorld.elements.map((v) => v.toPrecision(7)).join() +
+        [camera.fov, element.clientWidth, element.clientHeight].join();
+      if (view !== lastView) {
+        lastView = view;
+        fitToCanvas();
+        for (const listener of frameListeners) listener(camera);
+      }
+    }
+    requestAnimationFrame(frame);
+  }
+
+  function start() {
+    if (!isAlive) return;
+    if (!canvas()) {
+      setTimeout(start, 50);
+      return;
+    }
+    fitToCanvas();
+    const observer = new ResizeObserver(fitToCanvas);
+    observer.observe(canvas());
+    cleanups.push(() => observer.disconnect());
+    listen(window, "resize", fitToCanvas);
+    for (const name of definitions.keys()) mount(name);
+    requestAnimationFrame(frame);
+    send("page", { kind: "ready" });
+  }
+
+  window.pdOverlay = {
+    project,
+    ground,
+    define: (name, factory) => definitions.set(name, factory),
+    setStyle: (text) => { style.textContent = text; },
+    start(uuid) { answerUuid = uuid; start(); },
+    update(name, state) {
+      const update = mounted.get(name);
+      if (update) update(state);
+      else waiting.set(name, state);
+    },
+    dispose() {
+      isAlive = false;
+      for (const cleanup of cleanups) cleanup();
+      root.remove();
+      style.remove();
+    },
+  };
+})();

@@ -1,0 +1,14 @@
+// The page itself: its title, its theme, and what a browser would do with our keys.
+pdOverlay.define("page", (api) => {
+  api.listen(document, "keydown", (event) => {
+    const isTyping = /^(INPUT|TEXTAREA|SELECT)$/.test(event.target?.tagName ?? "");
+    if (isTyping) return;
+    // Ctrl+A would mark the page's text; the editor selects all agents by it.
+    if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "a")
+      event.preventDefault();
+  });
+  return ({ title, isDark }) => {
+    document.title = title;
+    api.root.classList.toggle("pd-dark", isDark);
+  };
+});

@@ -1,0 +1,1 @@
+"""The web server and its protection against foreign pages and large messages."""

@@ -1,0 +1,1 @@
+"""What a browser tab works on and with: workspace, playhead, queue, context."""

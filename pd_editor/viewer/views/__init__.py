@@ -1,0 +1,1 @@
+"""Scene nodes that show a scenario: map, agents, trajectories, marks."""

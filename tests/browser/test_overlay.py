@@ -1,0 +1,34 @@
+"""The overlay in a real page: it starts, follows the picture, answers."""
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.browser
+
+
+def test_the_overlay_covers_the_picture_and_agrees_on_where_things_are(open_editor):
+    editor = open_editor()
+    editor.until(lambda: editor._tab()._overlay.is_ready, "the overlay's first word")
+    assert "signalised-junction" in editor.page.title()
+    editor.press("Now")
+    editor.settle()
+    boxes = editor.page.evaluate(
+        "[document.getElementById('pd-overlay'), __viserMutable.canvas].map(e => {"
+        " const r = e.getBoundingClientRect(); return [r.x, r.y, r.width, r.height]; })"
+    )
+    assert np.allclose(boxes[0], boxes[1], atol=1.0)
+    scenario = editor.session.scenario
+    row = scenario.agents.row_of[scenario.focal_id]
+    x, y = scenario.agents.position_m[row, scenario.current_step]
+    expected = editor.pixel((x, y, 0.0))
+    found = editor.page.evaluate(f"pdOverlay.project([{x}, {y}, 0])")
+    assert np.allclose(np.array(found) + boxes[1][:2], expected, atol=2.0)
+    ground = editor.page.evaluate(f"pdOverlay.ground({found[0]}, {found[1]})")
+    assert np.allclose(ground, [x, y], atol=0.05)
+
+
+def test_a_reload_leaves_one_overlay(open_editor):
+    editor = open_editor()
+    editor.reload()
+    editor.until(lambda: editor._tab()._overlay.is_ready, "the overlay again")
+    assert editor.page.locator("#pd-overlay").count() == 1

@@ -1,0 +1,69 @@
+"""The Python side of the overlay: what it sends, and what it makes of answers."""
+
+import json
+
+import pytest
+
+from pd_editor.av2_io.write import scenario_files
+from pd_editor.exporters.bundle import write_files
+from pd_editor.viewer.overlay.overlay import page_script
+from tests.builders import two_agents_that_pass
+from tests.viewer.fake_browser import connected_tab, running_app
+
+
+@pytest.fixture
+def tab(tmp_path):
+    write_files(
+        scenario_files(two_agents_that_pass()), tmp_path / "scene", forbidden=None
+    )
+    with (
+        running_app(tmp_path / "library", str(tmp_path / "scene")) as app,
+        connected_tab(app) as opened,
+    ):
+        yield opened
+
+
+def test_the_frame_comes_before_the_elements():
+    script = page_script()
+    assert 0 <= script.index("window.pdOverlay =") < script.index("\npdOverlay.define(")
+    assert "setStyle(" in script
+
+
+def test_events_reach_their_element_alone(tab):
+    overlay, heard = tab.tab._overlay, []
+    overlay.on("probe", heard.append)
+    for event in ({"kind": "a"}, {"kind": "b", "at": [1, 2]}):
+        message = json.dumps({"number": 1, "element": "probe", "event": event})
+        tab.run(lambda message=message: overlay._heard(message))
+    assert heard == [{"kind": "a"}, {"kind": "b", "at": [1, 2]}]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{",
+        "null",
+        '{"element":"nobody","event":{}}',
+        '{"element":"probe","event":3}',
+        '{"element":["probe"],"event":{}}',
+        "9" * 70_000,
+    ],
+)
+def test_garbage_is_dropped(tab, text):
+    heard = []
+    tab.tab._overlay.on("probe", heard.append)
+    tab.run(lambda: tab.tab._overlay._heard(text))
+    assert heard == []
+    assert tab.run(lambda: "still working") == "still working"
+
+
+def test_an_element_is_sent_again_only_when_it_changes(tab, monkeypatch):
+    overlay, sent = tab.tab._overlay, []
+    monkeypatch.setattr(overlay, "_run", sent.append)
+    for state in ({"a": 1}, {"a": 1}, {"a": 2}):
+        overlay.show("probe", state)
+    assert len(sent) == 2
+    with pytest.raises(ValueError, match="JSON"):
+        overlay.show("probe", {"a": float("nan")})
