@@ -22,8 +22,8 @@ from pd_editor.metrics.off_road import off_road
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
-from pd_editor.synthesis.draw_network import draw_network
-from pd_editor.synthesis.simulate import simulate
+from pd_editor.synthesis.road_network.generator import draw_network
+from pd_editor.synthesis.traffic.simulation import simulate
 from pd_editor.windows.cut import cut_scenario
 from pd_editor.windows.map_crop import cropped_map
 from pd_editor.windows.recording import Recording, Window

@@ -11,14 +11,14 @@ import tyro
 from pd_editor.cli.arguments import FolderOption, OptionalFolders, Switch, folders
 from pd_editor.cli.progress import progress_shown
 from pd_editor.errors import InputError
-from pd_editor.synthesis.corpus import CorpusPlan, CorpusRecord, build_corpus
-from pd_editor.synthesis.corpus_folder import MANIFEST_NAME, CorpusFolder
-from pd_editor.synthesis.corpus_scenes import (
+from pd_editor.synthesis.dataset.builder import CorpusPlan, CorpusRecord, build_corpus
+from pd_editor.synthesis.dataset.dataset_folder import MANIFEST_NAME, CorpusFolder
+from pd_editor.synthesis.dataset.scene_source import (
     corpus_scenes,
     real_scenes,
     scenario_folders,
 )
-from pd_editor.synthesis.realism import realism_report
+from pd_editor.synthesis.realism.realism_report import realism_report
 from pd_editor.work_engine import LocalProcesses
 
 _MAX_REASONS = 5

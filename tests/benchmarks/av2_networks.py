@@ -13,7 +13,7 @@ import numpy as np
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import PdEditorError
-from pd_editor.synthesis.av2_network import links_of, network_of_map
+from pd_editor.synthesis.av2_to_sumo.network_conversion import links_of, network_of_map
 
 
 def main() -> None:

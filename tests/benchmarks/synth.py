@@ -10,9 +10,9 @@ from pathlib import Path
 
 from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.errors import ExportError
-from pd_editor.synthesis.corpus import CorpusPlan, build_corpus
-from pd_editor.synthesis.corpus_folder import CorpusFolder
-from pd_editor.synthesis.corpus_scenes import scenario_folders
+from pd_editor.synthesis.dataset.builder import CorpusPlan, build_corpus
+from pd_editor.synthesis.dataset.dataset_folder import CorpusFolder
+from pd_editor.synthesis.dataset.scene_source import scenario_folders
 from pd_editor.windows.shards import SHARD_SUFFIX, ShardReader
 from pd_editor.windows.tracking_noise import TrackingNoise
 from pd_editor.work_engine import LocalProcesses

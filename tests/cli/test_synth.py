@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import pd_editor
-from pd_editor.synthesis import corpus_networks
+from pd_editor.synthesis.dataset import network_worker as corpus_networks
 from pd_editor.windows.shards import ShardReader
 from pd_editor.work_engine import LocalProcesses
 from tests.cli.shell import Shell, run_in_process

@@ -4,8 +4,8 @@ from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 
-from pd_editor.synthesis.draw_network import draw_network
-from pd_editor.synthesis.network import Network
+from pd_editor.synthesis.road_network.generator import draw_network
+from pd_editor.synthesis.road_network.network import Network
 
 
 @cache

@@ -1,0 +1,1 @@
+"""From an Argoverse 2 map to a SUMO net file."""

@@ -1,0 +1,71 @@
+"""A user's Argoverse 2 map as a network for SUMO."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from pd_editor.errors import SynthesisError
+from pd_editor.scene.road_map import RoadMap
+from pd_editor.synthesis.av2_to_sumo.connections import lane_roads
+from pd_editor.synthesis.av2_to_sumo.edges import LaneLines, Stretch, lane_pairs
+from pd_editor.synthesis.av2_to_sumo.net_file import write_lane_net
+from pd_editor.synthesis.av2_to_sumo.parking_strips import kerb_strips
+from pd_editor.synthesis.road_network.footways import footways_of
+from pd_editor.synthesis.road_network.network import Network
+from pd_editor.synthesis.sumo.sumo_net import read_sumo_net
+
+FAMILY: Final = "av2"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Av2Network(Network):
+    """A network whose lanes lie exactly on the centre lines of the original map.
+
+    So a simulated pose is one on the original lanes, junctions included.
+    """
+
+    stretches: Mapping[str, tuple[Stretch, ...]]
+    """Where each SUMO lane lies on lanes of the map, in driving order."""
+
+
+def network_of_map(road_map: RoadMap, name: str, folder: Path) -> Av2Network:
+    """A network for the lanes of a map, which it keeps as its road map.
+
+    Lanes that run outside junctions become edges, those side by side one edge. Lanes
+    of junctions become ways through a junction, where SUMO minds the right of way.
+
+    Raises:
+        SynthesisError: the map has no lanes, or SUMO is missing or refused them.
+    """
+    if not road_map.lanes:
+        raise SynthesisError(f"Map {name} has no lanes to drive on.")
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = LaneLines(road_map=road_map)
+    net = write_lane_net(lines, lane_roads(lines), folder)
+    return Av2Network(
+        name=name,
+        family=FAMILY,
+        folder=folder,
+        net_file=net.path,
+        road_map=road_map,
+        lane_of_sumo={
+            sumo_id: tuple(dict.fromkeys(part.lane_id for part in parts))
+            for sumo_id, parts in net.stretches.items()
+        },
+        has_signals=net.has_signals,
+        parking_strips_m=kerb_strips(road_map),
+        footways=footways_of(road_map),
+        stretches=net.stretches,
+    )
+
+
+def links_of(network: Av2Network) -> frozenset[tuple[int, int]]:
+    """Lanes of the map that SUMO lets a vehicle drive one after the other."""
+    parts = network.stretches
+    found = {pair for lane in parts.values() for pair in lane_pairs(lane)}
+    for one, other in read_sumo_net(network.net_file).links:
+        ends = (parts[one][-1].lane_id, parts[other][0].lane_id)
+        if ends[0] != ends[1]:
+            found.add(ends)
+    return frozenset(found)

@@ -1,0 +1,1 @@
+"""Synthetic datasets: many networks simulated, cut into windows, and written."""

@@ -1,0 +1,210 @@
+"""Builds a corpus of synthetic traffic: many networks, each with its windows."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+
+from pd_editor.errors import InputError, SynthesisError
+from pd_editor.synthesis.dataset.dataset_folder import (
+    CorpusFolder,
+    CorpusSettings,
+    NetworkRecord,
+)
+from pd_editor.synthesis.dataset.network_worker import NetworkItem, make_network
+from pd_editor.synthesis.dataset.scene_source import scenario_folders
+from pd_editor.synthesis.road_network.generator import FAMILIES, FAMILY_SHARES
+from pd_editor.synthesis.sumo.sumo_tools import sumo_tool
+from pd_editor.work_engine import WorkEngine, WorkResult, run_items
+from pd_editor.work_engine.work_engine import WorkProgress
+
+WINDOWS_PER_SHARD: Final = 80
+FOLDERS_PER_NETWORK: Final = 20
+"""Fewer than in a shard: whoever looks at scenarios wants to see many roads."""
+WINDOWS_PER_MAP: Final = 25
+"""Real maps are small, so traffic on them repeats itself sooner."""
+_MAX_ROUNDS: Final = 8
+_MAX_SEED: Final = 20_000
+_SEEDS_PER_CORPUS: Final = 100_000
+
+
+@lru_cache(maxsize=8)
+def usual_families(count: int) -> tuple[str, ...]:
+    """The families of the first networks of a corpus, spread as evenly as can be."""
+    num = dict.fromkeys(FAMILY_SHARES, 0)
+    chosen: list[str] = []
+    for _ in range(count):
+        name = min(num, key=lambda one: (num[one] + 0.5) / FAMILY_SHARES[one])
+        num[name] += 1
+        chosen.append(name)
+    return tuple(chosen)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorpusPlan:
+    """What is made."""
+
+    num: int
+    """Windows, or scenario folders."""
+    seed: int
+    families: tuple[str, ...] = ()
+    """Of drawn roads, evenly; all, each with its usual share, if none is named."""
+    maps: tuple[Path, ...] = ()
+    """Roots of real scenarios whose maps are driven on in place of drawn networks."""
+    as_shards: bool = False
+    with_noise: bool = False
+
+    def __post_init__(self) -> None:
+        unknown = [name for name in self.families if name not in FAMILIES]
+        if unknown:
+            raise InputError(
+                f"There is no family of roads {unknown[0][:60]!r}; choose among "
+                f"{', '.join(FAMILIES)}."
+            )
+        if self.num < 1:
+            raise InputError(f"--num is {self.num}; expected 1 or more.")
+        if not 0 <= self.seed < _MAX_SEED:
+            raise InputError(f"--seed is {self.seed}; expected 0 to {_MAX_SEED - 1}.")
+        if self.as_shards and self.with_noise:
+            raise InputError(
+                "Shards hold true states, and noise is drawn when they are read; leave "
+                "out --noise or --shards."
+            )
+
+    def family(self, index: int) -> str:
+        """Family of drawn roads that a network belongs to."""
+        if self.families:
+            return self.families[index % len(self.families)]
+        return usual_families(index + 1)[index]
+
+    @property
+    def settings(self) -> CorpusSettings:
+        """What finished networks depend on."""
+        return CorpusSettings(
+            version=version("pd-editor"),
+            num=self.num,
+            seed=self.seed,
+            families=() if self.maps else (self.families or FAMILIES),
+            maps=tuple(str(root.resolve()) for root in self.maps),
+            form="shards" if self.as_shards else "folders",
+            noise=self.with_noise,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorpusRecord:
+    """What was made."""
+
+    networks: Mapping[str, NetworkRecord]
+    """By the names of their files."""
+    failures: Mapping[str, str]
+    """Why a network gave nothing."""
+    num_resumed: int
+
+    @property
+    def num_windows(self) -> int:
+        """In all networks."""
+        return sum(one.num_windows for one in self.networks.values())
+
+    @property
+    def num_agents(self) -> int:
+        """In all networks."""
+        return sum(one.num_agents for one in self.networks.values())
+
+
+def build_corpus(
+    plan: CorpusPlan,
+    folder: CorpusFolder,
+    engine: WorkEngine,
+    *,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> CorpusRecord:
+    """Make what is not finished yet, and write the manifest.
+
+    Networks that give less than their share are made up for by further ones, so a
+    corpus may have fewer windows than asked for only if many networks fail.
+
+    Raises:
+        SynthesisError: SUMO is missing, or not a single network gave a window.
+        ExportError: the folder cannot be written.
+    """
+    for tool in ("netconvert", "sumo"):
+        sumo_tool(tool)
+    maps = scenario_folders(plan.maps) if plan.maps else []
+    networks: dict[str, NetworkRecord] = {}
+    failures: dict[str, str] = {}
+    num_resumed = num_planned = 0
+    for _ in range(_MAX_ROUNDS):
+        missing = plan.num - sum(one.num_windows for one in networks.values())
+        usable = [one for one in maps if not _is_hopeless(one, failures)]
+        if missing <= 0 or (maps and not usable):
+            break
+        items = _items(plan, folder, usable, missing, num_planned)
+        num_planned += len(items)
+        done = {key for key in items if folder.load(key) is not None}
+        num_resumed += len(done)
+
+        def take(result: WorkResult[NetworkRecord]) -> None:
+            if result.value is not None:
+                folder.store(result.key, result.value)
+            elif result.failure is not None:
+                reason = result.failure.message
+                if not result.failure.is_users:
+                    reason = f"{result.failure.error}: {reason}"
+                failures[result.key] = reason
+
+        run_items(
+            engine, make_network, items, on_result=take, on_progress=on_progress,
+            done=done,
+        )  # fmt: skip
+        found = {key: folder.load(key) for key in items}
+        networks |= {key: one for key, one in found.items() if one is not None}
+    if not networks:
+        reason = next(iter(failures.values()), "there is no map")
+        raise SynthesisError(f"Not a single network gave traffic; the first: {reason}")
+    folder.write_manifest(networks)
+    return CorpusRecord(networks=networks, failures=failures, num_resumed=num_resumed)
+
+
+def _items(
+    plan: CorpusPlan,
+    folder: CorpusFolder,
+    maps: Sequence[Path],
+    num_windows: int,
+    first: int,
+) -> dict[str, NetworkItem]:
+    """Further networks that share the windows evenly, numbered from ``first``."""
+    share = WINDOWS_PER_SHARD if plan.as_shards else FOLDERS_PER_NETWORK
+    kinds = len(maps) or len(plan.families or FAMILIES)
+    if maps:
+        share = min(share, WINDOWS_PER_MAP)
+    count = math.ceil(num_windows / share)
+    if first == 0:  # A few windows come from as many kinds of roads as there are.
+        count = max(count, min(kinds, num_windows))
+    items = {}
+    for number in range(count):
+        index = first + number
+        map_folder = maps[index % kinds] if maps else None
+        family = "" if maps else plan.family(index)
+        label = family if map_folder is None else f"av2-{map_folder.name}"
+        item = NetworkItem(
+            key=f"{label}-{index:05d}",
+            family=family,
+            map_folder=map_folder,
+            seed=plan.seed * _SEEDS_PER_CORPUS + index,
+            num_windows=num_windows // count + (number < num_windows % count),
+            out=folder.path,
+            as_shard=plan.as_shards,
+            with_noise=plan.with_noise,
+        )
+        items[item.key] = item
+    return items
+
+
+def _is_hopeless(map_folder: Path, failures: Mapping[str, str]) -> bool:
+    """Whether a map failed again; nobody may have come by on it by chance."""
+    keys = [key for key in failures if key.startswith(f"av2-{map_folder.name}-")]
+    return len(keys) > 1

@@ -1,0 +1,93 @@
+"""One network of a corpus: drawn or taken from a map, driven on, cut and written."""
+
+import dataclasses
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.av2_io.write import scenario_files
+from pd_editor.errors import SynthesisError
+from pd_editor.synthesis.av2_to_sumo.network_conversion import network_of_map
+from pd_editor.synthesis.dataset.dataset_folder import (
+    NetworkRecord,
+    write_scenario_folder,
+)
+from pd_editor.synthesis.road_network.generator import draw_network
+from pd_editor.synthesis.traffic.demand_config import MAP_DEMAND
+from pd_editor.synthesis.traffic.simulation import simulate
+from pd_editor.windows.cut import cut_scenario
+from pd_editor.windows.recording import Recording, Window
+from pd_editor.windows.shards import SHARD_SUFFIX, write_shard
+from pd_editor.windows.tracking_noise import TrackingNoise
+from pd_editor.windows.window_choice import choose_windows
+
+WINDOW_SPACING_S: Final = 2.0
+"""A recording is so much longer for each of its windows."""
+MIN_DURATION_S: Final = 30.0
+MAX_DURATION_S: Final = 160.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkItem:
+    """What a worker needs to know."""
+
+    key: str
+    """Names the files."""
+    family: str
+    """Of procedural roads; empty if the roads are those of ``map_folder``."""
+    map_folder: Path | None
+    """A real scenario, whose map is driven on."""
+    seed: int
+    num_windows: int
+    out: Path
+    as_shard: bool
+    with_noise: bool
+
+
+def make_network(item: NetworkItem) -> NetworkRecord:
+    """Write the windows of one network; the same item gives the same bytes.
+
+    Raises:
+        SynthesisError: SUMO refused the roads or the traffic, or nobody moves.
+        InputError: the map cannot be read.
+        ExportError: a file cannot be written.
+    """
+    recording = _recording(item)
+    windows = choose_windows(recording, item.seed, num_windows=item.num_windows)
+    if not windows:
+        raise SynthesisError(f"{item.key}: nobody drives there for long enough.")
+    if item.as_shard:
+        write_shard(item.out / f"{item.key}{SHARD_SUFFIX}", [(recording, windows)])
+    else:
+        _write_folders(item, recording, windows)
+    return NetworkRecord(num_windows=len(windows), num_agents=len(recording.ids))
+
+
+def _recording(item: NetworkItem) -> Recording:
+    wanted_s = MIN_DURATION_S + WINDOW_SPACING_S * item.num_windows
+    duration_s = min(wanted_s, MAX_DURATION_S)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if item.map_folder is None:
+            network = draw_network(item.family, item.seed, folder)
+            return simulate(network, item.seed, duration_s=duration_s)
+        real = read_scenario(item.map_folder)
+        network = network_of_map(real.road_map, f"av2-{real.scenario_id}", folder)
+        recording = simulate(
+            network, item.seed, duration_s=duration_s, demand=MAP_DEMAND
+        )
+        return dataclasses.replace(
+            recording, city=real.city, origin_city_m=real.origin_city_m
+        )
+
+
+def _write_folders(
+    item: NetworkItem, recording: Recording, windows: tuple[Window, ...]
+) -> None:
+    noise = TrackingNoise() if item.with_noise else None
+    for window in windows:
+        scenario = cut_scenario(recording, window, noise=noise)
+        files = scenario_files(scenario)
+        write_scenario_folder(item.out, scenario.scenario_id, files)

@@ -1,0 +1,1 @@
+"""How near synthetic scenes come to recorded ones."""

@@ -1,0 +1,218 @@
+"""How near synthetic scenes come to real ones, beside what real ones differ."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from pd_editor.errors import InputError
+from pd_editor.metrics.noise_floor import noise_floor
+from pd_editor.scene.scenario import Scenario
+from pd_editor.synthesis.realism.scene_statistics import (
+    QUANTITIES,
+    MeasuredScene,
+    Quantity,
+    SceneValues,
+)
+
+ALLOWED_RATIO: Final = 1.3
+"""Of the distance to the noise floor."""
+QUANTILES: Final = (10, 50, 90)
+
+_Measured = dict[str, list[SceneValues]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealismRow:
+    """A quantity on both sides."""
+
+    name: str
+    unit: str
+    distance: float
+    """Root of the Jensen-Shannon divergence (natural logarithm) to the real scenes."""
+    noise_floor: float
+    """That of as many real agents, drawn anew: what chance does to the real scenes."""
+    other_real: float | None
+    """That of other real scenes, where there are any."""
+    synthetic: tuple[float, ...]
+    """Quantiles of ``QUANTILES``; the mean alone of a share."""
+    real: tuple[float, ...]
+
+    @property
+    def ratio(self) -> float:
+        """Distance over noise floor."""
+        return self.distance / max(self.noise_floor, 1e-9)
+
+    @property
+    def passes(self) -> bool:
+        """Whether the ratio is as low as asked for."""
+        return self.ratio <= ALLOWED_RATIO
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealismReport:
+    """All quantities."""
+
+    rows: tuple[RealismRow, ...]
+    num_synthetic: int
+    num_real: int
+    num_other: int
+
+    def json(self) -> dict[str, Any]:
+        """The report as JSON can hold it."""
+        return {
+            "num_synthetic": self.num_synthetic,
+            "num_real": self.num_real,
+            "num_other": self.num_other,
+            "allowed_ratio": ALLOWED_RATIO,
+            "rows": [
+                {
+                    "name": row.name,
+                    "unit": row.unit,
+                    "distance": row.distance,
+                    "noise_floor": row.noise_floor,
+                    "ratio": row.ratio,
+                    "passes": row.passes,
+                    "other_real": row.other_real,
+                    "synthetic": list(row.synthetic),
+                    "real": list(row.real),
+                }
+                for row in self.rows
+            ],
+        }
+
+    def _chance(self) -> str:
+        if not self.num_other:
+            return "."
+        chance = np.sqrt(1 + self.num_real / self.num_other)
+        return f", which is {chance:.1f} for the other real scenes."
+
+    def markdown(self) -> str:
+        """The report as Markdown."""
+        num_passed = sum(row.passes for row in self.rows)
+        lines = [
+            "# Synthetic traffic beside real traffic",
+            f"{self.num_synthetic} synthetic scenes, {self.num_real} real ones"
+            + (f", {self.num_other} other real ones." if self.num_other else "."),
+            "Distances are square roots of Jensen-Shannon divergences (natural "
+            "logarithm) to the real scenes. The noise floor is that distance for as "
+            "many agents of real scenes drawn anew, mean over draws. A perfect "
+            "generator's ratio tends to 1 as its scenes become many; of n scenes "
+            "beside m real ones, chance alone makes it about sqrt(1 + m / n)"
+            + self._chance(),
+            f"{num_passed} of {len(self.rows)} distances are at most "
+            f"{ALLOWED_RATIO:g} times the noise floor.",
+            "| quantity | unit | distance | floor | ratio | other real | "
+            f"| synthetic {_quantile_names()} | real {_quantile_names()} |\n"
+            "|---|---|---|---|---|---|---|---|---|\n"
+            + "\n".join(_line(row) for row in self.rows),
+        ]
+        return "\n\n".join(lines) + "\n"
+
+
+def realism_report(
+    synthetic: Iterable[Scenario],
+    real: Iterable[Scenario],
+    other_real: Iterable[Scenario] = (),
+) -> RealismReport:
+    """Compare scenes with real ones, quantity by quantity.
+
+    Args:
+        synthetic: scenes under test, of the form and the extent of real ones.
+        real: scenes that they should be like.
+        other_real: more real scenes, which show what distance is within reach.
+
+    Raises:
+        InputError: there are no synthetic or no real scenes.
+    """
+    mine, num_mine = _measured(synthetic)
+    theirs, num_theirs = _measured(real)
+    others, num_others = _measured(other_real)
+    for number, side in ((num_mine, "synthetic"), (num_theirs, "real")):
+        if not number:
+            raise InputError(f"There are no {side} scenes to compare; expected some.")
+    rows = [
+        _row(
+            quantity, mine[quantity.name], theirs[quantity.name], others[quantity.name]
+        )
+        for quantity in QUANTITIES
+        if _num_rows(mine[quantity.name]) and _num_rows(theirs[quantity.name])
+    ]
+    return RealismReport(
+        rows=tuple(rows), num_synthetic=num_mine, num_real=num_theirs, num_other=num_others
+    )  # fmt: skip
+
+
+def _measured(scenarios: Iterable[Scenario]) -> tuple[_Measured, int]:
+    found: _Measured = {quantity.name: [] for quantity in QUANTITIES}
+    count = 0
+    for scenario in scenarios:
+        scene = MeasuredScene(scenario=scenario)
+        count += 1
+        for quantity in QUANTITIES:
+            found[quantity.name].append(quantity.measure(scene))
+    return found, count
+
+
+def _num_rows(scenes: Sequence[SceneValues]) -> int:
+    """Agents, lanes or scenes with a value."""
+    return sum(
+        int(np.any(scene.is_valid.reshape(len(scene), -1), axis=1).sum())
+        for scene in scenes
+        if len(scene)
+    )
+
+
+def _row(
+    quantity: Quantity,
+    synthetic: Sequence[SceneValues],
+    real: Sequence[SceneValues],
+    other_real: Sequence[SceneValues],
+) -> RealismRow:
+    pool, num_rows = _pooled(real), _num_rows(real)
+
+    def distance(scenes: Sequence[SceneValues]) -> float:
+        return quantity.distance(_pooled(scenes), pool)
+
+    return RealismRow(
+        name=quantity.name,
+        unit=quantity.unit,
+        distance=distance(synthetic),
+        noise_floor=noise_floor(real, quantity.distance, num_agents=num_rows).mean,
+        other_real=distance(other_real) if _num_rows(other_real) else None,
+        synthetic=_summary(quantity, _pooled(synthetic)),
+        real=_summary(quantity, pool),
+    )
+
+
+def _pooled(scenes: Sequence[SceneValues]) -> np.ndarray:
+    return np.concatenate([np.zeros(0), *(scene.valid() for scene in scenes)])
+
+
+def _summary(quantity: Quantity, values: np.ndarray) -> tuple[float, ...]:
+    if quantity.unit == "share":
+        return (float(values.mean()),)
+    return tuple(float(value) for value in np.percentile(values, QUANTILES))
+
+
+def _quantile_names() -> str:
+    return "/".join(str(quantile) for quantile in QUANTILES) + " %"
+
+
+def _line(row: RealismRow) -> str:
+    other = "-"
+    if row.other_real is not None:
+        other = f"{row.other_real / max(row.noise_floor, 1e-9):.2f}"
+    cells = (
+        row.name,
+        row.unit or "-",
+        f"{row.distance:.3f}",
+        f"{row.noise_floor:.3f}",
+        f"{row.ratio:.2f}",
+        other,
+        "pass" if row.passes else "above",
+        " / ".join(f"{value:.3g}" for value in row.synthetic),
+        " / ".join(f"{value:.3g}" for value in row.real),
+    )
+    return f"| {' | '.join(cells)} |"

@@ -1,0 +1,1 @@
+"""Procedural road networks: streets, junctions and footways for SUMO."""

@@ -1,0 +1,41 @@
+"""What lies across a street."""
+
+from dataclasses import dataclass
+
+from pd_editor.synthesis.road_network.plain_xml import Strip, StripKind
+
+
+@dataclass(frozen=True, kw_only=True)
+class Carriageway:
+    """One direction of a street, from the kerb: pavement, parking, bikes, vehicles."""
+
+    num_lanes: int
+    lane_width_m: float
+    speed_mps: float
+    has_bus_lane: bool = False
+    """The rightmost of the lanes is for buses."""
+    bike_width_m: float = 0.0
+    parking_width_m: float = 0.0
+    sidewalk_width_m: float = 0.0
+    median_m: float = 0.0
+    """Between the two directions."""
+    is_one_way: bool = False
+
+    def strips(self) -> tuple[Strip, ...]:
+        """Strips from the kerb to the left."""
+        beside = [
+            (StripKind.SIDEWALK, self.sidewalk_width_m),
+            (StripKind.PARKING, self.parking_width_m),
+            (StripKind.BIKE, self.bike_width_m),
+        ]
+        lanes = [StripKind.CAR] * self.num_lanes
+        if self.has_bus_lane:
+            lanes[0] = StripKind.BUS
+        return tuple(
+            [Strip(kind=kind, width_m=width) for kind, width in beside if width > 0]
+            + [Strip(kind=kind, width_m=self.lane_width_m) for kind in lanes]
+        )
+
+    def width_m(self) -> float:
+        """Of all strips."""
+        return sum(strip.width_m for strip in self.strips())

@@ -1,0 +1,231 @@
+"""A network as it is drawn, street by street."""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely import LineString
+
+from pd_editor.geometry.polyline import arc_length, densify, offset_line, point_at
+from pd_editor.synthesis.road_network.cross_section import Carriageway
+from pd_editor.synthesis.road_network.plain_xml import (
+    NodeKind,
+    PlainConnection,
+    PlainEdge,
+    PlainNetwork,
+    PlainNode,
+    Strip,
+    StripKind,
+)
+from pd_editor.synthesis.road_network.street_curves import SPACING_M, CurveKind, curve
+
+Land = Callable[[Float[np.ndarray, "N 2"]], Float[np.ndarray, "N 2"]]
+TAPER_M: Final = 22.0
+"""Over which a lane opens beside another, or closes."""
+_JUNCTION_M: Final = 14.0
+"""What a junction takes of the ends of its streets, about."""
+_MIN_BAY_M: Final = 12.0
+_CLEAR_M: Final = 15.0
+"""Between the middles of streets, away from where they meet."""
+_NEAR_JUNCTION_M: Final = 23.0
+
+
+@dataclass(kw_only=True)
+class NetworkSketch:
+    """Nodes and edges as they are drawn, street by street."""
+
+    nodes: dict[str, PlainNode] = field(default_factory=dict)
+    put_m: dict[str, Float[np.ndarray, "2"]] = field(default_factory=dict)
+    """Nodes before the land was bent."""
+    edges: list[PlainEdge] = field(default_factory=list)
+    connections: list[PlainConnection] = field(default_factory=list)
+    removed: list[tuple[str, str]] = field(default_factory=list)
+    """Pairs of edges between which nobody may turn."""
+    roundabouts: list[tuple[tuple[str, ...], tuple[str, ...]]] = field(
+        default_factory=list
+    )
+    lines: list[LineString] = field(default_factory=list)
+    """Middles of the streets so far, before the land was bent."""
+    land: Land = lambda points_m: points_m
+    """Bends everything that is drawn, smoothly."""
+
+    def node(
+        self,
+        node_id: str,
+        point_m: Float[np.ndarray, "2"],
+        kind: NodeKind = NodeKind.PRIORITY,
+        radius_m: float = 7.0,
+    ) -> None:
+        """Add a node."""
+        self.put_m[node_id] = point_m
+        self.bent_node(node_id, self.land(point_m[None])[0], kind, radius_m)
+
+    def bent_node(
+        self,
+        node_id: str,
+        point_m: Float[np.ndarray, "2"],
+        kind: NodeKind = NodeKind.PRIORITY,
+        radius_m: float = 7.0,
+    ) -> None:
+        """Add a node on land that is bent already."""
+        x, y = (float(value) for value in point_m)
+        self.nodes[node_id] = PlainNode(
+            node_id=node_id, point_m=(x, y), kind=kind, radius_m=radius_m
+        )
+
+    def point_m(self, node_id: str) -> Float[np.ndarray, "2"]:
+        """Where a node was put, before the land was bent."""
+        return self.put_m[node_id]
+
+    def line_m(
+        self,
+        start: str,
+        end: str,
+        kind: CurveKind = CurveKind.STRAIGHT,
+        turn_rad: float = 0.0,
+    ) -> Float[np.ndarray, "N 2"]:
+        """A curve between two nodes."""
+        return curve(self.point_m(start), self.point_m(end), kind, turn_rad)
+
+    def one_way(
+        self,
+        start: str,
+        end: str,
+        left_edge_m: Float[np.ndarray, "N 2"],
+        strips: tuple[Strip, ...],
+        speed_mps: float,
+        priority: int = 1,
+    ) -> str:
+        """Add a direction along its left edge; returns the edge's id."""
+        edge_id = f"{start}-{end}"
+        self.edges.append(
+            PlainEdge(
+                edge_id=edge_id,
+                start=start,
+                end=end,
+                left_edge_m=left_edge_m,
+                strips=strips,
+                speed_mps=speed_mps,
+                priority=priority,
+            )
+        )
+        return edge_id
+
+    def street(
+        self,
+        start: str,
+        end: str,
+        middle_m: Float[np.ndarray, "N 2"],
+        carriageway: Carriageway,
+        *,
+        bay_m: float = 0.0,
+        bays: tuple[bool, bool] = (True, True),
+    ) -> None:
+        """Add a street along its middle: both directions, or one if it is one-way.
+
+        Bays of the given length for left turns open in the median before each end.
+        """
+        self.lines.append(LineString(middle_m))
+        middle_m = self.land(densify(middle_m, SPACING_M))
+        if carriageway.is_one_way:
+            left = offset_line(middle_m, carriageway.width_m() / 2)
+            self.one_way(
+                start,
+                end,
+                left,
+                carriageway.strips(),
+                carriageway.speed_mps,
+                carriageway.num_lanes,
+            )
+            return
+        has_room = carriageway.median_m >= carriageway.lane_width_m
+        for first, last, line, has_bay in (
+            (start, end, middle_m, bays[1]),
+            (end, start, middle_m[::-1], bays[0]),
+        ):
+            left = offset_line(line, -carriageway.median_m / 2)
+            self._direction(
+                first, last, left, carriageway, bay_m if has_room and has_bay else 0.0
+            )
+
+    def _direction(
+        self,
+        start: str,
+        end: str,
+        left_m: Float[np.ndarray, "N 2"],
+        carriageway: Carriageway,
+        bay_m: float,
+    ) -> None:
+        strips, speed = carriageway.strips(), carriageway.speed_mps
+        priority = carriageway.num_lanes
+        length = float(arc_length(left_m)[-1])
+        room_m = length / 2 - _JUNCTION_M - TAPER_M
+        bay_m = min(bay_m, room_m)
+        opens_m = length - _JUNCTION_M - bay_m - TAPER_M
+        if bay_m < _MIN_BAY_M:
+            self.one_way(start, end, left_m, strips, speed, priority)
+            return
+        before, taper, after = split(left_m, [opens_m, opens_m + TAPER_M])
+        fork = f"{start}-{end}.bay"
+        self.bent_node(fork, taper[len(taper) // 2])
+        lane = Strip(kind=StripKind.CAR, width_m=carriageway.lane_width_m)
+        first = self.one_way(start, fork, before, strips, speed, priority)
+        after = offset_line(after, lane.width_m)
+        last = self.one_way(fork, end, after, (*strips, lane), speed, priority)
+        pairs = [(k, k) for k in range(len(strips))]
+        self.connect(first, last, strips, [*pairs, (len(strips) - 1, len(strips))])
+
+    def connect(
+        self,
+        start: str,
+        end: str,
+        strips: tuple[Strip, ...],
+        pairs: list[tuple[int, int]],
+    ) -> None:
+        """Let traffic pass between strips of two edges; strips of the first."""
+        self.connections += [
+            PlainConnection(start=start, end=end, start_strip=a, end_strip=b)
+            for a, b in pairs
+            if strips[a].kind not in (StripKind.SIDEWALK, StripKind.PARKING)
+        ]
+
+    def is_free(
+        self, middle_m: Float[np.ndarray, "N 2"], *, meets_at_end: bool = False
+    ) -> bool:
+        """Whether a street from a junction comes near no other one further on."""
+        length = float(arc_length(middle_m)[-1])
+        end_m = length - _NEAR_JUNCTION_M if meets_at_end else length
+        if end_m <= _NEAR_JUNCTION_M:
+            return False
+        part = point_at(middle_m, np.linspace(_NEAR_JUNCTION_M, end_m, 12))
+        distances = shapely.distance(np.array(self.lines, object), LineString(part))
+        return bool(np.all(distances > _CLEAR_M))
+
+    def network(self, crossing_width_m: float) -> PlainNetwork:
+        """What was drawn."""
+        return PlainNetwork(
+            nodes=tuple(self.nodes.values()),
+            edges=tuple(self.edges),
+            connections=tuple(self.connections),
+            removed=tuple(self.removed),
+            crossing_width_m=crossing_width_m,
+            roundabouts=tuple(self.roundabouts),
+        )
+
+
+def split(
+    line_m: Float[np.ndarray, "N 2"], at_m: list[float]
+) -> list[Float[np.ndarray, "_ 2"]]:
+    """The line cut at distances along it."""
+    along = arc_length(line_m)
+    bounds = [0.0, *at_m, float(along[-1])]
+    result = []
+    for start, end in itertools.pairwise(bounds):
+        inner = line_m[(along > start + 0.1) & (along < end - 0.1)]
+        ends = point_at(line_m, np.array([start, end]))
+        result.append(np.concatenate([ends[:1], inner, ends[1:]]))
+    return result

@@ -1,0 +1,1 @@
+"""From a SUMO net file to an Argoverse 2 map."""

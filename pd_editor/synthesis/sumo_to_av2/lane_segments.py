@@ -1,0 +1,67 @@
+"""Lanes cut into segments of the lengths that Argoverse 2 maps have."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from pd_editor.geometry.polyline import arc_length
+from pd_editor.synthesis.sumo.sumo_net import SumoLane, SumoNet
+from pd_editor.synthesis.sumo_to_av2.lane_chains import LaneChain
+from pd_editor.synthesis.sumo_to_av2.lane_geometry import WideLine, pieces
+
+_MEDIAN_M: Final = 22.0
+_SPREAD: Final = 0.92
+"""Of the logarithm of the length."""
+_LEAST_M: Final = 1.5
+_MOST_M: Final = 150.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChainSections:
+    """The segments of a chain; lanes of one edge are cut at the same places."""
+
+    parts: tuple[WideLine, ...]
+    num_before: int
+    """Segments of junctions before the road's own, such as where a lane opens."""
+    num_own: int
+
+
+def edge_cuts(net: SumoNet, random: np.random.Generator) -> dict[str, list[float]]:
+    """Fractions along each normal edge where its lanes are cut."""
+    cuts = {}
+    for edge in net.junction_of:
+        length = _length_m(net.lanes_of_edge[edge][-1])
+        at, fractions = 0.0, []
+        while True:
+            step = _MEDIAN_M * np.exp(_SPREAD * random.normal())
+            at += float(np.clip(step, _LEAST_M, _MOST_M))
+            if at > length - _LEAST_M:
+                break
+            fractions.append(at / length)
+        cuts[edge] = fractions
+    return cuts
+
+
+def chain_sections(
+    chain: LaneChain, line: WideLine, fractions: list[float]
+) -> ChainSections:
+    """A chain cut at fractions of its road's lane, and where that begins and ends."""
+    row = chain.lanes.index(chain.main)
+    start = sum(_length_m(lane) for lane in chain.lanes[:row])
+    length = _length_m(chain.main)
+    total = float(arc_length(line.points_m)[-1])
+    cuts = [start + fraction * length for fraction in fractions]
+    opens, closes = start > _LEAST_M, total - start - length > _LEAST_M
+    if chain.main.is_internal or length < _LEAST_M:
+        opens = closes = False
+    before = [start] if opens else []
+    after = [start + length] if closes else []
+    parts = pieces(line, [*before, *cuts, *after])
+    return ChainSections(
+        parts=tuple(parts), num_before=len(before), num_own=len(cuts) + 1
+    )
+
+
+def _length_m(lane: SumoLane) -> float:
+    return float(arc_length(lane.shape_m)[-1])

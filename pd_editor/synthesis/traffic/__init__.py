@@ -1,0 +1,1 @@
+"""Traffic on a network: demand, simulation, pedestrians, parked vehicles, tracks."""

@@ -1,0 +1,290 @@
+"""Vehicles that stand aside: along the kerb, in driveways, on small lots.
+
+They are drawn after the simulation, where no one drove or walked.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+
+from pd_editor.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
+from pd_editor.geometry.oriented_box import box_corners
+from pd_editor.geometry.polyline import arc_length, point_at
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, RoadMap
+from pd_editor.synthesis.road_network.network import Network
+from pd_editor.synthesis.traffic.demand_config import ParkingOptions
+from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks
+
+SWEEP_SPACING_M: Final = 0.6
+"""Between two boxes that stand for all that a vehicle sweeps."""
+
+CLEARANCE_M: Final = 0.15
+"""Between a parked vehicle and all that sweeps by."""
+
+STRIP_END_M: Final = 2.0
+KERB_END_M: Final = 3.0
+"""Free space at both ends of a parking strip, and of a kerb."""
+
+PLACE_M: Final = 5.2
+SLOT_GAP_M: Final = (0.5, 1.6)
+"""Between two places along the kerb."""
+
+ANGLED_PITCH_M: Final = 3.5
+ANGLED_ASIDE_M: Final = (1.2, 3.2)
+"""From the edge of the lane to the middles of vehicles at an angle to it; lanes of
+recorded maps often take in a part of such places."""
+PERPENDICULAR_SHARE: Final = 0.25
+"""Of the rows at an angle."""
+PERPENDICULAR_PITCH_M: Final = 2.75
+PERPENDICULAR_ASIDE_M: Final = (1.6, 5.0)
+
+TURNED_SHARE: Final = 0.008
+"""Of the vehicles along a kerb, those that face oncoming traffic."""
+
+LOT_PITCH_M: Final = 2.75
+LOT_AISLE_M: Final = 6.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ParkedVehicles:
+    """K vehicles that do not move."""
+
+    kinds: tuple[AgentKind, ...]
+    size_m: Float[np.ndarray, "K 2"]
+    position_m: Float[np.ndarray, "K 2"]
+    heading_rad: Float[np.ndarray, "K"]
+
+    def corners_m(self) -> Float[np.ndarray, "K 4 2"]:
+        """Corners of the boxes."""
+        return box_corners(self.position_m, self.heading_rad, self.size_m)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Places:
+    """Poses where something might park."""
+
+    position_m: Float[np.ndarray, "K 2"]
+    heading_rad: Float[np.ndarray, "K"]
+    is_on_road: bool
+    """Whether it may reach into a lane."""
+
+
+def draw_parked_vehicles(
+    network: Network,
+    traffic: TrafficTracks,
+    options: ParkingOptions,
+    random: np.random.Generator,
+) -> ParkedVehicles:
+    """Parked vehicles that touch neither traffic nor each other."""
+    places = [
+        _along(line, options, STRIP_END_M, random.uniform(-0.35, 0.45), random)
+        for line in network.parking_strips_m
+    ]
+    for kerb in _kerbs(network):
+        style = random.random()
+        if style < options.angled_share:
+            places.append(_angled(kerb, options, random))
+        elif style < options.angled_share + options.kerb_share:
+            aside = random.uniform(-0.9, 1.2)
+            places.append(_along(kerb, options, KERB_END_M, aside, random))
+        places.append(_driveways(kerb, options, random))
+        places.append(_lots(kerb, options, random))
+    count = sum(len(one.heading_rad) for one in places)
+    size = np.column_stack(
+        [
+            np.clip(random.normal(4.75, 0.35, count), 3.9, 5.9),
+            np.clip(random.normal(1.92, 0.08, count), 1.7, 2.15),
+        ]
+    )
+    parked = ParkedVehicles(
+        kinds=(AgentKind.VEHICLE,) * count,
+        size_m=size,
+        position_m=np.concatenate([np.zeros((0, 2)), *(p.position_m for p in places)]),
+        heading_rad=np.concatenate([np.zeros(0), *(p.heading_rad for p in places)]),
+    )
+    on_road = np.repeat(
+        [one.is_on_road for one in places], [len(one.heading_rad) for one in places]
+    ).astype(bool)
+    free = _is_free(parked, on_road, network.road_map, traffic)
+    return ParkedVehicles(
+        kinds=(AgentKind.VEHICLE,) * int(free.sum()),
+        size_m=parked.size_m[free],
+        position_m=parked.position_m[free],
+        heading_rad=parked.heading_rad[free],
+    )
+
+
+def _kerbs(network: Network) -> list[Float[np.ndarray, "_ 2"]]:
+    """Right boundaries of the rightmost lanes of streets, as driven."""
+    return [
+        lane.right_m
+        for lane in network.road_map.lanes
+        if lane.right_neighbor is None
+        and lane.kind is not LaneKind.BIKE
+        and not lane.is_intersection
+    ]
+
+
+def _along(
+    line: Float[np.ndarray, "N 2"],
+    options: ParkingOptions,
+    end_m: float,
+    aside_m: float,
+    random: np.random.Generator,
+) -> _Places:
+    """Places one behind the other, ``aside_m`` to the right of a line."""
+    length = arc_length(line)[-1] - 2 * end_m
+    num_slots = max(int(length / (PLACE_M + np.mean(SLOT_GAP_M))), 0)
+    taken = random.uniform(*options.fullness)
+    # Nothing marks the places, so that what stays free is of any length.
+    is_followed = random.random(num_slots) < taken
+    free = random.exponential(PLACE_M / max(taken, 1e-3), num_slots)
+    pitch = PLACE_M + random.uniform(*SLOT_GAP_M, num_slots) + free * ~is_followed
+    at = end_m + random.uniform(0.0, 3.0) + np.cumsum(pitch)
+    at = at[at < length + end_m]
+    right = aside_m + random.normal(0.0, 0.18, len(at))
+    position, heading = _beside(line, at, right)
+    turned = np.where(random.random(len(at)) < TURNED_SHARE, np.pi, 0.0)
+    noise = np.deg2rad(np.clip(1.2 * random.standard_t(2, len(at)), -20.0, 20.0))
+    return _Places(
+        position_m=position,
+        heading_rad=wrap_angle(heading + turned + noise),
+        is_on_road=True,
+    )
+
+
+def _angled(
+    kerb: Float[np.ndarray, "N 2"], options: ParkingOptions, random: np.random.Generator
+) -> _Places:
+    """A row of places turned clockwise from the lane, or across it either way round."""
+    is_across = random.random() < PERPENDICULAR_SHARE
+    pitch = PERPENDICULAR_PITCH_M if is_across else ANGLED_PITCH_M
+    at = np.arange(KERB_END_M, arc_length(kerb)[-1] - 2 * KERB_END_M, pitch)
+    at = at[random.random(len(at)) < random.uniform(*options.fullness)]
+    aside = random.uniform(*(PERPENDICULAR_ASIDE_M if is_across else ANGLED_ASIDE_M))
+    aside = aside + random.normal(0.0, 0.25, len(at))
+    position, heading = _beside(kerb, at, aside)
+    if is_across:
+        turn = random.choice(np.deg2rad([-90.0, 90.0]), len(at), p=[0.65, 0.35])
+    else:
+        turn = np.full(len(at), np.deg2rad(random.uniform(-60.0, -42.0)))
+    askew = np.clip(2.0 * random.standard_t(2, len(at)), -25.0, 25.0)
+    turn = turn + np.deg2rad(askew + (random.normal(0.0, 6.0) if is_across else 0.0))
+    return _Places(
+        position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=True
+    )
+
+
+def _driveways(
+    kerb: Float[np.ndarray, "N 2"], options: ParkingOptions, random: np.random.Generator
+) -> _Places:
+    """Single vehicles off the street, across it, askew or alongside."""
+    length = arc_length(kerb)[-1]
+    count = random.poisson(options.driveways_per_km * length / 1000)
+    at = random.uniform(0.0, length, count)
+    position, heading = _beside(kerb, at, random.uniform(3.0, 10.0, count))
+    turn = random.choice(np.deg2rad([90.0, -90.0, -70.0, 0.0]), count)
+    turn = turn + random.normal(0.0, np.deg2rad(12.0), count)
+    return _Places(
+        position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=False
+    )
+
+
+def _lots(
+    kerb: Float[np.ndarray, "N 2"], options: ParkingOptions, random: np.random.Generator
+) -> _Places:
+    """Small parking lots: two rows of places that face each other."""
+    length = arc_length(kerb)[-1]
+    count = random.poisson(options.lots_per_km * length / 1000)
+    positions, headings = [np.zeros((0, 2))], [np.zeros(0)]
+    for at in random.uniform(0.0, length, count):
+        near_m = random.uniform(5.0, 11.0)
+        middle, heading = _beside(kerb, np.array([at]), np.array([near_m]))
+        num_places = int(random.integers(4, 14))
+        along = (np.arange(num_places) - num_places / 2) * LOT_PITCH_M
+        fullness = random.uniform(*options.fullness)
+        ahead = unit_vector(heading)[0]
+        right = -left_of(ahead)
+        for row in range(int(random.integers(1, 3))):
+            taken = random.random(num_places) < fullness
+            offset = row * (LOT_AISLE_M + 5.0) + random.normal(0.0, 0.2, taken.sum())
+            positions.append(
+                middle + along[taken, None] * ahead + offset[:, None] * right
+            )
+            turn = random.choice([np.pi / 2, -np.pi / 2], int(taken.sum()))
+            headings.append(heading[0] + turn + random.normal(0, 0.03, len(turn)))
+    return _Places(
+        position_m=np.concatenate(positions),
+        heading_rad=wrap_angle(np.concatenate(headings)),
+        is_on_road=False,
+    )
+
+
+def _beside(
+    line: Float[np.ndarray, "N 2"],
+    along_m: Float[np.ndarray, "K"],
+    right_m: Float[np.ndarray, "K"],
+) -> tuple[Float[np.ndarray, "K 2"], Float[np.ndarray, "K"]]:
+    """Points to the right of points on a line, and the line's heading there."""
+    reach = point_at(line, along_m + 2.0) - point_at(line, along_m - 2.0)
+    heading = heading_of(reach)
+    right = -left_of(unit_vector(heading))
+    return point_at(line, along_m) + right_m[:, None] * right, heading
+
+
+def _is_free(
+    parked: ParkedVehicles,
+    on_road: Bool[np.ndarray, "K"],
+    road_map: RoadMap,
+    traffic: TrafficTracks,
+) -> Bool[np.ndarray, "K"]:
+    """Which may stay: apart from traffic, lanes of others, crosswalks, each other."""
+    boxes = _polygons(parked.corners_m())
+    free = ~_touched(boxes, _swept(traffic))
+    free &= on_road | ~_touched(boxes, _areas(road_map.lanes))
+    junctions = tuple(lane for lane in road_map.lanes if lane.is_intersection)
+    free &= ~_touched(boxes, _areas((*junctions, *road_map.crosswalks)))
+    rows = np.flatnonzero(free)
+    one, other = shapely.STRtree(boxes[rows]).query(boxes[rows], "intersects")
+    for first, second in np.sort(np.stack([one, other], axis=1), axis=1).tolist():
+        if first != second and free[rows[first]]:
+            free[rows[second]] = False
+    return free
+
+
+def _areas(parts: tuple[Lane | Crosswalk, ...]) -> np.ndarray:
+    rings = [part.outline_m() for part in parts]
+    index = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+    points = np.concatenate([np.zeros((0, 2)), *rings])
+    lines: Any = shapely.linearrings(points, indices=index)
+    return _polygons(lines)
+
+
+def _polygons(rings: np.ndarray) -> np.ndarray:
+    polygons: Any = shapely.polygons(rings)
+    return polygons
+
+
+def _touched(boxes: np.ndarray, areas: np.ndarray) -> Bool[np.ndarray, "K"]:
+    touched = np.zeros(len(boxes), bool)
+    if len(boxes) and len(areas):
+        box, _ = shapely.STRtree(areas).query(boxes, "intersects")
+        touched[box] = True
+    return touched
+
+
+def _swept(traffic: TrafficTracks) -> np.ndarray:
+    """Boxes, a little enlarged, that together cover all the ground driven over."""
+    moved = np.linalg.norm(np.diff(traffic.position_m, axis=0), axis=1)
+    travelled = np.concatenate([[0.0], np.cumsum(moved)])
+    mark = np.floor(travelled / SWEEP_SPACING_M)
+    wanted = np.ones(len(traffic.position_m), bool)
+    wanted[1:] = (np.diff(mark) != 0) | (np.diff(traffic.agent) != 0)
+    size = traffic.size_m[traffic.agent[wanted]]
+    size = size + np.array([SWEEP_SPACING_M, 0.0]) + 2 * CLEARANCE_M
+    corners = box_corners(traffic.position_m[wanted], traffic.heading_rad[wanted], size)
+    return _polygons(corners)
