@@ -15,6 +15,7 @@ from pd_editor.viewer.interaction import camera
 from pd_editor.viewer.interaction.pointer import Pointer
 from pd_editor.viewer.meshes.colors import DARK, LIGHT, Palette
 from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.overlay.timeline import Timeline
 from pd_editor.viewer.panels.agent_panel import AgentPanel
 from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
 from pd_editor.viewer.panels.dataset_panel import DatasetPanel
@@ -24,7 +25,6 @@ from pd_editor.viewer.panels.recovery_panel import RecoveryPanel
 from pd_editor.viewer.panels.road_panel import RoadPanel
 from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
 from pd_editor.viewer.panels.status_panel import StatusPanel
-from pd_editor.viewer.panels.timeline import TimelinePanel
 from pd_editor.viewer.panels.view_panel import ViewPanel
 from pd_editor.viewer.state.desk import Desk
 from pd_editor.viewer.state.inbox import Inbox
@@ -90,6 +90,9 @@ class BrowserSession:
         with client.atomic():
             self._configure_page()
             self._overlay = Overlay(self._desk)
+            self._timeline = Timeline(
+                self._overlay, workspace.playback, self._request_frame
+            )
             self._map = MapView(client, palette)
             self._pointer = Pointer(
                 self._desk, lambda: self._agents, self._ground_clicked
@@ -163,13 +166,15 @@ class BrowserSession:
                 on_layer=self._map.set_layer_visible,
                 on_ribbons=self._ribbons.set_visible,
             )
-        self._timeline = TimelinePanel(desk, workspace.playback)
         # A search that an earlier connection has ended tells of nothing new.
         self._dataset_panel.show()
 
     def _add_hotkeys(self) -> None:
         key = self._desk.hotkey
         key("Play or pause", self._timeline.toggle_play, "space")
+        key("Go to t = 0", self._timeline.go_to_current)
+        key("Next frame (right arrow)", lambda: self._timeline.step_by(1))
+        key("Previous frame (left arrow)", lambda: self._timeline.step_by(-1))
         key("Undo", self._history_panel.undo, "Z", "cmd/ctrl")
         key("Redo", self._history_panel.redo, "Z", "cmd/ctrl+shift")
         key("Redo (Ctrl+Y)", self._history_panel.redo, "Y", "cmd/ctrl")
@@ -294,8 +299,19 @@ class BrowserSession:
                 self._timeline.show()
         elif self._drawn_step != playback.step:
             self._draw_frame()
+            self._timeline.show()
         self._drawn_step = playback.step
         return SEARCH_PAUSE_S if is_searching and pause_s is None else pause_s
+
+    def _request_frame(self) -> None:
+        """Draw the playhead's time soon; once for several requests in a row."""
+        self._desk.post(self._draw_moved_frame, "frame")
+
+    def _draw_moved_frame(self) -> None:
+        if self._drawn_step != self._workspace.playback.step:
+            with self._client.atomic():
+                self._draw_frame()
+            self._drawn_step = self._workspace.playback.step
 
     def _request_check(self) -> None:
         self._checks_future_at = time.monotonic() + FUTURE_CHECK_DELAY_S

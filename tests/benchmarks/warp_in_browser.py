@@ -196,7 +196,7 @@ def measured(browser: Browser, reference: str, title: str) -> None:
         context = browser.new_context(viewport=viewport)
         try:
             editor = EditorPage(context.new_page(), app)
-            editor.press("Pause")
+            editor.pause()
             editor.close_notifications()
             editor.open_tab("Road")
             settled(editor)

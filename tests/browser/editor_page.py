@@ -89,6 +89,34 @@ class EditorPage:
         self.page.get_by_role("button", name=name, exact=True).first.click()
         self.page.wait_for_timeout(PAUSE_MS)
 
+    def pause(self) -> None:
+        """Stop playback, if it runs, by the timeline's button."""
+        if self.workspace.playback.is_playing:
+            self.page.get_by_role("button", name="Pause", exact=True).click()
+            self.until(lambda: not self.workspace.playback.is_playing, "a pause")
+
+    def go_to_now(self) -> None:
+        """Press t = 0 on the timeline."""
+        playback = self.workspace.playback
+        self.page.get_by_role("button", name="t = 0", exact=True).click()
+        self.until(lambda: playback.step == playback.axis.current_step, "t = 0")
+        self.settle()
+
+    def seek(self, time_s: float) -> None:
+        """Click the timeline's track at a time, then step to the very frame."""
+        playback = self.workspace.playback
+        axis = playback.axis
+        wanted = axis.current_step + round(time_s / axis.step_s)
+        box = self.page.get_by_role("slider", name="Time", exact=True).bounding_box()
+        assert box is not None
+        x = box["x"] + box["width"] * wanted / (axis.num_steps - 1)
+        self.page.mouse.click(x, box["y"] + box["height"] * 0.7)
+        self.until(lambda: abs(playback.step - wanted) <= 3, f"t = {time_s} s")
+        while playback.step != wanted:
+            step = playback.step
+            self.key("ArrowRight" if step < wanted else "ArrowLeft")
+            self.until(lambda step=step: playback.step != step, "a step")
+
     def row(self, label: str) -> Locator:
         """The row of a labelled input."""
         return self.page.locator(

@@ -108,7 +108,7 @@ def test_a_raising_callback_is_shown_and_the_editor_lives(open_editor, caplog):
     editor._tab()._desk.post(lambda: 1 / 0)
     notice(editor, "A bug in the editor")
     assert "ZeroDivisionError" in caplog.text
-    editor.press("Pause")
+    editor.pause()
     editor.until(lambda: not editor.workspace.playback.is_playing, "a pause")
 
 

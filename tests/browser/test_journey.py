@@ -20,7 +20,7 @@ pytestmark = pytest.mark.browser
 def editor(open_editor):
     page = open_editor()
     page.until(lambda: page.workspace.playback.is_playing, "the demo to play")
-    page.press("Now")
+    page.go_to_now()
     page.until(lambda: not page.workspace.playback.is_playing, "a pause")
     return page
 
@@ -242,8 +242,8 @@ def test_playback_theme_layers_and_history(editor):
     editor.key("Space")
     step = editor.workspace.playback.step
     editor.until(lambda: editor.workspace.playback.step > step + 3, "playback")
-    editor.press("Pause")
-    editor.fill("Time (s)", 2.0)
+    editor.pause()
+    editor.seek(2.0)
     editor.until(lambda: editor.workspace.playback.step == 70, "the scrubber's time")
     editor.open_tab("View")
     editor.tick("Dark theme")

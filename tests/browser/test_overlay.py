@@ -10,7 +10,7 @@ def test_the_overlay_covers_the_picture_and_agrees_on_where_things_are(open_edit
     editor = open_editor()
     editor.until(lambda: editor._tab()._overlay.is_ready, "the overlay's first word")
     assert "signalised-junction" in editor.page.title()
-    editor.press("Now")
+    editor.go_to_now()
     editor.settle()
     boxes = editor.page.evaluate(
         "[document.getElementById('pd-overlay'), __viserMutable.canvas].map(e => {"

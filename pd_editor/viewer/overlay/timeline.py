@@ -1,0 +1,101 @@
+"""The timeline under the picture: play, scrub, step, speed, loop."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.state.playback import Playback
+
+
+class Timeline:
+    """The element ``timeline``, whose axis and marks change seldom, and its playhead.
+
+    The page moves the playhead by itself between two calls of ``show``, so that it
+    runs smoothly; what ``Playback`` says is what counts.
+    """
+
+    def __init__(
+        self, overlay: Overlay, playback: Playback, on_seek: Callable[[], None]
+    ) -> None:
+        """Show it.
+
+        Args:
+            overlay: the elements over the picture.
+            playback: the playhead.
+            on_seek: called when the user has moved the playhead.
+        """
+        self._overlay = overlay
+        self._playback = playback
+        self._on_seek = on_seek
+        overlay.on("timeline", self._heard)
+
+    def toggle_play(self) -> None:
+        """Play or pause."""
+        if self._playback.is_playing:
+            self._playback.pause()
+        else:
+            self._playback.play()
+        self.show()
+
+    def go_to_current(self) -> None:
+        """Stop at the current step, where edits act."""
+        self.seek(float(self._playback.axis.current_step))
+
+    def seek(self, step: float) -> None:
+        """Stop at a step."""
+        self._playback.pause()
+        self._playback.seek(step)
+        self._on_seek()
+        self.show()
+
+    def step_by(self, steps: int) -> None:
+        """Stop some whole steps further on, or back."""
+        self.seek(round(self._playback.step) + steps)
+
+    def show(self) -> None:
+        """Show the axis and the playhead as they are."""
+        playback = self._playback
+        axis = playback.axis
+        self._overlay.show(
+            "timeline",
+            {
+                "firstStep": -axis.current_step,
+                "lastStep": axis.num_steps - 1 - axis.current_step,
+                "endStep": playback.last_step - axis.current_step,
+                "stepS": axis.step_s,
+            },
+        )
+        self._overlay.show(
+            "playhead",
+            {
+                "step": round(playback.step - axis.current_step, 4),
+                "isPlaying": playback.is_playing,
+                "speed": playback.speed,
+                "loops": playback.loops,
+            },
+        )
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        """Do what the user asked for; numbers of any size are clamped."""
+        playback = self._playback
+        kind, value = event.get("kind"), event.get("value")
+        if kind == "play":
+            self.toggle_play()
+        elif kind == "current":
+            self.go_to_current()
+        elif kind == "seek" and isinstance(value, int):
+            self.seek(float(_within(playback.axis.current_step + value, playback)))
+        elif kind == "step" and isinstance(value, int):
+            self.step_by(_within(value, playback))
+        elif kind == "speed":
+            playback.next_speed()
+            self.show()
+        elif kind == "loop":
+            playback.loops = not playback.loops
+            self.show()
+
+
+def _within(steps: int, playback: Playback) -> int:
+    """A number of steps that a float can hold."""
+    limit = playback.axis.num_steps
+    return max(-limit, min(steps, limit))

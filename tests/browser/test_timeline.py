@@ -1,0 +1,83 @@
+"""The timeline by real mouse and keyboard."""
+
+import pytest
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def editor(open_editor):
+    page = open_editor()
+    page.go_to_now()
+    return page
+
+
+def shown(editor) -> str:
+    return editor.page.get_by_role("status", name="Time shown").inner_text()
+
+
+def test_scrub_click_step_and_play(editor):
+    """(D34, design 7) The track scrubs, arrow keys step a frame or ten, Space plays."""
+    page, playback = editor.page, editor.workspace.playback
+    track = page.get_by_role("slider", name="Time", exact=True)
+    box = track.bounding_box()
+    middle = box["y"] + box["height"] / 2
+    camera = editor.client.camera.position.copy()
+
+    editor.seek(2.0)
+    assert playback.step == 70
+    assert shown(editor) == "2.0 s"
+    for keys, step in (
+        ("ArrowRight", 71),
+        ("ArrowLeft", 70),
+        ("Shift+ArrowRight", 80),
+        ("Shift+ArrowLeft", 70),
+    ):
+        editor.key(keys)
+        editor.until(lambda step=step: playback.step == step, f"step {step}")
+    assert (editor.client.camera.position == camera).all()
+
+    start = box["x"] + box["width"] * 70 / 109
+    end = box["x"] + box["width"] * 20 / 109
+    editor.drag_pixels((start, middle), (end, middle))
+    editor.until(lambda: abs(playback.step - 20) <= 1, "the scrubbed time")
+    assert playback.step == round(playback.step)
+    editor.until(lambda: shown(editor).startswith("\u2212"), "a past time")
+    assert not editor.session.entries
+    assert not editor.session.selection
+
+    editor.key("Space")
+    before = playback.step
+    editor.until(lambda: playback.step > before + 3, "playback")
+    assert page.get_by_role("button", name="Pause", exact=True).count() == 1
+    editor.pause()
+    editor.go_to_now()
+    assert playback.step == 50
+    assert shown(editor) == "0.0 s"
+
+
+def test_the_playhead_runs_between_two_messages_of_the_server(editor):
+    """(design 7) The page moves the playhead on every frame, not four times a second."""
+    editor.go_to_now()
+    editor.key("Space")
+    editor.until(lambda: editor.workspace.playback.is_playing, "playback")
+    places = editor.page.evaluate(
+        "new Promise(done => { const seen = new Set(), begin = performance.now();"
+        " (function look() { seen.add(document.querySelector('.pd-knob').style.left);"
+        " performance.now() - begin < 1500 ? setTimeout(look, 10) : done(seen.size);"
+        " })(); })"
+    )
+    assert places > 9, "at most six messages come in that time"
+
+
+def test_speed_and_loop(editor):
+    playback = editor.workspace.playback
+    editor.press("Speed")
+    editor.until(lambda: playback.speed == 2.0, "twice the speed")
+    editor.press("Loop")
+    editor.until(lambda: not playback.loops, "no loop")
+    editor.seek(5.5)
+    editor.press("Play")
+    editor.until(lambda: playback.step == 109, "the end")
+    assert not playback.is_playing
+    editor.until(lambda: shown(editor) == "5.9 s", "the end shown")
