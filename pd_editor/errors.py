@@ -13,9 +13,15 @@ PdEditorError
 Each message is one sentence for the user: what was wrong, where, what was expected.
 """
 
+from pd_editor.plain_text import one_line
+
 
 class PdEditorError(Exception):
     """Root of all errors that a user, a file or a browser can cause."""
+
+    def __str__(self) -> str:
+        """The message in one line; what cannot be printed is escaped."""
+        return one_line(super().__str__())
 
 
 class InputError(PdEditorError):

@@ -14,8 +14,11 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from pd_editor.errors import ModelError
+from pd_editor.regular_file import check_regular
 
 FORMAT: Final = "pd-editor-tensors-1"
+MAX_FILE_BYTES: Final = 512 * 2**20
+"""Largest file of tensors that is read."""
 _METADATA_KEY: Final = "pd-editor"
 _Config = TypeVar("_Config")
 
@@ -78,6 +81,7 @@ def read_tensors(path: Path, kind: str) -> TensorFile:
     Raises:
         ModelError: it is missing, damaged, from another program, or of another kind.
     """
+    check_regular(path, max_bytes=MAX_FILE_BYTES, error=ModelError)
     try:
         with path.open("rb") as file:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
@@ -89,20 +93,23 @@ def read_tensors(path: Path, kind: str) -> TensorFile:
         raise ModelError(
             f"{path}: cannot be read ({error.strerror or error})."
         ) from error
-    except (SafetensorError, ValueError) as error:
+    except (SafetensorError, ValueError, RecursionError, MemoryError) as error:
         raise ModelError(
             f"{path}: is damaged or no safetensors file ({error})."
         ) from error
-    if told.get("format") != FORMAT:
+    if not isinstance(told, dict) or told.get("format") != FORMAT:
         raise ModelError(
             f"{path}: was written by another program or version; expected format "
             f"{FORMAT}."
         )
     if told.get("kind") != kind:
         raise ModelError(f"{path}: holds {told.get('kind')!r}; expected {kind!r}.")
+    about = told.get("about")
+    if not isinstance(about, dict):
+        raise ModelError(f"{path}: does not say what its tensors are about.")
     return TensorFile(
         kind=kind,
-        about=told["about"],
+        about=about,
         tensors=tensors,
         sha256=sha256,
     )
@@ -118,6 +125,21 @@ def load_into(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -
 
     Raises:
         ModelError: names, shapes or values do not fit.
+    """
+    check_fit(model, tensors, source)
+    for name, given in tensors.items():
+        if not torch.isfinite(given).all():
+            raise ModelError(f"{source}: {name} holds NaN or infinity.")
+    model.load_state_dict(dict(tensors))
+
+
+def check_fit(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -> None:
+    """Refuse tensors of other names, shapes or types than a model's.
+
+    The model may be on the device ``meta``, where it takes no memory.
+
+    Raises:
+        ModelError: something does not fit.
     """
     wanted = model.state_dict()
     missing, foreign = sorted(wanted.keys() - tensors), sorted(tensors.keys() - wanted)
@@ -138,9 +160,6 @@ def load_into(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -
             raise ModelError(
                 f"{source}: {name} holds {given.dtype}; expected {one.dtype}."
             )
-        if not torch.isfinite(given).all():
-            raise ModelError(f"{source}: {name} holds NaN or infinity.")
-    model.load_state_dict(dict(tensors))
 
 
 def in_half_precision(model: nn.Module) -> dict[str, Tensor]:
@@ -172,11 +191,20 @@ def config_from_json(
     }
     for name, value in plain.items():
         if not _fits(value, kinds[name]):
-            raise ModelError(f"{source}: {name} is {value!r}, which it cannot be.")
+            raise ModelError(
+                f"{source}: {name} is {_short(value)}, which it cannot be."
+            )
     try:
         return config_type(**plain)
+    except ModelError as error:
+        raise ModelError(f"{source}: {error}") from error
     except (TypeError, ValueError, AssertionError) as error:
         raise ModelError(f"{source}: holds an impossible model ({error}).") from error
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _fits(value: Any, kind: Any) -> bool:

@@ -11,6 +11,7 @@ import torch
 from torch import nn
 
 from pd_editor.diffusion.checkpoint import (
+    check_fit,
     config_from_json,
     in_half_precision,
     load_into,
@@ -19,10 +20,12 @@ from pd_editor.diffusion.checkpoint import (
     write_whole,
 )
 from pd_editor.errors import ModelError
+from pd_editor.regular_file import read_regular
 
 CONFIG_NAME: Final = "config.json"
 FORMAT: Final = "pd-editor-model"
 FORMAT_VERSION: Final = 1
+MAX_CONFIG_BYTES: Final = 2**20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,14 +116,13 @@ def load_model(folder: Path, kinds: Mapping[str, StageKind]) -> TrainedModel:
     """
     path = folder / CONFIG_NAME
     try:
-        content = json.loads(path.read_bytes())
-    except OSError as error:
-        raise ModelError(
-            f"{folder}: is no model, {CONFIG_NAME} cannot be read "
-            f"({error.strerror or error})."
-        ) from error
+        content = json.loads(
+            read_regular(path, max_bytes=MAX_CONFIG_BYTES, error=ModelError)
+        )
+    except ModelError as error:
+        raise ModelError(f"{folder}: is no model; {error}") from error
     except (ValueError, RecursionError) as error:
-        raise ModelError(f"{path}: is no JSON file ({error}).") from error
+        raise ModelError(f"{path}: is not valid JSON ({error}).") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise ModelError(f"{path}: does not describe a model of this program.")
     if content.get("version") != FORMAT_VERSION:
@@ -156,6 +158,9 @@ def _loaded_stage(
         )
     if not isinstance(entry, dict) or not isinstance(entry.get("config"), dict):
         raise ModelError(f"{path}: the stage {name!r} has no configuration.")
+    about = entry.get("training", {})
+    if not isinstance(about, dict):
+        raise ModelError(f"{path}: the stage {name!r} does not say how it was trained.")
     kind = kinds[name]
     file = read_tensors(folder / kind.file_name, name)
     if file.sha256 != entry.get("sha256"):
@@ -164,6 +169,11 @@ def _loaded_stage(
             "(SHA-256); the folder is damaged or mixed from several models."
         )
     config = config_from_json(kind.config_type, entry["config"], f"{path}, {name}")
+    # A network without numbers takes no memory, so sizes that do not fit are refused
+    # before anything is allocated.
+    with torch.device("meta"):
+        outline = made_model(kind, config, seed=0, source=f"{path}, {name}")
+    check_fit(outline, file.tensors, folder / kind.file_name)
     model = made_model(kind, config, seed=0, source=f"{path}, {name}")
     load_into(model, file.tensors, folder / kind.file_name)
     model.requires_grad_(requires_grad=False).eval()
@@ -175,7 +185,7 @@ def _loaded_stage(
         kind=kind,
         config=config,
         model=model,
-        about=entry.get("training", {}),
+        about=about,
         sha256=file.sha256,
     )
 
@@ -192,7 +202,16 @@ def made_model(
         torch.manual_seed(seed)
         try:
             return kind.make_model(config)
-        except (RuntimeError, ValueError, TypeError, AssertionError) as error:
+        except (
+            RuntimeError,
+            ValueError,
+            TypeError,
+            AssertionError,
+            ArithmeticError,
+            MemoryError,
+        ) as error:
+            # Messages of torch go on with the lines of its own stack.
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
             raise ModelError(
-                f"{source}: no network can be made of it ({error})."
+                f"{source}: no network can be made of it ({reason})."
             ) from error

@@ -16,6 +16,7 @@ from pd_editor.diffusion.attention import (
     NeighborAttention,
     visible_agents,
 )
+from pd_editor.diffusion.config_limits import check_sizes
 from pd_editor.diffusion.lane_votes import LaneVotes, NearPieces
 from pd_editor.diffusion.pose_context import (
     REACH_M,
@@ -71,6 +72,9 @@ class PoseDenoiserConfig:
     """Plain attention to the map where false."""
     is_ordered: bool = True
     """Tell each drawn agent its place among its kind from left to right."""
+
+    def __post_init__(self) -> None:
+        check_sizes(self)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

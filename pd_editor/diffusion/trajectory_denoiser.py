@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pd_editor.diffusion.agent_block import AgentBlock
+from pd_editor.diffusion.config_limits import check_sizes
 from pd_editor.diffusion.memory_encoder import MemoryEncoder
 from pd_editor.diffusion.noise_schedule import NoiseSchedule, Prediction, ScheduleKind
 from pd_editor.diffusion.scene_tensors import SceneTensors
@@ -51,6 +52,9 @@ class TrajectoryConfig:
     """Whether neighbours are seen where they are believed to be going."""
     schedule: ScheduleKind = "cosine"
     prediction: Prediction = "velocity"
+
+    def __post_init__(self) -> None:
+        check_sizes(self)
 
 
 class TrajectoryDenoiser(nn.Module):

@@ -1,11 +1,15 @@
 import json
+import os
+import resource
 import shutil
 from dataclasses import dataclass
 
 import pytest
 import torch
+from safetensors.torch import save_file
 from torch import nn
 
+from pd_editor.diffusion.checkpoint import read_tensors, write_tensors
 from pd_editor.diffusion.model_folder import (
     StageKind,
     TrainedStage,
@@ -15,6 +19,8 @@ from pd_editor.diffusion.model_folder import (
 )
 from pd_editor.diffusion.stages import STAGE_KINDS
 from pd_editor.errors import ModelError
+from pd_editor.generators import SHIPPED_MODEL
+from pd_editor.installed_files import models_folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +106,7 @@ def test_missing_and_foreign_folders_are_refused(folder, tmp_path):
     with pytest.raises(ModelError, match="is no model"):
         load_model(tmp_path / "none", KINDS)
     for text, words in (
-        ("{", "no JSON"),
+        ("{", "not valid JSON"),
         ("[1]", "does not describe"),
         ('{"format": "other"}', "does not describe"),
         ('{"format": "pd-editor-model", "version": 99}', "version 99"),
@@ -139,6 +145,78 @@ def test_a_configuration_that_does_not_fit_is_refused(folder):
     changed(folder, lambda c: c["stages"]["one"].pop("config"))
     with pytest.raises(ModelError, match="no configuration"):
         load_model(folder, KINDS)
+
+
+@pytest.fixture
+def shipped_copy(tmp_path):
+    return shutil.copytree(models_folder() / SHIPPED_MODEL, tmp_path / "model")
+
+
+@pytest.mark.parametrize(
+    ("stage", "field", "value"),
+    [
+        ("init", "num_heads", 0),
+        ("init", "width", -128),
+        ("init", "num_layers", 100_000),
+        ("init", "num_near_pieces", 10**21),
+        ("init", "relation_width", 0),
+        ("traj", "num_heads", 3),
+        ("traj", "num_blocks", 0),
+        ("traj", "width", 100_000),
+        ("traj", "edge_width", None),
+        ("traj", "width", 128.0),
+    ],
+)
+def test_sizes_out_of_range_are_told_with_file_and_field(
+    shipped_copy, stage, field, value
+):
+    """Zero, negative and huge sizes are refused before anything is made (fault 4)."""
+    changed(shipped_copy, lambda c: c["stages"][stage]["config"].update({field: value}))
+    with pytest.raises(
+        ModelError, match=rf"config\.json, {stage}: .*{field} is"
+    ) as told:
+        load_model(shipped_copy, STAGE_KINDS)
+    assert "\n" not in str(told.value)
+
+
+def test_sizes_other_than_those_of_the_weights_take_no_memory(shipped_copy):
+    """A wide network is refused by its shapes, not made first (fault 4)."""
+    changed(
+        shipped_copy,
+        lambda c: c["stages"]["init"]["config"].update(width=1024, num_layers=128),
+    )
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ModelError, match="does not fit the model"):
+        load_model(shipped_copy, STAGE_KINDS)
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    assert grown < 500 * 1024, f"{grown} KiB"
+
+
+def test_weights_that_are_not_numbers_are_refused(shipped_copy):
+    """NaN weights are refused with the tensor's name (fault 4)."""
+    path = shipped_copy / "trajectories.safetensors"
+    tensors = dict(read_tensors(path, "traj").tensors)
+    tensors["token.weight"] = torch.full_like(tensors["token.weight"], torch.nan)
+    digest = write_tensors(path, "traj", tensors, {})
+    changed(shipped_copy, lambda c: c["stages"]["traj"].update(sha256=digest))
+    with pytest.raises(ModelError, match=r"token\.weight holds NaN or infinity"):
+        load_model(shipped_copy, STAGE_KINDS)
+
+
+def test_metadata_of_another_form_is_refused(shipped_copy):
+    """A list where the file should say what it holds is told, not raised (fault 4)."""
+    path = shipped_copy / "trajectories.safetensors"
+    save_file({"a": torch.zeros(1)}, path, {"pd-editor": "[1, 2]"})
+    with pytest.raises(ModelError, match="another program"):
+        load_model(shipped_copy, STAGE_KINDS)
+
+
+def test_a_pipe_as_configuration_is_refused_at_once(shipped_copy):
+    """Nothing waits for a writer (fault 7)."""
+    (shipped_copy / "config.json").unlink()
+    os.mkfifo(shipped_copy / "config.json")
+    with pytest.raises(ModelError, match="not a regular file"):
+        load_model(shipped_copy, STAGE_KINDS)
 
 
 def test_making_a_network_leaves_global_chance_alone():

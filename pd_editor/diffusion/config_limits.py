@@ -1,0 +1,41 @@
+"""Sizes that a network's configuration may name."""
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Final
+
+from pd_editor.errors import ModelError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+MAX_WIDTH: Final = 1024
+MAX_NUMBER: Final = 128
+"""Most layers, blocks, heads or neighbours."""
+
+
+def check_sizes(config: "DataclassInstance") -> None:
+    """Refuse whole numbers in a configuration that make no network, or a huge one.
+
+    Fields whose names end in ``width`` are widths, all others are numbers of things;
+    ``width`` must be a multiple of ``num_heads``.
+
+    Raises:
+        ModelError: a field is out of range.
+    """
+    sizes = {
+        one.name: value
+        for one in fields(config)
+        if type(value := getattr(config, one.name)) is int
+    }
+    for name, value in sizes.items():
+        limit = MAX_WIDTH if name.endswith("width") else MAX_NUMBER
+        if not 1 <= value <= limit:
+            raise ModelError(
+                f"{name} is {value:g}; expected a whole number from 1 to {limit}."
+            )
+    width, heads = sizes.get("width", 1), sizes.get("num_heads", 1)
+    if width % heads:
+        raise ModelError(
+            f"width is {width} and num_heads is {heads}; expected a width that is a "
+            "multiple of the number of heads."
+        )

@@ -1,0 +1,90 @@
+"""Reading files that users name: regular ones only, and never more than a limit."""
+
+import os
+import stat
+from pathlib import Path
+from typing import Final
+
+from pd_editor.errors import InputError, PdEditorError
+from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
+
+MAX_PATH_BYTES: Final = 4096
+
+
+def check_path(path: str | Path, error: type[PdEditorError] = InputError) -> None:
+    """Refuse paths that no file system takes or no text can hold.
+
+    Raises:
+        PdEditorError: of the type ``error``.
+    """
+    text = str(path)
+    if not text.isprintable():
+        raise error(
+            f"{text}: is no usable path; expected printable characters in UTF-8, "
+            "without line breaks."
+        )
+    parts = text.replace("\\", "/").split("/")
+    if not (
+        is_plain(text, MAX_PATH_BYTES)
+        and all(len(part.encode()) <= MAX_NAME_BYTES for part in parts)
+    ):
+        raise error(
+            f"{text}: the path is too long; expected names of at most "
+            f"{MAX_NAME_BYTES} bytes, {MAX_PATH_BYTES} bytes in all."
+        )
+
+
+def read_regular(
+    path: Path, *, max_bytes: int, error: type[PdEditorError] = InputError
+) -> bytes:
+    """The content of a regular file of at most ``max_bytes``.
+
+    Devices, pipes and sockets are refused without waiting for them.
+
+    Raises:
+        PdEditorError: of the type ``error``: the path cannot be used, or it is no
+            regular file, is too large, or cannot be read.
+    """
+    check_path(path, error)
+    try:
+        # Opening a pipe would wait for a writer.
+        number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        with os.fdopen(number, "rb") as file:
+            status = os.fstat(number)
+            if not stat.S_ISREG(status.st_mode):
+                raise error(f"{path}: is not a regular file.")
+            if status.st_size > max_bytes:
+                raise _too_large(path, max_bytes, error)
+            # The size may be untrue, as under /proc.
+            data = file.read(max_bytes + 1)
+    except OSError as failure:
+        reason = failure.strerror or str(failure)
+        raise error(f"{path}: cannot be read ({reason}).") from failure
+    if len(data) > max_bytes:
+        raise _too_large(path, max_bytes, error)
+    return data
+
+
+def check_regular(
+    path: Path, *, max_bytes: int, error: type[PdEditorError] = InputError
+) -> None:
+    """Refuse a file that ``read_regular`` would refuse, without reading it.
+
+    Raises:
+        PdEditorError: of the type ``error``.
+    """
+    check_path(path, error)
+    try:
+        status = os.stat(path)
+    except OSError as failure:
+        reason = failure.strerror or str(failure)
+        raise error(f"{path}: cannot be read ({reason}).") from failure
+    if not stat.S_ISREG(status.st_mode):
+        raise error(f"{path}: is not a regular file.")
+    if status.st_size > max_bytes:
+        raise _too_large(path, max_bytes, error)
+
+
+def _too_large(path: Path, max_bytes: int, error: type[PdEditorError]) -> PdEditorError:
+    limit = f"{max_bytes >> 20} MiB" if max_bytes >= 2**20 else f"{max_bytes >> 10} KiB"
+    return error(f"{path}: is larger than {limit}, the most that is read.")

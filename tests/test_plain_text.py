@@ -1,0 +1,28 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pd_editor.errors import PdEditorError
+from pd_editor.plain_text import is_plain, one_line
+
+ANY_TEXT = st.text(st.characters(exclude_categories=()), max_size=1500)
+
+
+@given(ANY_TEXT)
+def test_messages_are_one_printable_line_whatever_they_quote(text):
+    """Names with line breaks, NUL or lone surrogates never break a line (fault 5)."""
+    shown = str(PdEditorError(text))
+    assert shown.isprintable()
+    assert len(shown) <= 810
+    shown.encode()
+
+
+@given(ANY_TEXT)
+def test_a_plain_text_is_shown_as_it_is(text):
+    if is_plain(text):
+        assert one_line(text) == text
+
+
+def test_what_is_plain():
+    assert is_plain("Fahrzeug 5, 漢字")
+    for text in ("a\nb", "a\0", "\ud800", "x" * 256, "ä" * 128, "a\u202eb"):
+        assert not is_plain(text), text
