@@ -339,8 +339,9 @@ class BrowserSession:
 
     def _escape(self) -> None:
         """Leave what is under way; with nothing under way, clear the selection."""
-        self._desk.abort_gesture()
-        if self._agent_panel.is_placing:
+        if self._desk.gesture is not None:
+            self._desk.abort_gesture()
+        elif self._agent_panel.is_placing:
             self._agent_panel.toggle_placing()
         elif self._candidates_panel.shows_candidates:
             self._candidates_panel.hide_candidates()

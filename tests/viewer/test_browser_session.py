@@ -13,6 +13,7 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.state.desk import GESTURE_PAUSE_S
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
+from tests.viewer.interaction.drag_by_hand import DragByHand
 
 
 @pytest.fixture
@@ -71,31 +72,15 @@ def test_the_map_nodes_follow_the_warp(tab):
 
 
 def drag(tab: FakeTab, agent_id: str, end: tuple[float, float], rotates: bool = False):
-    """Pointer events as viser sends them, with a camera straight above."""
+    """A whole drag as viser reports it."""
     agents = tab.session.scenario.agents
     row = agents.row_of[agent_id]
-    batch = tab.tab._agents._batches[agents.kinds[row]]
-    instance = int(np.flatnonzero(batch.rows == row)[0])
     x, y = agents.position_m[row, 50]
-    camera = np.array([x, y, 1e6])
-    pointer = tab.tab._pointer
-    for phase, point in (
-        ("start", (x, y)),
-        ("update", (x + 1, y)),
-        ("update", end),
-        ("end", end),
-    ):
-        tab.run(
-            lambda phase=phase, point=point: pointer._dragged(
-                agents.kinds[row],
-                instance,
-                phase,
-                camera,
-                (x, y, 1.0),
-                (*point, 1.0),
-                rotates,
-            )
-        )
+    pointer = DragByHand(tab, agent_id, rotates=rotates)
+    pointer.say("start", (x, y))
+    pointer.say("update", (x + 1, y))
+    pointer.say("update", end)
+    pointer.say("end", end)
 
 
 def test_a_drag_moves_the_agent_and_is_one_undo_step(tab):
@@ -112,15 +97,13 @@ def test_a_drag_moves_the_agent_and_is_one_undo_step(tab):
 
 
 def test_a_drag_ends_when_its_agent_goes(tab):
-    drags = tab.tab._pointer
     agent_id = tab.session.scenario.agents.ids[1]
     x, y = tab.session.scenario.agents.position_m[1, 50]
-    pointed = (AgentKind.VEHICLE, 1)
-    camera, start, end = np.array([x, y, 30.0]), (x, y, 1.0), (x + 3.0, y, 1.0)
-    tab.run(lambda: drags._dragged(*pointed, "start", camera, start, start, False))
+    pointer = DragByHand(tab, agent_id)
+    pointer.say("start", (x, y))
     tab.run(lambda: tab.desk.apply(DeleteAgents(agent_ids=(agent_id,))))
     for phase in ("update", "end"):
-        tab.run(lambda p=phase: drags._dragged(*pointed, p, camera, start, end, False))
+        pointer.say(phase, (x + 3.0, y))
     assert labels(tab) == [f"Delete agent {agent_id}"]
 
 

@@ -1,6 +1,6 @@
 """Views of the scene, and the way from pixels to the ground and back."""
 
-from typing import Final
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 import viser
@@ -17,6 +17,20 @@ LOOK_AHEAD_M: Final = 14.0
 NEAR_FAR_MARGIN_M: Final = 400.0
 
 Vector = tuple[float, float, float]
+
+
+@runtime_checkable
+class Perspective(Protocol):
+    """What projecting needs to know of a camera."""
+
+    @property
+    def position(self) -> Float[np.ndarray, "3"]: ...  # noqa: D102
+    @property
+    def wxyz(self) -> Float[np.ndarray, "4"]: ...  # noqa: D102
+    @property
+    def fov(self) -> float: ...  # noqa: D102
+    @property
+    def aspect(self) -> float: ...  # noqa: D102
 
 
 def ground_point(
@@ -38,7 +52,7 @@ def dragged_ground_point(
 
 
 def projected(
-    camera: viser.CameraHandle, points_m: Float[np.ndarray, "N 3"]
+    camera: Perspective, points_m: Float[np.ndarray, "N 3"]
 ) -> tuple[Float[np.ndarray, "N 2"], np.ndarray]:
     """Screen positions (0..1 from the top left), and which points lie ahead."""
     w, x, y, z = camera.wxyz

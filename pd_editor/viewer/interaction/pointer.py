@@ -1,43 +1,23 @@
-"""Turns clicks, drags and boxes on the canvas into commands."""
+"""Turns clicks and boxes on the canvas into selections; drags have their own module."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import viser
 from jaxtyping import Float
 
-from pd_editor.editor.commands import TransformAgents
-from pd_editor.errors import EditError
-from pd_editor.geometry.angles import wrap_angle
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
-from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.interaction.camera import (
-    dragged_ground_point,
-    ground_point,
-    projected,
-)
+from pd_editor.viewer.interaction.agent_drag import AgentDrag
+from pd_editor.viewer.interaction.camera import ground_point, projected
+from pd_editor.viewer.interaction.seen_camera import CameraPose, SeenCamera
 from pd_editor.viewer.state.desk import Desk
 from pd_editor.viewer.views.agents_view import AgentsView
 
 TOGGLE_MODIFIERS: Final = ("shift", "cmd/ctrl")
 BOX_MODIFIER: Final = "cmd/ctrl"
-ROTATE_MODIFIER: Final = "shift"
 
 GroundClick = Callable[[Float[np.ndarray, "2"]], bool]
-
-
-@dataclass(kw_only=True, eq=False)
-class _Grab:
-    """An agent held by the pointer."""
-
-    base: Scenario
-    agent_ids: tuple[str, ...]
-    start_m: np.ndarray
-    center_m: np.ndarray
-    height_m: float
-    is_rotation: bool
 
 
 class Pointer:
@@ -57,7 +37,8 @@ class Pointer:
         self._desk = desk
         self._agents_view = agents_view
         self._on_ground = on_ground
-        self._grab: _Grab | None = None
+        self._seen_camera = SeenCamera(desk.client)
+        self._drag = AgentDrag(desk, agents_view, self._seen_camera)
         self._last_node_click: tuple[float, float] | None = None
         self._takes_ground_first = False
         scene = desk.client.scene
@@ -95,20 +76,7 @@ class Pointer:
             async def _(event: Any) -> None:
                 clicked(event, toggles=True)
 
-        for modifier in (None, ROTATE_MODIFIER):
-
-            @node.on_drag("left", modifier=modifier)
-            async def _(event: Any) -> None:
-                camera = np.array(event.client.camera.position)
-                phase, instance = event.phase, event.instance_index
-                start, end = event.start_position, event.end_position
-                rotates = event.modifier is not None
-                self._desk.post(
-                    lambda: self._dragged(
-                        kind, instance, phase, camera, start, end, rotates
-                    ),
-                    merge_key="drag" if phase == "update" else None,
-                )
+        self._drag.attach(node, kind)
 
     def _listen_to_ground(self, scene: Any, modifier: Any) -> None:
         @scene.on_click(modifier=modifier)
@@ -121,7 +89,8 @@ class Pointer:
         @scene.on_rect_select(modifier=modifier)
         async def _(event: Any) -> None:
             low, high = event.screen_min, event.screen_max
-            self._desk.post(lambda: self._box_selected(low, high))
+            camera = self._seen_camera.pose
+            self._desk.post(lambda: self._box_selected(low, high, camera))
 
     def _node_clicked(
         self,
@@ -160,7 +129,9 @@ class Pointer:
             return
         self._desk.session.select(())
 
-    def _box_selected(self, low: Any, high: Any) -> None:
+    def _box_selected(self, low: Any, high: Any, camera: CameraPose) -> None:
+        if self._drag.owns_box(low, high):
+            return
         view = self._agents_view()
         poses = view.poses
         if poses is None:
@@ -168,88 +139,7 @@ class Pointer:
         agents = self._desk.session.scenario.agents
         heights = [DEFAULT_HEIGHT_M[kind] / 2 for kind in agents.kinds]
         centers = np.column_stack([poses.position_m, np.array(heights)])
-        screen, is_ahead = projected(self._desk.client.camera, centers.reshape(-1, 3))
+        screen, is_ahead = projected(camera, centers.reshape(-1, 3))
         inside = ((screen >= np.array(low)) & (screen <= np.array(high))).all(axis=-1)
         chosen = np.flatnonzero(inside & is_ahead & poses.is_present)
         self._desk.session.select(tuple(agents.ids[row] for row in chosen))
-
-    def _dragged(
-        self,
-        kind: AgentKind,
-        instance: int | None,
-        phase: str,
-        camera: np.ndarray,
-        start: Any,
-        end: Any,
-        rotates: bool,
-    ) -> None:
-        if phase == "start":
-            self._begin_drag(kind, instance, camera, start, rotates)
-        grab = self._grab
-        if grab is None:
-            return
-        there = self._desk.session.scenario.agents.row_of
-        if self._desk.session.base is not grab.base or any(
-            agent not in there for agent in grab.agent_ids
-        ):
-            # Another scenario was opened, or the agents deleted, under the pointer.
-            self._grab = None
-            return
-        point = dragged_ground_point(camera, end, grab.height_m)
-        if point is not None and phase != "start":
-            self._desk.preview("drag", _command_of(grab, point), has_end=True)
-        if phase == "end":
-            self._grab = None
-            self._desk.commit_gesture()
-
-    def _begin_drag(
-        self,
-        kind: AgentKind,
-        instance: int | None,
-        camera: np.ndarray,
-        start: Any,
-        rotates: bool,
-    ) -> None:
-        self._grab = None
-        agent_id = (
-            None if instance is None else self._agents_view().agent_at(kind, instance)
-        )
-        point = dragged_ground_point(camera, start, float(start[2]))
-        if agent_id is None or point is None:
-            return
-        session = self._desk.session
-        if agent_id not in session.selection:
-            session.select((agent_id,))
-        agents = session.scenario.agents
-        step = session.scenario.current_step
-        rows = agents.rows(session.selection)
-        rows = rows[agents.is_valid[rows, step]]
-        if agents.row_of[agent_id] not in rows:
-            raise EditError(
-                f"Agent {agent_id} is not there at the current step, where edits act."
-            )
-        self._grab = _Grab(
-            base=session.base,
-            agent_ids=tuple(agents.ids[row] for row in rows),
-            start_m=point,
-            center_m=agents.position_m[rows, step].mean(axis=0),
-            height_m=float(start[2]),
-            is_rotation=rotates,
-        )
-
-
-def _command_of(grab: _Grab, point_m: np.ndarray) -> TransformAgents:
-    """The move or turn that takes the grabbed point to the pointer."""
-    if not grab.is_rotation:
-        dx, dy = point_m - grab.start_m
-        return TransformAgents(
-            agent_ids=grab.agent_ids, dx_m=float(dx), dy_m=float(dy), rotation_rad=0.0
-        )
-    before, after = grab.start_m - grab.center_m, point_m - grab.center_m
-    turn = np.arctan2(after[1], after[0]) - np.arctan2(before[1], before[0])
-    return TransformAgents(
-        agent_ids=grab.agent_ids,
-        dx_m=0.0,
-        dy_m=0.0,
-        rotation_rad=float(wrap_angle(np.asarray(turn))),
-    )

@@ -1,0 +1,223 @@
+"""Agents dragged by the pointer: moved, or turned with Shift."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+from typing import Any, Final
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from pd_editor.editor.commands import TransformAgents
+from pd_editor.errors import EditError
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.interaction.camera import dragged_ground_point
+from pd_editor.viewer.interaction.seen_camera import CameraPose, SeenCamera
+from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.views.agents_view import AgentsView
+
+ROTATE_MODIFIER: Final = "shift"
+SAME_PRESS: Final = 1e-4
+"""Share of the picture within which two events tell of the same press."""
+SAME_VIEW: Final = 0.03
+"""Share of the picture by which a view that comes to rest may still move in a drag."""
+
+ScreenPosition = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DragEvent:
+    """One message of a drag, with the camera that was in force in the browser."""
+
+    kind: AgentKind
+    instance: int | None
+    phase: str
+    rotates: bool
+    camera: CameraPose
+    start_m: tuple[float, float, float]
+    """The grabbed point, which moves with its agent."""
+    end_m: tuple[float, float, float]
+    """A point under the pointer, on a plane that faces the camera."""
+    end_screen: ScreenPosition
+    """The pointer, from the top left of the picture (0..1); the press at the start."""
+
+
+@dataclass(kw_only=True, eq=False)
+class _Grab:
+    """Agents held by the pointer."""
+
+    owner: str
+    scenario: Scenario
+    agent_ids: tuple[str, ...]
+    press: ScreenPosition
+    start_m: tuple[float, float, float]
+    center_m: np.ndarray
+    is_rotation: bool
+    has_moved: bool = False
+
+
+class AgentDrag:
+    """The only owner of a press on an agent, until its release is handled.
+
+    viser reports such a press also as a rectangle where a plain drag draws one, before
+    or after the end of the drag; ``owns_box`` recognises it by the place of the press.
+    A drag is over as soon as something else takes its gesture away (Escape, undo, a
+    command of a panel): what the pointer does from then on until the release is ignored.
+    """
+
+    def __init__(
+        self,
+        desk: Desk,
+        agents_view: Callable[[], AgentsView],
+        seen_camera: SeenCamera,
+    ) -> None:
+        """Hold nothing yet."""
+        self._desk = desk
+        self._agents_view = agents_view
+        self._seen_camera = seen_camera
+        self._grab: _Grab | None = None
+        self._is_pressed = False
+        # A modifier that changes on the way makes viser begin the drag anew.
+        self._presses: deque[ScreenPosition] = deque(maxlen=4)
+        self._numbers = count()
+
+    def attach(self, node: viser.BatchedMeshHandle, kind: AgentKind) -> None:
+        """Make the instances of a node draggable."""
+        for modifier in (None, ROTATE_MODIFIER):
+
+            @node.on_drag("left", modifier=modifier)
+            async def _(event: Any) -> None:
+                drag = DragEvent(
+                    kind=kind,
+                    instance=event.instance_index,
+                    phase=event.phase,
+                    rotates=event.modifier is not None,
+                    camera=self._seen_camera.pose,
+                    start_m=event.start_position,
+                    end_m=event.end_position,
+                    end_screen=event.end_screen_pos,
+                )
+                self._desk.post(
+                    lambda: self.dragged(drag),
+                    merge_key="drag" if drag.phase == "update" else None,
+                )
+
+    def owns_box(self, low: ScreenPosition, high: ScreenPosition) -> bool:
+        """Whether a rectangle comes from the press that drags agents."""
+        is_owned = self._is_pressed or any(
+            _is_corner(press, low, high) for press in self._presses
+        )
+        self._presses.clear()
+        return is_owned
+
+    def dragged(self, event: DragEvent) -> None:
+        """Follow one message of a drag."""
+        if event.phase == "start":
+            self._is_pressed = True
+            self._presses.append(event.end_screen)
+            self._grab = self._grabbed(event)
+        try:
+            self._follow(event)
+        finally:
+            if event.phase == "end":
+                self._is_pressed = False
+                if self._grab is not None:
+                    self._grab = None
+                    self._desk.commit_gesture()
+
+    def _follow(self, event: DragEvent) -> None:
+        """Move what is held to the pointer."""
+        grab = self._grab
+        if grab is None:
+            return
+        if not self._still_holds(grab):
+            self._grab = None
+            return
+        if event.phase == "start" or not _is_meant(grab, event):
+            return
+        point = dragged_ground_point(
+            event.camera.position, event.end_m, grab.start_m[2]
+        )
+        if point is not None:
+            self._desk.preview(grab.owner, _command_of(grab, point), has_end=True)
+            grab.has_moved = True
+
+    def _still_holds(self, grab: _Grab) -> bool:
+        """Whether nothing else has ended the drag's gesture or changed the scenario."""
+        session = self._desk.session
+        if not grab.has_moved:
+            return session.scenario is grab.scenario
+        return self._desk.gesture == grab.owner and session.state.is_previewing
+
+    def _grabbed(self, event: DragEvent) -> _Grab | None:
+        agent_id = (
+            None
+            if event.instance is None
+            else self._agents_view().agent_at(event.kind, event.instance)
+        )
+        if agent_id is None:
+            return None
+        session = self._desk.session
+        if agent_id not in session.selection:
+            session.select((agent_id,))
+        self._desk.commit_gesture()
+        scenario = session.scenario
+        agents, step = scenario.agents, scenario.current_step
+        rows = agents.rows(session.selection)
+        rows = rows[agents.is_valid[rows, step]]
+        if agents.row_of[agent_id] not in rows:
+            raise EditError(
+                f"Agent {agent_id} is not there at the current step, where edits act."
+            )
+        return _Grab(
+            owner=f"drag {next(self._numbers)}",
+            scenario=scenario,
+            agent_ids=tuple(agents.ids[row] for row in rows),
+            press=event.end_screen,
+            start_m=event.start_m,
+            center_m=agents.position_m[rows, step].mean(axis=0),
+            is_rotation=event.rotates,
+        )
+
+
+def _is_corner(
+    point: ScreenPosition, low: ScreenPosition, high: ScreenPosition
+) -> bool:
+    return all(
+        min(abs(point[axis] - low[axis]), abs(point[axis] - high[axis])) < SAME_PRESS
+        for axis in (0, 1)
+    )
+
+
+def _is_meant(grab: _Grab, event: DragEvent) -> bool:
+    """Whether the event's points belong to its camera and to the view of the press.
+
+    A view that changes under a drag (a key, a request of the server on its way to the
+    browser) must not move agents: ground points of two cameras have nothing in common.
+    """
+    camera = event.camera
+    return camera.sees(event.end_m, event.end_screen) and camera.sees(
+        grab.start_m, grab.press, SAME_VIEW
+    )
+
+
+def _command_of(grab: _Grab, point_m: Float[np.ndarray, "2"]) -> TransformAgents:
+    """The move or turn that takes the grabbed point to the pointer."""
+    start_m = np.array(grab.start_m[:2])
+    if not grab.is_rotation:
+        dx, dy = point_m - start_m
+        return TransformAgents(
+            agent_ids=grab.agent_ids, dx_m=float(dx), dy_m=float(dy), rotation_rad=0.0
+        )
+    before, after = start_m - grab.center_m, point_m - grab.center_m
+    turn = np.arctan2(after[1], after[0]) - np.arctan2(before[1], before[0])
+    return TransformAgents(
+        agent_ids=grab.agent_ids,
+        dx_m=0.0,
+        dy_m=0.0,
+        rotation_rad=math.remainder(float(turn), math.tau),
+    )
