@@ -16,9 +16,11 @@ from pd_editor.evaluation.distances import distance_tables
 from pd_editor.evaluation.evaluation import (
     ROWS_NAME,
     EvaluationPlan,
+    EvaluationSplits,
     RunRecord,
     run_evaluation,
     scenes_of,
+    splits_of,
 )
 from pd_editor.evaluation.evaluation_task import (
     DRIVING,
@@ -31,7 +33,7 @@ from pd_editor.evaluation.html import html_of
 from pd_editor.evaluation.markdown import markdown_of
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHODS
-from pd_editor.evaluation.report import report_of
+from pd_editor.evaluation.report import Findings, report_of
 from pd_editor.evaluation.road_condition import road_conditions
 from pd_editor.evaluation.run_folder import RunFolder
 from pd_editor.evaluation.summary import Summary, summarise
@@ -93,6 +95,9 @@ def evaluate(
     ),
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
+    development: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="SPLIT [SPLIT ...]")
+    ] = ("train",),
     limit: Annotated[
         int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
     ] = None,
@@ -113,6 +118,7 @@ def evaluate(
         warps: Roads: none (as recorded), KIND:POWER such as smooth-turn:3, or all.
         samples: Of each scene, for methods that draw at random.
         seed: Seed of all draws; the same seed gives the same numbers.
+        development: Splits on which settings were chosen; headline figures are of the other splits alone.
         limit: Use only the first N scenarios.
         workers: Processes to use; they do not change the numbers.
         device: Where models compute; auto takes a GPU if there is one.
@@ -127,6 +133,7 @@ def evaluate(
         num_samples=_at_least(1, samples, "samples"),
         seed=_at_least(0, seed, "seed"),
         limit=None if limit is None else _at_least(1, limit, "limit"),
+        development=_several(development),
     )
     engine = LocalProcesses(
         num_workers=None if workers is None else _at_least(1, workers, "workers")
@@ -136,30 +143,46 @@ def evaluate(
     record = run_evaluation(
         plan, found, folder, engine, on_progress=progress_shown("scenes on roads")
     )
-    return _reported(plan, folder, record, _command(plan, out))
+    splits = splits_of(plan, found)
+    return _reported(plan, splits, folder, record, _command(plan, out))
 
 
 def _reported(
-    plan: EvaluationPlan, folder: RunFolder, record: RunRecord, command: str
+    plan: EvaluationPlan,
+    splits: EvaluationSplits,
+    folder: RunFolder,
+    record: RunRecord,
+    command: str,
 ) -> Evaluation:
     """Sum up the rows and write the reports.
 
     Raises:
         PdEditorError: there is nothing to sum up for a method; the reports say why.
     """
-    rows = folder.path / ROWS_NAME
-    summary = summarise(rows, plan.settings.methods, plan.conditions, plan.seed)
-    distances = distance_tables(rows, plan.settings.methods, plan.task)
-    report = report_of(plan, record, summary, command, distances)
+    rows, methods = folder.path / ROWS_NAME, plan.settings.methods
+
+    def summary_of(names: tuple[str, ...]) -> Summary:
+        return summarise(rows, methods, plan.conditions, plan.seed, names)
+
+    is_apart = bool(splits.held_out and splits.development)
+    found = Findings(
+        splits=splits,
+        summary=summary_of(splits.headline),
+        development=summary_of(splits.development) if is_apart else None,
+        distances=distance_tables(rows, methods, plan.task, splits.headline),
+    )
+    report = report_of(plan, record, found, command)
     shown = PLACING_SHOWN if plan.task.draws_states else SHOWN
-    page = html_of(report, figures_of(summary, plan.conditions, shown))
+    page = html_of(report, figures_of(found.summary, plan.conditions, shown))
     files = (
         folder.write("report.md", markdown_of(report).encode()),
         folder.write("report.html", page.encode()),
         rows,
     )
-    _check_something_left(summary, record, files[0])
-    return Evaluation(folder=folder.path, files=files, summary=summary, record=record)
+    _check_something_left(found, record, files[0])
+    return Evaluation(
+        folder=folder.path, files=files, summary=found.summary, record=record
+    )
 
 
 def _several(value: _One | tuple[_One, ...]) -> tuple[_One, ...]:
@@ -210,7 +233,7 @@ def _at_least(least: int, value: int, name: str) -> int:
     return value
 
 
-def _check_something_left(summary: Summary, record: RunRecord, report: Path) -> None:
+def _check_something_left(found: Findings, record: RunRecord, report: Path) -> None:
     """Refuse to call a run done in which a method has not a single scene.
 
     Raises:
@@ -221,10 +244,9 @@ def _check_something_left(summary: Summary, record: RunRecord, report: Path) -> 
             f"None of the {record.num_scenes} scenes has a logged future; there is "
             "nothing to compare with."
         )
-    for name, num in zip(
-        summary.methods, summary.num_agents.sum(axis=(1, 2)), strict=True
-    ):
-        if not num:
+    parts = [part for part in (found.summary, found.development) if part is not None]
+    for row, name in enumerate(found.summary.methods):
+        if not any(part.num_agents[row].any() for part in parts):
             reasons = [f.reason for f in record.failures if f.method in ("", name)]
             reason = f" ({reasons[0]})" if reasons else ""
             raise GenerationError(
@@ -240,5 +262,7 @@ def _command(plan: EvaluationPlan, out: str | Path) -> str:
         words += ["--states", plan.task.states, "--agents", plan.task.agents]
     words += ["--warps", *(one.label for one in plan.conditions)]
     words += ["--samples", str(plan.num_samples), "--seed", str(plan.seed)]
+    if plan.development != ("train",):
+        words += ["--development", *plan.development]
     words += [] if plan.limit is None else ["--limit", str(plan.limit)]
     return shlex.join(words)

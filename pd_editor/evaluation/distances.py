@@ -36,14 +36,18 @@ class _Rows:
     the log's own agents.
     """
 
-    def __init__(self, rows_file: Path, task: EvaluationTask) -> None:
+    def __init__(
+        self, rows_file: Path, task: EvaluationTask, splits: Sequence[str]
+    ) -> None:
         schema = pq.read_schema(rows_file)
         self.histograms = [h for h in HISTOGRAMS if h.metric in schema.names]
         metrics = dict.fromkeys(histogram.metric for histogram in self.histograms)
         table = pq.read_table(
             rows_file,
             columns=[*_KEYS, "recorded", *metrics],
-            filters=(pc.field("warp") == PLAIN) & (pc.field("group") == "movers"),
+            filters=(pc.field("warp") == PLAIN)
+            & (pc.field("group") == "movers")
+            & pc.field("split").isin(list(splits)),
         )
         table = table.filter(table["sample"].is_valid())
         self.method = np.array(table["method"].to_pylist(), object)
@@ -88,10 +92,13 @@ class _Rows:
 
 
 def distance_tables(
-    rows_file: Path, methods: Sequence[str], task: EvaluationTask
+    rows_file: Path,
+    methods: Sequence[str],
+    task: EvaluationTask,
+    splits: Sequence[str],
 ) -> list[ReportTable]:
-    """Square roots of Jensen-Shannon divergences to the log, for movers."""
-    rows = _Rows(rows_file, task)
+    """Square roots of Jensen-Shannon divergences to the log, for movers of some splits."""
+    rows = _Rows(rows_file, task, splits)
     others = [name for name in methods if name != GROUND_TRUTH]
     is_logged = rows.is_logged
     num_agents = len(set(rows.agent[rows.counts & is_logged]))

@@ -39,6 +39,8 @@ class EvaluationPlan:
     limit: int | None = None
     """No more scenes than these; the first ones by their folders' names."""
     task: EvaluationTask = DRIVING
+    development: tuple[str, ...] = ("train",)
+    """Splits on which settings were chosen; headlines are of the other splits alone."""
 
     @property
     def settings(self) -> RunSettings:
@@ -125,6 +127,28 @@ def scenes_of(plan: EvaluationPlan) -> FoundScenes:
         )
     scenes = tuple(found.values())[: plan.limit]
     return FoundScenes(scenes=scenes, num_skipped=num_skipped)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationSplits:
+    """Which splits are judged apart."""
+
+    held_out: tuple[str, ...]
+    development: tuple[str, ...]
+
+    @property
+    def headline(self) -> tuple[str, ...]:
+        """The held-out splits; the development splits where there is no other."""
+        return self.held_out or self.development
+
+
+def splits_of(plan: EvaluationPlan, found: FoundScenes) -> EvaluationSplits:
+    """The splits of the scenes, held-out ones apart from those of development."""
+    names = tuple(dict.fromkeys(scene.split for scene in found.scenes))
+    return EvaluationSplits(
+        held_out=tuple(name for name in names if name not in plan.development),
+        development=tuple(name for name in names if name in plan.development),
+    )
 
 
 def _scene(root: Path, folder: Path) -> Scene:

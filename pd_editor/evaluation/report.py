@@ -3,12 +3,19 @@
 import platform
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Final
 
+import numpy as np
+from jaxtyping import Int
+
 from pd_editor.evaluation.bootstrap import COVERAGE, NUM_RESAMPLES
-from pd_editor.evaluation.evaluation import EvaluationPlan, RunRecord
+from pd_editor.evaluation.evaluation import (
+    EvaluationPlan,
+    EvaluationSplits,
+    RunRecord,
+)
 from pd_editor.evaluation.evaluation_task import DRAWN_HALF_SIDE_M, EvaluationTask
 from pd_editor.evaluation.report_tables import (
     HEADLINES,
@@ -21,6 +28,7 @@ from pd_editor.evaluation.report_tables import (
     road_tables,
 )
 from pd_editor.evaluation.summary import Summary
+from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 
 FIGURES_TITLE: Final = "Results"
 """The section that figures belong to."""
@@ -51,19 +59,39 @@ class Report:
     sections: tuple[Section, ...]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Findings:
+    """What an evaluation found, split by split."""
+
+    splits: EvaluationSplits
+    summary: Summary
+    """Of the headline splits."""
+    development: Summary | None = None
+    """Of the splits on which settings were chosen, where others are the headline."""
+    distances: Sequence[ReportTable] = ()
+    """Of the headline splits."""
+
+    @property
+    def num_scenes(self) -> Int[np.ndarray, "M"]:
+        """Scenes that each method has, of all splits."""
+        parts = (self.summary, self.development)
+        return sum(
+            (part.num_scenes.max(axis=(1, 2)) for part in parts if part is not None),
+            start=np.zeros(len(self.summary.methods), int),
+        )
+
+
 def report_of(
-    plan: EvaluationPlan,
-    record: RunRecord,
-    summary: Summary,
-    command: str,
-    distances: Sequence[ReportTable] = (),
+    plan: EvaluationPlan, record: RunRecord, found: Findings, command: str
 ) -> Report:
     """The report in words and numbers."""
+    summary = found.summary
     return Report(
         title="Evaluation",
         sections=(
-            Section(title="What was done", paragraphs=_words(plan, record, summary)),
-            *_compared(plan.task, summary, distances),
+            Section(title="What was done", paragraphs=_words(plan, record, found)),
+            *_compared(plan.task, summary, found.distances),
+            *_development(plan.task, found),
             Section(title="Road by road", tables=tuple(road_tables(summary))),
             Section(title="All metrics", tables=tuple(complete_tables(summary))),
             Section(title="Definitions", tables=(definition_table(),)),
@@ -124,6 +152,31 @@ def _compared(
     )
 
 
+def _development(task: EvaluationTask, found: Findings) -> tuple[Section, ...]:
+    """Results on the scenes that settings were chosen on, apart from the headline."""
+    if found.development is None:
+        return ()
+    headlines = PLACING_HEADLINES if task.draws_states else HEADLINES
+    words = (
+        f"Settings were chosen on {_listed(found.splits.development)}; these figures are "
+        "for development and are no evidence of quality."
+    )
+    return (
+        Section(
+            title="Development scenes",
+            paragraphs=(words,),
+            tables=tuple(
+                replace(table, title=f"{table.title} (development)")
+                for table in headline_tables(found.development, headlines)
+            ),
+        ),
+    )
+
+
+def _listed(splits: Sequence[str]) -> str:
+    return " and ".join(f"`{name}`" for name in splits)
+
+
 def _results(
     summary: Summary, words: str, headlines: Sequence[tuple[str, str]]
 ) -> Section:
@@ -139,14 +192,13 @@ def _distances(words: str, tables: Sequence[ReportTable]) -> Section:
     )
 
 
-def _words(
-    plan: EvaluationPlan, record: RunRecord, summary: Summary
-) -> tuple[str, ...]:
+def _words(plan: EvaluationPlan, record: RunRecord, found: Findings) -> tuple[str, ...]:
     roads = ", ".join(one.label for one in plan.conditions)
     words = [
         f"{record.num_scenes} scenes on {len(plan.conditions)} roads ({roads}). "
         f"{_asked(plan.task)} Methods that draw at random give {plan.num_samples} "
         "samples of each scene.",
+        _split_words(found.splits),
         *(f"**{method.name}**: {method.description}" for method in plan.methods),
         "Counted are road users present at the current step. Movers are vehicles, "
         "buses and motorcyclists; those on their way are not slower than 0.3 m/s at "
@@ -160,10 +212,14 @@ def _words(
     if any(not one.is_plain for one in plan.conditions):
         words.insert(
             1,
-            "Perturbed roads are Scene-Attack's, bent ahead of the focal agent. The "
-            "agents' states and the logged futures are warped with the map, by the "
-            "same shear; speeds are not limited to what the bends allow. Displacements "
-            "are measured to the warped log.",
+            "Perturbed roads are Scene-Attack's, warped ahead of the focal agent. The "
+            "agents' states and the logged trajectories are warped with the map, by "
+            "the same shear, and slowed to what friction allows on a dry road "
+            f"(mu = {DRY_ROAD_FRICTION:g}). Displacements are measured to the warped "
+            "log. SOR and HOR are Scene-Attack's soft and hard off-road rates: the "
+            "share of steps outside the drivable area, and of agents that are outside "
+            "it at any step. A model whose training scenes were warped by the same "
+            "functions is not out of distribution on these roads.",
         )
     if record.without_future:
         words.append(
@@ -178,13 +234,29 @@ def _words(
     lost = [
         f"{method} has {num} of {most} scenes"
         for method, num in zip(
-            summary.methods, summary.num_scenes.max(axis=(1, 2)).tolist(), strict=True
+            found.summary.methods, found.num_scenes.tolist(), strict=True
         )
-        if num < (most := int(summary.num_scenes.max(initial=0)))
+        if num < (most := int(found.num_scenes.max(initial=0)))
     ]
     if lost:
         words.append(f"Some methods failed on scenes: {'; '.join(lost)}.")
     return tuple(words)
+
+
+def _split_words(splits: EvaluationSplits) -> str:
+    """Which scenes the headline figures are of."""
+    if not splits.held_out:
+        return (
+            f"All scenes are of {_listed(splits.development)}, on which settings were "
+            "chosen: these figures are for development and are no evidence of quality."
+        )
+    words = f"Figures are of {_listed(splits.held_out)} unless a title says otherwise."
+    if splits.development:
+        words += (
+            f" Settings were chosen on {_listed(splits.development)}, whose figures "
+            "stand apart."
+        )
+    return words
 
 
 def _asked(task: EvaluationTask) -> str:

@@ -24,7 +24,8 @@ HEADLINES: Final = (
     ("min_ade", "best ADE, m"),
     ("end_spread", "end spread, m"),
     ("off_road_4m", "off-road 4 m, %"),
-    ("off_drivable_steps", "steps off drivable, %"),
+    ("off_drivable_steps", "SOR, %"),
+    ("off_drivable", "HOR, %"),
 )
 """Lateral deviation alone is met by whoever stays on a lane, so all stand together."""
 PLACING_HEADLINES: Final = (

@@ -1,4 +1,4 @@
-"""The roads that generators are judged on: as recorded, or bent ahead of the focal agent."""
+"""Road conditions of an evaluation: as recorded, or warped ahead of the focal agent."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from typing import Final
 
 from pd_editor.errors import InputError
 from pd_editor.perturbation.anchor import pose_of_anchor
+from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,
@@ -22,7 +23,7 @@ ALL_POWERS: Final = (3.0, 6.0, 9.0)
 
 @dataclass(frozen=True, kw_only=True)
 class RoadCondition:
-    """A plain road, or one kind of bend at one power."""
+    """A road as recorded, or one kind of warp at one power."""
 
     kind: str = PLAIN
     power: float = 0.0
@@ -38,7 +39,10 @@ class RoadCondition:
         return self.kind == PLAIN
 
     def applied_to(self, scenario: Scenario) -> Scenario:
-        """The scenario on this road: map, states and recorded future all bent alike.
+        """The scenario on this road: map, states and recorded future all warped alike.
+
+        As in Scene-Attack, agents are slowed to what friction allows on a dry road, so
+        that the recorded trajectory stays one that a vehicle can drive.
 
         Raises:
             EditError: the scenario has no focal agent at its current step.
@@ -49,7 +53,11 @@ class RoadCondition:
                     kind=kind, power=self.power, length_m=DEFAULT_LENGTH_M[kind]
                 )
                 anchor = pose_of_anchor(scenario, "focal")
-                return warp_scenario(scenario, RoadWarp(anchor=anchor, terms=(term,)))
+                return warp_scenario(
+                    scenario,
+                    RoadWarp(anchor=anchor, terms=(term,)),
+                    friction_coefficient=DRY_ROAD_FRICTION,
+                )
         return scenario
 
 

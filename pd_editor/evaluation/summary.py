@@ -1,6 +1,6 @@
 """Rows per agent summed up: per method, road and group, and against the log."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -131,19 +131,41 @@ class _Cells:
         return np.stack([table[:, :, list(g)].sum(axis=2) for g in _HELD], axis=2)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _RowFile:
+    """The rows of some splits, read column by column."""
+
+    file: pq.ParquetFile
+    is_kept: pa.Array | None
+
+    def read(self, *names: str) -> pa.Table:
+        table = self.file.read(columns=list(names))
+        return table if self.is_kept is None else table.filter(self.is_kept)
+
+
+def _rows_of(path: Path, splits: Collection[str] | None) -> _RowFile:
+    file = pq.ParquetFile(path, memory_map=True)
+    if splits is None:
+        return _RowFile(file=file, is_kept=None)
+    wanted = tuple(splits)
+    code = _codes(file.read(columns=["split"]), "split", wanted)
+    return _RowFile(file=file, is_kept=pa.array(code >= 0))
+
+
 def summarise(
     rows: Path,
     methods: Sequence[str],
     conditions: Sequence[RoadCondition],
     seed: int,
+    splits: Collection[str] | None = None,
 ) -> Summary:
-    """Sum up a file of rows, one metric at a time."""
-    file = pq.ParquetFile(rows, memory_map=True)
+    """Sum up a file of rows, one metric at a time; only some splits if they are named."""
+    file = _rows_of(rows, splits)
     cells = _cells(file, methods, conditions)
     weights = scene_weights(cells.shape[3], seed)
     statistics, median = {}, np.zeros(0)
     for name in METRIC_COLUMNS:
-        column = file.read(columns=[name]).column(name)
+        column = file.read(name).column(name)
         is_valid = column.is_valid().to_numpy()
         values = column.fill_null(0.0).to_numpy().astype(float)
         statistics[name] = _statistic(cells, values, is_valid, weights)
@@ -168,9 +190,9 @@ def summarise(
 
 
 def _cells(
-    file: pq.ParquetFile, methods: Sequence[str], conditions: Sequence[RoadCondition]
+    file: _RowFile, methods: Sequence[str], conditions: Sequence[RoadCondition]
 ) -> _Cells:
-    keys = file.read(columns=list(_KEYS))
+    keys = file.read(*_KEYS)
     roads = {(one.kind, one.power): row for row, one in enumerate(conditions)}
     number, _ = _numbered(keys, "warp", "power")
     _, first = np.unique(number, return_index=True)

@@ -105,14 +105,14 @@ _ALL: Final = (
         "share",
         "ours",
         "lower",
-        "At any step, the centre is outside the drivable area.",
+        "At any step, the centre is outside the drivable area (Scene-Attack's HOR).",
     ),
     _metric(
         "off_drivable_steps",
         "share",
         "ours",
         "lower",
-        "Share of steps with the centre outside the drivable area.",
+        "Share of steps with the centre outside the drivable area (Scene-Attack's SOR).",
     ),
     _metric(
         "nearest_edge",

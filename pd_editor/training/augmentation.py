@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from pd_editor.geometry.angles import unit_vector
 from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -76,7 +77,12 @@ def augmented(
         road_map = road_map.moved(_waves(augmentation, random))
     scenario = replace(scenario, road_map=road_map, agents=agents)
     if random.random() < augmentation.warp_share and road_map.polylines:
-        scenario = warp_scenario(scenario, _warp(scenario, random))
+        # Without the limit, trajectories would be taught that no tyre can follow.
+        scenario = warp_scenario(
+            scenario,
+            _warp(scenario, random),
+            friction_coefficient=DRY_ROAD_FRICTION,
+        )
     return scenario
 
 

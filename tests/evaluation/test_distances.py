@@ -15,6 +15,7 @@ def rows_file(tmp_path, lengths: dict[str, list[float]], recorded=(1.0, 1.0, 1.0
     rows = [
         {
             "scenario_id": f"scene-{index // 2}",
+            "split": "train",
             "method": method,
             "sample": 0,
             "agent_id": f"{index % 2}",
@@ -44,7 +45,9 @@ def test_equal_is_zero_and_disjoint_is_the_root_of_ln_2(tmp_path):
         tmp_path,
         {"ground-truth": log, "same": log, "far": [100.0, 101.0, 102.0, 103.0]},
     )
-    (table,) = distance_tables(path, ["ground-truth", "same", "far"], DRIVING)
+    (table,) = distance_tables(
+        path, ["ground-truth", "same", "far"], DRIVING, ["train"]
+    )
     found = cells(table, "path_length", "ours")
     assert float(found["same"]) == 0.0
     assert float(found["far"]) == pytest.approx(LN2_ROOT, abs=1e-3)
@@ -61,7 +64,7 @@ def test_agents_that_leave_the_recording_early_do_not_count(tmp_path):
         },
         recorded=(1.0, 1.0, 1.0, 0.4),
     )
-    (table,) = distance_tables(path, ["ground-truth", "same-else"], DRIVING)
+    (table,) = distance_tables(path, ["ground-truth", "same-else"], DRIVING, ["train"])
     assert float(cells(table, "path_length", "ours")["same-else"]) == 0.0
     assert table.note.startswith("3 agents")
 
@@ -82,7 +85,7 @@ def test_drawn_states_are_compared_with_all_of_the_log(tmp_path):
         row["recorded"] = 1.0 if row["method"] == "drawn" else row["recorded"]
     pq.write_table(pa.Table.from_pylist(rows), path)
     (table,) = distance_tables(
-        path, ["ground-truth", "drawn"], EvaluationTask(states="drawn")
+        path, ["ground-truth", "drawn"], EvaluationTask(states="drawn"), ["train"]
     )
     assert float(cells(table, "speed", "ours")["drawn"]) == 0.0
     lengths = histogram_of("path_length", "ours")
@@ -96,4 +99,4 @@ def test_drawn_states_are_compared_with_all_of_the_log(tmp_path):
 
 def test_without_a_log_there_is_nothing_to_compare_with(tmp_path):
     path = rows_file(tmp_path, {"same": [10.0, 20.0, 30.0, 40.0]})
-    assert distance_tables(path, ["same"], DRIVING) == []
+    assert distance_tables(path, ["same"], DRIVING, ["train"]) == []

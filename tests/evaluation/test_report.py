@@ -9,15 +9,17 @@ import pytest
 from pd_editor.evaluation.evaluation import (
     ROWS_NAME,
     EvaluationPlan,
+    EvaluationSplits,
     Failure,
     RunRecord,
     run_evaluation,
     scenes_of,
+    splits_of,
 )
 from pd_editor.evaluation.figures import figures_of
 from pd_editor.evaluation.html import html_of
 from pd_editor.evaluation.markdown import markdown_of
-from pd_editor.evaluation.report import report_of
+from pd_editor.evaluation.report import Findings, report_of
 from pd_editor.evaluation.run_folder import RunFolder
 from pd_editor.evaluation.scene_rows import METRIC_COLUMNS
 from pd_editor.evaluation.summary import Summary, summarise
@@ -25,7 +27,12 @@ from pd_editor.metrics.metric_table import METRICS
 from tests.evaluation.small_dataset import OneByOne, plan_for, write_dataset
 
 NAMES = ("ground-truth", "constant-velocity", "sideways")
-Found = tuple[EvaluationPlan, RunRecord, Summary]
+Found = tuple[EvaluationPlan, RunRecord, Findings]
+
+
+def findings(summary: Summary) -> Findings:
+    splits = EvaluationSplits(held_out=("train", "val"), development=())
+    return Findings(splits=splits, summary=summary)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +42,8 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     out = tmp_path_factory.mktemp("out") / "out"
     folder = RunFolder(out, plan.settings, resume=False)
     record = run_evaluation(plan, scenes_of(plan), folder, OneByOne())
-    return plan, record, summarise(out / ROWS_NAME, NAMES, plan.conditions, 0)
+    summary = summarise(out / ROWS_NAME, NAMES, plan.conditions, 0)
+    return plan, record, findings(summary)
 
 
 def rows_under(text: str, heading: str) -> dict[str, list[str]]:
@@ -73,7 +81,7 @@ def test_the_report_says_what_was_done(found):
     text = markdown_of(report_of(*found, "pd-editor evaluate --seed 0"))
     for words in (
         "3 scenes on 3 roads (none, smooth-turn:3, smooth-turn:9)",
-        "logged futures are warped with the map",
+        "logged trajectories are warped with the map",
         "1000 bootstrap resamples of scenes",
         "pd-editor evaluate --seed 0",
         "| numpy |",
@@ -86,8 +94,36 @@ def test_the_report_says_what_was_done(found):
     assert "missed, % *paper*" in text
 
 
+def test_held_out_scenes_stand_apart_from_those_that_chose_the_settings(
+    found, tmp_path
+):
+    plan, record, _ = found
+    folder = RunFolder(tmp_path / "out", plan.settings, resume=False)
+    run_evaluation(plan, scenes_of(plan), folder, OneByOne())
+    splits = splits_of(plan, scenes_of(plan))
+    assert (splits.held_out, splits.development) == (("val",), ("train",))
+
+    def summary_of(names):
+        rows = folder.path / ROWS_NAME
+        return summarise(rows, NAMES, plan.conditions, 0, names)
+
+    apart = Findings(
+        splits=splits,
+        summary=summary_of(splits.headline),
+        development=summary_of(splits.development),
+    )
+    text = markdown_of(report_of(plan, record, apart, "x"))
+    assert "Figures are of `val` unless a title says otherwise." in text
+    head = rows_under(text, "Movers, plain roads")
+    other = rows_under(text, "Movers, plain roads (development)")
+    assert head["sideways"][0] == "3 / 1"
+    assert other["sideways"][0] == "5 / 2"
+    only = replace(apart, splits=replace(splits, held_out=()), development=None)
+    assert "no evidence of quality" in markdown_of(report_of(plan, record, only, "x"))
+
+
 def test_failures_and_left_out_scenes_are_said(found):
-    plan, record, summary = found
+    plan, record, evaluated = found
     broken = replace(
         record,
         failures=(
@@ -97,7 +133,7 @@ def test_failures_and_left_out_scenes_are_said(found):
         without_future=("x", "y"),
         num_skipped_folders=4,
     )
-    report = report_of(plan, broken, summary, "x")
+    report = report_of(plan, broken, evaluated, "x")
     text = markdown_of(report)
     for words in (
         "2 scenes have no logged future",
@@ -111,9 +147,9 @@ def test_failures_and_left_out_scenes_are_said(found):
 
 
 def test_the_page_is_whole_and_needs_nothing_else(found):
-    plan, record, summary = found
-    figures = figures_of(summary, plan.conditions)
-    page = html_of(report_of(plan, record, summary, "x"), figures)
+    plan, record, evaluated = found
+    figures = figures_of(evaluated.summary, plan.conditions)
+    page = html_of(report_of(plan, record, evaluated, "x"), figures)
     assert not re.search(r"(src|href)=|url\(|@import", page)
     open_tags: list[str] = []
 
@@ -134,8 +170,8 @@ def test_the_page_is_whole_and_needs_nothing_else(found):
 
 
 def test_figures_are_valid_svg_inside_their_frames(found):
-    plan, _, summary = found
-    intervals, powers = figures_of(summary, plan.conditions)
+    plan, _, evaluated = found
+    intervals, powers = figures_of(evaluated.summary, plan.conditions)
     panels = list(ET.fromstring(f"<all>{intervals.svg}{powers.svg}</all>"))
     assert len(panels) == 7
     for panel in panels:
@@ -155,4 +191,4 @@ def test_a_run_without_any_row_still_has_a_report(found, tmp_path: Path):
     run_evaluation(plan, none, folder, OneByOne())
     summary = summarise(folder.path / ROWS_NAME, NAMES, plan.conditions, 0)
     assert figures_of(summary, plan.conditions) == ()
-    assert "Definitions" in markdown_of(report_of(plan, record, summary, "x"))
+    assert "Definitions" in markdown_of(report_of(plan, record, findings(summary), "x"))

@@ -37,4 +37,4 @@ def test_a_plain_road_is_the_scenario_itself():
     assert road_conditions(["none"])[0].applied_to(scenario) is scenario
     bent = road_conditions(["smooth-turn:3"])[0].applied_to(scenario)
     assert bent.applied_warp is not None
-    assert bent.applied_warp.friction_coefficient is None
+    assert bent.applied_warp.friction_coefficient == 0.7
