@@ -12,6 +12,7 @@ from pd_editor.editor.recipe import Recipe
 from pd_editor.errors import InputError
 from pd_editor.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.installed_files import demo_folder, demo_names
+from pd_editor.scene.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
 
 DEMO_PREFIX: Final = "demo:"
@@ -45,8 +46,16 @@ def exported_files(scenario: Scenario, recipe: Recipe) -> dict[str, bytes]:
     """The scenario as an Argoverse 2 folder's files, with the recipe that made it.
 
     Raises:
-        ExportError: the scenario cannot be written, for example without agents.
+        ExportError: the scenario cannot be written, for example without a focal agent.
     """
+    agents, focal_id = scenario.agents, scenario.focal_id
+    row = agents.row_of.get(focal_id)
+    if len(agents) and (row is None or not agents.is_valid[row].any()):
+        raise ExportError(
+            f"Scenario {scenario.scenario_id} has no focal agent ({focal_id or 'none'} is"
+            " not there); make an agent the focal one first."
+        )
+    scenario = scenario.with_agents(with_focal_category(agents, focal_id))
     return {**scenario_files(scenario), RECIPE_NAME: recipe.to_text().encode()}
 
 

@@ -4,13 +4,15 @@ from pathlib import Path
 
 from pd_editor.av2_io.file_names import MAP_PREFIX, TRACKS_PREFIX
 from pd_editor.errors import ExportError
+from pd_editor.scene.agent_kind import AgentCategory
 
 
 def check_with_official_loaders(folder: Path) -> None:
     """Load a scenario folder with the package ``av2``.
 
     Raises:
-        ExportError: the folder lacks a file, or av2 refuses one.
+        ExportError: the folder lacks a file, av2 refuses one, or there is not exactly
+            one focal track, of category 3.
     """
     from av2.datasets.motion_forecasting.scenario_serialization import (
         load_argoverse_scenario_parquet,
@@ -35,3 +37,14 @@ def check_with_official_loaders(folder: Path) -> None:
         ) from error
     if not scenario.tracks or not num_lanes:
         raise ExportError(f"{folder}: av2's own loader found no tracks or no lanes.")
+    focal = [
+        track.track_id
+        for track in scenario.tracks
+        if track.category.value == AgentCategory.FOCAL
+    ]
+    if focal != [scenario.focal_track_id]:
+        raise ExportError(
+            f"{folder}: focal_track_id is {scenario.focal_track_id!r}, and tracks of"
+            f" category 3 are {', '.join(map(repr, focal)) or 'none'}; expected exactly"
+            " one track of category 3, the focal one."
+        )

@@ -20,7 +20,8 @@ from pd_editor.scene.agent_kind import (
     AgentCategory,
     AgentKind,
 )
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.focal_agent import with_focal_category
+from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,8 +153,12 @@ class DeleteAgents(Command):
                 f"Agent {scenario.focal_id} is the focal agent and cannot be deleted;"
                 " choose another focal agent first."
             )
-        keep = np.delete(np.arange(len(scenario.agents)), rows)
-        return scenario.with_agents(scenario.agents.taken(keep))
+        names = tuple(scenario.agents.ids[row] for row in rows)
+        left = scenario.without_agents(names)
+        if EGO_ID in names:
+            note = f"The ego vehicle ({EGO_ID}) was removed."
+            left = left.with_agents(left.agents, note)
+        return left
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,31 +193,30 @@ class SetFocalAgent(Command):
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with another focal agent."""
-        (row,) = present_rows(scenario, (self.agent_id,))
+        present_rows(scenario, (self.agent_id,))
         agents = scenario.agents
         if scenario.focal_id == self.agent_id:
             return scenario
-        categories = [
-            AgentCategory.SCORED if category is AgentCategory.FOCAL else category
-            for category in agents.categories
-        ]
-        categories[row] = AgentCategory.FOCAL
         return replace(
             scenario,
-            agents=replace(agents, categories=tuple(categories)),
+            agents=with_focal_category(agents, self.agent_id),
             focal_id=self.agent_id,
         )
 
 
 def new_agent_id(scenario: Scenario, prefix: str = "placed") -> str:
-    """The first of ``prefix-1``, ``prefix-2``, ... that no agent has."""
+    """The first of ``prefix-1``, ``prefix-2``, ... that no agent has had."""
     return new_agent_ids(scenario, 1, prefix)[0]
 
 
 def new_agent_ids(
     scenario: Scenario, count: int, prefix: str = "placed"
 ) -> tuple[str, ...]:
-    """The first ``count`` of ``prefix-1``, ``prefix-2``, ... that no agent has."""
+    """The first ``count`` of ``prefix-1``, ``prefix-2``, ... that no agent has had.
+
+    Ids of removed agents are not given again, so that an id means one agent in the
+    whole history.
+    """
     numbered = (f"{prefix}-{number}" for number in itertools.count(1))
-    free = (name for name in numbered if name not in scenario.agents.row_of)
+    free = (name for name in numbered if not scenario.has_ever_had(name))
     return tuple(itertools.islice(free, count))

@@ -17,6 +17,7 @@ from pd_editor.geometry.angles import unit_vector, wrap_angle
 from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.focal_agent import with_focal_agent
 from pd_editor.scene.scenario import Scenario
 
 
@@ -62,9 +63,9 @@ class PlaceAgent(Command):
             if self.back_cast
             else None,
         )
-        if self.speed_mps < 0:
-            return joined
-        return _on_its_lane(joined, len(joined.agents) - 1)
+        if self.speed_mps >= 0:
+            joined = _on_its_lane(joined, len(joined.agents) - 1)
+        return with_focal_agent(joined)
 
     def _track(self, scenario: Scenario) -> AgentTracks:
         """The agent alone: its past, if wanted, and a straight future."""

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from pd_editor.editor.agent_commands import new_agent_ids
 from pd_editor.editor.command import Command, agents_in_words
 from pd_editor.editor.edit_limits import check_positions
 from pd_editor.editor.motion_commands import agents_with_future
@@ -17,10 +18,13 @@ from pd_editor.generation import (
     Region,
     TrafficSample,
 )
-from pd_editor.scene.agent_kind import MOVER_KINDS, AgentCategory, AgentKind
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.focal_agent import focal_place_m, with_focal_agent
+from pd_editor.scene.scenario import EGO_ID, Scenario
 
+NEW_PREFIX: Final = "new"
+"""Generated agents are called ``new-1``, ``new-2``, ..."""
 SAME_STATE_M: Final = 0.01
 """A generated current state this close to the present one counts as the same."""
 
@@ -67,7 +71,7 @@ class ReplaceTraffic(Command):
     """Give agents the futures that a generator drew, and add those it invented.
 
     Agents that the new ones replace leave first. If the focal agent is among them, the
-    vehicle that begins nearest to where it was becomes the focal one.
+    moving vehicle nearest to where it was becomes the focal one.
 
     Agents of the scenario keep their kind, their size and, where the sample agrees
     with it, their current state; where it does not, the sample's state counts and
@@ -106,7 +110,8 @@ class ReplaceTraffic(Command):
                 f"The generated traffic has {sample.position_m.shape[1]} steps; this"
                 f" scenario needs {axis.num_future_steps + 1}."
             )
-        before = scenario
+        place = focal_place_m(scenario)
+        had_ego = EGO_ID in scenario.agents.row_of
         scenario = scenario.without_agents(self.request.removed_ids)
         there = scenario.agents.row_of
         gone = [name for name in self.request.agent_ids if name not in there]
@@ -115,8 +120,22 @@ class ReplaceTraffic(Command):
                 f"Agent {gone[0]} is not in the scenario any more, so the generated"
                 " traffic does not fit it."
             )
+        clash = [
+            name
+            for name in sample.ids
+            if name in there and name not in self.request.agent_ids
+        ]
+        if clash:
+            raise EditError(
+                f"There is already an agent {clash[0]!r} here, so the generated traffic"
+                " does not fit."
+            )
+        if had_ego and EGO_ID not in there:
+            scenario = scenario.with_agents(
+                scenario.agents, f"The ego vehicle ({EGO_ID}) was removed."
+            )
         if not sample.ids:
-            return scenario
+            return with_focal_agent(scenario, place)
         what = "Motion" if set(sample.ids) <= set(there) else "State and motion"
         note = (
             f"{what} of {agents_in_words(sample.ids)} was drawn by {self.generator},"
@@ -145,7 +164,7 @@ class ReplaceTraffic(Command):
                     velocity_mps=sample.velocity_mps[some, first - now :],
                 )
         agents = _without_past(agents, rows[~same], now)
-        return _with_focal(scenario.with_agents(agents, note), before, rows)
+        return with_focal_agent(scenario.with_agents(agents, note), place)
 
 
 def check_sample(sample: TrafficSample) -> None:
@@ -207,7 +226,7 @@ def traffic_command(
                 f"{traffic.generator} drew agent {name}, which was to be kept."
             )
     return ReplaceTraffic(
-        sample=sample,
+        sample=_with_unused_ids(sample, request),
         generator=traffic.generator,
         model_sha256=traffic.model_sha256,
         seed=request.seed,
@@ -226,6 +245,25 @@ def traffic_command(
             guidance=request.guidance,
         ),
     )
+
+
+def _with_unused_ids(
+    sample: TrafficSample, request: GenerationRequest
+) -> TrafficSample:
+    """The sample whose new agents have ids that no agent of the history has had."""
+    driven = set(request.agent_ids)
+    is_new = [name not in driven for name in sample.ids]
+    if not any(
+        new and request.scenario.has_ever_had(name)
+        for new, name in zip(is_new, sample.ids, strict=True)
+    ):
+        return sample
+    fresh = iter(new_agent_ids(request.scenario, sum(is_new), NEW_PREFIX))
+    ids = tuple(
+        next(fresh) if new else name
+        for new, name in zip(is_new, sample.ids, strict=True)
+    )
+    return replace(sample, ids=ids)
 
 
 def _as_float32(sample: TrafficSample) -> TrafficSample:
@@ -252,26 +290,6 @@ def _blank(sample: TrafficSample, index: np.ndarray, num_steps: int) -> AgentTra
         velocity_mps=np.zeros((count, num_steps, 2)),
         is_valid=np.zeros((count, num_steps), bool),
         observed=np.zeros((count, num_steps), bool),
-    )
-
-
-def _with_focal(scenario: Scenario, before: Scenario, rows: np.ndarray) -> Scenario:
-    """The scenario with a focal agent among ``rows`` if it has lost its own."""
-    agents, step = scenario.agents, scenario.current_step
-    drives = rows[agents.kind_mask(MOVER_KINDS)[rows]]
-    if scenario.focal_id in agents.row_of or not len(drives):
-        return scenario
-    place = np.zeros(2)
-    if before.focal_id in before.agents.row_of:
-        place = before.agents.position_m[before.agents.row_of[before.focal_id], step]
-    gap = np.linalg.norm(agents.position_m[drives, step] - place, axis=-1)
-    row = int(drives[np.argmin(gap)])
-    categories = list(agents.categories)
-    categories[row] = AgentCategory.FOCAL
-    return replace(
-        scenario,
-        agents=replace(agents, categories=tuple(categories)),
-        focal_id=agents.ids[row],
     )
 
 

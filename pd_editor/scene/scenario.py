@@ -54,9 +54,11 @@ class Scenario:
     agents: AgentTracks
     time_axis: TimeAxis
     focal_id: str
-    """Track id of the agent that a benchmark predicts."""
+    """Track id of the agent that a benchmark predicts; empty if it was removed."""
     applied_warp: AppliedWarp | None = None
     provenance: Provenance = Provenance()
+    retired_ids: frozenset[str] = frozenset()
+    """Ids of agents that edits have taken out; no later agent gets one of them."""
     source_fields: Mapping[str, Any] = field(default_factory=dict)
     """Scenario-wide fields of the source that mean nothing here; written back."""
 
@@ -90,7 +92,9 @@ class Scenario:
         return replace(self, agents=agents, provenance=provenance)
 
     def without_agents(self, agent_ids: Collection[str]) -> "Scenario":
-        """The scenario without some agents; the focal one may be among them.
+        """The scenario without some agents, whose ids are retired.
+
+        Without its focal agent it has none, until ``with_focal_agent`` finds another.
 
         Raises:
             EditError: an id is not in the scenario.
@@ -98,4 +102,13 @@ class Scenario:
         if not agent_ids:
             return self
         left = np.delete(np.arange(len(self.agents)), self.agents.rows(agent_ids))
-        return self.with_agents(self.agents.taken(left))
+        return replace(
+            self,
+            agents=self.agents.taken(left),
+            focal_id="" if self.focal_id in agent_ids else self.focal_id,
+            retired_ids=self.retired_ids.union(agent_ids),
+        )
+
+    def has_ever_had(self, agent_id: str) -> bool:
+        """Whether an agent of this history has, or has had, the id."""
+        return agent_id in self.agents.row_of or agent_id in self.retired_ids

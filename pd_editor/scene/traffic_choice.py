@@ -6,13 +6,23 @@ import numpy as np
 
 from pd_editor.errors import GenerationError
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
 def road_user_ids(scenario: Scenario) -> tuple[str, ...]:
     """All agents that move by their own will, whenever they are there."""
     users = scenario.agents.kind_mask(ROAD_USER_KINDS)
     return tuple(scenario.agents.ids[row] for row in np.flatnonzero(users))
+
+
+def replaceable_agent_ids(
+    scenario: Scenario, *, keeps_ego: bool, keeps_focal: bool
+) -> tuple[str, ...]:
+    """Road users that make way when all are replaced."""
+    kept = ({EGO_ID} if keeps_ego else set()) | (
+        {scenario.focal_id} if keeps_focal else set()
+    )
+    return tuple(name for name in road_user_ids(scenario) if name not in kept)
 
 
 def drivable_agent_ids(

@@ -11,6 +11,7 @@ import viser
 from pd_editor.editor.session import SessionState
 from pd_editor.errors import PdEditorError
 from pd_editor.generation import GeneratorOffer
+from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction import camera
 from pd_editor.viewer.interaction.pointer import Pointer
 from pd_editor.viewer.meshes.colors import DARK, LIGHT, Palette
@@ -223,6 +224,22 @@ class BrowserSession:
                 self._dataset_panel.follow(after.scenario.scenario_id)
         if after.scenario is not before.scenario and not after.is_previewing:
             self._request_check()
+            if not is_other_scene:
+                self._tell_of_focal(before.scenario, after.scenario)
+
+    def _tell_of_focal(self, before: Scenario, after: Scenario) -> None:
+        """Say which agent is the focal one where the former was removed."""
+        if before.focal_id == after.focal_id or before.focal_id in after.agents.row_of:
+            return
+        if after.focal_id:
+            title = f"Agent {after.focal_id} is the focal agent now"
+            self._desk.notify(title, f"Agent {before.focal_id or '-'} was removed.")
+        else:
+            self._desk.notify(
+                "No focal agent",
+                "It was removed; the next agent on this road becomes the focal one.",
+                "warning",
+            )
 
     def _send_now(self) -> None:
         """Send what is queued; viser's thread needs the interpreter for that."""

@@ -6,6 +6,7 @@ import pytest
 from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import ExportError
+from pd_editor.scene.agent_kind import AgentCategory
 from tests.av2_io.small_files import SCENARIO
 
 
@@ -37,3 +38,15 @@ def test_damaged_files_are_refused(tmp_path: Path) -> None:
 def test_missing_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ExportError, match="found 0 track files and 0 maps"):
         check_with_official_loaders(tmp_path)
+
+
+def test_a_scenario_without_one_focal_track_is_refused(tmp_path: Path) -> None:
+    """(D2): av2 loads such files without a word."""
+    agents = SCENARIO.agents
+    scored = (AgentCategory.SCORED,) * len(agents)
+    none = replace(SCENARIO, agents=replace(agents, categories=scored))
+    other = replace(SCENARIO, focal_id=agents.ids[1])
+    for spoiled, found in ((none, "are none"), (other, f"are '{agents.ids[0]}'")):
+        write(tmp_path, scenario_files(spoiled))
+        with pytest.raises(ExportError, match=f"{found}; expected exactly one track"):
+            check_with_official_loaders(tmp_path)

@@ -6,12 +6,19 @@ import numpy as np
 import pytest
 
 from pd_editor.editor.commands import (
+    DeleteAgents,
+    DuplicateAgents,
+    PlaceAgent,
     RemoveAllAgents,
     ReplaceTraffic,
     RequestSummary,
+    new_agent_id,
+    new_agent_ids,
     traffic_command,
 )
 from pd_editor.editor.edit_limits import MAX_POSITION_M
+from pd_editor.editor.recipe import replay
+from pd_editor.editor.session import EditorSession
 from pd_editor.errors import EditError, GenerationError
 from pd_editor.generation import (
     GeneratedTraffic,
@@ -20,8 +27,9 @@ from pd_editor.generation import (
     run_to_end,
 )
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.traffic_choice import road_user_ids
 from tests.editor.command_strategies import ABSENT_ID, busy_scenario
-from tests.editor.fake_generators import DriftGenerator
+from tests.editor.fake_generators import DriftGenerator, PlacingGenerator
 
 BASE = busy_scenario()
 NOW = BASE.current_step
@@ -109,6 +117,105 @@ def test_new_agents_take_the_place_of_all_and_one_becomes_focal():
     row = result.agents.row_of[result.focal_id]
     assert result.agents.categories[row] is AgentCategory.FOCAL
     assert sum(one is AgentCategory.FOCAL for one in result.agents.categories) == 1
+
+
+def resampled(scenario, generator=None, **asked):
+    """The scenario with all road users replaced by a row of new vehicles."""
+    removed = road_user_ids(scenario)
+    request = GenerationRequest(
+        scenario=scenario.without_agents(removed),
+        agent_ids=(),
+        num_new_agents={AgentKind.VEHICLE: 3},
+        **asked,
+    )
+    traffic = run_to_end((generator or PlacingGenerator()).generate(request))
+    return traffic_command(request, traffic, removed_ids=removed).apply(scenario)
+
+
+def test_a_second_resample_reuses_no_id_and_finds_a_focal_agent_of_its_own():
+    """(D2): the focal agent's name was given to another car, which stayed unscored."""
+    once = resampled(BASE)
+    twice = resampled(once)
+    assert once.agents.ids == ("new-1", "new-2", "new-3")
+    assert twice.agents.ids == ("new-4", "new-5", "new-6")
+    for result in (once, twice):
+        row = result.agents.row_of[result.focal_id]
+        focal = [one is AgentCategory.FOCAL for one in result.agents.categories]
+        assert focal.count(True) == 1
+        assert focal[row]
+    assert twice.provenance.notes[-1].endswith("is the focal agent now.")
+
+
+def test_an_id_is_never_given_twice_in_a_history():
+    """(D2): neither to placed agents, nor to copies, nor after a deletion."""
+    session = EditorSession(BASE)
+    had: set[str] = set()
+    for _ in range(3):
+        name = new_agent_id(session.scenario)
+        copies = new_agent_ids(session.scenario, 1, "copy")
+        assert not had & {name, *copies}
+        had |= {name, *copies}
+        session.apply(DuplicateAgents(agent_ids=("101",), new_ids=copies))
+        session.apply(
+            PlaceAgent(
+                agent_id=name,
+                kind=AgentKind.VEHICLE,
+                x_m=5.0,
+                y_m=0.0,
+                heading_rad=0.0,
+                speed_mps=5.0,
+            )
+        )
+        session.apply(DeleteAgents(agent_ids=(name, *copies)))
+    assert replay(session.recipe(), BASE).retired_ids == had
+
+
+def test_recipes_that_use_an_id_again_still_open_and_their_focal_agent_is_one():
+    """(D2): such as were written before ids were unique."""
+    sample = replace(traffic().samples[0], ids=("new-1", "new-2"))
+
+    def command(removed: tuple[str, ...]) -> ReplaceTraffic:
+        summary = RequestSummary(agent_ids=(), removed_ids=removed)
+        return ReplaceTraffic(sample=sample, generator="test", request=summary)
+
+    once = command(BASE.agents.ids).apply(BASE)
+    twice = command(once.agents.ids).apply(once)
+    row = twice.agents.row_of[twice.focal_id]
+    assert twice.agents.categories[row] is AgentCategory.FOCAL
+
+
+def test_traffic_that_would_take_a_kept_agents_id_is_refused():
+    sample = replace(traffic().samples[0], ids=("101", "new-2"))
+    summary = RequestSummary(agent_ids=(), num_new_agents={AgentKind.VEHICLE: 2})
+    command = ReplaceTraffic(sample=sample, generator="test", request=summary)
+    with pytest.raises(EditError, match="already an agent '101'"):
+        command.apply(BASE)
+
+
+def test_an_ego_that_is_removed_is_noted():
+    """(D6): the ego was gone after a resample, and nothing said so."""
+    agents = replace(BASE.agents, ids=("AV", *BASE.agents.ids[1:]))
+    base = replace(BASE, agents=agents, focal_id="101")
+    note = "The ego vehicle (AV) was removed."
+    assert note in resampled(base).provenance.notes
+    deleted = DeleteAgents(agent_ids=("AV",)).apply(base)
+    assert deleted.provenance.notes == (note,)
+
+
+def test_the_first_agent_on_a_bare_road_is_the_focal_one():
+    """(D2): an export needs one."""
+    bare = RemoveAllAgents().apply(BASE)
+    place = PlaceAgent(
+        agent_id=new_agent_id(bare),
+        kind=AgentKind.VEHICLE,
+        x_m=5.0,
+        y_m=0.0,
+        heading_rad=0.0,
+        speed_mps=5.0,
+    )
+    placed = place.apply(bare)
+    assert placed.focal_id == place.agent_id
+    assert placed.agents.categories == (AgentCategory.FOCAL,)
 
 
 def test_a_bare_road_gets_traffic_and_a_focal_agent():

@@ -16,7 +16,7 @@ from pd_editor.generation import (
 )
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids, road_user_ids
+from pd_editor.scene.traffic_choice import drivable_agent_ids, replaceable_agent_ids
 from pd_editor.viewer.panels.generation_run import Draw, GenerationRun
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
 
@@ -122,13 +122,20 @@ class GenerationPanel:
             self._only_on_road = gui.add_checkbox(
                 "Only on the road", False, hint="No parked cars far from lanes"
             )
+            self._keeps_focal = gui.add_checkbox(
+                "Keep the focal agent", True, hint="With its recorded motion"
+            )
+            self._keeps_ego = gui.add_checkbox(
+                "Keep the ego", True, hint="With its recorded motion"
+            )
             self._where = gui.add_dropdown("Where", (AROUND_TRAFFIC, AROUND_VIEW))
             self._resample = gui.add_button("Resample", icon=viser.Icon.ARROWS_SHUFFLE)
             clear = gui.add_button("Clear the road", color="gray")
         self._desk.on_click(self._resample, self.resample)
         self._desk.on_click(clear, lambda: self._desk.apply(RemoveAllAgents()))
         self._desk.on_change(self._which, lambda _value: self._show_counts())
-        self._desk.on_change(self._fits, lambda _value: self._show_counts())
+        for handle in (self._fits, self._keeps_focal, self._keeps_ego):
+            self._desk.on_change(handle, lambda _value: self._show_counts())
 
     def show(self, scenario: Scenario) -> None:
         """Follow the session."""
@@ -173,7 +180,7 @@ class GenerationPanel:
             raise GenerationError("Say how many agents of which kind to draw.")
         removed: tuple[str, ...] = ()
         if self._which.value == REPLACE_ALL:
-            removed = road_user_ids(scenario)
+            removed = self._replaced(scenario)
         self._start(
             scenario,
             removed_ids=removed,
@@ -240,6 +247,8 @@ class GenerationPanel:
 
     def _show_counts(self) -> None:
         is_selection = self._which.value == REDRAW_SELECTION
+        for handle in (self._keeps_focal, self._keeps_ego):
+            set_property(handle, "disabled", self._which.value != REPLACE_ALL)
         set_property(self._fits, "visible", not is_selection)
         for count in self._counts.values():
             set_property(count, "visible", not is_selection and not self._fits.value)
@@ -255,9 +264,18 @@ class GenerationPanel:
         present = agents.is_valid[:, scenario.current_step]
         if not (present & agents.kind_mask(ROAD_USER_KINDS)).any():
             return
+        leaves = np.isin(agents.ids, self._replaced(scenario))
+        present = present & leaves
         for kind, count in self._counts.items():
             number = int((present & agents.kind_mask({kind})).sum())
             set_value(count, min(number, MAX_AGENTS_OF_A_KIND))
+
+    def _replaced(self, scenario: Scenario) -> tuple[str, ...]:
+        return replaceable_agent_ids(
+            scenario,
+            keeps_ego=bool(self._keeps_ego.value),
+            keeps_focal=bool(self._keeps_focal.value),
+        )
 
     def _set_running(self, is_running: bool) -> None:
         set_property(self._run, "disabled", is_running)

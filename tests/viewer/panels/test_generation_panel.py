@@ -95,6 +95,8 @@ def test_a_plain_generator_is_offered_without_what_it_does_not_know(tab, placing
 
 def test_all_agents_are_replaced_by_as_many_as_there_were(tab, placing):
     panel, before = tab.tab._generation_panel, tab.session.scenario
+    panel._keeps_focal.value = False
+    tab.run(panel._show_counts)
     assert panel._counts[AgentKind.VEHICLE].value == 2
     run_to_end(tab, panel.resample)
     (request,) = placing.requests
@@ -103,9 +105,24 @@ def test_all_agents_are_replaced_by_as_many_as_there_were(tab, placing):
     after = tab.session.scenario
     assert after.agents.ids == ("new-1", "new-2")
     assert after.focal_id in after.agents.ids
+    assert after.focal_id != before.focal_id
     assert labels(tab) == ["Resample 2 agents (placing, seed 0)"]
     tab.run(tab.tab._history_panel.undo)
     assert tab.session.scenario is before
+
+
+def test_the_focal_agent_and_the_ego_stay_unless_told_otherwise(tab, placing):
+    """(D2, D6): Resample took both away without a word."""
+    panel, before = tab.tab._generation_panel, tab.session.scenario
+    assert panel._counts[AgentKind.VEHICLE].value == 1
+    run_to_end(tab, panel.resample)
+    (request,) = placing.requests
+    assert request.scenario.agents.ids == (before.focal_id,)
+    after = tab.session.scenario
+    assert after.agents.ids == (before.focal_id, "new-1")
+    assert after.focal_id == before.focal_id
+    row = before.agents.row_of[before.focal_id]
+    assert (after.agents.position_m[0] == before.agents.position_m[row]).all()
 
 
 def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
@@ -173,7 +190,8 @@ def test_agents_are_added_where_one_looks(tab, placing):
 
 def test_another_sample_takes_the_place_of_the_first(tab, placing):
     panel = tab.tab._generation_panel
-    panel._samples.value = 3
+    panel._samples.value, panel._keeps_focal.value = 3, False
+    tab.run(panel._show_counts)
     run_to_end(tab, panel.resample)
     chooser = panel._result._sample
     assert chooser.visible

@@ -1,0 +1,100 @@
+"""The focal agent: which one follows when it was removed, and its only category."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.scene.agent_kind import MOVER_KINDS, ROAD_USER_KINDS, AgentCategory
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
+
+MOVING_MPS: Final = 1.0
+"""Mean speed over the future from which on an agent counts as moving."""
+
+
+def focal_place_m(scenario: Scenario) -> Float[np.ndarray, "2"]:
+    """Where the focal agent is at the current step.
+
+    The scene's origin, where it was in the recording, if it is not there now.
+    """
+    agents, step = scenario.agents, scenario.current_step
+    row = agents.row_of.get(scenario.focal_id)
+    if row is None or not agents.is_valid[row, step]:
+        return np.zeros(2)
+    return agents.position_m[row, step]
+
+
+def with_focal_agent(
+    scenario: Scenario, place_m: Float[np.ndarray, "2"] | None = None
+) -> Scenario:
+    """The scenario with a focal agent, if it has lost its own and has agents left.
+
+    The next one is the nearest moving vehicle with a complete future; where there is
+    none, the nearest agent of the best of these kinds: moving vehicles, vehicles, road
+    users, anything else. Provenance says which one.
+
+    Args:
+        scenario: it, without its focal agent.
+        place_m: where that agent was; the scene's origin if not given.
+    """
+    if scenario.focal_id in scenario.agents.row_of:
+        return scenario
+    row = _next_focal_row(
+        scenario.agents,
+        scenario.current_step,
+        np.zeros(2) if place_m is None else place_m,
+    )
+    if row is None:
+        return scenario
+    focal_id = scenario.agents.ids[row]
+    kind = scenario.agents.kinds[row].replace("_", " ")
+    return replace(
+        scenario.with_agents(
+            with_focal_category(scenario.agents, focal_id),
+            f"The focal agent was removed; {kind} {focal_id} is the focal agent now.",
+        ),
+        focal_id=focal_id,
+    )
+
+
+def with_focal_category(agents: AgentTracks, focal_id: str) -> AgentTracks:
+    """The agents with one category FOCAL, that of ``focal_id``; others are scored."""
+    categories = tuple(
+        AgentCategory.FOCAL
+        if agent_id == focal_id
+        else AgentCategory.SCORED
+        if category is AgentCategory.FOCAL
+        else category
+        for agent_id, category in zip(agents.ids, agents.categories, strict=True)
+    )
+    if categories == agents.categories:
+        return agents
+    return replace(agents, categories=categories)
+
+
+def _next_focal_row(
+    agents: AgentTracks, step: int, place_m: Float[np.ndarray, "2"]
+) -> int | None:
+    """The agent that is nearest to a place among the most suitable ones."""
+    rows = np.flatnonzero(agents.is_valid[:, step])
+    if not len(rows):
+        return None
+    is_valid = agents.is_valid[rows, step:]
+    count = is_valid.sum(axis=1)
+    speed = np.where(is_valid, agents.speed_mps()[rows, step:], 0.0).sum(axis=1) / count
+    is_mover = agents.kind_mask(MOVER_KINDS)[rows]
+    moves = is_mover & (speed >= MOVING_MPS)
+    is_complete = is_valid.all(axis=1)
+    gap = np.linalg.norm(agents.position_m[rows, step] - place_m, axis=-1)
+    order = np.lexsort(
+        (
+            gap,
+            ~agents.kind_mask(ROAD_USER_KINDS)[rows],
+            ~is_mover,
+            ~moves,
+            ~(moves & is_complete),
+        )
+    )
+    return int(rows[order[0]])
