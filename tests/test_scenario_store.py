@@ -4,10 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.editor.commands import DeleteAgents
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import ExportError, InputError
+from pd_editor.exporters.bundle import write_files
 from pd_editor.installed_files import demo_folder, demo_names
 from pd_editor.scenario_store import (
     check_free,
@@ -15,6 +17,8 @@ from pd_editor.scenario_store import (
     exported_files,
     open_scenario,
 )
+from pd_editor.scene.agent_kind import AgentCategory
+from tests.builders import two_agents_that_pass
 
 JUNCTION = "signalised-junction"
 
@@ -107,3 +111,19 @@ def test_an_upload_has_no_folder_to_protect(tmp_path: Path):
     uploaded = replace(session.scenario, provenance=provenance)
     folder = export_into(tmp_path, "x", uploaded, session.recipe())
     assert len(list(folder.iterdir())) == 3
+
+
+def test_an_export_has_one_focal_track_or_is_refused(tmp_path):
+    """(D2): the focal id may name an agent of another category, or none."""
+    base = two_agents_that_pass()
+    scored = (AgentCategory.SCORED,) * 2
+    recipe = EditorSession(base).recipe()
+    both = replace(base, agents=replace(base.agents, categories=scored))
+    write_files(exported_files(both, recipe), tmp_path / "out", forbidden=None)
+    assert open_scenario(tmp_path / "out").agents.categories == (
+        AgentCategory.FOCAL,
+        AgentCategory.SCORED,
+    )
+    check_with_official_loaders(tmp_path / "out")
+    with pytest.raises(ExportError, match="has no focal agent"):
+        exported_files(base.without_agents((base.focal_id,)), recipe)
