@@ -9,7 +9,7 @@ from pd_editor.av2_io.file_names import map_name, tracks_name
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.recipe import Recipe
-from pd_editor.errors import InputError
+from pd_editor.errors import ExportError, InputError
 from pd_editor.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.installed_files import demo_folder, demo_names
 from pd_editor.scene.focal_agent import with_focal_category
