@@ -32,7 +32,11 @@ def model(
         init: Folder of a run that trained initial states, or of a model.
         traj: Folder of a run that trained trajectories, or of a model.
     """
-    from pd_editor.diffusion.model_folder import CONFIG_NAME, load_model, save_model
+    from pd_editor.diffusion.checkpoints.model_folder import (
+        CONFIG_NAME,
+        load_model,
+        save_model,
+    )
     from pd_editor.diffusion.stages import STAGE_KINDS
     from pd_editor.training.model_card import CARD_NAME, card_of, copied_curves
     from pd_editor.training.run_folder import MODEL_NAME

@@ -10,31 +10,40 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int
 
+from pd_editor.diffusion.checkpoints.model_folder import TrainedModel, load_model
+from pd_editor.diffusion.core.devices import drawing_device
+from pd_editor.diffusion.core.memory_reuse import WHEN_DRAWING, keep_freed_memory
 from pd_editor.diffusion.defaults import (
     DEFAULT_WEIGHT,
     NUM_STEPS,
     NUM_TRIES,
     DeviceName,
 )
-from pd_editor.diffusion.devices import drawing_device
-from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
-from pd_editor.diffusion.folded_pose_denoiser import FoldedPoseDenoiser
-from pd_editor.diffusion.future_drawing import FutureOptions, FutureTask, draw_futures
-from pd_editor.diffusion.future_motion import Motion
-from pd_editor.diffusion.giving_way import giving_way
-from pd_editor.diffusion.memory_reuse import WHEN_DRAWING, keep_freed_memory
-from pd_editor.diffusion.model_folder import TrainedModel, load_model
-from pd_editor.diffusion.placing import Placing, draw_numbers, new_agents, place_agents
-from pd_editor.diffusion.pose_denoiser import PoseDenoiser
-from pd_editor.diffusion.pose_traits import TraitWishes
+from pd_editor.diffusion.fused.folded_denoiser import FoldedDenoiser
+from pd_editor.diffusion.fused.folded_pose_denoiser import FoldedPoseDenoiser
+from pd_editor.diffusion.initial_state.attribute_report import trait_notes
+from pd_editor.diffusion.initial_state.attributes import TraitWishes
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.initial_state.pipeline import (
+    Placing,
+    draw_numbers,
+    new_agents,
+    place_agents,
+)
 from pd_editor.diffusion.request_check import (
     MOST_AGENTS,
     check_request,
     num_present,
 )
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
-from pd_editor.diffusion.trait_notes import trait_notes
-from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.decoding import Motion
+from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.pipeline import (
+    FutureOptions,
+    FutureTask,
+    draw_futures,
+)
+from pd_editor.diffusion.trajectory.yielding import giving_way
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     AVOIDANCE,

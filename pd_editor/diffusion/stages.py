@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Final
 
-from pd_editor.diffusion.model_folder import StageKind
-from pd_editor.diffusion.pose_denoiser import PoseDenoiser, PoseDenoiserConfig
-from pd_editor.diffusion.trajectory_denoiser import (
+from pd_editor.diffusion.checkpoints.model_folder import StageKind
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser, PoseDenoiserConfig
+from pd_editor.diffusion.trajectory.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,
 )

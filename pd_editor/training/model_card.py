@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from pd_editor.diffusion.model_folder import StageKind, TrainedStage
+from pd_editor.diffusion.checkpoints.model_folder import StageKind, TrainedStage
 from pd_editor.training.run_folder import CURVES_NAME
 
 CARD_NAME: Final = "MODEL_CARD.md"

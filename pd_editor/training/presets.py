@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
-from pd_editor.diffusion.pose_denoiser import PoseDenoiserConfig
-from pd_editor.diffusion.trajectory_denoiser import TrajectoryConfig
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiserConfig
+from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
 from pd_editor.training.run_config import Optimisation
 
 PresetName = Literal["default", "gpu", "tiny"]

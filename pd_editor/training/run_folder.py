@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from pd_editor.diffusion.checkpoint import write_whole
+from pd_editor.diffusion.checkpoints.tensor_file import write_whole
 from pd_editor.errors import ExportError, ModelError, TrainingError
 from pd_editor.training.run_config import RunConfig
 

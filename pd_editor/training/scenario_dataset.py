@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.diffusion.trajectory_basis import TrajectoryBasis
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.errors import PdEditorError, TrainingError
 from pd_editor.scene.scenario import Scenario
 from pd_editor.training.augmentation import (

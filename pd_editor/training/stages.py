@@ -7,15 +7,18 @@ from typing import Any, Final
 import torch
 from torch import nn
 
-from pd_editor.diffusion.agent_counts import MOST_ROWS, fit_agent_counts
-from pd_editor.diffusion.model_folder import StageKind, made_model
-from pd_editor.diffusion.pose_denoiser import PoseDenoiser
-from pd_editor.diffusion.pose_loss import pose_loss
-from pd_editor.diffusion.scene_tensors import SceneTensors
+from pd_editor.diffusion.checkpoints.model_folder import StageKind, made_model
+from pd_editor.diffusion.initial_state.agent_count_prior import (
+    MOST_ROWS,
+    fit_agent_counts,
+)
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.initial_state.loss import pose_loss
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
-from pd_editor.diffusion.trajectory_basis import TrajectoryBasis
-from pd_editor.diffusion.trajectory_denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory_loss import trajectory_loss
+from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.loss import trajectory_loss
 from pd_editor.training.train_loop import Loss
 from pd_editor.windows.feature_store import FeatureStore
 

@@ -12,9 +12,9 @@ import torch
 from filelock import FileLock
 from jaxtyping import Int
 
-from pd_editor.diffusion.checkpoint import read_tensors, write_tensors
-from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
-from pd_editor.diffusion.trajectory_basis import TrajectoryBasis
+from pd_editor.diffusion.checkpoints.tensor_file import read_tensors, write_tensors
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.errors import TrainingError
 from pd_editor.training.run_config import Budget
 from pd_editor.training.scenario_dataset import (

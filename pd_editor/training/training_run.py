@@ -13,10 +13,10 @@ import torch
 from lightning_fabric import Fabric
 from lightning_fabric.strategies.ddp import DDPStrategy
 
-from pd_editor.diffusion.checkpoint import config_from_json, write_whole
+from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
+from pd_editor.diffusion.checkpoints.tensor_file import config_from_json, write_whole
+from pd_editor.diffusion.core.memory_reuse import WHEN_TRAINING, keep_freed_memory
 from pd_editor.diffusion.defaults import DeviceName
-from pd_editor.diffusion.memory_reuse import WHEN_TRAINING, keep_freed_memory
-from pd_editor.diffusion.model_folder import TrainedStage, save_model
 from pd_editor.errors import TrainingError
 from pd_editor.training.loss_curves import loss_curves_png
 from pd_editor.training.run_config import Precision, RunConfig

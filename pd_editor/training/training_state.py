@@ -9,7 +9,11 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from pd_editor.diffusion.checkpoint import load_into, read_tensors, write_tensors
+from pd_editor.diffusion.checkpoints.tensor_file import (
+    load_into,
+    read_tensors,
+    write_tensors,
+)
 from pd_editor.errors import ModelError
 
 _KIND: Final = "training-state"

@@ -12,11 +12,11 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from pd_editor.diffusion.folded_denoiser import FoldedDenoiser
-from pd_editor.diffusion.future_drawing import FutureTask
-from pd_editor.diffusion.scene_tensors import batch_of
-from pd_editor.diffusion.trajectory_denoiser import TrajectoryConfig, TrajectoryDenoiser
-from pd_editor.diffusion.trajectory_loss import trajectory_loss
+from pd_editor.diffusion.fused.folded_denoiser import FoldedDenoiser
+from pd_editor.diffusion.inputs.scene_batch import batch_of
+from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.loss import trajectory_loss
+from pd_editor.diffusion.trajectory.pipeline import FutureTask
 from pd_editor.generation import (
     AVOIDANCE,
     GenerationRequest,
@@ -28,7 +28,7 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.windows.packed_scene import packed
 from pd_editor.windows.scene_features import scene_features
 from tests.benchmarks.candidates import crowd, full_scenarios, movers_now
-from tests.diffusion.trajectory_scenes import arc_basis
+from tests.diffusion.trajectory.scenes import arc_basis
 
 NUM_AGENTS = 32
 REPEATS = 40

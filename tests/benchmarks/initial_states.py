@@ -17,19 +17,19 @@ import numpy as np
 import torch
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.diffusion.folded_pose_denoiser import FoldedPoseDenoiser
-from pd_editor.diffusion.model_folder import load_model
-from pd_editor.diffusion.pose_context import TOLD_NO, drawing_task
-from pd_editor.diffusion.pose_denoiser import PoseDenoiser
-from pd_editor.diffusion.pose_encoding import POSITION_UNIT_M
-from pd_editor.diffusion.pose_guidance import WITHIN_LANES, PoseGuidance
-from pd_editor.diffusion.pose_sampling import (
+from pd_editor.diffusion.checkpoints.model_folder import load_model
+from pd_editor.diffusion.fused.folded_pose_denoiser import FoldedPoseDenoiser
+from pd_editor.diffusion.initial_state.attributes import TraitWishes, with_traits
+from pd_editor.diffusion.initial_state.conditioning import TOLD_NO, drawing_task
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.initial_state.guidance import WITHIN_LANES, PoseGuidance
+from pd_editor.diffusion.initial_state.sampler import (
     NUM_STEPS,
     PoseSamplerConfig,
     sample_states,
 )
-from pd_editor.diffusion.pose_traits import TraitWishes, with_traits
-from pd_editor.diffusion.scene_tensors import SceneTensors, batch_of
+from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS
 from pd_editor.evaluation.distances import STATE_METRICS
 from pd_editor.generation import TrafficSample

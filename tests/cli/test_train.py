@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import pd_editor
-from pd_editor.diffusion.model_folder import load_model
+from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.stages import STAGE_KINDS
 from pd_editor.windows.shards import write_shard
 from pd_editor.windows.window_choice import choose_windows

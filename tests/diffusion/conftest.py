@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pd_editor.diffusion.agent_counts import AgentCounts
-from pd_editor.diffusion.model_folder import TrainedStage, save_model
+from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
+from pd_editor.diffusion.initial_state.agent_count_prior import AgentCounts
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser, PoseDenoiserConfig
 from pd_editor.diffusion.path_diffuser import PathDiffuser
-from pd_editor.diffusion.pose_denoiser import PoseDenoiser, PoseDenoiserConfig
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
 from pd_editor.scene.scenario import Scenario
 from tests.builders import two_agents_that_pass
-from tests.diffusion.trajectory_scenes import small_model
+from tests.diffusion.trajectory.scenes import small_model
 
 
 @pytest.fixture(scope="module")

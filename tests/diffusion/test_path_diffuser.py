@@ -9,8 +9,8 @@ import torch
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion import path_diffuser
+from pd_editor.diffusion.core.devices import drawing_device
 from pd_editor.diffusion.defaults import DeviceName
-from pd_editor.diffusion.devices import drawing_device
 from pd_editor.diffusion.path_diffuser import DenoisingProgress, PathDiffuser
 from pd_editor.errors import EditError, GenerationError, ModelError
 from pd_editor.generation import (

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.diffusion.trajectory_basis import TrajectoryBasis
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.errors import InputError, TrainingError
 from pd_editor.training import scenario_dataset
 from pd_editor.training.scenario_dataset import (

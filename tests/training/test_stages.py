@@ -4,7 +4,7 @@ import pytest
 import torch
 from lightning_fabric import Fabric
 
-from pd_editor.diffusion.model_folder import load_model
+from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.stages import STAGE_KINDS
 from pd_editor.training.presets import PRESETS
 from pd_editor.training.run_config import Budget, Optimisation, RunConfig
@@ -94,7 +94,7 @@ def test_a_tiny_network_learns_few_scenes_within_a_minute(
 
 @pytest.mark.parametrize("name", ["init", "traj"])
 def test_shipped_weights_give_nearly_the_same_loss(name, prepared, tmp_path):
-    from pd_editor.diffusion.model_folder import TrainedStage, save_model
+    from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
 
     stage = STAGES[name]
     config = stage.kind.config_type(**PRESETS[name]["tiny"].model)

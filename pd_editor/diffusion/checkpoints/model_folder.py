@@ -1,0 +1,217 @@
+"""A model on disk: a folder with the weights of its stages and ``config.json``."""
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+from torch import nn
+
+from pd_editor.diffusion.checkpoints.tensor_file import (
+    check_fit,
+    config_from_json,
+    in_half_precision,
+    load_into,
+    read_tensors,
+    write_tensors,
+    write_whole,
+)
+from pd_editor.errors import ModelError
+from pd_editor.regular_file import read_regular
+
+CONFIG_NAME: Final = "config.json"
+FORMAT: Final = "pd-editor-model"
+FORMAT_VERSION: Final = 1
+MAX_CONFIG_BYTES: Final = 2**20
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageKind:
+    """What one of the model's stages is: its name, its file, its network."""
+
+    name: str
+    file_name: str
+    config_type: type[Any]
+    """Flat dataclass of plain values that ``make_model`` takes."""
+    make_model: Callable[[Any], nn.Module]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainedStage:
+    """A stage with its weights."""
+
+    kind: StageKind
+    config: Any
+    model: nn.Module
+    about: Mapping[str, Any] = field(default_factory=dict)
+    """How it was trained; plain JSON values."""
+    sha256: str = ""
+    """Of the file it was read from."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainedModel:
+    """What a model folder holds; a stage may be absent."""
+
+    name: str
+    stages: Mapping[str, TrainedStage]
+    sha256: str
+    """Of all its weights."""
+
+    def stage(self, name: str) -> TrainedStage:
+        """A stage that must be there.
+
+        Raises:
+            ModelError: the folder has no weights of it.
+        """
+        if name not in self.stages:
+            raise ModelError(
+                f"The model {self.name} has no weights of the stage {name!r}, only "
+                f"of {', '.join(sorted(self.stages)) or 'none'}."
+            )
+        return self.stages[name]
+
+
+def save_model(
+    folder: Path, stages: Mapping[str, TrainedStage], *, half: bool = False
+) -> None:
+    """Write a model folder.
+
+    The list of what is there, with hashes, is written last: a folder that a kill left
+    half written is refused when it is read.
+
+    Args:
+        folder: Made if needed; the same stages in it are replaced.
+        stages: By name.
+        half: Store the weights in float16, for shipping.
+
+    Raises:
+        ModelError: it cannot be written.
+    """
+    listed: dict[str, Any] = {}
+    for name, stage in sorted(stages.items()):
+        tensors = in_half_precision(stage.model) if half else stage.model.state_dict()
+        digest = write_tensors(folder / stage.kind.file_name, name, tensors, {})
+        listed[name] = {
+            "file": stage.kind.file_name,
+            "sha256": digest,
+            "precision": "float16" if half else "float32",
+            "parameters": sum(one.numel() for one in stage.model.parameters()),
+            "config": asdict(stage.config),
+            "training": dict(stage.about),
+        }
+    content = {"format": FORMAT, "version": FORMAT_VERSION, "stages": listed}
+    text = json.dumps(content, indent=2, sort_keys=True) + "\n"
+    write_whole(folder / CONFIG_NAME, text.encode())
+
+
+def load_model(folder: Path, kinds: Mapping[str, StageKind]) -> TrainedModel:
+    """Read a model folder: every stage that it lists, on the CPU, in eval mode.
+
+    Raises:
+        ModelError: files are missing, damaged, foreign, or do not fit each other.
+    """
+    path = folder / CONFIG_NAME
+    try:
+        content = json.loads(
+            read_regular(path, max_bytes=MAX_CONFIG_BYTES, error=ModelError)
+        )
+    except ModelError as error:
+        raise ModelError(f"{folder}: is no model; {error}") from error
+    except (ValueError, RecursionError) as error:
+        raise ModelError(f"{path}: is not valid JSON ({error}).") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise ModelError(f"{path}: does not describe a model of this program.")
+    if content.get("version") != FORMAT_VERSION:
+        raise ModelError(
+            f"{path}: has the format version {content.get('version')!r}; expected "
+            f"{FORMAT_VERSION}."
+        )
+    listed = content.get("stages")
+    if not isinstance(listed, dict) or not listed:
+        raise ModelError(f"{path}: lists no stage.")
+    stages = {
+        name: _loaded_stage(folder, path, name, entry, kinds)
+        for name, entry in listed.items()
+    }
+    digests = "".join(stages[name].sha256 for name in sorted(stages))
+    return TrainedModel(
+        name=folder.resolve().name,
+        stages=stages,
+        sha256=hashlib.sha256(digests.encode()).hexdigest(),
+    )
+
+
+def _loaded_stage(
+    folder: Path,
+    path: Path,
+    name: str,
+    entry: Any,
+    kinds: Mapping[str, StageKind],
+) -> TrainedStage:
+    if name not in kinds:
+        raise ModelError(
+            f"{path}: lists the stage {name!r}; expected {', '.join(sorted(kinds))}."
+        )
+    if not isinstance(entry, dict) or not isinstance(entry.get("config"), dict):
+        raise ModelError(f"{path}: the stage {name!r} has no configuration.")
+    about = entry.get("training", {})
+    if not isinstance(about, dict):
+        raise ModelError(f"{path}: the stage {name!r} does not say how it was trained.")
+    kind = kinds[name]
+    file = read_tensors(folder / kind.file_name, name)
+    if file.sha256 != entry.get("sha256"):
+        raise ModelError(
+            f"{folder / kind.file_name}: differs from what {CONFIG_NAME} lists "
+            "(SHA-256); the folder is damaged or mixed from several models."
+        )
+    config = config_from_json(kind.config_type, entry["config"], f"{path}, {name}")
+    # A network without numbers takes no memory, so sizes that do not fit are refused
+    # before anything is allocated.
+    with torch.device("meta"):
+        outline = made_model(kind, config, seed=0, source=f"{path}, {name}")
+    check_fit(outline, file.tensors, folder / kind.file_name)
+    model = made_model(kind, config, seed=0, source=f"{path}, {name}")
+    load_into(model, file.tensors, folder / kind.file_name)
+    model.requires_grad_(requires_grad=False).eval()
+    for layer in model.modules():
+        if isinstance(layer, nn.Linear):
+            # The same numbers, in the order in which few rows are multiplied faster.
+            layer.weight.data = layer.weight.data.t().contiguous().t()
+    return TrainedStage(
+        kind=kind,
+        config=config,
+        model=model,
+        about=about,
+        sha256=file.sha256,
+    )
+
+
+def made_model(
+    kind: StageKind, config: Any, *, seed: int, source: object = "configuration"
+) -> nn.Module:
+    """A fresh network; the seed alone decides its weights, nothing else is disturbed.
+
+    Raises:
+        ModelError: the configuration makes no network.
+    """
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        try:
+            return kind.make_model(config)
+        except (
+            RuntimeError,
+            ValueError,
+            TypeError,
+            AssertionError,
+            ArithmeticError,
+            MemoryError,
+        ) as error:
+            # Messages of torch go on with the lines of its own stack.
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            raise ModelError(
+                f"{source}: no network can be made of it ({reason})."
+            ) from error

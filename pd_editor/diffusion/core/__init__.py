@@ -1,0 +1,1 @@
+"""Diffusion itself: noise, sampling, attention; knows neither stage."""

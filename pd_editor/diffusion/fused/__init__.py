@@ -1,0 +1,1 @@
+"""The networks once more, in fewer operations."""

@@ -1,0 +1,1 @@
+"""The first stage: initial states of agents on a map."""

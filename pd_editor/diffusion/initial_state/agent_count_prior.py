@@ -1,0 +1,233 @@
+"""How many road users a stretch of road has, as in the training data.
+
+Of each kind, and how many of them move and are on the road.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.diffusion.initial_state.lane_distance import follows_lanes, is_on_road
+from pd_editor.diffusion.initial_state.state_encoding import STANDING_SPEED_MPS
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.windows.lane_pieces import PIECE_LENGTH_M
+from pd_editor.windows.packed_scene import PackedScene
+from pd_editor.windows.scene_features import AGENT_KINDS
+
+HALF_SIDES_M: Final = (31.0, 44.0, 62.0)
+"""Squares that are counted around the middle of each scene."""
+MOST_ROWS: Final = 600
+"""Rows kept for each of them."""
+NUM_ROWS: Final = MOST_ROWS * len(HALF_SIDES_M)
+_NUM_LIKE: Final = 40
+"""Rows with a like length of lanes, one of which is drawn."""
+_NUM_AS_FULL: Final = 10
+"""Of them, those with a like number of agents, where that is known."""
+_USUAL_WEIGHT: Final = 2.0
+"""So many agents does the mean of like squares count beside those of one square."""
+_VEHICLE_LANE: Final = 0
+_CELLS: Final = (len(AGENT_KINDS), 2, 2)
+_NUM_CELLS: Final = 4 * len(AGENT_KINDS)
+_ON_ROAD: Final = np.array([[0.0, 1.0], [0.0, 1.0]])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AgentTraits:
+    """What is known of A agents before they are placed."""
+
+    moves: Bool[np.ndarray, "A"]
+    on_road: Bool[np.ndarray, "A"]
+    """Within ``OFF_LANE_M`` of a centre line; of pedestrians always true."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AgentCounts:
+    """Squares of N training scenes: half side, length of lanes, road users."""
+
+    half_side_m: Float[np.ndarray, "N"]
+    lane_m: Float[np.ndarray, "N"]
+    """Of vehicle lanes in the square."""
+    counts: Int[np.ndarray, "N K 2 2"]
+    """Of each of ``AGENT_KINDS``: whether they move (no, yes), are on the road."""
+
+    @classmethod
+    def none(cls) -> "AgentCounts":
+        """Nothing counted yet."""
+        empty = np.zeros(0)
+        return cls(
+            half_side_m=empty,
+            lane_m=empty,
+            counts=np.zeros((0, len(AGENT_KINDS), 2, 2), int),
+        )
+
+    def as_tensor(self) -> Float[torch.Tensor, "R C"]:
+        """One row per square; always as many rows, so that networks can keep them."""
+        counts = self.counts.reshape(-1, _NUM_CELLS)
+        rows = np.column_stack([self.half_side_m, self.lane_m, counts])
+        table = torch.zeros((NUM_ROWS, rows.shape[1]))
+        table[: len(rows)] = torch.from_numpy(rows)
+        return table
+
+    @classmethod
+    def from_tensor(cls, table: Float[torch.Tensor, "R C"]) -> "AgentCounts":
+        """Inverse of ``as_tensor``."""
+        rows = table[table[:, 0] > 0].cpu().double().numpy()
+        return cls(
+            half_side_m=rows[:, 0],
+            lane_m=rows[:, 1],
+            counts=np.rint(rows[:, 2:]).astype(int).reshape(-1, *_CELLS),
+        )
+
+    def draw(
+        self,
+        lane_m: float,
+        half_side_m: float,
+        random: np.random.Generator,
+        *,
+        only_on_road: bool = False,
+    ) -> Mapping[AgentKind, int]:
+        """The numbers of a training square of about that size and length of lanes.
+
+        Those on the road only, if asked for.
+        """
+        like, scale = self._like(lane_m, half_side_m)
+        counts = self.counts * _ON_ROAD if only_on_road else self.counts
+        drawn = counts[like[random.integers(len(like))]].sum(axis=(1, 2)) * scale
+        whole = np.floor(drawn + random.random(len(drawn))).astype(int)
+        numbers = dict(zip(AGENT_KINDS, whole.tolist(), strict=True))
+        return {kind: number for kind, number in numbers.items() if number}
+
+    def draw_traits(
+        self,
+        kinds: Int[np.ndarray, "A"],
+        present: Int[np.ndarray, "K 2 2"],
+        lane_m: float,
+        half_side_m: float,
+        random: np.random.Generator,
+        *,
+        moving_share: float | None = None,
+        only_on_road: bool = False,
+    ) -> AgentTraits:
+        """Who moves and who is on the road, as in a training square like this one.
+
+        Args:
+            kinds: of the agents, as indices of ``AGENT_KINDS``.
+            present: agents that are in the square already, as in ``counts``.
+            lane_m: length of vehicle lanes in the square.
+            half_side_m: of the square.
+            random: random numbers.
+            moving_share: of each kind, instead of that of the training square.
+            only_on_road: nobody is off the road.
+        """
+        like, scale = self._like(lane_m, half_side_m)
+        counted = (self.counts * _ON_ROAD if only_on_road else self.counts)[like]
+        apart = np.abs(counted.sum(axis=(1, 2, 3)) * scale - len(kinds) - present.sum())
+        as_full = np.argsort(apart, kind="stable")[:_NUM_AS_FULL]
+        square = counted[as_full[random.integers(len(as_full))]] * scale
+        # A kind that no like square has is as it is everywhere, or on the road.
+        usual = counted.sum(axis=0) + 1e-3 * self.counts.sum(axis=0)
+        usual = _normalized(usual + _ON_ROAD * 1e-6)
+        share = np.maximum(square - present, 0.0) + _USUAL_WEIGHT * usual
+        if only_on_road:
+            share = share * _ON_ROAD
+        if moving_share is not None:
+            share = _normalized(share, axes=(2,))
+            share *= np.array([1 - moving_share, moving_share])[:, None]
+        share = _normalized(share).reshape(len(AGENT_KINDS), 4).cumsum(axis=1)
+        cell = (_spread(kinds, random)[:, None] >= share[kinds, :3]).sum(axis=1)
+        return AgentTraits(moves=cell >= 2, on_road=cell % 2 == 1)
+
+    def _like(
+        self, lane_m: float, half_side_m: float
+    ) -> tuple[Int[np.ndarray, "L"], float]:
+        """Rows of about that size and length of lanes; how much larger the square is."""
+        sides = np.unique(self.half_side_m)
+        side = sides[np.abs(sides - half_side_m).argmin()]
+        rows = np.flatnonzero(self.half_side_m == side)
+        # A square between the sizes has its share of agents and lanes.
+        scale = float((half_side_m / side) ** 2)
+        apart = np.abs(self.lane_m[rows] - lane_m / scale)
+        return rows[np.argsort(apart, kind="stable")[:_NUM_LIKE]], scale
+
+
+def fit_agent_counts(scenes: Iterable[PackedScene], *, seed: int = 0) -> AgentCounts:
+    """Count the road users of training scenes; a random part of them is kept."""
+    rows = [
+        [side, *found] for scene in scenes for side, found in _counted(scene).items()
+    ]
+    table = np.array(rows, float).reshape(-1, 2 + _NUM_CELLS)
+    random = np.random.default_rng(seed)
+    kept = np.concatenate(
+        [
+            np.sort(random.permutation(np.flatnonzero(table[:, 0] == side))[:MOST_ROWS])
+            for side in HALF_SIDES_M
+        ]
+    )
+    return AgentCounts(
+        half_side_m=table[kept, 0],
+        lane_m=table[kept, 1],
+        counts=np.rint(table[kept, 2:]).astype(int).reshape(-1, *_CELLS),
+    )
+
+
+def lane_length_m(
+    piece_pose: Float[np.ndarray, "P 3"],
+    piece_shape: Float[np.ndarray, "P F"],
+    piece_kind: Int[np.ndarray, "P"],
+    half_side_m: float,
+) -> float:
+    """Length of vehicle lanes in a square around the middle."""
+    counts = _is_inside(piece_pose, half_side_m) & (piece_kind == _VEHICLE_LANE)
+    return float(piece_shape[counts, 0].sum() * PIECE_LENGTH_M)
+
+
+def cells_of(
+    scene: SceneTensors, counts: Bool[np.ndarray, "A"]
+) -> Int[np.ndarray, "K 2 2"]:
+    """Agents of one scene (B = 1) that count, as in ``AgentCounts.counts``."""
+    on_road = (is_on_road(scene) | ~follows_lanes(scene))[0].cpu().numpy()
+    moves = scene.agent_speed[0].cpu().numpy() >= STANDING_SPEED_MPS
+    cell = 4 * scene.agent_kind[0].cpu().numpy() + 2 * moves + on_road
+    return np.bincount(cell[counts], minlength=_NUM_CELLS).reshape(_CELLS)
+
+
+def _counted(scene: PackedScene) -> dict[float, list[float]]:
+    """Length of lanes and number of agents in each cell, by half side."""
+    tensors = batch_of([scene])
+    padding = np.zeros(len(tensors.agent_kind[0]) - len(scene.agent_kind), bool)
+    found: dict[float, list[float]] = {}
+    for side in HALF_SIDES_M:
+        inside = np.append(_is_inside(scene.agent_pose, side), padding)
+        length = lane_length_m(
+            scene.piece_pose, scene.piece_shape, scene.piece_kind, side
+        )
+        found[side] = [length, *cells_of(tensors, inside).flatten().tolist()]
+    return found
+
+
+def _spread(
+    kinds: Int[np.ndarray, "A"], random: np.random.Generator
+) -> Float[np.ndarray, "A"]:
+    """Uniform numbers, of each kind evenly spread: shares come out as exact as can be."""
+    found = np.zeros(len(kinds))
+    for kind in np.unique(kinds):
+        rows = np.flatnonzero(kinds == kind)
+        found[rows] = (random.permutation(len(rows)) + random.random()) / len(rows)
+    return found
+
+
+def _normalized(
+    values: Float[np.ndarray, "K 2 2"], axes: tuple[int, ...] = (1, 2)
+) -> Float[np.ndarray, "K 2 2"]:
+    return values / values.sum(axis=axes, keepdims=True)
+
+
+def _is_inside(
+    pose: Float[np.ndarray, "N 3"], half_side_m: float
+) -> Bool[np.ndarray, "N"]:
+    return np.all(np.abs(pose[:, :2]) <= half_side_m, axis=1)

@@ -1,0 +1,123 @@
+"""What the states of a scene are drawn for: everything that does not change."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+
+REACH_M: Final = POSITION_UNIT_M + 16.0
+"""What is further out, along x or y, is not looked at."""
+
+
+UNTOLD: Final = 0
+TOLD_NO: Final = 1
+TOLD_YES: Final = 2
+"""What the network is told of a trait of an agent that it draws."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PoseTask:
+    """What is to be drawn in B scenes of A agents."""
+
+    is_given: Bool[Tensor, "B A"]
+    """Agents whose state of ``agent_pose`` and ``agent_speed`` stays as it is."""
+    order: Int[Tensor, "B A"]
+    """Place of each drawn agent among those drawn of its kind, from 1; else 0."""
+    moves: Int[Tensor, "B A"]
+    """Whether each drawn agent moves, as far as it is told."""
+    on_road: Int[Tensor, "B A"]
+    """Whether it is within ``OFF_LANE_M`` of a centre line, as far as it is told."""
+    half_side_m: Float[Tensor, "B"]
+    """Of the square around the middle in which agents are drawn."""
+    is_central: Bool[Tensor, "B"]
+    """Whether agents see each other; in generation they always do."""
+
+
+def told(trait: Bool[Tensor, "*b"], is_told: Bool[Tensor, "*b"]) -> Int[Tensor, "*b"]:
+    """What the network is told of a trait, where it is told."""
+    return torch.where(trait, TOLD_YES, TOLD_NO) * is_told
+
+
+def drawing_task(
+    scene: SceneTensors,
+    is_given: Bool[Tensor, "B A"] | None = None,
+    half_side_m: Float[Tensor, "B"] | None = None,
+) -> PoseTask:
+    """The task of generation: drawn agents of a kind are in the order of their rows.
+
+    Nothing is told of their traits.
+    """
+    num_scenes, device = scene.num_scenes, scene.has_agent.device
+    given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
+    sides = torch.full((num_scenes,), POSITION_UNIT_M, device=device)
+    rows = torch.arange(scene.has_agent.shape[1], device=device)
+    return PoseTask(
+        is_given=given,
+        order=order_by(rows.expand_as(scene.agent_kind), scene, given),
+        moves=torch.full_like(scene.agent_kind, UNTOLD),
+        on_road=torch.full_like(scene.agent_kind, UNTOLD),
+        half_side_m=sides if half_side_m is None else half_side_m,
+        is_central=torch.ones(num_scenes, dtype=torch.bool, device=device),
+    )
+
+
+def order_by(
+    key: Float[Tensor, "B A"] | Int[Tensor, "B A"],
+    scene: SceneTensors,
+    is_given: Bool[Tensor, "B A"],
+) -> Int[Tensor, "B A"]:
+    """Place of each drawn agent among those drawn of its kind, by some key."""
+    is_drawn = scene.has_agent & ~is_given
+    same_kind = scene.agent_kind[:, :, None] == scene.agent_kind[:, None]
+    counts = same_kind & is_drawn[:, None]
+    not_after = key[:, None] <= key[:, :, None]
+    return (counts & not_after).sum(dim=-1) * is_drawn
+
+
+_OF_PIECES: Final = ("piece_pose", "piece_shape", "piece_kind")
+_OF_AGENTS: Final = (
+    "agent_pose",
+    "agent_speed",
+    "agent_size",
+    "agent_kind",
+    "near_pieces",
+    "near_agents",
+    "candidates",
+    "has_candidate",
+    "future",
+    "has_future",
+)
+
+
+def pieces_within(scene: SceneTensors, reach_m: float) -> SceneTensors:
+    """The scene without pieces further than ``reach_m`` along x or y, padded less."""
+    is_inside = torch.all(scene.piece_pose[..., :2].abs() <= reach_m, dim=-1)
+    kept = _first(scene, _OF_PIECES, scene.has_piece & is_inside)
+    has_piece = kept.pop("is_kept")
+    nothing = torch.full_like(scene.near_pieces, -1)
+    return replace(scene, **kept, has_piece=has_piece, near_pieces=nothing)
+
+
+def only_agents(scene: SceneTensors, is_kept: Bool[Tensor, "B A"]) -> SceneTensors:
+    """The scene without the other agents, padded less; nobody knows neighbours."""
+    kept = _first(scene, _OF_AGENTS, scene.has_agent & is_kept)
+    has_agent = kept.pop("is_kept")
+    for name in ("near_pieces", "near_agents"):
+        kept[name] = torch.full_like(kept[name], -1)
+    return replace(scene, **kept, has_agent=has_agent)
+
+
+def _first(
+    scene: SceneTensors, names: tuple[str, ...], is_kept: Bool[Tensor, "B N"]
+) -> dict[str, Tensor]:
+    """Fields with the rows kept moved to the front, and which rows are ``is_kept``."""
+    num_kept = max(int(is_kept.sum(dim=-1).max()), 1)
+    index = torch.argsort(~is_kept, dim=-1, stable=True)[:, :num_kept]
+    row = torch.arange(len(index), device=index.device)[:, None]
+    fields = {name: getattr(scene, name)[row, index] for name in names}
+    return {**fields, "is_kept": is_kept[row, index]}

@@ -1,0 +1,141 @@
+"""Wishes about believed clean states: boxes apart, movers on lanes."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Complex, Float
+from torch import Tensor
+
+from pd_editor.diffusion.initial_state.box_overlap import OverlapVectors
+from pd_editor.diffusion.initial_state.conditioning import (
+    TOLD_NO,
+    TOLD_YES,
+    PoseTask,
+    drawing_task,
+)
+from pd_editor.diffusion.initial_state.features import as_complex
+from pd_editor.diffusion.initial_state.lane_distance import CenterLines, follows_lanes
+from pd_editor.diffusion.initial_state.noise import noise_scale
+from pd_editor.diffusion.initial_state.sampler import PoseGuide
+from pd_editor.diffusion.initial_state.state_encoding import (
+    POSITION_UNIT_M,
+    is_standing,
+    unit_vectors,
+)
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+
+_NUM_PUSHES: Final = 2
+_NUM_LAST_PUSHES: Final = 12
+"""Who is pushed out of one box may be pushed into another."""
+_GAP_M: Final = 0.4
+_SIDEWAYS: Final = 0.5
+"""Agents rather move along their heading than out of their lane."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseGuidance:
+    """How strongly believed clean states are changed, below some noise."""
+
+    push: float = 1.0
+    """Share of an overlap that each step takes away."""
+    pull: float = 0.8
+    """Share of the way to the lane that each step goes."""
+    moving_offset_m: float = 2.0
+    """Moving agents within this distance of a centre line are left alone."""
+    standing_offset_m: float = 10.0
+    """The same of standing ones: cars park beside lanes, in driveways and on lots."""
+    on_road_offset_m: float = 3.5
+    """The same of standing ones that are told to be on the road; who is told to be off
+    the road is left alone anywhere."""
+    first_noise_m: float = 12.0
+
+    def of(self, scene: SceneTensors, task: PoseTask | None = None) -> PoseGuide:
+        """A guide for the agents of a scene that are not given."""
+        task = drawing_task(scene) if task is None else task
+        given = task.is_given
+        overlaps = OverlapVectors.of(scene, gap_m=_GAP_M)
+        lines, pulled = CenterLines.of(scene), _Pulled.of(scene, task, self)
+
+        def guide(
+            clean: Float[Tensor, "S B A 5"], level: float
+        ) -> Float[Tensor, "S B A 5"]:
+            levels = torch.tensor(level, device="cpu")
+            noise = noise_scale(levels)[0] * POSITION_UNIT_M
+            if noise > self.first_noise_m:
+                return clean
+            start = as_complex(clean[..., :2] * POSITION_UNIT_M)
+            place = start + self._pull(start, is_standing(clean), lines, pulled)
+            axis = as_complex(unit_vectors(clean[..., 2:4]))
+            for _ in range(_NUM_PUSHES if level > 0 else _NUM_LAST_PUSHES):
+                push = self._push(place, axis, overlaps, given)
+                if not bool(push.any()):
+                    break
+                place = place + push
+            moved = torch.view_as_real(place - start) / POSITION_UNIT_M
+            return torch.cat([clean[..., :2] + moved, clean[..., 2:]], dim=-1)
+
+        return guide
+
+    def _push(
+        self,
+        place_m: Complex[Tensor, "S B A"],
+        axis: Complex[Tensor, "S B A"],
+        overlaps: OverlapVectors,
+        is_given: Bool[Tensor, "B A"],
+    ) -> Complex[Tensor, "S B A"]:
+        """Metres out of all overlaps; who overlaps a given agent goes all the way."""
+        share = torch.where(is_given, 1.0, 0.5)[:, None]
+        shift = (overlaps(place_m, axis) * share).sum(dim=-1)
+        own = shift * axis.conj_physical()
+        push = self.push * torch.complex(own.real, _SIDEWAYS * own.imag) * axis
+        return torch.where(is_given, 0.0, push)
+
+    def _pull(
+        self,
+        place_m: Complex[Tensor, "S B A"],
+        stands: Bool[Tensor, "S B A"],
+        lines: CenterLines,
+        pulled: "_Pulled",
+    ) -> Complex[Tensor, "S B A"]:
+        """Metres towards the nearest lane for those too far from it.
+
+        Nobody is pulled out of the square: a lane beyond its border is not meant.
+        """
+        offset, length_m = lines.offset_m(place_m)
+        allowed = torch.where(stands, pulled.standing_offset_m, self.moving_offset_m)
+        too_far = (length_m - allowed).clamp_(0, 1e3) * pulled.share
+        way = -offset * (too_far / length_m.clamp(1e-6, 1e6))
+        end = torch.view_as_real(place_m + way).abs()
+        return way * (end.amax(dim=-1) <= pulled.half_side_m)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pulled:
+    """Who is pulled to lanes, and how much."""
+
+    standing_offset_m: Float[Tensor, "B A"]
+    share: Float[Tensor, "B A"]
+    half_side_m: Float[Tensor, "B 1"]
+    """Of the square around the middle, out of which nobody is pulled."""
+
+    @classmethod
+    def of(
+        cls, scene: SceneTensors, task: PoseTask, guidance: PoseGuidance
+    ) -> "_Pulled":
+        """Those that follow lanes, are drawn, and not told to be off the road."""
+        is_pulled = follows_lanes(scene) & (task.on_road != TOLD_NO) & ~task.is_given
+        return cls(
+            standing_offset_m=torch.where(
+                task.on_road == TOLD_YES,
+                guidance.on_road_offset_m,
+                guidance.standing_offset_m,
+            ),
+            share=guidance.pull * is_pulled,
+            half_side_m=task.half_side_m[:, None],
+        )
+
+
+WITHIN_LANES: Final = PoseGuidance(moving_offset_m=1.4, on_road_offset_m=1.4)
+"""Where nobody is wished to be off the road: most lanes are 3 to 3.5 m wide. Without it
+22 % of the vehicles placed on three demos were beside the drivable surface, with it 1."""

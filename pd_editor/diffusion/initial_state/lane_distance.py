@@ -1,0 +1,72 @@
+"""How far agents are from the road, and which way it is."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Complex, Float
+from torch import Tensor
+
+from pd_editor.diffusion.initial_state.features import as_complex
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.metrics.off_lane import OFF_LANE_M
+from pd_editor.windows.lane_pieces import CROSSWALK_KIND, PIECE_LENGTH_M
+from pd_editor.windows.scene_features import PEDESTRIAN
+
+
+def is_on_road(scene: SceneTensors) -> Bool[Tensor, "B A"]:
+    """Whether agents are within ``OFF_LANE_M`` of a centre line, by the paper's rule."""
+    return offset_from_lane_m(scene.agent_pose[..., :2], scene)[1] <= OFF_LANE_M
+
+
+def follows_lanes(scene: SceneTensors) -> Bool[Tensor, "B A"]:
+    """All but pedestrians, where there are lanes."""
+    has_lanes = (scene.has_piece & (scene.piece_kind != CROSSWALK_KIND)).any(dim=-1)
+    return scene.has_agent & (scene.agent_kind != PEDESTRIAN) & has_lanes[:, None]
+
+
+def offset_from_lane_m(
+    position_m: Float[Tensor, "*s B A 2"], scene: SceneTensors
+) -> tuple[Float[Tensor, "*s B A 2"], Float[Tensor, "*s B A"]]:
+    """Vector from the nearest point of a centre line to each position; its length.
+
+    Pieces of lanes count as straight. The length is infinite where there is no lane.
+    """
+    offset, length = CenterLines.of(scene).offset_m(as_complex(position_m))
+    return torch.view_as_real(offset), length
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CenterLines:
+    """The pieces of lanes of B scenes, as complex numbers."""
+
+    middle_m: Complex[Tensor, "B 1 P"]
+    axis: Complex[Tensor, "B 1 P"]
+    """Of length one."""
+    half_m: Float[Tensor, "B 1 P"]
+    far_m: Float[Tensor, "B 1 P"]
+    """Added to distances: infinity for what is no lane."""
+
+    @classmethod
+    def of(cls, scene: SceneTensors) -> "CenterLines":
+        """All but crosswalks."""
+        heading = scene.piece_pose[:, None, :, 2]
+        usable = scene.has_piece & (scene.piece_kind != CROSSWALK_KIND)
+        nothing = torch.zeros_like(heading)
+        return cls(
+            middle_m=as_complex(scene.piece_pose[:, None, :, :2]),
+            axis=torch.complex(heading.cos(), heading.sin()),
+            half_m=scene.piece_shape[:, None, :, 0] * (PIECE_LENGTH_M / 2),
+            far_m=nothing.masked_fill(~usable[:, None], math.inf),
+        )
+
+    def offset_m(
+        self, place_m: Complex[Tensor, "*s B A"]
+    ) -> tuple[Complex[Tensor, "*s B A"], Float[Tensor, "*s B A"]]:
+        """From the nearest point of a centre line to each place; its length."""
+        own = (place_m[..., None] - self.middle_m) * self.axis.conj_physical()
+        inside = torch.minimum(torch.maximum(own.real, -self.half_m), self.half_m)
+        gap = own - inside
+        length_m, nearest = (gap.abs() + self.far_m).min(dim=-1, keepdim=True)
+        axis = self.axis.expand(gap.shape).gather(-1, nearest)
+        return (gap.gather(-1, nearest) * axis)[..., 0], length_m[..., 0]

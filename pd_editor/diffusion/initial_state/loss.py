@@ -1,0 +1,183 @@
+"""What the first stage is trained to: clean states at every noise level."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from pd_editor.diffusion.initial_state.box_overlap import overlap_depth_m
+from pd_editor.diffusion.initial_state.conditioning import (
+    REACH_M,
+    PoseTask,
+    only_agents,
+    order_by,
+    told,
+)
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.initial_state.features import turned_back
+from pd_editor.diffusion.initial_state.lane_distance import follows_lanes, is_on_road
+from pd_editor.diffusion.initial_state.noise import (
+    denser_levels,
+    noise_scale,
+    preconditioning,
+)
+from pd_editor.diffusion.initial_state.state_encoding import (
+    POSITION_UNIT_M,
+    STANDING_SPEED_MPS,
+    encode_states,
+)
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+
+_MIN_HALF_SIDE_M: Final = 25.0
+_PARTS: Final = {"position": (0, 1), "heading": (2, 3), "speed": (4,)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseLossConfig:
+    """What each training step draws."""
+
+    num_levels: int = 4
+    """Noise levels per scene; they share the scene's context."""
+    decentralized_share: float = 0.1
+    """Share of scenes whose agents do not see each other."""
+    given_share: float = 0.4
+    """Share of scenes with a random part of the agents given."""
+    small_square_share: float = 0.3
+    told_share: float = 0.6
+    """Share of scenes in which a trait is told of all or of a random part of agents."""
+    across_weight: float = 3.0
+    """Of position errors across the heading, against 1 along it: decimetres decide
+    whether a car is in its lane, and metres along it are nobody's to know."""
+    across_noise_m: float = 4.0
+    """Below this noise only: above, headings are not known yet, and who stands along a
+    street would count more than who is parked beside it."""
+    overlap_weight: float = 10.0
+    """Depths are small numbers: the weight is large so that they count at all."""
+    overlap_after: float = 0.75
+    """Share of the training without it: who cannot place agents learns to spread them."""
+    overlap_noise_m: float = 2.0
+    """Overlap counts below this noise only: above, clean states are blurred means."""
+
+
+def pose_loss(
+    model: PoseDenoiser,
+    scene: SceneTensors,
+    random: torch.Generator,
+    progress: float = 1.0,
+    config: PoseLossConfig | None = None,
+) -> tuple[Float[Tensor, ""], dict[str, Float[Tensor, ""]]]:
+    """Mean squared error of the network at random levels, and its parts.
+
+    Args:
+        model: the network.
+        scene: clean scenes.
+        random: random numbers, on the CPU.
+        progress: share of the training that is done.
+        config: what each step draws.
+
+    Returns:
+        The loss, and its terms before weighting: position, heading, speed, overlap.
+    """
+    config = PoseLossConfig() if config is None else config
+    scene, task = training_task(scene, random, config)
+    clean = encode_states(scene.agent_pose, scene.agent_speed)
+    level = _levels(config.num_levels, scene.num_scenes, random).to(clean)
+    scale = noise_scale(level)[:, :, None]
+    shape = (config.num_levels, *clean.shape)
+    noise = torch.randn(shape, generator=random).to(clean)
+    found = model.denoise(model.context(scene, task), clean + scale * noise, level)
+    is_drawn = (scene.has_agent & ~task.is_given).to(clean)
+    count = is_drawn.sum().clamp_min(1) * config.num_levels
+    error = (found - clean) / preconditioning(scale)[2]
+    noise_m = scale[..., 0] * POSITION_UNIT_M
+    squared = squared_error(error, clean[..., 2:4], noise_m, config)
+    squared = (squared * is_drawn[..., None]).sum(dim=(0, 1, 2)) / count
+    parts = {name: squared[list(where)].mean() for name, where in _PARTS.items()}
+    loss = sum(parts.values(), torch.zeros_like(count))
+    if config.overlap_weight and progress >= config.overlap_after:
+        parts["overlap"] = _overlap(scene, clean, found, is_drawn > 0, level, config)
+        loss = loss + config.overlap_weight * parts["overlap"]
+    return loss, {name: part.detach() for name, part in parts.items()}
+
+
+def squared_error(
+    error: Float[Tensor, "S B A 5"],
+    direction: Float[Tensor, "B A 2"],
+    noise_m: Float[Tensor, "S B #A"],
+    config: PoseLossConfig,
+) -> Float[Tensor, "S B A 5"]:
+    """Squares of errors, those of positions along and across the true direction."""
+    along, across = turned_back(error[..., :2], direction[None]).square().unbind(-1)
+    weight = torch.where(noise_m < config.across_noise_m, config.across_weight, 1.0)
+    own = torch.stack([along, weight * across], dim=-1)
+    return torch.cat([own, error[..., 2:].square()], dim=-1)
+
+
+def training_task(
+    scene: SceneTensors, random: torch.Generator, config: PoseLossConfig
+) -> tuple[SceneTensors, PoseTask]:
+    """A random task on real scenes, and the scenes with those who play a part.
+
+    Agents outside the square are given in half of the scenes, absent in the others.
+    """
+    device, num_scenes = scene.has_agent.device, scene.num_scenes
+
+    def chance(*shape: int) -> Float[Tensor, "*s"]:
+        return torch.rand(shape, generator=random).to(device)
+
+    side = POSITION_UNIT_M * torch.ones(num_scenes, device=device)
+    small = _MIN_HALF_SIDE_M + chance(num_scenes) * (side - _MIN_HALF_SIDE_M)
+    side = torch.where(chance(num_scenes) < config.small_square_share, small, side)
+    distance = scene.agent_pose[..., :2].abs().amax(dim=-1)
+    keeps_outside = chance(num_scenes, 1) < 0.5
+    reach = torch.where(keeps_outside, REACH_M, side[:, None])
+    scene = only_agents(scene, distance <= reach)
+    has_agent = scene.has_agent
+    is_inside = scene.agent_pose[..., :2].abs().amax(dim=-1) <= side[:, None]
+    part = torch.where(chance(num_scenes) < config.given_share, chance(num_scenes), 0.0)
+    is_given = has_agent & (~is_inside | (chance(*has_agent.shape) < part[:, None]))
+
+    def some() -> Bool[Tensor, "B A"]:
+        """All, a random part, or nobody, in each scene."""
+        part = torch.where(
+            chance(num_scenes) < config.told_share, 2 * chance(num_scenes), 0.0
+        )
+        return chance(*has_agent.shape) < part[:, None]
+
+    drawn = has_agent & ~is_given
+    return scene, PoseTask(
+        is_given=is_given,
+        order=order_by(scene.agent_pose[..., 0], scene, is_given),
+        moves=told(scene.agent_speed >= STANDING_SPEED_MPS, drawn & some()),
+        on_road=told(is_on_road(scene), drawn & some() & follows_lanes(scene)),
+        half_side_m=side,
+        is_central=chance(num_scenes) >= config.decentralized_share,
+    )
+
+
+def _levels(
+    num_levels: int, num_scenes: int, random: torch.Generator
+) -> Float[Tensor, "S B"]:
+    """Levels 0..1, spread over the versions of each scene."""
+    offset = torch.rand((num_levels, num_scenes), generator=random)
+    even = (torch.arange(num_levels)[:, None] + offset) / num_levels
+    return denser_levels(even)
+
+
+def _overlap(
+    scene: SceneTensors,
+    clean: Float[Tensor, "B A 5"],
+    found: Float[Tensor, "S B A 5"],
+    is_drawn: Bool[Tensor, "B A"],
+    level: Float[Tensor, "S B"],
+    config: PoseLossConfig,
+) -> Float[Tensor, ""]:
+    """Mean squared depth in metres by which predicted boxes overlap too much."""
+    depth = overlap_depth_m(found, scene) - overlap_depth_m(clean, scene)
+    noise_m = noise_scale(level)[..., 0] * POSITION_UNIT_M
+    counts = (noise_m < config.overlap_noise_m)[..., None] & is_drawn
+    squared = depth.clamp(min=0, max=math.inf).square().sum(dim=-1)
+    return (squared * counts).sum() / counts.sum().clamp_min(1)

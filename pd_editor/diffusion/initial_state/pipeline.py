@@ -1,0 +1,301 @@
+"""The first stage on a scenario: agents placed by the network, apart and on the road."""
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from pd_editor.diffusion.fused.folded_pose_denoiser import FoldedPoseDenoiser
+from pd_editor.diffusion.initial_state.agent_count_prior import cells_of, lane_length_m
+from pd_editor.diffusion.initial_state.attributes import TraitWishes, with_traits
+from pd_editor.diffusion.initial_state.conditioning import TOLD_NO, drawing_task
+from pd_editor.diffusion.initial_state.guidance import WITHIN_LANES, PoseGuidance
+from pd_editor.diffusion.initial_state.sampler import PoseSamplerConfig, sample_states
+from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.errors import GenerationError
+from pd_editor.generation import Region
+from pd_editor.repair import project_to_lanes, separate_overlaps, slow_for_gaps
+from pd_editor.scene.agent_kind import (
+    ROAD_USER_KINDS,
+    AgentCategory,
+    AgentKind,
+    default_sizes_m,
+)
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
+from pd_editor.windows.lane_pieces import CROSSWALK_KIND
+from pd_editor.windows.packed_scene import LATENT_SIZE, packed
+from pd_editor.windows.scene_features import (
+    AGENT_KINDS,
+    NUM_NEAR_AGENTS,
+    NUM_NEAR_PIECES,
+    SceneFeatures,
+    scene_center,
+    scene_features,
+)
+
+_KIND_INDEX: Final = {kind: index for index, kind in enumerate(AGENT_KINDS)}
+_LEAST_HALF_SIDE_M: Final = 5.0
+_TRAITS: Final = 1
+"""Sets random numbers for traits apart from those for numbers of agents."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placing:
+    """Whom to place, and where."""
+
+    redrawn_ids: tuple[str, ...]
+    """Agents of the scenario that get another state."""
+    new_kinds: tuple[AgentKind, ...]
+    new_ids: tuple[str, ...]
+    region: Region | None = None
+    traits: TraitWishes = field(default_factory=TraitWishes)
+    repairs: bool = True
+    """Whether what is drawn is put on its lane and slid apart afterwards."""
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """All that are placed."""
+        return self.redrawn_ids + self.new_ids
+
+
+def new_agents(
+    scenario: Scenario, numbers: Mapping[AgentKind, int]
+) -> tuple[tuple[str, ...], tuple[AgentKind, ...]]:
+    """Ids that nobody has yet, and kinds, of agents to add."""
+    kinds = [kind for kind in AGENT_KINDS for _ in range(numbers.get(kind, 0))]
+    ids: list[str] = []
+    number = 0
+    while len(ids) < len(kinds):
+        number += 1
+        if f"new-{number}" not in scenario.agents.row_of:
+            ids.append(f"new-{number}")
+    return tuple(ids), tuple(kinds)
+
+
+def draw_numbers(
+    network: FoldedPoseDenoiser,
+    scenario: Scenario,
+    placing: Placing,
+    random: np.random.Generator,
+) -> Mapping[AgentKind, int]:
+    """How many agents of each kind to add, so that there are as many as in training.
+
+    Raises:
+        GenerationError: the model does not know how many there are.
+    """
+    counts = network.model.agent_counts
+    if not len(counts.lane_m):
+        raise GenerationError(
+            "These weights do not tell how many agents a road has; give numbers."
+        )
+    center, half_side = _square(scenario, placing.region)
+    features = scene_features(scenario, with_candidates=False, center_m=center)
+    lane_m = lane_length_m(
+        features.piece_pose, features.piece_shape, features.piece_kind, half_side
+    )
+    is_inside = (np.abs(features.agent_pose[:, :2]) <= half_side).all(axis=1)
+    scene = batch_of([packed(features, _no_latents)])
+    only_on_road = placing.traits.only_on_road
+    cells = cells_of(scene, np.resize(is_inside, scene.has_agent.shape[1]))
+    there = (cells[..., 1] if only_on_road else cells.sum(axis=-1)).sum(axis=-1)
+    wanted = counts.draw(lane_m, half_side, random, only_on_road=only_on_road)
+    return {
+        kind: max(wanted.get(kind, 0) - int(there[index]), 0)
+        for kind, index in _KIND_INDEX.items()
+    }
+
+
+def place_agents(
+    network: FoldedPoseDenoiser,
+    scenario: Scenario,
+    placing: Placing,
+    *,
+    sample: int,
+    seed: int,
+    num_steps: int | None = None,
+) -> Generator[float, None, Scenario]:
+    """A scenario in which agents stand where the model put them; no futures yet.
+
+    Yields the share that is done. Agents that are placed have the current step only.
+
+    Raises:
+        GenerationError: there is no road where agents are to be placed.
+    """
+    if not placing.ids:
+        return scenario
+    placed = _agents_to_place(scenario, placing)
+    kept = scenario.without_agents(placing.redrawn_ids)
+    center, half_side = _square(scenario, placing.region)
+    features = scene_features(kept, with_candidates=False, center_m=center)
+    if not (features.piece_kind < CROSSWALK_KIND).any():
+        raise GenerationError(
+            "There are no lanes where agents are to be placed; expected a road there."
+        )
+    model = network.model
+    device = model.get_buffer("counted").device
+    scene = _scene(features, placed).to(device)
+    is_given = torch.zeros_like(scene.has_agent)
+    is_given[:, : len(features.agent_row)] = True
+    task = drawing_task(scene, is_given, scene.agent_speed.new_tensor([half_side]))
+    random = np.random.default_rng([seed, sample, _TRAITS])
+    task = with_traits(task, scene, model.agent_counts, random, placing.traits)
+    guidance = WITHIN_LANES if placing.traits.only_on_road else PoseGuidance()
+    steps = sample_states(
+        network,
+        scene,
+        samples=[sample],
+        seed=seed,
+        task=task,
+        config=PoseSamplerConfig()
+        if num_steps is None
+        else PoseSamplerConfig(num_steps=num_steps),
+        guide=guidance.of(scene, task),
+    )
+    states = None
+    for step in steps:
+        states = step.states
+        yield (step.index + 1) / step.num_steps
+    assert states is not None, "there is at least one step"
+    own = slice(len(features.agent_row), None)
+    drawn = states[0, 0, own].double().cpu().numpy()
+    tracks = _with_states(placed, drawn, center, scenario.current_step)
+    result = kept.with_agents(kept.agents.joined(tracks))
+    if not placing.repairs:
+        return result
+    return _repaired(result, placing, task.on_road[0, own].cpu().numpy())
+
+
+def _repaired(
+    scenario: Scenario, placing: Placing, on_road: Int[np.ndarray, "N"]
+) -> Scenario:
+    """Those of the placed who are not meant to be off the road on their lanes; apart.
+
+    And none of them too fast for whoever is ahead. Nobody leaves the square for a lane.
+    """
+    keep = [name for name in scenario.agents.ids if name not in placing.ids]
+    follows = [
+        name for name, code in zip(placing.ids, on_road, strict=True) if code != TOLD_NO
+    ]
+    on_lanes, _ = project_to_lanes(scenario, follows, keep_ids=keep)
+    left = _outside(on_lanes, placing) - _outside(scenario, placing)
+    if left:
+        follows = [name for name in follows if name not in left]
+        on_lanes, _ = project_to_lanes(scenario, follows, keep_ids=keep)
+    scenario, _ = separate_overlaps(on_lanes, placing.ids, keep_ids=keep)
+    return slow_for_gaps(scenario, placing.ids, keep_ids=keep)[0]
+
+
+def _outside(scenario: Scenario, placing: Placing) -> set[str]:
+    """Ids of the placed who are outside the square."""
+    center, half_side = _square(scenario, placing.region)
+    rows = scenario.agents.rows(placing.ids)
+    place = scenario.agents.position_m[rows, scenario.current_step]
+    is_out = (np.abs(place - center) > half_side).any(axis=1)
+    return {name for name, out in zip(placing.ids, is_out, strict=True) if out}
+
+
+def _square(
+    scenario: Scenario, region: Region | None
+) -> tuple[Float[np.ndarray, "2"], float]:
+    if region is None:
+        return scene_center(scenario), POSITION_UNIT_M
+    if region.half_side_m < _LEAST_HALF_SIDE_M:
+        raise GenerationError(
+            f"The square to place agents in reaches {region.half_side_m:g} m to each "
+            f"side; expected {_LEAST_HALF_SIDE_M:g} m or more."
+        )
+    return np.array(region.center_m, float), min(region.half_side_m, POSITION_UNIT_M)
+
+
+def _agents_to_place(scenario: Scenario, placing: Placing) -> AgentTracks:
+    """Tracks without any state."""
+    agents, steps = scenario.agents, scenario.time_axis.num_steps
+    old = agents.taken(agents.rows(placing.redrawn_ids))
+    strange = [kind for kind in old.kinds if kind not in ROAD_USER_KINDS]
+    if strange:
+        raise GenerationError(
+            f"The model places road users only, not {strange[0].value.replace('_', ' ')}."
+        )
+    count = len(placing.new_ids)
+    new = AgentTracks(
+        ids=placing.new_ids,
+        kinds=placing.new_kinds,
+        categories=(AgentCategory.UNSCORED,) * count,
+        size_m=default_sizes_m(placing.new_kinds),
+        has_known_size=np.zeros(count, bool),
+        position_m=np.zeros((count, steps, 2)),
+        heading_rad=np.zeros((count, steps)),
+        velocity_mps=np.zeros((count, steps, 2)),
+        is_valid=np.zeros((count, steps), bool),
+        observed=np.zeros((count, steps), bool),
+    )
+    return old.joined(new)
+
+
+def _scene(features: SceneFeatures, placed: AgentTracks) -> SceneTensors:
+    """The kept agents, then those to be placed, of whom only kind and size are known."""
+    count = len(placed)
+    kinds = np.array([_KIND_INDEX[kind] for kind in placed.kinds], int)
+
+    def more(values: np.ndarray, added: np.ndarray) -> np.ndarray:
+        return np.concatenate([values, added.astype(values.dtype)])
+
+    with_placed = replace(
+        features,
+        agent_row=more(features.agent_row, np.full(count, -1)),
+        agent_pose=more(features.agent_pose, np.zeros((count, 3))),
+        agent_speed=more(features.agent_speed, np.zeros(count)),
+        agent_size=more(features.agent_size, placed.size_m),
+        agent_kind=more(features.agent_kind, kinds),
+        near_pieces=more(features.near_pieces, np.full((count, NUM_NEAR_PIECES), -1)),
+        near_agents=more(features.near_agents, np.full((count, NUM_NEAR_AGENTS), -1)),
+        candidate_m=more(
+            features.candidate_m, np.zeros((count, *features.candidate_m.shape[1:]))
+        ),
+        has_candidate=more(
+            features.has_candidate, np.zeros((count, features.has_candidate.shape[1]))
+        ),
+        future_m=more(
+            features.future_m, np.zeros((count, *features.future_m.shape[1:]))
+        ),
+        has_future=more(features.has_future, np.zeros(count)),
+    )
+    return batch_of([packed(with_placed, _no_latents)])
+
+
+def _no_latents(
+    future_m: Float[np.ndarray, "*s H 2"], speed_mps: np.ndarray, /
+) -> Float[np.ndarray, "*s 10"]:
+    """The first stage reads no futures."""
+    del speed_mps
+    return np.zeros((*future_m.shape[:-2], LATENT_SIZE))
+
+
+def _with_states(
+    placed: AgentTracks,
+    states: Float[np.ndarray, "N 5"],
+    center_m: Float[np.ndarray, "2"],
+    step: int,
+) -> AgentTracks:
+    steps = placed.num_steps
+    now = np.arange(steps) == step
+    direction = states[:, 2:4]
+
+    def at_step(values: np.ndarray) -> np.ndarray:
+        table = np.zeros((len(placed), steps, *values.shape[1:]), values.dtype)
+        table[:, step] = values
+        return table
+
+    return replace(
+        placed,
+        position_m=at_step(states[:, :2] + center_m),
+        heading_rad=at_step(np.arctan2(direction[:, 1], direction[:, 0])),
+        velocity_mps=at_step(direction * states[:, 4:]),
+        is_valid=np.broadcast_to(now, (len(placed), steps)).copy(),
+        observed=placed.observed & now,
+    )

@@ -1,0 +1,1 @@
+"""What both stages are fed: scenes as tensors, trajectories as latents."""

@@ -1,0 +1,142 @@
+"""Scenes as padded batches of tensors: what both stages are fed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from pd_editor.diffusion.inputs.trajectory_pca import MIRRORED_LATENT_SIGNS
+from pd_editor.windows.packed_scene import PackedScene
+from pd_editor.windows.scene_features import MIRRORED_SHAPE, MIRRORED_SHAPE_SIGNS
+
+_SIZE_STEP: Final = 8
+"""Padded sizes are multiples of it, so that few distinct shapes occur."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneTensors:
+    """B scenes of up to P pieces and A agents, with D latent numbers.
+
+    Fields mean what those of ``PackedScene`` mean; indices are -1 where there is
+    none, and everything is 0 where ``has_piece`` or ``has_agent`` is false.
+    """
+
+    piece_pose: Float[Tensor, "B P 3"]
+    piece_shape: Float[Tensor, "B P F"]
+    piece_kind: Int[Tensor, "B P"]
+    has_piece: Bool[Tensor, "B P"]
+    agent_pose: Float[Tensor, "B A 3"]
+    agent_speed: Float[Tensor, "B A"]
+    agent_size: Float[Tensor, "B A 2"]
+    agent_kind: Int[Tensor, "B A"]
+    has_agent: Bool[Tensor, "B A"]
+    near_pieces: Int[Tensor, "B A M"]
+    near_agents: Int[Tensor, "B A K"]
+    candidates: Float[Tensor, "B A C D"]
+    has_candidate: Bool[Tensor, "B A C"]
+    future: Float[Tensor, "B A D"]
+    has_future: Bool[Tensor, "B A"]
+
+    @property
+    def num_scenes(self) -> int:
+        """Number of scenes B."""
+        return len(self.has_agent)
+
+    def to(
+        self, device: torch.device | str, dtype: torch.dtype | None = None
+    ) -> "SceneTensors":
+        """On another device; ``dtype`` is that of the floating-point tensors."""
+        return self._mapped(
+            lambda tensor: tensor.to(
+                device, dtype if tensor.is_floating_point() else None
+            )
+        )
+
+    def mirrored(self) -> "SceneTensors":
+        """Left and right exchanged."""
+        shape_signs = self.piece_shape.new_tensor(MIRRORED_SHAPE_SIGNS)
+        latent_signs = self.future.new_tensor(MIRRORED_LATENT_SIGNS)
+        pose_signs = self.agent_pose.new_tensor([1.0, -1.0, -1.0])
+        return replace(
+            self,
+            piece_pose=self.piece_pose * pose_signs,
+            piece_shape=self.piece_shape[..., list(MIRRORED_SHAPE)] * shape_signs,
+            agent_pose=self.agent_pose * pose_signs,
+            candidates=self.candidates * latent_signs,
+            future=self.future * latent_signs,
+        )
+
+    def rotated(self, angle_rad: Float[Tensor, "B"]) -> "SceneTensors":
+        """Each scene turned about its middle, to the left."""
+        return replace(
+            self,
+            piece_pose=_turned(self.piece_pose, self.has_piece, angle_rad),
+            agent_pose=_turned(self.agent_pose, self.has_agent, angle_rad),
+        )
+
+    def _mapped(self, change: Callable[[Tensor], Tensor]) -> "SceneTensors":
+        return SceneTensors(
+            **{field.name: change(getattr(self, field.name)) for field in fields(self)}
+        )
+
+
+def batch_of(scenes: Sequence[PackedScene]) -> SceneTensors:
+    """Scenes side by side, padded to the largest of them."""
+    assert scenes, "a batch holds at least one scene"
+    pieces = _padded_size([len(scene.piece_pose) for scene in scenes])
+    agents = _padded_size([len(scene.agent_pose) for scene in scenes])
+
+    def padded(name: str, size: int, fill: int = 0) -> Tensor:
+        first = getattr(scenes[0], name)
+        kind = np.float32 if first.dtype.kind == "f" else first.dtype
+        kind = np.int64 if first.dtype.kind in "iu" else kind
+        table = np.full((len(scenes), size, *first.shape[1:]), fill, kind)
+        for row, scene in zip(table, scenes, strict=True):
+            values = getattr(scene, name)
+            row[: len(values)] = values
+        return torch.from_numpy(table)
+
+    def exists(name: str, size: int) -> Tensor:
+        counts = np.array([len(getattr(scene, name)) for scene in scenes])
+        return torch.from_numpy(np.arange(size) < counts[:, None])
+
+    return SceneTensors(
+        piece_pose=padded("piece_pose", pieces),
+        piece_shape=padded("piece_shape", pieces),
+        piece_kind=padded("piece_kind", pieces),
+        has_piece=exists("piece_pose", pieces),
+        agent_pose=padded("agent_pose", agents),
+        agent_speed=padded("agent_speed", agents),
+        agent_size=padded("agent_size", agents),
+        agent_kind=padded("agent_kind", agents),
+        has_agent=exists("agent_pose", agents),
+        near_pieces=padded("near_pieces", agents, -1),
+        near_agents=padded("near_agents", agents, -1),
+        candidates=padded("candidates", agents),
+        has_candidate=padded("has_candidate", agents),
+        future=padded("future", agents),
+        has_future=padded("has_future", agents),
+    )
+
+
+def _padded_size(counts: list[int]) -> int:
+    if len(counts) == 1:
+        return max(counts[0], 1)
+    return -(-max(counts) // _SIZE_STEP) * _SIZE_STEP or _SIZE_STEP
+
+
+def _turned(
+    pose: Float[Tensor, "B N 3"],
+    exists: Bool[Tensor, "B N"],
+    angle_rad: Float[Tensor, "B"],
+) -> Float[Tensor, "B N 3"]:
+    cos, sin = angle_rad.cos()[:, None], angle_rad.sin()[:, None]
+    x, y, heading = pose.unbind(-1)
+    turned = torch.stack(
+        [cos * x - sin * y, sin * x + cos * y, heading + angle_rad[:, None]], dim=-1
+    )
+    return torch.where(exists[..., None], turned, pose)

@@ -1,0 +1,1 @@
+"""The second stage: trajectories of agents from their states."""

@@ -1,0 +1,114 @@
+"""What the second stage's network is told of agents, lane pieces and noise levels."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from pd_editor.diffusion.inputs.relative_pose import (
+    NUM_POSE_FEATURES,
+    gathered,
+    pose_features,
+    relative_pose,
+)
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.windows.scene_features import (
+    AGENT_KINDS,
+    NUM_PIECE_KINDS,
+    PIECE_SHAPE,
+)
+
+STANDING_MPS: Final = 0.3
+NUM_LEVEL_FEATURES: Final = 7
+NUM_AGENT_FEATURES: Final = 6 + len(AGENT_KINDS)
+NUM_PIECE_FEATURES: Final = NUM_POSE_FEATURES + len(PIECE_SHAPE) + NUM_PIECE_KINDS
+NUM_EDGE_FEATURES: Final = NUM_POSE_FEATURES + 1 + 2 * NUM_AGENT_FEATURES
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Neighbors:
+    """The K neighbours of each agent in its scene, the first being itself."""
+
+    row: Int[Tensor, "B A K"]
+    """Any row where there is none."""
+    exists: Bool[Tensor, "B A K"]
+    pose: Float[Tensor, "B A K 4"]
+    """As the agent sees them."""
+
+    @classmethod
+    def of(cls, scene: SceneTensors) -> "Neighbors":
+        """Oneself and the nearest others."""
+        scenes, agents = scene.has_agent.shape
+        own = torch.arange(agents, device=scene.has_agent.device)
+        own = own.expand(scenes, agents)[..., None]
+        near = torch.cat([own, scene.near_agents], dim=-1)
+        exists = (near >= 0) & gathered(scene.has_agent, near)
+        exists[:, :, 0] = True
+        pose = relative_pose(
+            gathered(scene.agent_pose, near), scene.agent_pose[:, :, None]
+        )
+        return cls(row=near.clamp_min(0), exists=exists, pose=pose)
+
+    def edge_features(self, agents: Float[Tensor, "B A F"]) -> Float[Tensor, "B A K E"]:
+        """Where each neighbour is, what it is and what oneself is."""
+        theirs = gathered(agents, self.row)
+        is_self = torch.zeros_like(theirs[..., :1])
+        is_self[:, :, 0] = 1
+        mine = agents[:, :, None].expand_as(theirs)
+        return torch.cat([pose_features(self.pose), is_self, theirs, mine], dim=-1)
+
+
+def seen_pieces(scene: SceneTensors) -> Bool[Tensor, "B A M"]:
+    """Which of the nearest pieces there are."""
+    return (scene.near_pieces >= 0) & gathered(scene.has_piece, scene.near_pieces)
+
+
+def piece_features(scene: SceneTensors) -> Float[Tensor, "B A M E"]:
+    """The lane pieces near each agent, as it sees them."""
+    kind = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
+    shape = torch.cat([scene.piece_shape, kind.to(scene.piece_shape)], dim=-1)
+    pose = relative_pose(
+        gathered(scene.piece_pose, scene.near_pieces), scene.agent_pose[:, :, None]
+    )
+    near = gathered(shape, scene.near_pieces)
+    return torch.cat([pose_features(pose), near], dim=-1)
+
+
+def agent_features(scene: SceneTensors) -> Float[Tensor, "B A F"]:
+    """What an agent is, wherever it is."""
+    speed = scene.agent_speed
+    numbers = torch.stack(
+        [
+            speed / 10,
+            torch.tanh(speed),
+            (speed < STANDING_MPS).to(speed),
+            scene.agent_size[..., 0] / 5,
+            scene.agent_size[..., 1] / 2,
+            scene.has_candidate.any(-1).to(speed),
+        ],
+        dim=-1,
+    )
+    kind = nn.functional.one_hot(scene.agent_kind, len(AGENT_KINDS)).to(speed)
+    return torch.cat([numbers, kind], dim=-1)
+
+
+def level_features(
+    level: Float[Tensor, "*shape 1"],
+    alpha: Float[Tensor, "*shape 1"],
+    sigma: Float[Tensor, "*shape 1"],
+) -> Float[Tensor, "*shape 7"]:
+    """A noise level in numbers of about one."""
+    return torch.cat(
+        [
+            level,
+            alpha,
+            sigma,
+            torch.tanh(10 * level),
+            torch.sin(torch.pi * 2 * level),
+            torch.cos(torch.pi * 4 * level),
+            (level == 0).to(level),
+        ],
+        dim=-1,
+    )

@@ -1,0 +1,263 @@
+"""The second stage on a scenario: futures of some agents around the others'."""
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.diffusion.fused.folded_denoiser import FoldedDenoiser
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.diffusion.trajectory.decoding import Motion, motion_of
+from pd_editor.diffusion.trajectory.guidance import NearestCandidateGuide
+from pd_editor.diffusion.trajectory.joint_selection import FutureChoices, choose_futures
+from pd_editor.diffusion.trajectory.sampler import (
+    TrajectorySamplerConfig,
+    sample_trajectories,
+)
+from pd_editor.scene.scenario import Scenario
+from pd_editor.windows.packed_scene import packed
+from pd_editor.windows.scene_features import SceneFeatures, scene_features
+
+_LEAST_KNOWN_STEPS: Final = 10
+"""A kept agent with fewer future steps is imagined like the others, and kept."""
+_MOST_AT_ONCE: Final = 24
+"""Futures of a scene that are denoised together."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FutureOptions:
+    """How futures are drawn."""
+
+    num_steps: int
+    lane_weight: float
+    """Strength of the pull to the nearest candidate."""
+    lane_agent_ids: tuple[str, ...] = ()
+    """Whom it pulls; empty means all."""
+    num_tries: int = 1
+    """Futures drawn for each sample, of which those that avoid each other are taken."""
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FutureTask:
+    """A scenario made ready for the network; G rows of it are drawn."""
+
+    scenario: Scenario
+    features: SceneFeatures
+    scene: SceneTensors
+    is_given: Bool[np.ndarray, "A"]
+    is_drawn: Bool[np.ndarray, "A"]
+
+    @classmethod
+    def of(
+        cls, scenario: Scenario, rows: Int[np.ndarray, "G"], basis: TrajectoryBasis
+    ) -> "FutureTask":
+        """All road users that are there now; those not drawn are given if known."""
+        features = scene_features(scenario)
+        scene = _without_gaps(batch_of([packed(features, basis.encode)]))
+        is_drawn = np.isin(features.agent_row, rows)
+        is_given = ~is_drawn & features.has_future
+        partly = np.flatnonzero(~is_drawn & ~is_given)
+        latent, is_known = _completed(scenario, features, partly, basis)
+        scene.future[0, partly[is_known]] = torch.from_numpy(latent).float()
+        is_given[partly[is_known]] = True
+        return cls(
+            scenario=scenario,
+            features=features,
+            scene=scene,
+            is_given=is_given,
+            is_drawn=is_drawn,
+        )
+
+    def to(self, device: torch.device) -> "FutureTask":
+        """With the tensors on a device."""
+        return replace(self, scene=self.scene.to(device))
+
+    def no_motion(self, num_samples: int) -> Motion:
+        """Zeros, for whoever draws nobody."""
+        steps = self.scenario.time_axis.num_future_steps + 1
+        shape = (num_samples, len(self.features.agent_row), steps)
+        return Motion(
+            position_m=np.zeros((*shape, 2)),
+            heading_rad=np.zeros(shape),
+            velocity_mps=np.zeros((*shape, 2)),
+        )
+
+    def motion(
+        self, basis: TrajectoryBasis, latent: Float[torch.Tensor, "S 1 A 10"]
+    ) -> Motion:
+        """Motion of all A agents of the features."""
+        agents, now = self.scenario.agents, self.scenario.current_step
+        rows = self.features.agent_row
+        return motion_of(
+            basis,
+            latent[:, 0].double().cpu().numpy(),
+            agents.position_m[rows, now],
+            agents.heading_rad[rows, now],
+            agents.velocity_mps[rows, now],
+            self.scenario.time_axis,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrawnFutures:
+    """Motion of all A agents of the task, of which the drawn ones count."""
+
+    motion: Motion
+    lane_cost_m: tuple[float, float]
+    """Mean distance to the nearest candidate before and after the last pull."""
+
+
+def draw_futures(
+    network: FoldedDenoiser,
+    task: FutureTask,
+    samples: Sequence[int],
+    options: FutureOptions,
+) -> Generator[tuple[float, Callable[[], Motion]], None, DrawnFutures]:
+    """Draw the futures of a task.
+
+    Yields the share that is done, and how to get the futures believed in so far.
+    """
+    if not task.is_drawn.any():
+        return DrawnFutures(motion=task.no_motion(len(samples)), lane_cost_m=(0.0, 0.0))
+    model = network.model
+    basis = model.way_points.basis
+    tries = options.num_tries
+    guide = NearestCandidateGuide.of(model, task.scene, _pull(task, options))
+    motions: list[Motion] = []
+    at_once = max(1, _MOST_AT_ONCE // tries)
+    for first in range(0, len(samples), at_once):
+        chunk = samples[first : first + at_once]
+        steps = sample_trajectories(
+            network,
+            task.scene,
+            samples=[sample * tries + t for sample in chunk for t in range(tries)],
+            seed=options.seed,
+            is_given=torch.from_numpy(task.is_given)[None].to(
+                task.scene.has_agent.device
+            ),
+            config=TrajectorySamplerConfig(
+                num_steps=options.num_steps,
+                num_tries=tries,
+            ),
+            guide=guide if options.lane_weight > 0 else None,
+        )
+        latent = None
+        for step in steps:
+            latent = step.latent
+            share = (step.index + 1) / step.num_steps * len(chunk)
+            believed = latent[::tries]
+            yield (
+                (first + share) / len(samples),
+                lambda believed=believed: task.motion(basis, believed),
+            )
+        assert latent is not None, "there is at least one step"
+        drawn = task.motion(basis, latent)
+        for index in range(len(chunk)):
+            part = slice(index * tries, (index + 1) * tries)
+            motions.append(_chosen(task, drawn, part))
+    return DrawnFutures(
+        motion=Motion(
+            position_m=np.stack([one.position_m[0] for one in motions]),
+            heading_rad=np.stack([one.heading_rad[0] for one in motions]),
+            velocity_mps=np.stack([one.velocity_mps[0] for one in motions]),
+        ),
+        lane_cost_m=guide.cost_m(),
+    )
+
+
+def _without_gaps(scene: SceneTensors) -> SceneTensors:
+    """Places for candidates that no agent has are left out."""
+    most = int(scene.has_candidate.sum(dim=-1).max()) if scene.has_agent.any() else 0
+    return replace(
+        scene,
+        candidates=scene.candidates[:, :, :most],
+        has_candidate=scene.has_candidate[:, :, :most],
+    )
+
+
+def _pull(task: FutureTask, options: FutureOptions) -> Float[torch.Tensor, "1 A"]:
+    wanted = task.is_drawn.copy()
+    if options.lane_agent_ids:
+        rows = task.scenario.agents.rows(options.lane_agent_ids)
+        wanted &= np.isin(task.features.agent_row, rows)
+    weight = torch.from_numpy(wanted * options.lane_weight)[None]
+    return weight.to(task.scene.agent_speed)
+
+
+def _chosen(task: FutureTask, drawn: Motion, part: slice) -> Motion:
+    """One of several tries, mixed so that few agents come to overlap."""
+    position, heading = drawn.position_m[part], drawn.heading_rad[part]
+    velocity = drawn.velocity_mps[part]
+    choice = np.zeros(position.shape[1], int)
+    if len(position) > 1:
+        choices, is_drawn = _with_the_rest(task, position, heading)
+        choice = choose_futures(choices, is_drawn)[: len(choice)]
+    agent = np.arange(len(choice))
+    return Motion(
+        position_m=position[choice, agent][None],
+        heading_rad=heading[choice, agent][None],
+        velocity_mps=velocity[choice, agent][None],
+    )
+
+
+def _with_the_rest(
+    task: FutureTask,
+    position: Float[np.ndarray, "K A S 2"],
+    heading: Float[np.ndarray, "K A S"],
+) -> tuple[FutureChoices, Bool[np.ndarray, "B"]]:
+    """Drawn agents, then everything else in the scenario as it is recorded."""
+    agents, now = task.scenario.agents, task.scenario.current_step
+    rows, is_drawn = task.features.agent_row, task.is_drawn
+    rest = np.setdiff1d(np.arange(len(agents)), rows[is_drawn])
+    rest = rest[agents.is_valid[rest, now:].any(axis=1)]
+    shape = (len(position), len(rest), *position.shape[2:])
+    return FutureChoices(
+        position_m=np.concatenate(
+            [position, np.broadcast_to(agents.position_m[rest, now:], shape)], axis=1
+        ),
+        heading_rad=np.concatenate(
+            [heading, np.broadcast_to(agents.heading_rad[rest, now:], shape[:3])],
+            axis=1,
+        ),
+        exists=np.concatenate(
+            [
+                np.broadcast_to(is_drawn[:, None], position.shape[1:3]),
+                agents.is_valid[rest, now:],
+            ]
+        ),
+        size_m=np.concatenate([agents.size_m[rows], agents.size_m[rest]]),
+    ), np.concatenate([is_drawn, np.zeros(len(rest), bool)])
+
+
+def _completed(
+    scenario: Scenario,
+    features: SceneFeatures,
+    partly: Int[np.ndarray, "N"],
+    basis: TrajectoryBasis,
+) -> tuple[Float[np.ndarray, "M 10"], Bool[np.ndarray, "N"]]:
+    """Latents of kept agents whose future is known in part, and who they are."""
+    agents, axis = scenario.agents, scenario.time_axis
+    is_known = np.zeros(len(partly), bool)
+    if abs(axis.step_s - basis.step_s) > 1e-6 or not len(partly):
+        return np.zeros((0, 10)), is_known
+    now, rows = scenario.current_step, features.agent_row[partly]
+    steps = slice(now + 1, now + 1 + basis.num_steps)
+    exists = agents.is_valid[rows, steps]
+    exists = exists & np.isfinite(agents.position_m[rows, steps]).all(axis=-1)
+    is_known = exists.sum(axis=1) >= _LEAST_KNOWN_STEPS
+    rows, exists = rows[is_known], exists[is_known]
+    gap = agents.position_m[rows, steps] - agents.position_m[rows, now][:, None]
+    turn = np.exp(-1j * agents.heading_rad[rows, now])[:, None]
+    gap = np.where(exists[..., None], gap, 0.0)
+    local = (gap[..., 0] + 1j * gap[..., 1]) * turn
+    future = np.zeros((len(rows), basis.num_steps, 2))
+    future[:, : local.shape[1]] = np.stack([local.real, local.imag], axis=-1)
+    valid = np.zeros(future.shape[:2], bool)
+    valid[:, : exists.shape[1]] = exists
+    speed = np.asarray(features.agent_speed[partly][is_known], float)
+    return basis.completed(future, valid, speed), is_known

@@ -1,0 +1,72 @@
+"""Small made-up scenes for the tests of the first stage."""
+
+import numpy as np
+import torch
+
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser, PoseDenoiserConfig
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.windows.lane_pieces import PIECE_SHAPE
+from pd_editor.windows.packed_scene import PackedScene
+
+torch.set_num_threads(1)
+
+SIZES = np.array([[4.6, 1.9], [12, 2.9], [2.1, 0.8], [1.8, 0.7], [0.7, 0.8]], float)
+
+
+def packed_scene(
+    num_agents: int, num_pieces: int = 12, seed: int = 0, *, kinds: int = 5
+) -> PackedScene:
+    """Agents on and beside a street along x, 3.5 m to each side of the middle."""
+    random = np.random.default_rng(seed)
+    along = np.linspace(-60, 60, num_pieces)
+    side = np.where(np.arange(num_pieces) % 2, 1.0, -1.0)
+    pieces = np.column_stack([along, 1.75 * side, np.where(side > 0, np.pi, 0.0)])
+    shape = np.tile(np.linspace(0.5, 1, len(PIECE_SHAPE)), (num_pieces, 1))
+    kind = random.integers(0, kinds, num_agents)
+    pose = np.column_stack(
+        [
+            random.uniform(-58, 58, num_agents),
+            random.normal(0, 3, num_agents),
+            random.uniform(-np.pi, np.pi, num_agents),
+        ]
+    )
+    speed = np.where(random.random(num_agents) < 0.5, 0.0, random.uniform(1, 15))
+    return PackedScene(
+        piece_pose=pieces.astype(np.float32),
+        piece_shape=shape.astype(np.float32),
+        piece_kind=(np.arange(num_pieces) % 4),
+        agent_pose=pose.astype(np.float32),
+        agent_speed=speed.astype(np.float32),
+        agent_size=SIZES[kind].astype(np.float32),
+        agent_kind=kind,
+        near_pieces=np.full((num_agents, 24), -1),
+        near_agents=np.full((num_agents, 8), -1),
+        candidates=np.zeros((num_agents, 0, 10), np.float32),
+        has_candidate=np.zeros((num_agents, 0), bool),
+        future=np.zeros((num_agents, 10), np.float32),
+        has_future=np.zeros(num_agents, bool),
+    )
+
+
+def scene_batch(*counts: int, seed: int = 0) -> SceneTensors:
+    """A scene for each number of agents."""
+    return batch_of(
+        [packed_scene(n, 12 + 3 * n, seed + i) for i, n in enumerate(counts)]
+    )
+
+
+def small_model(
+    *, is_ordered: bool = False, is_differential: bool = True, seed: int = 0
+) -> PoseDenoiser:
+    """A tiny network with random weights."""
+    torch.manual_seed(seed)
+    config = PoseDenoiserConfig(
+        width=32,
+        num_heads=2,
+        num_layers=2,
+        num_near_pieces=6,
+        relation_width=16,
+        is_ordered=is_ordered,
+        is_differential=is_differential,
+    )
+    return PoseDenoiser(config).eval()

@@ -1,0 +1,177 @@
+from dataclasses import replace
+
+import pytest
+import torch
+
+from pd_editor.diffusion.initial_state.conditioning import (
+    TOLD_YES,
+    PoseTask,
+    drawing_task,
+    order_by,
+)
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from tests.diffusion.initial_state.scenes import scene_batch, small_model
+
+PER_AGENT = ("agent_pose", "agent_speed", "agent_size", "agent_kind", "has_agent")
+
+
+def noisy_states(scene: SceneTensors, num: int = 2, seed: int = 0) -> torch.Tensor:
+    random = torch.Generator().manual_seed(seed)
+    return torch.randn((num, *scene.has_agent.shape, 5), generator=random)
+
+
+def denoised(
+    model: PoseDenoiser,
+    scene: SceneTensors,
+    noisy: torch.Tensor,
+    task: PoseTask | None = None,
+    level: float = 0.4,
+) -> torch.Tensor:
+    task = drawing_task(scene) if task is None else task
+    with torch.no_grad():
+        context = model.context(scene, task)
+        return model.denoise(context, noisy, torch.full(noisy.shape[:2], level))
+
+
+def only_scene(scene: SceneTensors, row: int) -> SceneTensors:
+    fields = {name: getattr(scene, name)[row : row + 1] for name in vars(scene)}
+    return SceneTensors(**fields)
+
+
+def test_padding_influences_nobody():
+    scene, model = scene_batch(3, 9), small_model()
+    noisy = noisy_states(scene)
+    before = denoised(model, scene, noisy)
+    absent = ~scene.has_agent[0]
+    noisy[:, 0, absent] += 5.0
+    pose, piece = scene.agent_pose.clone(), scene.piece_pose.clone()
+    size, shape = scene.agent_size.clone(), scene.piece_shape.clone()
+    pose[0, absent], size[0, absent] = 3.0, 9.0
+    piece[~scene.has_piece], shape[~scene.has_piece] = 7.0, 9.0
+    changed = replace(
+        scene, agent_pose=pose, agent_size=size, piece_pose=piece, piece_shape=shape
+    )
+    after = denoised(model, changed, noisy)
+    assert torch.equal(before[:, scene.has_agent], after[:, scene.has_agent])
+
+
+def test_a_scene_alone_equals_the_scene_in_a_batch():
+    scene, model = scene_batch(3, 9), small_model()
+    noisy = noisy_states(scene)
+    both = denoised(model, scene, noisy)
+    for row in range(2):
+        alone = denoised(model, only_scene(scene, row), noisy[:, row : row + 1])
+        torch.testing.assert_close(alone[:, 0], both[:, row], rtol=1e-4, atol=1e-5)
+
+
+def test_decentralised_agents_do_not_influence_others():
+    scene, model = scene_batch(6), small_model()
+    noisy = noisy_states(scene)
+    shifted = noisy.clone()
+    shifted[:, :, 0] += 1.0
+    for is_central in (False, True):
+        task = replace(drawing_task(scene), is_central=torch.tensor([is_central]))
+        before, after = (denoised(model, scene, one, task) for one in (noisy, shifted))
+        assert torch.equal(before[:, :, 1:], after[:, :, 1:]) is not is_central
+
+
+def permuted(scene: SceneTensors, order: torch.Tensor) -> SceneTensors:
+    return replace(
+        scene, **{name: getattr(scene, name)[:, order] for name in PER_AGENT}
+    )
+
+
+@pytest.mark.parametrize("is_ordered", [False, True])
+def test_agents_come_out_in_the_order_they_go_in(is_ordered: bool):
+    scene, model = scene_batch(7), small_model(is_ordered=is_ordered)
+    order = torch.randperm(7, generator=torch.Generator().manual_seed(0))
+    task = drawing_task(scene)
+    moved = replace(task, order=task.order[:, order])
+    noisy = noisy_states(scene)
+    before = denoised(model, scene, noisy, task)
+    after = denoised(model, permuted(scene, order), noisy[:, :, order], moved)
+    torch.testing.assert_close(before[:, :, order], after, rtol=1e-4, atol=1e-5)
+
+
+def test_the_place_in_the_order_counts_only_if_it_is_told():
+    scene = scene_batch(7)
+    task = drawing_task(scene)
+    other = replace(task, order=task.order.flip(1))
+    noisy = noisy_states(scene)
+    for is_ordered in (False, True):
+        model = small_model(is_ordered=is_ordered)
+        one, two = (denoised(model, scene, noisy, each) for each in (task, other))
+        assert torch.equal(one, two) is not is_ordered
+
+
+def test_traits_count_once_they_are_learnt():
+    scene, noisy = scene_batch(7), noisy_states(scene_batch(7))
+    task = drawing_task(scene)
+    for name in ("moves", "on_road"):
+        model = small_model()
+        told = replace(task, **{name: torch.full_like(task.moves, TOLD_YES)})
+        before, same = (denoised(model, scene, noisy, one) for one in (task, told))
+        assert torch.equal(before, same)
+        torch.nn.init.normal_(getattr(model, f"{name}_token").weight[TOLD_YES])
+        assert torch.equal(denoised(model, scene, noisy, task), before)
+        assert not torch.equal(denoised(model, scene, noisy, told), before)
+
+
+def test_order_counts_those_drawn_of_a_kind_from_left_to_right():
+    scene = replace(scene_batch(5), agent_kind=torch.tensor([[0, 0, 4, 0, 4]]))
+    x = torch.tensor([[3.0, -1.0, 0.0, 1.0, -9.0]])
+    is_given = torch.tensor([[False, False, False, True, False]])
+    assert order_by(x, scene, is_given).tolist() == [[2, 1, 2, 0, 1]]
+
+
+def test_given_agents_stay_and_count():
+    scene, model = scene_batch(6), small_model()
+    is_given = torch.tensor([[True, True, False, False, False, False]])
+    task = drawing_task(scene, is_given)
+    noisy = noisy_states(scene)
+    before = denoised(model, scene, noisy, task)
+    context = model.context(scene, task)
+    assert torch.equal(before[:, 0, :2], context.given[:, :2].expand(2, 2, 5))
+    other = noisy.clone()
+    other[:, :, :2] = 0.0
+    assert torch.equal(before, denoised(model, scene, other, task))
+    pose = scene.agent_pose.clone()
+    pose[:, 0, :2] += 5.0
+    after = denoised(model, replace(scene, agent_pose=pose), noisy, task)
+    assert not torch.equal(before[:, :, 2:], after[:, :, 2:])
+
+
+def test_what_is_drawn_does_not_depend_on_its_recorded_state():
+    scene, model = scene_batch(6), small_model(is_ordered=True)
+    noisy = noisy_states(scene)
+    pose, speed = scene.agent_pose + 4.0, scene.agent_speed + 2.0
+    other = replace(scene, agent_pose=pose, agent_speed=speed)
+    assert torch.equal(denoised(model, scene, noisy), denoised(model, other, noisy))
+
+
+def test_a_map_without_pieces_is_no_trouble():
+    scene, model = scene_batch(4), small_model()
+    bare = replace(scene, has_piece=torch.zeros_like(scene.has_piece))
+    assert denoised(model, bare, noisy_states(scene)).isfinite().all()
+
+
+def test_at_the_lowest_level_the_noisy_state_is_nearly_believed():
+    scene, model = scene_batch(6), small_model()
+    noisy = noisy_states(scene)
+    found = denoised(model, scene, noisy, level=0.0)
+    assert (found - noisy).abs().max() < 0.2
+
+
+def test_given_agents_far_out_do_not_count():
+    scene, model = scene_batch(6), small_model()
+    is_given = torch.tensor([[True, False, False, False, False, False]])
+    task, noisy = drawing_task(scene, is_given), noisy_states(scene)
+    found = []
+    for x in (20.0, 30.0, 120.0, 150.0):
+        pose = scene.agent_pose.clone()
+        pose[:, 0, 0] = x
+        drawn = denoised(model, replace(scene, agent_pose=pose), noisy, task)
+        found.append(drawn[:, :, 1:])
+    assert not torch.equal(found[0], found[1])
+    assert torch.equal(found[2], found[3])

@@ -1,0 +1,177 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pd_editor.diffusion import path_diffuser
+from pd_editor.diffusion.initial_state import pipeline
+from pd_editor.diffusion.initial_state.conditioning import (
+    TOLD_NO,
+    TOLD_YES,
+    UNTOLD,
+    PoseTask,
+)
+from pd_editor.diffusion.initial_state.sampler import sample_states
+from pd_editor.diffusion.path_diffuser import PathDiffuser
+from pd_editor.generation import (
+    Region,
+)
+from pd_editor.metrics.map_points import map_points
+from pd_editor.repair import slow_for_gaps
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.scenario import Scenario
+from tests.builders import scenario_with, straight_drivers
+from tests.diffusion.generated_traffic import SINGLE, generated, same
+
+
+def test_agents_are_added_and_placed_anew(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    ids = scenario.agents.ids
+    traffic = generated(
+        diffuser,
+        scenario,
+        ids[:1],
+        redrawn_state_ids=ids[:1],
+        num_new_agents={AgentKind.PEDESTRIAN: 1, AgentKind.VEHICLE: 2},
+        num_samples=2,
+        region=Region(center_m=(20.0, 0.0), half_side_m=30.0),
+    )
+    one, two = traffic.samples
+    assert one.ids == (ids[0], "new-1", "new-2", "new-3")
+    assert one.kinds[1:] == (AgentKind.VEHICLE,) * 2 + (AgentKind.PEDESTRIAN,)
+    assert not same(one, two)
+    alone = generated(
+        diffuser,
+        scenario,
+        ids[:1],
+        redrawn_state_ids=ids[:1],
+        num_new_agents={AgentKind.PEDESTRIAN: 1, AgentKind.VEHICLE: 2},
+        region=Region(center_m=(20.0, 0.0), half_side_m=30.0),
+    )
+    assert same(alone.samples[0], one)
+
+
+def test_whoever_is_placed_can_brake_behind_those_ahead(diffuser: PathDiffuser) -> None:
+    """The weights are random: without the last repair some could not."""
+    crowd = [(8.0 * k, 3.5 * lane, 0.0, 9.0) for k in range(9) for lane in range(2)]
+    scenario = scenario_with(straight_drivers(crowd))
+    ids = scenario.agents.ids
+    traffic = generated(
+        diffuser, scenario, ids, redrawn_state_ids=ids, moving_share=1.0, num_samples=3
+    )
+    now = scenario.current_step
+    for sample in traffic.samples:
+        agents = scenario.agents
+        rows = agents.rows(sample.ids)
+        arrays = {
+            name: getattr(agents, name).copy()
+            for name in ("position_m", "heading_rad", "velocity_mps")
+        }
+        for name, values in arrays.items():
+            values[rows, now] = getattr(sample, name)[:, 0]
+        placed = scenario.with_agents(agents.with_rows(rows, **arrays))
+        assert slow_for_gaps(placed, keep_ids=())[1].changes == ()
+
+
+def test_the_model_chooses_how_many_so_that_there_are_as_many_as_in_training(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    traffic = generated(
+        diffuser,
+        scenario,
+        scenario.agents.ids,
+        draws_num_agents=True,
+        region=Region(center_m=(0.0, 0.0), half_side_m=62.0),
+    )
+    kinds = traffic.samples[0].kinds
+    assert kinds.count(AgentKind.PEDESTRIAN) == 2
+    assert kinds.count(AgentKind.CYCLIST) == 1
+    assert kinds.count(AgentKind.VEHICLE) == 4
+
+
+def test_wishes_about_those_placed_are_answered(
+    diffuser: PathDiffuser, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tasks: list[PoseTask] = []
+
+    def spied(*given: Any, task: PoseTask, **more: Any) -> Any:
+        tasks.append(task)
+        return sample_states(*given, task=task, **more)
+
+    monkeypatch.setattr(pipeline, "sample_states", spied)
+    asked = {
+        "num_new_agents": {AgentKind.VEHICLE: 6, AgentKind.PEDESTRIAN: 1},
+        "num_samples": 2,
+        "guidance": (SINGLE,),
+    }
+    wishes = {"moving_share": 0.75, "only_on_road": True}
+    traffic = generated(diffuser, scenario, (), **asked, **wishes)
+    for task in tasks:
+        kept, drives, walks = task.moves[0].split([2, 6, 1])
+        assert (kept == UNTOLD).all()
+        assert 4 <= (drives == TOLD_YES).sum() <= 5
+        assert (drives == TOLD_NO).sum() + (drives == TOLD_YES).sum() == 6
+        assert walks != UNTOLD
+        assert task.on_road[0].tolist() == [UNTOLD] * 2 + [TOLD_YES] * 6 + [UNTOLD]
+    numbers = []
+    points = map_points(scenario.road_map).center_m
+    for sample in traffic.samples:
+        walker = sample.kinds.index(AgentKind.PEDESTRIAN)
+        speed = np.hypot(*sample.velocity_mps[:, 0].T)
+        gap = sample.position_m[:, 0, None] - points
+        far = np.hypot(gap[..., 0], gap[..., 1]).min(axis=1) > 4
+        far[walker] = False
+        numbers.append(((speed >= 0.5).sum(), far.sum()))
+    moving, off = np.sum(numbers, axis=0)
+    assert traffic.notes[0].startswith(f"{moving} of 14 placed agents move")
+    assert "75% were asked for" in traffic.notes[0]
+    assert traffic.notes[1].startswith(f"{off or 'None'} of 14 placed agents came")
+    assert not generated(diffuser, scenario, (), **asked).notes
+
+
+def test_nobody_is_placed_outside_the_square_even_to_be_on_a_lane(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    beside = Region(center_m=(0.0, 40.0), half_side_m=10.0)
+    traffic = generated(
+        diffuser,
+        scenario.without_agents(scenario.agents.ids),
+        (),
+        num_new_agents={AgentKind.VEHICLE: 4},
+        region=beside,
+    )
+    place = traffic.samples[0].position_m[:, 0]
+    # Who overlaps somebody at the border is slid out of it by a car's length at most.
+    outside = np.abs(place - beside.center_m) - beside.half_side_m
+    assert (outside <= 5.0).all()
+    assert (outside.max(axis=1) <= 0).sum() >= 3
+
+
+def test_a_road_that_is_full_gets_nobody_more(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    nowhere = Region(center_m=(500.0, 500.0), half_side_m=5.0)
+    traffic = generated(
+        diffuser,
+        scenario.without_agents(scenario.agents.ids),
+        (),
+        draws_num_agents=True,
+        region=nowhere,
+        num_samples=2,
+    )
+    assert [sample.ids for sample in traffic.samples] == [(), ()]
+    assert any("Nobody was placed in 2 of 2 samples" in note for note in traffic.notes)
+
+
+def test_agents_that_are_not_there_take_no_room(diffuser: PathDiffuser) -> None:
+    agents = straight_drivers(
+        [(4.0 * number, 0.0, 0.0, 1.0) for number in range(path_diffuser.MOST_AGENTS)]
+    )
+    scenario = scenario_with(agents)
+    valid = agents.is_valid.copy()
+    valid[3:, scenario.current_step] = False
+    scenario = scenario.with_agents(replace(agents, is_valid=valid))
+    traffic = generated(diffuser, scenario, (), draws_num_agents=True)
+    assert traffic.samples

@@ -1,0 +1,226 @@
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+
+from pd_editor.diffusion.fused.folded_pose_denoiser import PoseDrawing
+from pd_editor.diffusion.initial_state.box_overlap import overlap_depth_m
+from pd_editor.diffusion.initial_state.conditioning import (
+    TOLD_NO,
+    TOLD_YES,
+    UNTOLD,
+    PoseTask,
+    drawing_task,
+)
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.initial_state.guidance import WITHIN_LANES, PoseGuidance
+from pd_editor.diffusion.initial_state.lane_distance import offset_from_lane_m
+from pd_editor.diffusion.initial_state.noise import noise_scale, sampling_levels
+from pd_editor.diffusion.initial_state.sampler import PoseSamplerConfig, sample_states
+from pd_editor.diffusion.initial_state.state_encoding import (
+    decode_states,
+    encode_states,
+)
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from tests.diffusion.initial_state.scenes import scene_batch, small_model
+
+
+def drawn(
+    model: PoseDenoiser,
+    scene: SceneTensors,
+    samples: Sequence[int] = (0, 1, 2),
+    task: PoseTask | None = None,
+    config: PoseSamplerConfig | None = None,
+) -> torch.Tensor:
+    config = PoseSamplerConfig(num_steps=4) if config is None else config
+    steps = sample_states(
+        model, scene, samples=samples, seed=5, task=task, config=config
+    )
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stop:
+            return stop.value
+
+
+def test_states_are_proper_and_inside_the_square():
+    scene = scene_batch(5, 9)
+    side = torch.tensor([62.0, 30.0])
+    states = drawn(small_model(), scene, task=drawing_task(scene, half_side_m=side))
+    assert states.shape == (3, 2, *scene.has_agent.shape[1:], 5)
+    assert states.isfinite().all()
+    torch.testing.assert_close(
+        states[..., 2:4].norm(dim=-1), torch.ones(states.shape[:-1])
+    )
+    assert (states[..., 4] >= 0).all()
+    reach = states[..., :2].abs().amax(dim=(0, 2, 3))
+    assert (reach <= side + 1e-3).all()
+
+
+@pytest.mark.parametrize("fresh_noise", [0.0, 0.7])
+def test_a_sample_alone_is_the_sample_among_others(fresh_noise: float):
+    scene, model = scene_batch(6), small_model()
+    config = PoseSamplerConfig(num_steps=4, fresh_noise=fresh_noise)
+    together = drawn(model, scene, (0, 1, 2), config=config)
+    alone = drawn(model, scene, (2,), config=config)
+    torch.testing.assert_close(together[2], alone[0], rtol=1e-4, atol=1e-3)
+    assert not torch.allclose(together[0], together[1])
+
+
+def test_given_agents_come_out_bit_identical():
+    scene = scene_batch(6)
+    speed = scene.agent_speed.clone()
+    speed[0, 0] = 0.3
+    scene = replace(scene, agent_speed=speed)
+    is_given = torch.tensor([[True, False, True, False, False, False]])
+    states = drawn(small_model(), scene, task=drawing_task(scene, is_given))
+    for row in (0, 2):
+        heading = scene.agent_pose[0, row, 2]
+        assert (states[:, 0, row, :2] == scene.agent_pose[0, row, :2]).all()
+        assert (states[:, 0, row, 2] == heading.cos()).all()
+        assert (states[:, 0, row, 3] == heading.sin()).all()
+        assert (states[:, 0, row, 4] == scene.agent_speed[0, row]).all()
+
+
+def test_drawing_stops_when_nobody_asks_on(monkeypatch: pytest.MonkeyPatch):
+    scene, model = scene_batch(4), small_model()
+    calls = []
+    denoise = PoseDrawing.denoise
+
+    def counted(*args: Any) -> torch.Tensor:
+        calls.append(1)
+        return denoise(*args)
+
+    monkeypatch.setattr(PoseDrawing, "denoise", counted)
+    steps = sample_states(model, scene, samples=[0], seed=0)
+    first, second = next(steps), next(steps)
+    steps.close()
+    assert (first.index, second.index) == (0, 1)
+    assert len(calls) == 2
+
+
+MEAN = torch.tensor([0.03, -0.02, 1.0, 0.0, 0.8])
+SPREAD = torch.tensor([0.2, 0.05, 0.1, 0.1, 0.1])
+
+
+def drawn_from_a_gaussian(
+    config: PoseSamplerConfig, monkeypatch: pytest.MonkeyPatch
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Positions over the square, and speeds, with its exact denoiser."""
+    scene, model = scene_batch(30), small_model()
+    levels = torch.tensor(sampling_levels(config.num_steps))
+
+    def exact(_: object, noisy: torch.Tensor, index: int) -> torch.Tensor:
+        noise = noise_scale(levels[index]).square()
+        share = SPREAD.square() / (SPREAD.square() + noise)
+        return MEAN + share * (noisy - MEAN)
+
+    monkeypatch.setattr(PoseDrawing, "denoise", exact)
+    states = drawn(model, scene, range(200), config=config)
+    return states[:, 0, :, :2].flatten(0, 1) / 62.0, states[..., 4]
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        PoseSamplerConfig(num_steps=60, is_second_order=False, fresh_noise=0.0),
+        PoseSamplerConfig(num_steps=60, is_second_order=False, fresh_noise=1.0),
+        PoseSamplerConfig(num_steps=25),
+    ],
+    ids=["plain", "fresh", "second order"],
+)
+def test_the_exact_denoiser_of_a_gaussian_ends_in_that_gaussian(
+    config: PoseSamplerConfig, monkeypatch: pytest.MonkeyPatch
+):
+    """Positions only: headings and speeds are no Gaussians when decoded."""
+    position, _ = drawn_from_a_gaussian(config, monkeypatch)
+    torch.testing.assert_close(position.mean(dim=0), MEAN[:2], rtol=0, atol=0.01)
+    torch.testing.assert_close(position.std(dim=0), SPREAD[:2], rtol=0.08, atol=0)
+
+
+def test_speeds_spread_as_much_as_is_asked(monkeypatch: pytest.MonkeyPatch):
+    found = [
+        drawn_from_a_gaussian(PoseSamplerConfig(speed_spread=one), monkeypatch)
+        for one in (1.0, 1.3)
+    ]
+    (place, speed), (same_place, wide_speed) = found
+    assert torch.equal(place, same_place)
+    assert 1.1 < wide_speed.std() / speed.std() < 1.4
+    assert wide_speed.mean().item() == pytest.approx(speed.mean().item(), rel=0.03)
+
+
+def test_guidance_lowers_overlap_and_leaves_given_agents():
+    before, after = 0.0, 0.0
+    for seed in range(6):
+        scene = scene_batch(16, seed=seed)
+        is_given = torch.zeros_like(scene.has_agent)
+        is_given[:, 0] = True
+        codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
+        guide = PoseGuidance(pull=0.0).of(scene, drawing_task(scene, is_given))
+        now = codes
+        for _ in range(20):
+            now = guide(now, 0.0)
+        before += overlap_depth_m(codes, scene).sum().item()
+        after += overlap_depth_m(now, scene).sum().item()
+        assert torch.equal(now[:, is_given], codes[:, is_given])
+    assert before > 20.0
+    assert after < 0.1 * before
+
+
+def test_guidance_pulls_movers_towards_lanes():
+    scene = scene_batch(12)
+    away = scene.agent_pose.clone()
+    away[..., 1] = 20.0
+    scene = replace(
+        scene, agent_pose=away, agent_kind=torch.zeros_like(scene.agent_kind)
+    )
+    codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
+    guide = PoseGuidance(push=0.0).of(scene)
+    reached = decode_states(guide(codes, 0.0))[..., 1]
+    assert (reached < 16).all()
+    assert (reached > 1.75).all()
+    assert torch.equal(guide(codes, 1.0), codes)
+
+
+def test_guidance_keeps_those_on_the_road_who_are_told_to_be_there():
+    scene = scene_batch(12)
+    away = scene.agent_pose.clone()
+    away[..., 1] = 9.0
+    scene = replace(
+        scene,
+        agent_pose=away,
+        agent_speed=torch.zeros_like(scene.agent_speed),
+        agent_kind=torch.zeros_like(scene.agent_kind),
+    )
+    codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
+    task = drawing_task(scene)
+    reached = {}
+    for code in (UNTOLD, TOLD_NO, TOLD_YES):
+        told = replace(task, on_road=torch.full_like(task.on_road, code))
+        guide, now = PoseGuidance(push=0.0).of(scene, told), codes
+        for _ in range(20):
+            now = guide(now, 0.0)
+        reached[code] = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]
+    assert (reached[TOLD_YES] <= 3.6).all()
+    assert torch.equal(reached[UNTOLD], reached[TOLD_NO])
+    assert (reached[UNTOLD] > 5).all()
+
+
+def test_guidance_keeps_all_within_lanes_where_nobody_is_wished_off_the_road():
+    scene = scene_batch(12)
+    away = scene.agent_pose.clone()
+    away[..., 1] = 6.0
+    vehicles = torch.zeros_like(scene.agent_kind)
+    scene = replace(scene, agent_pose=away, agent_kind=vehicles)
+    assert 0 < (scene.agent_speed > 0).sum() < scene.agent_speed.numel()
+    task = drawing_task(scene)
+    task = replace(task, on_road=torch.full_like(task.on_road, TOLD_YES))
+    now = encode_states(scene.agent_pose, scene.agent_speed)[None]
+    guide = replace(WITHIN_LANES, push=0.0).of(scene, task)
+    for _ in range(20):
+        now = guide(now, 0.0)
+    offset = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]
+    assert (offset <= 1.5).all()
+    assert (offset >= 1.3).all()

@@ -1,0 +1,39 @@
+import torch
+
+from pd_editor.diffusion.trajectory.guidance import NearestCandidateGuide
+
+STILL, CREEPS, LEAVES = 0.0, 0.3, 20.0
+
+
+def guide_of_one(*, is_standing: bool) -> NearestCandidateGuide:
+    """An agent with a standing candidate and two that move, told by one number."""
+    candidates = torch.zeros(1, 1, 3, 10)
+    candidates[0, 0, :, 0] = torch.tensor([STILL, CREEPS, LEAVES])
+    return NearestCandidateGuide(
+        weight=torch.ones(1, 1),
+        candidates=candidates,
+        allowed=torch.ones(1, 1, 3, dtype=torch.bool),
+        is_standing=torch.tensor([[is_standing]]),
+        stays=torch.tensor([[[True, True, False]]]),
+        still=torch.zeros(1, 1, 10),
+        scale=torch.ones(10),
+    )
+
+
+def guided(belief: float, share_done: float, *, is_standing: bool) -> float:
+    clean = torch.zeros(1, 1, 1, 10)
+    clean[..., 0] = belief
+    return float(guide_of_one(is_standing=is_standing)(clean, share_done)[..., 0])
+
+
+def test_who_stands_is_guided_late() -> None:
+    assert guided(5.0, 0.4, is_standing=True) == 5.0
+    assert abs(guided(5.0, 0.4, is_standing=False) - CREEPS) < 1e-6
+    assert guided(5.0, 0.1, is_standing=False) == 5.0
+
+
+def test_who_stays_is_held_and_who_starts_is_let_go() -> None:
+    assert guided(0.1, 0.8, is_standing=True) == STILL
+    assert abs(guided(0.35, 0.8, is_standing=True) - CREEPS) < 1e-6
+    # Only a little of the way: the candidate may start much faster.
+    assert abs(guided(2.0, 0.8, is_standing=True) - (2.0 + 0.2 * (LEAVES - 2.0))) < 1e-5

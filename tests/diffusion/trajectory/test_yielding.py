@@ -1,0 +1,71 @@
+import numpy as np
+import shapely
+from hypothesis import given, settings
+
+from pd_editor.diffusion.trajectory.yielding import giving_way
+from pd_editor.generation import TrafficSample
+from pd_editor.scene.scenario import Scenario
+from tests.builders import scenario_with, straight_drivers
+from tests.repair.scenes import crowded_road, crowds, overlaps_later
+
+NOW = 50
+
+
+def straight_on(scenario: Scenario, rows: np.ndarray) -> TrafficSample:
+    """The recorded futures of some agents, as if they were drawn."""
+    agents = scenario.agents
+    return TrafficSample(
+        ids=tuple(agents.ids[row] for row in rows),
+        kinds=tuple(agents.kinds[row] for row in rows),
+        size_m=agents.size_m[rows],
+        position_m=agents.position_m[rows, NOW:],
+        heading_rad=agents.heading_rad[rows, NOW:],
+        velocity_mps=agents.velocity_mps[rows, NOW:],
+    )
+
+
+def with_sample(
+    scenario: Scenario, rows: np.ndarray, sample: TrafficSample
+) -> Scenario:
+    agents = scenario.agents
+    position, heading = agents.position_m[rows].copy(), agents.heading_rad[rows].copy()
+    position[:, NOW:], heading[:, NOW:] = sample.position_m, sample.heading_rad
+    changed = agents.with_rows(rows, position_m=position, heading_rad=heading)
+    return scenario.with_agents(changed)
+
+
+def test_a_drawn_follower_waits_behind_a_recorded_standing_car():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (40, 0, 0, 0)]))
+    rows = np.array([0])
+    sample, waiting = giving_way(scenario, rows, straight_on(scenario, rows))
+    assert waiting == (scenario.agents.ids[0],)
+    assert overlaps_later(scenario) == {(0, 1)}
+    assert overlaps_later(with_sample(scenario, rows, sample)) == set()
+    np.testing.assert_array_equal(sample.position_m[:, 0], [[0.0, 0.0]])
+    np.testing.assert_allclose(sample.velocity_mps[:, 0], [[10.0, 0.0]])
+
+
+def test_the_recorded_do_not_wait_for_the_drawn():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (40, 0, 0, 0)]))
+    rows = np.array([1])
+    drawn = straight_on(scenario, rows)
+    sample, waiting = giving_way(scenario, rows, drawn)
+    assert sample is drawn
+    assert waiting == ()
+
+
+@given(crowds(max_agents=5))
+@settings(max_examples=25, deadline=None)
+def test_nobody_leaves_his_path_and_no_more_overlap(crowd):
+    scenario = crowded_road(crowd)
+    rows = np.arange(len(scenario.agents))[::-1]
+    drawn = straight_on(scenario, rows)
+    sample, waiting = giving_way(scenario, rows, drawn)
+    after = with_sample(scenario, rows, sample)
+    assert len(overlaps_later(after)) <= len(overlaps_later(scenario))
+    for index, name in enumerate(drawn.ids):
+        path = shapely.LineString(drawn.position_m[index])
+        points = shapely.points(sample.position_m[index])
+        assert shapely.distance(path, points).max() < 1e-6
+        moved = not np.array_equal(sample.position_m[index], drawn.position_m[index])
+        assert name in waiting or not moved
