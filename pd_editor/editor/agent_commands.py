@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pd_editor.editor.command import Command, agents_in_words
+from pd_editor.editor.command import Command, agents_by_name
 from pd_editor.editor.edit_limits import (
     check_new_id,
     check_position,
@@ -35,7 +35,7 @@ class SetAgentKind(Command):
     def label(self) -> str:
         """Says the kind."""
         kind = self.kind.value.replace("_", " ")
-        return f"Change {agents_in_words(self.agent_ids)} to {kind}"
+        return f"Change {agents_by_name(self.agent_ids)} to {kind}"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with other kinds and default sizes."""
@@ -66,7 +66,7 @@ class SetAgentSize(Command):
     def label(self) -> str:
         """Says the size."""
         size = f"{self.length_m:.1f} x {self.width_m:.1f} m"
-        return f"Resize {agents_in_words(self.agent_ids)} to {size}"
+        return f"Resize {agents_by_name(self.agent_ids)} to {size}"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with other sizes."""
@@ -105,7 +105,7 @@ class DuplicateAgents(Command):
     @property
     def label(self) -> str:
         """Names or counts the originals."""
-        return f"Duplicate {agents_in_words(self.agent_ids)}"
+        return f"Duplicate {agents_by_name(self.agent_ids)}"
 
     @property
     def selects(self) -> tuple[str, ...]:
@@ -138,11 +138,11 @@ class DeleteAgents(Command):
     @property
     def label(self) -> str:
         """Names or counts the agents."""
-        return f"Delete {agents_in_words(self.agent_ids)}"
+        return f"Delete {agents_by_name(self.agent_ids)}"
 
     @property
     def selects(self) -> tuple[str, ...]:
-        """Nobody."""
+        """No agent."""
         return ()
 
     def apply(self, scenario: Scenario) -> Scenario:
@@ -163,7 +163,7 @@ class DeleteAgents(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class RemoveAllAgents(Command):
-    """Leave a bare road; whoever is drawn on it next brings a focal agent."""
+    """Leave a bare road; the agents drawn on it next bring a focal agent."""
 
     @property
     def label(self) -> str:
@@ -172,7 +172,7 @@ class RemoveAllAgents(Command):
 
     @property
     def selects(self) -> tuple[str, ...]:
-        """Nobody."""
+        """No agent."""
         return ()
 
     def apply(self, scenario: Scenario) -> Scenario:

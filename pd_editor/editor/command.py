@@ -1,9 +1,14 @@
 """What every edit is: a serialisable value that turns a scenario into another."""
 
 from abc import ABC, abstractmethod
+from typing import Final
 
 from pd_editor.editor.json_values import to_json
 from pd_editor.scene.scenario import Scenario
+
+MAX_NAMED: Final = 3
+"""Agents that a label names; more are only counted."""
+MAX_NAME_CHARACTERS: Final = 20
 
 
 class Command(ABC):
@@ -13,6 +18,10 @@ class Command(ABC):
     @abstractmethod
     def label(self) -> str:
         """Short text for a list of edits, such as "Move 3 agents"."""
+
+    def label_after(self, before: Scenario) -> str:  # noqa: ARG002
+        """Short text of what the edit changes in the scenario that it is applied to."""
+        return self.label
 
     @property
     def selects(self) -> tuple[str, ...] | None:
@@ -40,3 +49,19 @@ def agents_in_words(agent_ids: tuple[str, ...]) -> str:
     return (
         f"agent {agent_ids[0]}" if len(agent_ids) == 1 else f"{len(agent_ids)} agents"
     )
+
+
+def agents_by_name(agent_ids: tuple[str, ...]) -> str:
+    """Names one agent, counts several and names the first ones."""
+    if len(agent_ids) < 2:
+        return agents_in_words(tuple(map(_shortened, agent_ids)))
+    named = [_shortened(name) for name in agent_ids[:MAX_NAMED]]
+    if len(agent_ids) > MAX_NAMED:
+        named.append("...")
+    return f"{agents_in_words(agent_ids)} ({', '.join(named)})"
+
+
+def _shortened(agent_id: str) -> str:
+    if len(agent_id) <= MAX_NAME_CHARACTERS:
+        return agent_id
+    return f"{agent_id[: MAX_NAME_CHARACTERS - 3]}..."

@@ -25,11 +25,8 @@ class HistoryEntry:
     before: Snapshot | None
     after: Snapshot | None
     """Both None once it is too old to be undone."""
-
-    @property
-    def label(self) -> str:
-        """Short text for a list."""
-        return self.command.label
+    label: str
+    """Short text for a list."""
 
 
 class History:

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Float32
 
-from pd_editor.editor.command import Command, agents_in_words
+from pd_editor.editor.command import Command, agents_by_name
 from pd_editor.editor.edit_limits import check_positions, check_speed, present_rows
 from pd_editor.errors import EditError
 from pd_editor.geometry.angles import unit_vector, wrap_angle
@@ -37,7 +37,7 @@ class SetAgentSpeed(Command):
     @property
     def label(self) -> str:
         """Says the speed."""
-        return f"Set {agents_in_words(self.agent_ids)} to {self.speed_mps:.1f} m/s"
+        return f"Set {agents_by_name(self.agent_ids)} to {self.speed_mps:.1f} m/s"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with re-timed tracks."""
@@ -99,8 +99,14 @@ class AdoptTrajectory(Command):
 
     @property
     def label(self) -> str:
-        """Names the agent."""
-        return f"Adopt a trajectory for agent {self.agent_id}"
+        """Says how far it leads and how fast it is at its end."""
+        steps = np.diff(self.position_m.astype(float), axis=0)
+        length = float(np.hypot(*steps.T).sum())
+        end = float(np.hypot(*self.velocity_mps[-1])) if len(self.velocity_mps) else 0.0
+        return (
+            f"Use a trajectory for {agents_by_name((self.agent_id,))}:"
+            f" {length:.0f} m, {end:.1f} m/s at its end"
+        )
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with another future."""

@@ -331,7 +331,13 @@ class EditorSession:
         if after.scenario is not start.scenario:
             moment = self._clock()
             self._history.push(
-                HistoryEntry(command=command, time_s=moment, before=start, after=after)
+                HistoryEntry(
+                    command=command,
+                    time_s=moment,
+                    before=start,
+                    after=after,
+                    label=command.label_after(start.scenario),
+                )
             )
             if self._journal is not None:
                 self._journal.committed(command, start.selection, moment)

@@ -91,16 +91,19 @@ class ReplaceTraffic(Command):
 
     @property
     def label(self) -> str:
-        """Says who drew how many futures with which seed."""
+        """Says what was drawn, which alternative was taken, by which generator."""
         agents = agents_in_words(self.sample.ids)
         asked = self.request
-        draws_states = (
-            asked.draws_num_agents
-            or asked.redrawn_state_ids
-            or any(asked.num_new_agents.values())
-        )
-        verb = "Resample" if draws_states else "Regenerate"
-        return f"{verb} {agents} ({self.generator}, seed {self.seed})"
+        if asked.redrawn_state_ids or asked.removed_ids:
+            done = f"Resample {agents}"
+        elif asked.draws_num_agents or any(asked.num_new_agents.values()):
+            done = f"Add {agents}"
+        else:
+            done = f"Regenerate {agents}"
+        which = ""
+        if asked.num_samples > 1:
+            which = f", alternative {asked.sample_index + 1} of {asked.num_samples}"
+        return f"{done}{which} ({self.generator}, seed {self.seed})"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with other traffic."""

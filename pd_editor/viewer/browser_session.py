@@ -22,6 +22,7 @@ from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
 from pd_editor.viewer.panels.dataset_panel import DatasetPanel
 from pd_editor.viewer.panels.generation_panel import GenerationPanel
 from pd_editor.viewer.panels.history_panel import HistoryPanel
+from pd_editor.viewer.panels.panel_style import PanelStyle
 from pd_editor.viewer.panels.recovery_panel import RecoveryPanel
 from pd_editor.viewer.panels.road_panel import RoadPanel
 from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
@@ -139,6 +140,7 @@ class BrowserSession:
 
     def _build_panels(self) -> None:
         gui, desk, workspace = self._client.gui, self._desk, self._workspace
+        style = PanelStyle(gui)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Scene"):
             self._scenario_panel = ScenarioPanel(desk)
@@ -157,7 +159,7 @@ class BrowserSession:
                 lambda: np.asarray(self._client.camera.look_at)[:2],
             )
         with tabs.add_tab("History"):
-            self._history_panel = HistoryPanel(desk)
+            self._history_panel = HistoryPanel(desk, style)
         with tabs.add_tab("View"):
             ViewPanel(
                 desk,

@@ -1,7 +1,7 @@
 """A slider that bends the largest maps: from the mouse to the picture.
 
 Needs PD_EDITOR_AV2 and Chromium. Run as ``python -m tests.benchmarks.warp_in_browser``.
-The "Double turn" slider is dragged with the mouse. The server's share is the time from
+The "S-bend" slider is dragged with the mouse. The server's share is the time from
 the receipt of a slider message to the return of the websocket's ``send`` with the
 geometry made from it; the page's share is read off the vertices of rendered frames.
 """
@@ -33,7 +33,7 @@ from tests.browser.editor_page import EditorPage
 LARGEST_SCENARIO = "00a3ead5-2ab4-4bad-b55f-e519934c056c"
 PANEL_WIDTH = 372
 CANVAS = {"width": 900, "height": 600}
-SLIDER = "Double turn"
+SLIDER = "S-bend"
 SWEEPS = 4
 SWEEP_S = 4.0
 MOVE_S = 0.02

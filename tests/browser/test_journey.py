@@ -65,9 +65,11 @@ def test_from_demo_to_export(editor):
     assert session.selection == (focal,)
 
     editor.open_tab("Road")
-    editor.fill("Double turn", 6)
+    editor.fill("S-bend", 6)
     editor.until(lambda: session.scenario.applied_warp is not None, "a warp")
-    editor.until(lambda: labels(editor) == ["Warp: double turn +6"], "the end of it")
+    editor.until(
+        lambda: labels(editor) == ["Bend the road: S-bend +6"], "the end of it"
+    )
     editor.screenshot("02_warped")
     assert "7.6 m/s" in editor.page.get_by_text("Friction-limited speed").inner_text()
 
@@ -177,7 +179,7 @@ def test_a_dragged_anchor_friction_and_writing_to_a_folder(editor, tmp_path):
     session = editor.session
     editor.open_tab("Road")
     editor.choose("Anchor", "Pose on the map")
-    editor.fill("Smooth turn", 8)
+    editor.fill("Bend", 8)
     editor.until(lambda: len(labels(editor)) == 1, "a warp")
     before = session.scenario.applied_warp.warp.anchor
     # The arrow that points ahead; it is drawn above the ground.
@@ -258,9 +260,9 @@ def test_playback_theme_layers_and_history(editor):
         editor.fill("Speed (m/s)", speed)
         editor.until(lambda n=number: len(labels(editor)) == n, f"edit {number}")
     editor.open_tab("History")
-    editor.page.get_by_role("button", name="1. ").first.click()
+    editor.page.get_by_role("button", name="1. Set").first.click()
     editor.until(lambda: session.state.position == 1, "a jump back")
-    editor.page.get_by_role("button", name="3. ").first.click()
+    editor.page.get_by_role("button", name="3. Set").first.click()
     editor.until(lambda: session.state.position == 3, "a jump forward")
     editor.screenshot("07_history")
 

@@ -46,7 +46,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     editor.until(lambda: session.scenario is not drawn, "the second sample")
     assert [one.label.split(" (")[0] for one in session.entries] == [
         "Remove all agents",
-        "Resample 11 agents",
+        "Add 11 agents, alternative 2 of 2",
     ]
 
     states = session.scenario.agents.position_m[:, now].copy()

@@ -13,11 +13,9 @@ from tests.editor.command_strategies import busy_scenario
 BASE = busy_scenario()
 
 
-def turn(power: float, **changes: float) -> RoadWarp:
-    anchor = RigidMotion(
-        x_m=0.0, y_m=0.0, rotation_rad=changes.pop("rotation_rad", 0.0)
-    )
-    term = WarpTerm(kind="smooth-turn", power=power, length_m=10.0)
+def turn(power: float, *, x_m: float = 0.0, length_m: float = 10.0) -> RoadWarp:
+    anchor = RigidMotion(x_m=x_m, y_m=0.0, rotation_rad=0.0)
+    term = WarpTerm(kind="smooth-turn", power=power, length_m=length_m)
     return RoadWarp(anchor=anchor, terms=(term,))
 
 
@@ -63,7 +61,40 @@ def test_impossible_friction_is_refused(mu):
 
 
 def test_labels_say_what_was_done():
-    assert SetRoadWarp(warp=turn(4)).label == "Warp: smooth turn +4"
+    assert SetRoadWarp(warp=turn(4)).label == "Bend the road: bend +4"
     mu = SetRoadWarp(warp=turn(-2.5), friction_coefficient=0.6)
-    assert mu.label == "Warp: smooth turn -2.5, mu 0.6"
+    assert mu.label == "Bend the road: bend -2.5, friction 0.6"
     assert SetRoadWarp(warp=None).label == "Reset the road"
+
+
+def test_history_says_what_differs_from_the_warp_in_force():
+    """(D28)"""
+    session = EditorSession(BASE)
+    both = RoadWarp(
+        anchor=turn(6, x_m=38).anchor,
+        terms=(
+            *turn(6, x_m=38, length_m=20).terms,
+            WarpTerm(kind="ripple-road", power=2, length_m=60),
+        ),
+    )
+    for command in (
+        SetRoadWarp(warp=turn(4)),
+        SetRoadWarp(warp=turn(6)),
+        SetRoadWarp(warp=turn(6, x_m=38)),
+        SetRoadWarp(warp=turn(6, x_m=38, length_m=20)),
+        SetRoadWarp(warp=both),
+        SetRoadWarp(warp=both, friction_coefficient=0.7),
+        SetRoadWarp(warp=both, friction_coefficient=0.5),
+        SetRoadWarp(warp=None),
+    ):
+        session.apply(command)
+    assert [entry.label for entry in session.entries] == [
+        "Bend the road: bend +4",
+        "Road: bend +4 to +6",
+        "Road: anchor moved 38 m",
+        "Road: length of the bend 10 to 20 m",
+        "Road: waves +2 added",
+        "Road: agents slowed at friction 0.7",
+        "Road: friction 0.7 to 0.5",
+        "Reset the road",
+    ]

@@ -49,7 +49,7 @@ def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab):
     assert not labels(tab)
     time.sleep(GESTURE_PAUSE_S + 0.4)
     tab.run(lambda: None)
-    assert labels(tab) == ["Warp: double turn +4"]
+    assert labels(tab) == ["Bend the road: S-bend +4"]
     assert "Friction-limited speed" in panel._readout.content
     tab.run(panel.reset)
     assert tab.session.scenario.road_map is opened.road_map
@@ -89,7 +89,7 @@ def test_a_drag_moves_the_agent_and_is_one_undo_step(tab):
     x, y = opened.agents.position_m[1, 50]
     drag(tab, agent_id, (x + 7.0, y - 2.0))
     assert tab.session.selection == (agent_id,)
-    assert labels(tab) == [f"Move agent {agent_id}"]
+    assert labels(tab) == [f"Move agent {agent_id} by 7.3 m"]
     moved = tab.session.scenario.agents.position_m[1]
     assert np.allclose(moved - opened.agents.position_m[1], [7.0, -2.0], atol=1e-3)
     tab.run(tab.tab._history_panel.undo)
@@ -202,7 +202,7 @@ def test_a_gesture_under_way_survives_an_error_and_a_reload(app):
         with pytest.raises(EditError):
             tab.run(tab.tab._agent_panel.snap)
         assert session.scenario.applied_warp is not None
-    assert [entry.label for entry in session.entries] == ["Warp: smooth turn +3"]
+    assert [entry.label for entry in session.entries] == ["Bend the road: bend +3"]
     assert len(session.recipe().commands) == 1
 
 

@@ -4,15 +4,22 @@ from typing import Final
 
 import viser
 
+from pd_editor.editor.history import HistoryEntry
+from pd_editor.viewer.panels.panel_style import PanelStyle
 from pd_editor.viewer.state.desk import Desk, set_property
 
-MAX_SHOWN: Final = 14
+ROWS: Final = 12
+OPENED: Final = "Scenario opened"
+NEWER: Final = "Newer"
+PRESENT: Final = "Present"
+OLDER: Final = "Older"
+_UNUSED: Final = "\N{EN DASH}"
 
 
 class HistoryPanel:
-    """Undo, redo, and a list of edits with the newest on top."""
+    """Undo, redo, and pages of edits with the newest on top."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: Desk, style: PanelStyle) -> None:
         """Build it into the current tab."""
         self._desk = desk
         gui = desk.client.gui
@@ -22,16 +29,17 @@ class HistoryPanel:
         self._redo = gui.add_button(
             "Redo", icon=viser.Icon.ARROW_FORWARD_UP, color="gray", hint="Ctrl+Shift+Z"
         )
-        gui.add_markdown("**Edits, newest first.** Click one to go there.")
-        self._rows: list[viser.GuiButtonHandle] = []
-        self._positions = [0] * MAX_SHOWN
-        for index in range(MAX_SHOWN):
-            row = gui.add_button("-", color="gray", visible=False)
-            self._rows.append(row)
+        self._counts = gui.add_markdown("")
+        self._pages = gui.add_button_group("Edits", (NEWER, PRESENT, OLDER))
+        self._page = 0
+        self._followed: tuple[object, int, int] | None = None
+        self._rows = [gui.add_button(_UNUSED, color="gray") for _ in range(ROWS)]
+        style.align_left(self._rows)
+        for index, row in enumerate(self._rows):
             desk.on_click(row, lambda index=index: self._jump(index))
-        self._older = gui.add_markdown("", visible=False)
         desk.on_click(self._undo, self.undo)
         desk.on_click(self._redo, self.redo)
+        desk.on_option(self._pages, self._turn_page)
 
     def undo(self) -> None:
         """Take back the last edit, if any."""
@@ -46,34 +54,68 @@ class HistoryPanel:
             self._desk.session.redo()
 
     def show(self) -> None:
-        """Show the session's history."""
+        """Show the session's history; the page follows the present state."""
         session = self._desk.session
-        entries = session.entries
-        position = session.state.position
+        entries, position = session.entries, session.state.position
         set_property(self._undo, "disabled", not session.can_undo)
         set_property(self._redo, "disabled", not session.can_redo)
-        newest_first = list(range(len(entries), -1, -1))
-        # The current position stays in sight, however far back it is.
-        start = max(
-            0,
-            min(
-                len(entries) - position - MAX_SHOWN // 2, len(newest_first) - MAX_SHOWN
-            ),
-        )
-        shown = newest_first[max(start, 0) :][:MAX_SHOWN]
+        present = (session.base, len(entries), position)
+        if self._followed != present:
+            self._followed = present
+            self._page = (len(entries) - position) // ROWS
+        oldest = sum(entry.before is None for entry in entries)
         for index, row in enumerate(self._rows):
-            set_property(row, "visible", index < len(shown))
-            if index >= len(shown):
-                continue
-            at = shown[index]
-            self._positions[index] = at
-            name = "Scenario opened" if at == 0 else f"{at}. {entries[at - 1].label}"
-            set_property(row, "label", name)
-            set_property(row, "color", "blue" if at == position else "gray")
-        hidden = len(newest_first) - len(shown)
-        set_property(self._older, "visible", hidden > 0)
-        set_property(self._older, "content", f"... and {hidden} more")
+            at = self._position(index)
+            set_property(row, "disabled", at is None or at < oldest)
+            set_property(row, "label", _row_text(entries, at, position))
+            is_present = at == position
+            is_undone = at is not None and at > position
+            color = "blue" if is_present else "yellow" if is_undone else "gray"
+            set_property(row, "color", color)
+        set_property(self._counts, "content", self._counted(len(entries), position))
+
+    def _position(self, index: int) -> int | None:
+        """Number of edits in force in the state of a row; None for an unused row."""
+        at = len(self._desk.session.entries) - self._page * ROWS - index
+        return at if at >= 0 else None
+
+    def _counted(self, count: int, position: int) -> str:
+        if not count:
+            return "No edits yet."
+        undone = count - position
+        text = f"**{_edits(position)} in force**" + (
+            f", {undone} undone" if undone else ""
+        )
+        newest = count - self._page * ROWS
+        oldest = max(newest - ROWS + 1, 0)
+        return f"{text}. Rows {newest} to {oldest} of {count}, newest first."
+
+    def _turn_page(self, where: str) -> None:
+        session = self._desk.session
+        count = len(session.entries)
+        page = {
+            NEWER: self._page - 1,
+            OLDER: self._page + 1,
+            PRESENT: (count - session.state.position) // ROWS,
+        }[where]
+        self._page = min(max(page, 0), count // ROWS)
+        self.show()
 
     def _jump(self, index: int) -> None:
+        position = self._position(index)
         self._desk.commit_gesture()
-        self._desk.session.jump_to(self._positions[index])
+        if position is not None:
+            self._desk.session.jump_to(position)
+
+
+def _edits(count: int) -> str:
+    return f"{count} edit{'' if count == 1 else 's'}"
+
+
+def _row_text(entries: tuple[HistoryEntry, ...], at: int | None, position: int) -> str:
+    if at is None:
+        return _UNUSED
+    name = OPENED if at == 0 else f"{at}. {entries[at - 1].label}"
+    if at == position:
+        return f"\N{BLACK RIGHT-POINTING TRIANGLE} {name}"
+    return f"(undone) {name}" if at > position else name

@@ -32,9 +32,9 @@ ANCHORS: Final[tuple[Anchor, ...]] = (
     "Pose on the map",
 )
 _TITLE: Final[dict[WarpKind, str]] = {
-    "smooth-turn": "Smooth turn",
-    "double-turn": "Double turn",
-    "ripple-road": "Ripple road",
+    "smooth-turn": "Bend",
+    "double-turn": "S-bend",
+    "ripple-road": "Waves",
 }
 _LENGTH_TITLE: Final[dict[WarpKind, str]] = {
     "smooth-turn": "Turn length (m)",

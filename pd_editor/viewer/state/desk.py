@@ -16,6 +16,9 @@ from pd_editor.viewer.state.workspace import Workspace
 _LOG = logging.getLogger(__name__)
 GESTURE_PAUSE_S: Final = 1.0
 """A slider that rests this long has finished its gesture (viser tells no end)."""
+NOTICE_S: Final = 5.0
+"""How long a notice stays that leaves by itself."""
+_NOT_DONE: Final = "Not done"
 
 Tone = Literal["info", "success", "warning", "error"]
 _TONE_COLOR: Final[dict[Tone, Literal["blue", "green", "orange", "red"]]] = {
@@ -39,6 +42,7 @@ class Desk:
         self.inbox = inbox
         self._gesture: str | None = None
         self._gesture_deadline: float | None = None
+        self._failure = _NOT_DONE
 
     def post(self, action: Callable[[], None], merge_key: str | None = None) -> None:
         """Run an action on the session's worker."""
@@ -48,12 +52,27 @@ class Desk:
         self,
         button: viser.GuiButtonHandle,
         action: Callable[[], None],
+        *,
+        failure: str | None = None,
     ) -> None:
-        """Run an action when a button is clicked."""
+        """Run an action when a button is clicked.
+
+        ``failure`` says what did not happen if the action is refused.
+        """
 
         @button.on_click
         async def _(_event: viser.GuiEvent[Any]) -> None:
-            self.post(action)
+            self.post(self._told(failure or f"{_NOT_DONE}: {button.label}", action))
+
+    def on_option(
+        self, group: viser.GuiButtonGroupHandle, action: Callable[[str], None]
+    ) -> None:
+        """Run an action with the option that is clicked in a row of buttons."""
+
+        @group.on_click
+        async def _(event: viser.GuiEvent[Any]) -> None:
+            option = str(event.target.value)
+            self.post(self._told(f"{_NOT_DONE}: {option}", lambda: action(option)))
 
     def on_change(
         self,
@@ -61,6 +80,7 @@ class Desk:
         action: Callable[[Any], None],
         *,
         merge_key: str | None = None,
+        failure: str | None = None,
     ) -> None:
         """Run an action with the new value when the user changes an input."""
 
@@ -69,7 +89,8 @@ class Desk:
             if event.client is None:
                 return
             value = event.target.value
-            self.post(lambda: action(value), merge_key)
+            told = failure or f"{_NOT_DONE}: {handle.label}"
+            self.post(self._told(told, lambda: action(value)), merge_key)
 
     def hotkey(
         self,
@@ -77,13 +98,25 @@ class Desk:
         action: Callable[[], None],
         key: Any = None,
         modifier: Any = None,
+        *,
+        failure: str | None = None,
     ) -> None:
         """Offer an action in the command palette, with a hot key."""
         command = self.client.gui.add_command(label, hotkey=key, modifier=modifier)
 
         @command.on_trigger
         async def _(_event: Any) -> None:
-            self.post(action)
+            self.post(self._told(failure or f"{_NOT_DONE}: {label}", action))
+
+    def _told(self, failure: str, action: Callable[[], None]) -> Callable[[], None]:
+        """The action; if it raises, ``report`` says what did not happen."""
+
+        def told() -> None:
+            self._failure = failure
+            action()
+            self._failure = _NOT_DONE
+
+        return told
 
     def apply(self, command: Command) -> None:
         """Apply one command as one undo step."""
@@ -140,18 +173,18 @@ class Desk:
             tone: its colour.
             stays: whether it waits to be closed; otherwise it leaves by itself.
         """
-        seconds = 12.0 if tone == "error" else 6.0
         self.client.add_notification(
             title,
             body,
             color=_TONE_COLOR[tone],
-            auto_close_seconds=None if stays else seconds,
+            auto_close_seconds=None if stays else NOTICE_S,
         )
 
     def report(self, error: Exception) -> None:
         """Show an error: as it is if the user caused it, else as a bug with a log."""
+        failure, self._failure = self._failure, _NOT_DONE
         if isinstance(error, PdEditorError):
-            self.notify("That did not work", str(error), "error")
+            self.notify(failure, str(error), "error")
             return
         _LOG.error("A bug in the editor", exc_info=error)
         self.notify(
