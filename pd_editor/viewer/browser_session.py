@@ -12,11 +12,12 @@ from pd_editor.editor.session import SessionState
 from pd_editor.errors import PdEditorError
 from pd_editor.generation import GeneratorOffer
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.interaction import camera
 from pd_editor.viewer.interaction.pointer import Pointer
+from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.meshes.colors import DARK, LIGHT, Palette
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.timeline import Timeline
+from pd_editor.viewer.overlay.toolbar import Tool, Toolbar
 from pd_editor.viewer.panels.agent_panel import AgentPanel
 from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
 from pd_editor.viewer.panels.dataset_panel import DatasetPanel
@@ -61,7 +62,7 @@ class BrowserSession:
         self._checks_future_at: float | None = None
         self._timeline_shown_at = 0.0
         self._drawn_step = -1.0
-        self._is_top_view = False
+        self._base_shown = workspace.session.base
         self._is_built = False
         self._is_closed = False
         self._closing = threading.Lock()
@@ -85,6 +86,7 @@ class BrowserSession:
                 self._generation_panel.close()
                 self._workspace.session.remove_listener(self._changed)
                 self._workspace.session.commit_gesture()
+                self._viewpoint.remember()
 
     def _build(self) -> None:
         client, workspace = self._client, self._workspace
@@ -95,6 +97,7 @@ class BrowserSession:
             self._timeline = Timeline(
                 self._overlay, workspace.playback, self._request_frame
             )
+            self._viewpoint = Viewpoint(self._desk, self._overlay)
             self._map = MapView(client, palette)
             self._pointer = Pointer(
                 self._desk, lambda: self._agents, self._ground_clicked
@@ -104,11 +107,13 @@ class BrowserSession:
             self._marks = MarksView(client)
             self._candidates = CandidatesView(client, self._ribbons.set_muted)
             self._status = StatusPanel(self._desk)
-            self._frame_focal()
+            self._pointer.set_plain_drag_selects(self._viewpoint.is_top)
+            self._viewpoint.restore()
             self._draw()
         self._send_now()
         with client.atomic():
             self._build_panels()
+            self._build_toolbar()
             self._add_hotkeys()
             self._show_panels(workspace.session.state)
         workspace.session.add_listener(self._changed)
@@ -172,6 +177,70 @@ class BrowserSession:
         # A search that an earlier connection has ended tells of nothing new.
         self._dataset_panel.show()
 
+    def _build_toolbar(self) -> None:
+        session, view = self._workspace.session, self._viewpoint
+        history, agents = self._history_panel, self._agent_panel
+
+        def named(action: str, index: int, key: str) -> str:
+            entries = session.entries
+            what = f": {entries[index].label}" if 0 <= index < len(entries) else ""
+            return f"{action}{what} ({key})"
+
+        def undo_hint() -> str:
+            return named("Undo", session.state.position - 1, "Ctrl+Z")
+
+        def redo_hint() -> str:
+            return named("Redo", session.state.position, "Ctrl+Shift+Z")
+
+        self._toolbar = Toolbar(
+            self._overlay,
+            (
+                Tool(
+                    icon="undo",
+                    press=history.undo,
+                    hint=undo_hint,
+                    is_enabled=lambda: session.can_undo,
+                ),
+                Tool(
+                    icon="redo",
+                    press=history.redo,
+                    hint=redo_hint,
+                    is_enabled=lambda: session.can_redo,
+                ),
+                Tool(
+                    icon="3d",
+                    press=self._show_3d,
+                    hint=lambda: "3-D view (V switches)",
+                    is_active=lambda: not view.is_top,
+                    starts_group=True,
+                ),
+                Tool(
+                    icon="top",
+                    press=self._show_top,
+                    hint=lambda: "Top view (V switches)",
+                    is_active=lambda: view.is_top,
+                ),
+                Tool(
+                    icon="fit",
+                    press=view.frame_map,
+                    hint=lambda: "Show the whole map (Home)",
+                    starts_group=True,
+                ),
+                Tool(
+                    icon="frame",
+                    press=view.frame_selection,
+                    hint=lambda: "Frame the selection, or the focal agent (F)",
+                ),
+                Tool(
+                    icon="place",
+                    press=agents.toggle_placing,
+                    hint=lambda: "Place agents (P)",
+                    is_active=lambda: agents.is_placing,
+                    starts_group=True,
+                ),
+            ),
+        )
+
     def _add_hotkeys(self) -> None:
         key = self._desk.hotkey
         key("Play or pause", self._timeline.toggle_play, "space")
@@ -190,7 +259,8 @@ class BrowserSession:
         key("Regenerate futures", self._generation_panel.regenerate, "R")
         key("Reset road", self._road_panel.reset)
         key("Switch 3-D and top view", self._switch_view, "V")
-        key("Frame selection", self._frame_selection, "F")
+        key("Frame selection", self._viewpoint.frame_selection, "F")
+        key("Show the whole map", self._viewpoint.frame_map, "home")
         key("Clear selection", self._escape, "escape")
         key("Next scenario", lambda: self._dataset_panel.go(+1), "pagedown")
         key("Previous scenario", lambda: self._dataset_panel.go(-1), "pageup")
@@ -206,14 +276,15 @@ class BrowserSession:
         playback = self._workspace.playback
         is_other_scene = (
             before.scenario.time_axis != after.scenario.time_axis
-            or before.scenario.scenario_id != after.scenario.scenario_id
+            or self._workspace.session.base is not self._base_shown
         )
+        self._base_shown = self._workspace.session.base
         if is_other_scene:
             playback.open(after.scenario.time_axis)
         playback.last_step = after.scenario.last_step
         with self._client.atomic():
             if is_other_scene:
-                self._frame_focal()
+                self._viewpoint.frame_opened()
             self._draw()
         # The picture goes out before the words: a slider is judged by it.
         self._send_now()
@@ -291,6 +362,7 @@ class BrowserSession:
         self._history_panel.show()
         self._timeline.show()
         self._status.show()
+        self._toolbar.show()
 
     def _tick(self) -> float | None:
         if not self._is_built:
@@ -355,6 +427,7 @@ class BrowserSession:
 
     def _placing_changed(self, is_placing: bool) -> None:
         self._pointer.set_takes_ground_first(is_placing)
+        self._toolbar.show()
 
     def _escape(self) -> None:
         """Leave what is under way; with nothing under way, clear the selection."""
@@ -380,51 +453,25 @@ class BrowserSession:
             self._ribbons.set_palette(palette)
 
     def _camera_chosen(self, name: str) -> None:
-        if name == "Frame selection":
-            self._frame_selection()
-        elif (name == "Top view") != self._is_top_view:
-            self._switch_view()
+        if name == "3-D view":
+            self._show_3d()
+        elif name == "Top view":
+            self._show_top()
+        else:
+            self._viewpoint.frame_selection()
+
+    def _show_3d(self) -> None:
+        self._viewpoint.show_3d()
+        self._view_changed()
+
+    def _show_top(self) -> None:
+        self._viewpoint.show_top()
+        self._view_changed()
 
     def _switch_view(self) -> None:
-        self._is_top_view = not self._is_top_view
-        self._pointer.set_plain_drag_selects(self._is_top_view)
-        self._look_at(np.asarray(self._client.camera.look_at)[:2])
+        self._viewpoint.switch()
+        self._view_changed()
 
-    def _frame_focal(self) -> None:
-        self._look_at(*self._center_of((self._workspace.session.scenario.focal_id,)))
-
-    def _frame_selection(self) -> None:
-        session = self._workspace.session
-        self._look_at(
-            *self._center_of(session.selection or (session.scenario.focal_id,))
-        )
-
-    def _center_of(self, agent_ids: tuple[str, ...]) -> tuple[np.ndarray, float]:
-        """Middle of agents at the current step, and the first one's heading."""
-        scenario = self._workspace.session.scenario
-        agents, step = scenario.agents, scenario.current_step
-        rows = [agents.row_of[agent] for agent in agent_ids if agent in agents.row_of]
-        rows = [row for row in rows if agents.is_valid[row, step]]
-        if not rows:
-            points = np.concatenate(scenario.road_map.polylines)[:, :2]
-            return points.mean(axis=0), np.pi / 2
-        return agents.position_m[rows, step].mean(axis=0), float(
-            agents.heading_rad[rows[0], step]
-        )
-
-    def _look_at(self, center_m: np.ndarray, heading_rad: float | None = None) -> None:
-        """Look at a point; with a heading, at what lies ahead of it in the 3-D view."""
-        view = self._client.camera
-        with self._client.atomic():
-            if self._is_top_view:
-                camera.look_from_above(view, center_m)
-                return
-            target = center_m
-            if heading_rad is None:
-                _, heading_rad = self._center_of(
-                    (self._workspace.session.scenario.focal_id,)
-                )
-            else:
-                ahead = np.array([np.cos(heading_rad), np.sin(heading_rad)])
-                target = center_m + camera.LOOK_AHEAD_M * ahead
-            camera.look_from_behind(view, target, heading_rad)
+    def _view_changed(self) -> None:
+        self._pointer.set_plain_drag_selects(self._viewpoint.is_top)
+        self._toolbar.show()

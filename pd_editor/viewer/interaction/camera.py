@@ -1,20 +1,10 @@
-"""Views of the scene, and the way from pixels to the ground and back."""
+"""The way from pixels to the ground and back."""
 
-from typing import Final, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import viser
 from jaxtyping import Float
-
-TOP_VIEW_FOV_RAD: Final = np.radians(8.0)
-"""So narrow that a perspective camera far away looks orthographic."""
-PERSPECTIVE_FOV_RAD: Final = np.radians(42.0)
-PERSPECTIVE_NEAR_FAR_M: Final = (1.5, 3000.0)
-"""Near enough for a close look; nearer would cost depth precision far away."""
-TOP_VIEW_HALF_HEIGHT_M: Final = 65.0
-LOOK_AHEAD_M: Final = 14.0
-"""How far ahead of an agent the default 3-D view looks."""
-NEAR_FAR_MARGIN_M: Final = 400.0
 
 Vector = tuple[float, float, float]
 
@@ -74,28 +64,3 @@ def projected(
         axis=-1,
     )
     return screen, local[:, 2] > 0
-
-
-def look_from_behind(
-    camera: viser.CameraHandle, target_m: Float[np.ndarray, "2"], heading_rad: float
-) -> None:
-    """The default 3-D view: from above and behind a point, along a heading."""
-    position = target_m - 48.0 * np.array([np.cos(heading_rad), np.sin(heading_rad)])
-    camera.up_direction = (0.0, 0.0, 1.0)
-    camera.fov = float(PERSPECTIVE_FOV_RAD)
-    camera.near, camera.far = PERSPECTIVE_NEAR_FAR_M
-    camera.position = (float(position[0]), float(position[1]), 34.0)
-    camera.look_at = (float(target_m[0]), float(target_m[1]), 0.0)
-
-
-def look_from_above(
-    camera: viser.CameraHandle, center_m: Float[np.ndarray, "2"]
-) -> None:
-    """A map-like view, north up."""
-    distance = TOP_VIEW_HALF_HEIGHT_M / np.tan(TOP_VIEW_FOV_RAD / 2)
-    x, y = float(center_m[0]), float(center_m[1])
-    camera.up_direction = (0.0, 1.0, 0.0)
-    camera.fov = float(TOP_VIEW_FOV_RAD)
-    camera.near, camera.far = 20.0, float(distance + 20 * NEAR_FAR_MARGIN_M)
-    camera.position = (x, y, float(distance))
-    camera.look_at = (x, y, 0.0)

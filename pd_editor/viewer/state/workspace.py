@@ -19,6 +19,7 @@ from pd_editor.exporters.bundle import zip_files
 from pd_editor.scenario_store import export_into, exported_files, open_scenario
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.playback import Playback
+from pd_editor.viewer.state.view_memory import ViewMemory
 
 SEARCH_STEP: Final = 4
 """Scenario folders looked at before the clock is looked at again."""
@@ -74,6 +75,7 @@ class Workspace:
         self.playback.last_step = scenario.last_step
         self.starts_playing = True
         self.is_dark = False
+        self.view = ViewMemory()
         self.dataset = dataset
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 

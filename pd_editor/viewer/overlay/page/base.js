@@ -146,6 +146,10 @@
     observer.observe(canvas());
     cleanups.push(() => observer.disconnect());
     listen(window, "resize", fitToCanvas);
+    // Space plays, wherever the focus is; it presses no button of ours.
+    listen(root, "keyup", (event) => {
+      if (event.key === " " && event.target.tagName === "BUTTON") event.preventDefault();
+    });
     for (const name of definitions.keys()) mount(name);
     requestAnimationFrame(frame);
     send("page", { kind: "ready" });

@@ -1,0 +1,167 @@
+"""Camera poses that show a part of the scene."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.state.view_memory import CameraPose, Vector, vector
+
+TOP_VIEW_FOV_RAD: Final = float(np.radians(8.0))
+"""So narrow that a perspective camera far away looks orthographic."""
+PERSPECTIVE_FOV_RAD: Final = float(np.radians(42.0))
+TOP_VIEW_HALF_HEIGHT_M: Final = 65.0
+LOOK_AHEAD_M: Final = 14.0
+"""How far ahead of an agent the default 3-D view looks."""
+BEHIND_M: Final = 48.0
+ABOVE_M: Final = 34.0
+MIN_EXTENT_M: Final = 28.0
+"""A single parked car is not shown larger than this."""
+LOWEST_RAD: Final = float(np.radians(30.0))
+HIGHEST_RAD: Final = float(np.radians(65.0))
+"""Flatter or steeper 3-D views are brought into this range when a part is framed."""
+LOWEST_OF_MAP_RAD: Final = float(np.radians(50.0))
+"""A whole map, seen flatter than this, leaves most of the picture empty."""
+FREE_LEFT, FREE_RIGHT, FREE_BOTTOM, FREE_TOP = -0.90, 0.90, -0.68, 0.80
+"""What elements over the picture leave free, where the picture spans -1..1."""
+MAX_WHOLE_MAP_M: Final = 1000.0
+"""Of a larger map, the part with traffic is shown."""
+TALLEST_M: Final = 2.0
+
+
+def from_behind(target_m: Float[np.ndarray, "2"], heading_rad: float) -> CameraPose:
+    """The default 3-D view: from above and behind a point, along a heading."""
+    x, y = target_m - BEHIND_M * _direction(heading_rad)
+    return CameraPose(
+        position_m=(float(x), float(y), ABOVE_M),
+        look_at_m=(float(target_m[0]), float(target_m[1]), 0.0),
+        up=(0.0, 0.0, 1.0),
+        fov_rad=PERSPECTIVE_FOV_RAD,
+    )
+
+
+def from_above(
+    center_m: Float[np.ndarray, "2"],
+    up_rad: float,
+    half_height_m: float = TOP_VIEW_HALF_HEIGHT_M,
+) -> CameraPose:
+    """A map-like view; the direction ``up_rad`` of the scene is up in the picture."""
+    x, y = float(center_m[0]), float(center_m[1])
+    up_x, up_y = _direction(up_rad)
+    return CameraPose(
+        position_m=(x, y, float(half_height_m / np.tan(TOP_VIEW_FOV_RAD / 2))),
+        look_at_m=(x, y, 0.0),
+        up=(float(up_x), float(up_y), 0.0),
+        fov_rad=TOP_VIEW_FOV_RAD,
+    )
+
+
+def fitted(
+    points_m: Float[np.ndarray, "N 3"],
+    *,
+    forward: Vector | np.ndarray,
+    up: Vector | np.ndarray,
+    fov_rad: float,
+    aspect: float,
+) -> CameraPose:
+    """The nearest pose in a direction that shows all points in the picture's free part.
+
+    Args:
+        points_m: what to show.
+        forward: where the camera looks; downwards.
+        up: what is up in the picture; not along ``forward``.
+        fov_rad: vertical field of view.
+        aspect: width of the picture by its height.
+    """
+    ahead = np.asarray(forward, float) / np.linalg.norm(forward)
+    right = np.cross(ahead, np.asarray(up, float))
+    right /= np.linalg.norm(right)
+    upwards = np.cross(right, ahead)
+    middle = points_m.mean(axis=0)
+    across, along, depth = ((points_m - middle) @ np.stack([right, upwards, ahead]).T).T
+    tan_v = np.tan(fov_rad / 2)
+    tan_h = tan_v * aspect
+    # A point is in the free part if its offset is between low and high times the
+    # depth from the camera. Along each axis that leaves an interval of offsets of the
+    # camera, which is not empty from some distance on; the larger distance rules.
+    distances, ranges = [], []
+    for offset, low, high in (
+        (across, FREE_LEFT * tan_h, FREE_RIGHT * tan_h),
+        (along, FREE_BOTTOM * tan_v, FREE_TOP * tan_v),
+    ):
+        least, most = (offset - depth * high).max(), (offset - depth * low).min()
+        distances.append((least - most) / (high - low))
+        ranges.append((least, most, low, high))
+    distance = max(*distances, 1.0 - float(depth.min()))
+    shift = [
+        0.5 * (least + most - distance * (low + high))
+        for least, most, low, high in ranges
+    ]
+    position = middle + shift[0] * right + shift[1] * upwards - distance * ahead
+    # What is looked at lies on the ground, so that turning about it stays above.
+    look_at = position + ahead * (position[2] / -ahead[2])
+    look_at[2] = 0.0
+    return CameraPose(
+        position_m=vector(position),
+        look_at_m=vector(look_at),
+        up=vector(up),
+        fov_rad=fov_rad,
+    )
+
+
+def agents_extent(
+    scenario: Scenario, agent_ids: Iterable[str]
+) -> Float[np.ndarray, "8 3"] | None:
+    """Corners of the box around agents and their trajectories; None without any."""
+    agents = scenario.agents
+    rows = [agents.row_of[agent] for agent in agent_ids if agent in agents.row_of]
+    is_there = agents.is_valid[rows]
+    if not is_there.any():
+        return None
+    reach = np.linalg.norm(agents.size_m[rows], axis=-1)[:, None, None] / 2
+    positions = agents.position_m[rows]
+    low = (positions - reach)[is_there].min(axis=0)
+    high = (positions + reach)[is_there].max(axis=0)
+    lack = np.maximum(MIN_EXTENT_M - (high - low), 0.0) / 2
+    return _corners(low - lack, high + lack)
+
+
+def map_extent(scenario: Scenario) -> Float[np.ndarray, "8 3"]:
+    """Corners of the box around the road, or around the traffic if it is huge."""
+    points = np.concatenate(scenario.road_map.polylines)[:, :2]
+    low, high = points.min(axis=0), points.max(axis=0)
+    if (high - low).max() > MAX_WHOLE_MAP_M:
+        traffic = agents_extent(scenario, scenario.agents.ids)
+        if traffic is not None:
+            return traffic
+    return _corners(low, high)
+
+
+def framing_direction(pose: CameraPose, lowest_rad: float = LOWEST_RAD) -> np.ndarray:
+    """Where a pose looks, neither too flat nor too steep to frame a part in 3-D."""
+    look = np.subtract(pose.look_at_m, pose.position_m)
+    flat = look[:2]
+    if np.hypot(*flat) < 1e-3 * abs(look[2]):
+        flat = np.array(pose.up[:2])
+    if not flat.any():
+        flat = np.array([0.0, 1.0])
+    elevation = np.arctan2(-look[2], np.hypot(*look[:2]))
+    elevation = np.clip(elevation, lowest_rad, HIGHEST_RAD)
+    return np.append(np.cos(elevation) * flat / np.hypot(*flat), -np.sin(elevation))
+
+
+def _corners(low: np.ndarray, high: np.ndarray) -> Float[np.ndarray, "8 3"]:
+    return np.array(
+        [
+            (x, y, z)
+            for x in (low[0], high[0])
+            for y in (low[1], high[1])
+            for z in (0.0, TALLEST_M)
+        ]
+    )
+
+
+def _direction(heading_rad: float) -> np.ndarray:
+    return np.array([np.cos(heading_rad), np.sin(heading_rad)])

@@ -1,0 +1,196 @@
+"""From where a browser tab looks at its scene."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.interaction.framing import (
+    LOOK_AHEAD_M,
+    LOWEST_OF_MAP_RAD,
+    LOWEST_RAD,
+    PERSPECTIVE_FOV_RAD,
+    TOP_VIEW_FOV_RAD,
+    TOP_VIEW_HALF_HEIGHT_M,
+    agents_extent,
+    fitted,
+    framing_direction,
+    from_above,
+    from_behind,
+    map_extent,
+)
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.view_memory import CameraPose, vector
+
+NORTH_RAD: Final = float(np.pi / 2)
+UP: Final = (0.0, 0.0, 1.0)
+TOP_TO_3D: Final = TOP_VIEW_HALF_HEIGHT_M / from_behind(np.zeros(2), 0.0).half_height_m
+"""The top view shows so much more than a 3-D view of the same place, which has depth."""
+
+
+class Viewpoint:
+    """The 3-D and the top view of one tab, and what they frame.
+
+    The page's script makes the wheel zoom to the pointer, pans, and keeps the camera
+    above the ground; without it viser's own camera gestures remain.
+    """
+
+    def __init__(self, desk: Desk, overlay: Overlay) -> None:
+        """Take up the view that the workspace remembers."""
+        self._desk = desk
+        self._overlay = overlay
+        self._camera = desk.client.camera
+        overlay.on("compass", self._compass_clicked)
+
+    @property
+    def is_top(self) -> bool:
+        """Whether the scene is seen from above, as a map."""
+        return self._desk.workspace.view.is_top
+
+    @property
+    def is_heading_up(self) -> bool:
+        """Whether the top view has the focal agent's heading up instead of north."""
+        return self._desk.workspace.view.is_heading_up
+
+    def restore(self) -> None:
+        """Show what was shown before the page was reloaded, else the focal agent."""
+        pose = self._desk.workspace.view.pose
+        if pose is None:
+            self.frame_opened()
+        else:
+            self._look(pose)
+
+    def remember(self) -> None:
+        """Keep the pose for the next connection."""
+        workspace = self._desk.workspace
+        workspace.view = replace(workspace.view, pose=CameraPose.of(self._camera))
+
+    def frame_opened(self) -> None:
+        """Show the focal agent and what surrounds it."""
+        center_m, heading_rad = self._focal_pose()
+        if self.is_top:
+            self._look(from_above(center_m, self._up_rad()))
+            return
+        ahead = np.array([np.cos(heading_rad), np.sin(heading_rad)])
+        self._look(from_behind(center_m + LOOK_AHEAD_M * ahead, heading_rad))
+
+    def frame_map(self) -> None:
+        """Show the whole map, or where the traffic is if the map is huge."""
+        self._fit(map_extent(self._scenario), LOWEST_OF_MAP_RAD)
+
+    def frame_selection(self) -> None:
+        """Show the selected agents with their trajectories, else the focal agent."""
+        self.frame_agents(self._desk.session.selection or (self._scenario.focal_id,))
+
+    def frame_agents(self, agent_ids: Iterable[str]) -> None:
+        """Show agents with their trajectories; nothing happens if none exists."""
+        extent = agents_extent(self._scenario, agent_ids)
+        if extent is not None:
+            self._fit(extent)
+
+    def show_3d(self) -> None:
+        """Go to the 3-D view, framed anew."""
+        self._set_top(False)
+        self._frame_work()
+
+    def show_top(self) -> None:
+        """Go to the top view, framed anew."""
+        self._set_top(True)
+        self._frame_work()
+
+    def switch(self) -> None:
+        """Go from one view to the other, and stay where one is."""
+        former = CameraPose.of(self._camera)
+        self._set_top(not self.is_top)
+        center_m = np.array(former.look_at_m[:2])
+        if self.is_top:
+            half_height_m = former.half_height_m * TOP_TO_3D
+            self._look(from_above(center_m, self._up_rad(), half_height_m))
+            return
+        pose = from_behind(center_m, self._focal_pose()[1])
+        scale = former.half_height_m / (TOP_TO_3D * pose.half_height_m)
+        look = np.subtract(pose.position_m, pose.look_at_m)
+        self._look(replace(pose, position_m=vector(pose.look_at_m + scale * look)))
+
+    def turn(self) -> None:
+        """Top view: north up or heading up; 3-D view: look north."""
+        pose = CameraPose.of(self._camera)
+        if self.is_top:
+            workspace = self._desk.workspace
+            workspace.view = replace(
+                workspace.view, is_heading_up=not self.is_heading_up
+            )
+            center_m = np.array(pose.look_at_m[:2])
+            self._look(from_above(center_m, self._up_rad(), pose.half_height_m))
+            return
+        offset = np.subtract(pose.position_m, pose.look_at_m)
+        x, y, _ = pose.look_at_m
+        south = y - float(np.hypot(*offset[:2]))
+        self._look(replace(pose, position_m=(x, south, pose.position_m[2]), up=UP))
+
+    def show(self) -> None:
+        """Tell the page which view it shows."""
+        self._overlay.show("view", {"isTop": self.is_top})
+        self._overlay.show(
+            "compass",
+            {"isTop": self.is_top, "isHeadingUp": self.is_heading_up},
+        )
+
+    @property
+    def _scenario(self) -> Scenario:
+        return self._desk.session.scenario
+
+    def _set_top(self, is_top: bool) -> None:
+        workspace = self._desk.workspace
+        workspace.view = replace(workspace.view, is_top=is_top)
+
+    def _frame_work(self) -> None:
+        if self._desk.session.selection:
+            self.frame_selection()
+        else:
+            self.frame_opened()
+
+    def _fit(self, points_m: np.ndarray, lowest_rad: float = LOWEST_RAD) -> None:
+        aspect = float(self._camera.aspect)
+        if self.is_top:
+            up_rad = self._up_rad()
+            pose = fitted(
+                points_m,
+                forward=(0.0, 0.0, -1.0),
+                up=(float(np.cos(up_rad)), float(np.sin(up_rad)), 0.0),
+                fov_rad=TOP_VIEW_FOV_RAD,
+                aspect=aspect,
+            )
+        else:
+            pose = fitted(
+                points_m,
+                forward=framing_direction(CameraPose.of(self._camera), lowest_rad),
+                up=UP,
+                fov_rad=PERSPECTIVE_FOV_RAD,
+                aspect=aspect,
+            )
+        self._look(pose)
+
+    def _look(self, pose: CameraPose) -> None:
+        with self._desk.client.atomic():
+            pose.apply_to(self._camera)
+            self.show()
+
+    def _up_rad(self) -> float:
+        return self._focal_pose()[1] if self.is_heading_up else NORTH_RAD
+
+    def _focal_pose(self) -> tuple[np.ndarray, float]:
+        """Where the focal agent is at the current step; else the middle of the map."""
+        agents, step = self._scenario.agents, self._scenario.current_step
+        row = agents.row_of.get(self._scenario.focal_id)
+        if row is None or not agents.is_valid[row, step]:
+            points = np.concatenate(self._scenario.road_map.polylines)[:, :2]
+            return points.mean(axis=0), NORTH_RAD
+        return agents.position_m[row, step], float(agents.heading_rad[row, step])
+
+    def _compass_clicked(self, event: Mapping[str, Any]) -> None:
+        if event.get("kind") == "turn":
+            self.turn()

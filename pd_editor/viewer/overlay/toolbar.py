@@ -1,0 +1,66 @@
+"""The row of tools over the picture's top left corner."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pd_editor.viewer.overlay.overlay import Overlay
+
+Icon = Literal[
+    "undo", "redo", "3d", "top", "fit", "frame", "measure", "place", "compare", "help"
+]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tool:
+    """One button; what it shows is asked for whenever the bar is shown."""
+
+    icon: Icon
+    press: Callable[[], None]
+    hint: Callable[[], str]
+    """What it does and its key; also its name for a screen reader."""
+    release: Callable[[], None] | None = None
+    """Called when the button is let go, for what lasts while it is held."""
+    is_active: Callable[[], bool] = lambda: False
+    is_enabled: Callable[[], bool] = lambda: True
+    starts_group: bool = False
+    """Whether a gap sets it off from the tool before it."""
+
+
+class Toolbar:
+    """Tools that a user needs at any time, whatever tab of the panel is open."""
+
+    def __init__(self, overlay: Overlay, tools: Sequence[Tool]) -> None:
+        """Offer tools, from left to right."""
+        self._overlay = overlay
+        self._tools = {tool.icon: tool for tool in tools}
+        overlay.on("toolbar", self._used)
+
+    def show(self) -> None:
+        """Show each tool as it is now."""
+        self._overlay.show(
+            "toolbar",
+            {
+                "tools": [
+                    {
+                        "icon": tool.icon,
+                        "hint": tool.hint(),
+                        "isActive": tool.is_active(),
+                        "isEnabled": tool.is_enabled(),
+                        "isHeld": tool.release is not None,
+                        "startsGroup": tool.starts_group,
+                    }
+                    for tool in self._tools.values()
+                ]
+            },
+        )
+
+    def _used(self, event: Mapping[str, Any]) -> None:
+        tool = self._tools.get(event.get("icon", ""))
+        if tool is None:
+            return
+        if event.get("kind") == "press" and tool.is_enabled():
+            tool.press()
+        elif event.get("kind") == "release" and tool.release is not None:
+            tool.release()
+        self.show()

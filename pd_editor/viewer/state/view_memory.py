@@ -1,0 +1,68 @@
+"""How a browser tab looked at its scene; it outlives the tab's connection."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import viser
+
+NEAR_M: Final = 0.5
+FAR_M: Final = 20_000.0
+"""Until the page's script narrows them to what the view holds."""
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraPose:
+    """Where a camera stands, what it looks at, and what is up in its picture."""
+
+    position_m: Vector
+    look_at_m: Vector
+    up: Vector
+    fov_rad: float
+
+    @classmethod
+    def of(cls, camera: viser.CameraHandle) -> "CameraPose":
+        """The pose of a browser's camera."""
+        return cls(
+            position_m=vector(camera.position),
+            look_at_m=vector(camera.look_at),
+            up=vector(camera.up_direction),
+            fov_rad=float(camera.fov),
+        )
+
+    def apply_to(self, camera: viser.CameraHandle) -> None:
+        """Put a browser's camera here; the caller makes it one step with the rest."""
+        camera.up_direction = self.up
+        camera.fov = self.fov_rad
+        camera.near, camera.far = NEAR_M, FAR_M
+        # Setting a position moves what is looked at along; the order matters.
+        camera.position = self.position_m
+        camera.look_at = self.look_at_m
+
+    @property
+    def half_height_m(self) -> float:
+        """Half the height of the picture, in the distance of what is looked at."""
+        distance = np.linalg.norm(np.subtract(self.position_m, self.look_at_m))
+        return float(distance * np.tan(self.fov_rad / 2))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewMemory:
+    """What a reloaded page shows again."""
+
+    is_top: bool = False
+    is_heading_up: bool = False
+    """Whether the top view has the focal agent's heading up instead of north."""
+    pose: CameraPose | None = None
+    """Where the camera was; None for the view of a scenario just opened."""
+    panel_tab: str | None = None
+    """Title of the panel's tab that was open; None for the first one."""
+
+
+def vector(values: Iterable[float]) -> Vector:
+    """Three plain numbers."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z
