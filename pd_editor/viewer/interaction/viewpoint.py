@@ -43,6 +43,7 @@ class Viewpoint:
         self._desk = desk
         self._overlay = overlay
         self._camera = desk.client.camera
+        self._num_looks = 0
         overlay.on("compass", self._compass_clicked)
 
     @property
@@ -131,12 +132,9 @@ class Viewpoint:
         south = y - float(np.hypot(*offset[:2]))
         self._look(replace(pose, position_m=(x, south, pose.position_m[2]), up=UP))
 
-    def show(self) -> None:
-        """Tell the page which view it shows."""
-        self._overlay.show("view", {"isTop": self.is_top})
+    def _show_compass(self) -> None:
         self._overlay.show(
-            "compass",
-            {"isTop": self.is_top, "isHeadingUp": self.is_heading_up},
+            "compass", {"isTop": self.is_top, "isHeadingUp": self.is_heading_up}
         )
 
     @property
@@ -175,9 +173,12 @@ class Viewpoint:
         self._look(pose)
 
     def _look(self, pose: CameraPose) -> None:
+        self._num_looks += 1
         with self._desk.client.atomic():
+            # First, so that the page takes its limits off for the way there.
+            self._overlay.show("view", {"isTop": self.is_top, "look": self._num_looks})
             pose.apply_to(self._camera)
-            self.show()
+            self._show_compass()
 
     def _up_rad(self) -> float:
         return self._focal_pose()[1] if self.is_heading_up else NORTH_RAD

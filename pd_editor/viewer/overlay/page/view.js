@@ -37,7 +37,6 @@ pdOverlay.define("view", (api) => {
     const rotate = found.constructor?.ACTION?.ROTATE ?? 1;
     found.azimuthRotateSpeed = isTop ? 0 : 1;
     found.polarRotateSpeed = isTop ? 0 : 1;
-    found.minPolarAngle = 0;
     found.maxPolarAngle = isTop ? Math.PI : MAX_POLAR;
     if (found.mouseButtons) {
       found.mouseButtons.left = isTop ? none : rotate;
@@ -194,7 +193,7 @@ pdOverlay.define("view", (api) => {
   function fitDepth(camera) {
     const found = controls();
     if (!found || isTop === null) return;
-    if (found !== known) configure();
+    if (known && found !== known) configure();
     const { position, target } = pose(found, false);
     const distance = position.distanceTo(target);
     const near = isTop
@@ -228,6 +227,11 @@ pdOverlay.define("view", (api) => {
 
   return (state) => {
     isTop = state.isTop;
-    configure();
+    // A new pose comes in parts, in the messages after this one. Half way there the
+    // camera may be anywhere; it is kept above the ground when it has arrived.
+    const found = controls();
+    if (found) found.maxPolarAngle = Math.PI;
+    known = null;
+    requestAnimationFrame(() => requestAnimationFrame(configure));
   };
 });
