@@ -3,7 +3,6 @@
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import viser
 from jaxtyping import Float
 
 Vector = tuple[float, float, float]

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.state.view_memory import CameraPose, Vector, vector
+from pd_editor.viewer.state.view_memory import Vector, ViewPose, vector
 
 TOP_VIEW_FOV_RAD: Final = float(np.radians(8.0))
 """So narrow that a perspective camera far away looks orthographic."""
@@ -31,10 +31,10 @@ MAX_WHOLE_MAP_M: Final = 1000.0
 TALLEST_M: Final = 2.0
 
 
-def from_behind(target_m: Float[np.ndarray, "2"], heading_rad: float) -> CameraPose:
+def from_behind(target_m: Float[np.ndarray, "2"], heading_rad: float) -> ViewPose:
     """The default 3-D view: from above and behind a point, along a heading."""
     x, y = target_m - BEHIND_M * _direction(heading_rad)
-    return CameraPose(
+    return ViewPose(
         position_m=(float(x), float(y), ABOVE_M),
         look_at_m=(float(target_m[0]), float(target_m[1]), 0.0),
         up=(0.0, 0.0, 1.0),
@@ -46,11 +46,11 @@ def from_above(
     center_m: Float[np.ndarray, "2"],
     up_rad: float,
     half_height_m: float = TOP_VIEW_HALF_HEIGHT_M,
-) -> CameraPose:
+) -> ViewPose:
     """A map-like view; the direction ``up_rad`` of the scene is up in the picture."""
     x, y = float(center_m[0]), float(center_m[1])
     up_x, up_y = _direction(up_rad)
-    return CameraPose(
+    return ViewPose(
         position_m=(x, y, float(half_height_m / np.tan(TOP_VIEW_FOV_RAD / 2))),
         look_at_m=(x, y, 0.0),
         up=(float(up_x), float(up_y), 0.0),
@@ -65,7 +65,7 @@ def fitted(
     up: Vector | np.ndarray,
     fov_rad: float,
     aspect: float,
-) -> CameraPose:
+) -> ViewPose:
     """The nearest pose in a direction that shows all points in the picture's free part.
 
     Args:
@@ -103,7 +103,7 @@ def fitted(
     # What is looked at lies on the ground, so that turning about it stays above.
     look_at = position + ahead * (position[2] / -ahead[2])
     look_at[2] = 0.0
-    return CameraPose(
+    return ViewPose(
         position_m=vector(position),
         look_at_m=vector(look_at),
         up=vector(up),
@@ -139,7 +139,7 @@ def map_extent(scenario: Scenario) -> Float[np.ndarray, "8 3"]:
     return _corners(low, high)
 
 
-def framing_direction(pose: CameraPose, lowest_rad: float = LOWEST_RAD) -> np.ndarray:
+def framing_direction(pose: ViewPose, lowest_rad: float = LOWEST_RAD) -> np.ndarray:
     """Where a pose looks, neither too flat nor too steep to frame a part in 3-D."""
     look = np.subtract(pose.look_at_m, pose.position_m)
     flat = look[:2]

@@ -23,7 +23,7 @@ from pd_editor.viewer.interaction.framing import (
 )
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.desk import Desk
-from pd_editor.viewer.state.view_memory import CameraPose, vector
+from pd_editor.viewer.state.view_memory import ViewPose, vector
 
 NORTH_RAD: Final = float(np.pi / 2)
 UP: Final = (0.0, 0.0, 1.0)
@@ -67,7 +67,7 @@ class Viewpoint:
     def remember(self) -> None:
         """Keep the pose for the next connection."""
         workspace = self._desk.workspace
-        workspace.view = replace(workspace.view, pose=CameraPose.of(self._camera))
+        workspace.view = replace(workspace.view, pose=ViewPose.of(self._camera))
 
     def frame_opened(self) -> None:
         """Show the focal agent and what surrounds it."""
@@ -104,7 +104,7 @@ class Viewpoint:
 
     def switch(self) -> None:
         """Go from one view to the other, and stay where one is."""
-        former = CameraPose.of(self._camera)
+        former = ViewPose.of(self._camera)
         self._set_top(not self.is_top)
         center_m = np.array(former.look_at_m[:2])
         if self.is_top:
@@ -118,7 +118,7 @@ class Viewpoint:
 
     def turn(self) -> None:
         """Top view: north up or heading up; 3-D view: look north."""
-        pose = CameraPose.of(self._camera)
+        pose = ViewPose.of(self._camera)
         if self.is_top:
             workspace = self._desk.workspace
             workspace.view = replace(
@@ -165,14 +165,14 @@ class Viewpoint:
         else:
             pose = fitted(
                 points_m,
-                forward=framing_direction(CameraPose.of(self._camera), lowest_rad),
+                forward=framing_direction(ViewPose.of(self._camera), lowest_rad),
                 up=UP,
                 fov_rad=PERSPECTIVE_FOV_RAD,
                 aspect=aspect,
             )
         self._look(pose)
 
-    def _look(self, pose: CameraPose) -> None:
+    def _look(self, pose: ViewPose) -> None:
         self._num_looks += 1
         with self._desk.client.atomic():
             # First, so that the page takes its limits off for the way there.

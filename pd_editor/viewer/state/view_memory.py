@@ -15,7 +15,7 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraPose:
+class ViewPose:
     """Where a camera stands, what it looks at, and what is up in its picture."""
 
     position_m: Vector
@@ -24,7 +24,7 @@ class CameraPose:
     fov_rad: float
 
     @classmethod
-    def of(cls, camera: viser.CameraHandle) -> "CameraPose":
+    def of(cls, camera: viser.CameraHandle) -> "ViewPose":
         """The pose of a browser's camera."""
         return cls(
             position_m=vector(camera.position),
@@ -56,7 +56,7 @@ class ViewMemory:
     is_top: bool = False
     is_heading_up: bool = False
     """Whether the top view has the focal agent's heading up instead of north."""
-    pose: CameraPose | None = None
+    pose: ViewPose | None = None
     """Where the camera was; None for the view of a scenario just opened."""
     panel_tab: str | None = None
     """Title of the panel's tab that was open; None for the first one."""

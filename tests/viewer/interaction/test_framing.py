@@ -14,7 +14,7 @@ from pd_editor.viewer.interaction.framing import (
     from_above,
     map_extent,
 )
-from pd_editor.viewer.state.view_memory import CameraPose
+from pd_editor.viewer.state.view_memory import ViewPose
 
 MARGIN = 1e-6
 
@@ -24,7 +24,7 @@ def scenario():
     return open_scenario("signalised-junction")
 
 
-def in_picture(pose: CameraPose, points_m: np.ndarray, aspect: float) -> np.ndarray:
+def in_picture(pose: ViewPose, points_m: np.ndarray, aspect: float) -> np.ndarray:
     """Places of points in the picture, -1..1 to the right and up."""
     ahead = np.subtract(pose.look_at_m, pose.position_m)
     ahead /= np.linalg.norm(ahead)
@@ -108,7 +108,7 @@ def test_of_a_huge_map_the_traffic_is_shown(scenario, monkeypatch):
 
 
 def test_a_part_is_framed_neither_from_too_flat_nor_from_straight_above():
-    flat = CameraPose(
+    flat = ViewPose(
         position_m=(0.0, -100.0, 1.0),
         look_at_m=(0.0, 0.0, 0.0),
         up=(0.0, 0.0, 1.0),
