@@ -36,6 +36,7 @@ from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHO
 from pd_editor.evaluation.report import Findings, report_of
 from pd_editor.evaluation.road_condition import road_conditions
 from pd_editor.evaluation.run_folder import RunFolder
+from pd_editor.evaluation.scene_test import scene_test_tables
 from pd_editor.evaluation.summary import Summary, summarise
 from pd_editor.generators import (
     DEFAULT_GENERATOR,
@@ -170,6 +171,9 @@ def _reported(
         summary=summary_of(splits.headline),
         development=summary_of(splits.development) if is_apart else None,
         distances=distance_tables(rows, methods, plan.task, splits.headline),
+        scene_test=scene_test_tables(rows, methods, splits.headline)
+        if plan.task.draws_states
+        else (),
     )
     report = report_of(plan, record, found, command)
     shown = PLACING_SHOWN if plan.task.draws_states else SHOWN

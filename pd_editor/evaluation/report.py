@@ -70,6 +70,8 @@ class Findings:
     """Of the splits on which settings were chosen, where others are the headline."""
     distances: Sequence[ReportTable] = ()
     """Of the headline splits."""
+    scene_test: Sequence[ReportTable] = ()
+    """Of the headline splits; where states are drawn."""
 
     @property
     def num_scenes(self) -> Int[np.ndarray, "M"]:
@@ -90,6 +92,7 @@ def report_of(
         title="Evaluation",
         sections=(
             Section(title="What was done", paragraphs=_words(plan, record, found)),
+            *_scene_test(found),
             *_compared(plan.task, summary, found.distances),
             *_development(plan.task, found),
             Section(title="Road by road", tables=tuple(road_tables(summary))),
@@ -150,6 +153,12 @@ def _compared(
             distances,
         ),
     )
+
+
+def _scene_test(found: Findings) -> tuple[Section, ...]:
+    if not found.scene_test:
+        return ()
+    return (Section(title="Scene test", tables=tuple(found.scene_test)),)
 
 
 def _development(task: EvaluationTask, found: Findings) -> tuple[Section, ...]:

@@ -27,7 +27,7 @@ from pd_editor.metrics.traffic_view import (
     recorded_traffic,
 )
 
-LISTS: Final = ("local_density",)
+LISTS: Final = ("local_density", "surroundings")
 """Metrics with several values for each agent."""
 PER_STEP: Final = (
     "longitudinal_acceleration",

@@ -171,6 +171,30 @@ _ALL: Final = (
         "as recorded",
         "At the state, the up to 5 smallest distances to others of the same group.",
     ),
+    _metric(
+        "askew_to_lane",
+        "share",
+        "ours",
+        "as recorded",
+        "Of standing vehicles at the state: 15 to 75 deg off the direction of the nearest "
+        "centre-line point, either way round.",
+    ),
+    _metric(
+        "askew_to_neighbour",
+        "share",
+        "ours",
+        "as recorded",
+        "Of standing vehicles at the state: over 15 deg off the nearest other vehicle, "
+        "either way round.",
+    ),
+    _metric(
+        "surroundings",
+        "several",
+        "ours",
+        "as recorded",
+        "At the state, of vehicles, the features of the scene test: lane, kerb, "
+        "neighbours and junction around each.",
+    ),
     _metric("speed", "m/s", "paper", "as recorded", "Speed at the state."),
     _metric(
         "standing",

@@ -22,13 +22,15 @@ from pd_editor.metrics.lane_deviation import lane_deviation
 from pd_editor.metrics.metric_values import MetricValues
 from pd_editor.metrics.off_lane import nearest_edge, off_lane
 from pd_editor.metrics.safety import safety_values
+from pd_editor.metrics.surroundings import askew, surroundings
 from pd_editor.metrics.traffic_view import TrafficView
 
 
 def agent_values(view: TrafficView) -> dict[str, MetricValues]:
     """Every metric of one sample by its name.
 
-    Each has a row per judged agent: [A], but [A 5] for ``local_density``, and [A H]
+    Each has a row per judged agent: [A], but [A 5] for ``local_density``,
+    [A F] for ``surroundings``, and [A H]
     for the accelerations, ``jerk`` and ``yaw_rate``.
     """
     overlap, motion = box_overlap(view), kinematics(view)
@@ -41,6 +43,8 @@ def agent_values(view: TrafficView) -> dict[str, MetricValues]:
         *nearest_edge(view),
         nearest_distance(view),
         local_density(view),
+        *askew(view),
+        surroundings(view),
         ade_with_state(view),
         ade(view),
         fde(view),
