@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,14 +22,17 @@ from pd_editor.editor.journal_file import (
     whole_lines,
 )
 from pd_editor.editor.json_values import from_json
-from pd_editor.editor.recipe import BaseReference, check_version, parsed_json
+from pd_editor.editor.recipe import check_base, check_version, parsed_json
 from pd_editor.editor.session import EditorSession
+from pd_editor.editor.variant import Variant
 from pd_editor.errors import PdEditorError, RecipeError
+from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.scenario import Scenario
 
 __all__ = ["Journal", "UnfinishedWork", "find_unfinished", "restore"]
 
 _logger: Final = logging.getLogger(__name__)
+_DOINGS: Final = ("commit", "go", "describe")
 _looking: Final = threading.Lock()
 
 
@@ -44,6 +48,8 @@ class UnfinishedWork:
     """When the scenario was opened, in seconds since 1970."""
     last_time: float
     """When the last edit was made, in seconds since 1970."""
+    variant: Variant
+    """Name, tags and note that the user gave."""
     base_files: tuple[Path, ...]
     """The uploaded files that the base was opened from; none if it has a source."""
 
@@ -77,25 +83,34 @@ def find_unfinished(folder: Path) -> list[UnfinishedWork]:
         try:
             if _is_held(path):
                 continue
-            header, entries = _read(path)
+            state = path.stat()
+            work = _summary(path, state.st_mtime_ns, state.st_size)
         except (OSError, RecipeError) as error:
             _logger.warning("The journal %s cannot be read: %s", path.name, error)
             continue
-        if entries:
-            beside = path.with_suffix(BASE_FILES_SUFFIX)
-            found.append(
-                UnfinishedWork(
-                    path=path,
-                    base=header.base,
-                    num_edits=_final_position(entries),
-                    started_at=header.time_s,
-                    last_time=entries[-1].time_s,
-                    base_files=tuple(sorted(beside.iterdir()))
-                    if beside.is_dir()
-                    else (),
-                )
-            )
+        if work is not None:
+            found.append(work)
     return sorted(found, key=lambda work: work.last_time, reverse=True)
+
+
+@lru_cache(maxsize=1024)
+def _summary(path: Path, _changed_ns: int, _size: int) -> UnfinishedWork | None:
+    """What a journal holds; None if that is no edit."""
+    header, entries = _read(path)
+    edits = [entry for entry in entries if entry.variant is None]
+    if not edits:
+        return None
+    beside = path.with_suffix(BASE_FILES_SUFFIX)
+    described = [entry.variant for entry in entries if entry.variant is not None]
+    return UnfinishedWork(
+        path=path,
+        base=header.base,
+        num_edits=_final_position(edits),
+        started_at=header.time_s,
+        last_time=entries[-1].time_s,
+        variant=described[-1] if described else header.variant,
+        base_files=tuple(sorted(beside.iterdir())) if beside.is_dir() else (),
+    )
 
 
 def restore(
@@ -113,12 +128,13 @@ def restore(
         RecipeError: another base, a line that does not apply, or somebody has taken
             the work up meanwhile.
     """
-    work.base.check(base)
+    check_base(work.base, base)
     journal = Journal.resumed(work.path, clock=clock)
     try:
         replay_clock = _ReplayClock(live=clock)
         session = EditorSession(base, clock=replay_clock, max_undo=max_undo)
-        _, entries = _read(work.path)
+        header, entries = _read(work.path)
+        session.describe(header.variant)
         for entry in entries:
             replay_clock.recorded_s = entry.time_s
             _redo(session, entry)
@@ -134,6 +150,7 @@ def restore(
 class _Header:
     base: BaseReference
     time_s: float
+    variant: Variant
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,6 +163,7 @@ class _Entry:
     """Where the history was gone to; None for a commit."""
     selection: tuple[str, ...] = ()
     command: dict[str, Any] | None = None
+    variant: Variant | None = None
 
 
 @dataclass
@@ -162,6 +180,9 @@ class _ReplayClock:
 def _redo(session: EditorSession, entry: _Entry) -> None:
     where = f"Line {entry.number} of the journal"
     try:
+        if entry.variant is not None:
+            session.describe(entry.variant)
+            return
         if entry.position is not None:
             session.jump_to(entry.position)
             return
@@ -201,6 +222,7 @@ def _read(path: Path) -> tuple[_Header, list[_Entry]]:
     header = _Header(
         base=from_json(BaseReference, head.get("base"), "The journal's base"),
         time_s=from_json(float, head.get("time_s"), "The journal's time"),
+        variant=from_json(Variant, head.get("variant", {}), "The journal's variant"),
     )
     return header, [
         _entry(number, line) for number, line in enumerate(lines[1:], start=2)
@@ -210,12 +232,15 @@ def _read(path: Path) -> tuple[_Header, list[_Entry]]:
 def _entry(number: int, line: bytes) -> _Entry:
     where = f"Line {number} of the journal"
     data = parsed_json(line, where)
-    if not isinstance(data, dict) or data.get("do") not in ("commit", "go"):
-        raise RecipeError(f"{where} is neither a commit nor a move.")
+    if not isinstance(data, dict) or data.get("do") not in _DOINGS:
+        raise RecipeError(f"{where} is neither a commit, a move nor a description.")
     time_s = from_json(float, data.get("time_s"), f"{where}: its time")
     if data["do"] == "go":
         position = from_json(int, data.get("position"), f"{where}: its position")
         return _Entry(number=number, time_s=time_s, position=position)
+    if data["do"] == "describe":
+        variant = from_json(Variant, data.get("variant"), f"{where}: its variant")
+        return _Entry(number=number, time_s=time_s, position=None, variant=variant)
     names = from_json(tuple[str, ...], data.get("selection"), f"{where}: selection")
     command = {
         key: value

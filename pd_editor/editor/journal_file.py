@@ -12,6 +12,7 @@ import errno
 import json
 import logging
 import os
+import re
 import shutil
 import time
 import uuid
@@ -25,8 +26,8 @@ from filelock import FileLock, Timeout
 from pd_editor.editor.command import Command
 from pd_editor.editor.commands import command_to_json
 from pd_editor.editor.json_values import to_json
-from pd_editor.editor.recipe import BaseReference
-from pd_editor.errors import InputError, RecipeError
+from pd_editor.editor.variant import Variant
+from pd_editor.errors import RecipeError
 from pd_editor.scene.scenario import Scenario
 
 JOURNAL_FORMAT: Final = "pd-editor journal"
@@ -34,6 +35,7 @@ JOURNAL_VERSION: Final = 1
 JOURNAL_SUFFIX: Final = ".journal"
 BASE_FILES_SUFFIX: Final = ".base"
 LOCK_SUFFIX: Final = ".lock"
+_SAFE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
 PROBE_S: Final = 0.1
 """How long a lock is waited for, in case somebody only looks whether it is held."""
 
@@ -43,7 +45,8 @@ _logger: Final = logging.getLogger(__name__)
 class Journal:
     """Writes what one session commits; a file appears with the first edit.
 
-    A disk that fails does not stop the session: it is logged, and ``problem`` says so.
+    A disk that fails does not stop the session: ``problem`` says so, and what could
+    not be written waits for the next try.
     """
 
     def __init__(self, folder: Path, *, clock: Callable[[], float] = time.time) -> None:
@@ -53,7 +56,13 @@ class Journal:
         self._base: Scenario | None = None
         self._base_files: Mapping[str, bytes] = {}
         self._opened_at = 0.0
+        self._variant = Variant()
+        self._path: Path | None = None
         self._file: FileIO | None = None
+        self._size = 0
+        """Length of the file up to the last line that was written as a whole."""
+        self._waiting: list[bytes] = []
+        """Lines that are not in the file yet."""
         self._lock: FileLock | None = None
         self.problem: str | None = None
         """Why edits are not kept at the moment; None while they are."""
@@ -75,29 +84,24 @@ class Journal:
         except OSError as error:
             let_go(lock, path)
             raise RecipeError(f"The journal {path.name} is gone.") from error
-        file.truncate(len(whole_lines(file.read())))
-        file.seek(0, os.SEEK_END)
-        journal._file, journal._lock = file, lock
+        journal._size = len(whole_lines(file.read()))
+        file.truncate(journal._size)
+        file.seek(journal._size)
+        journal._path, journal._file, journal._lock = path, file, lock
         return journal
 
     @property
     def path(self) -> Path | None:
         """The file being written; None before the first edit."""
-        return None if self._file is None else Path(self._file.name)
+        return None if self._file is None else self._path
 
     def start(self, base: Scenario, base_files: Mapping[str, bytes] | None) -> None:
-        """Begin another journal; the former is let go and stays as unfinished work.
-
-        Raises:
-            InputError: a file of the base has a path instead of a name.
-        """
-        for name in base_files or {}:
-            if name in ("", ".", "..") or "/" in name or "\\" in name or "\0" in name:
-                raise InputError(f"The file name {name!r} must be plain, not a path.")
+        """Begin another journal; the former is let go and stays as unfinished work."""
         self.close(discard=False)
         self._base, self._base_files = base, dict(base_files or {})
         self._opened_at = self._clock()
-        self.problem = None
+        self._variant = Variant()
+        self._path = self._folder / f"{uuid.uuid4().hex}{JOURNAL_SUFFIX}"
 
     def committed(
         self, command: Command, selection: tuple[str, ...], time_s: float
@@ -115,60 +119,117 @@ class Journal:
         """Keep that the history was gone along."""
         self._append({"do": "go", "time_s": time_s, "position": position})
 
+    def described(self, variant: Variant, time_s: float) -> None:
+        """Keep name, tags and note; before the first edit they wait for it."""
+        if self._file is None and not self._waiting:
+            self._variant = variant
+            return
+        self._append({"do": "describe", "time_s": time_s, "variant": to_json(variant)})
+
+    def retry(self) -> None:
+        """Write what waits, if anything."""
+        if self._waiting:
+            self._write_waiting()
+
     def close(self, *, discard: bool) -> None:
         """Let go of the file; ``discard`` removes it, its work being finished."""
-        if self._file is None:
+        if not discard:
+            self.retry()
+        if self._file is not None and self._path is not None:
+            self._file.close()
+            if discard:
+                remove_journal(self._path)
+            if self._lock is not None:
+                let_go(self._lock, self._path)
+        elif self._path is not None:
+            remove_journal(self._path)
+        self._file = self._lock = self._base = self._path = self.problem = None
+        self._waiting.clear()
+        self._size = 0
+
+    def _append(self, entry: dict[str, Any]) -> None:
+        self._waiting.append(json.dumps(entry).encode() + b"\n")
+        self._write_waiting()
+
+    def _write_waiting(self) -> None:
+        try:
+            self._take_back_deleted()
+            if self._file is None:
+                self._begin()
+            assert self._file is not None
+            content = b"".join(self._waiting)
+            _write_at(self._file, self._size, content)
+        except (OSError, RecipeError) as error:
+            reason = getattr(error, "strerror", None) or str(error).rstrip(".")
+            problem = f"Edits are not kept on disk: {reason}."
+            if problem != self.problem:
+                _logger.warning("The journal cannot be written: %s", reason)
+            self.problem = problem
             return
-        path = Path(self._file.name)
-        self._file.close()
-        if discard:
-            remove_journal(path)
+        self._size += len(content)
+        self._waiting.clear()
+        self.problem = None
+
+    def _take_back_deleted(self) -> None:
+        """Where the file was deleted meanwhile, let its content wait to be written."""
+        file, path = self._file, self._path
+        if file is None or path is None or os.fstat(file.fileno()).st_nlink:
+            return
+        file.seek(0)
+        content = file.read(self._size)
+        file.close()
         if self._lock is not None:
             let_go(self._lock, path)
         self._file = self._lock = None
-        self._base = None
+        self._size = 0
+        self._waiting.insert(0, content or b"")
 
-    def _append(self, entry: dict[str, Any]) -> None:
-        if self.problem is not None:
-            return
-        line = json.dumps(entry).encode() + b"\n"
-        try:
-            if self._file is None:
-                self._file, self._lock, header = self._begun()
-                line = header + line
-            _write_whole(self._file, line)
-        except OSError as error:
-            _logger.exception("The journal cannot be written")
-            self.problem = f"Edits are not kept on disk: {error.strerror or error}."
-
-    def _begun(self) -> tuple[FileIO, FileLock, bytes]:
-        """A new file under lock, and the header to begin it with."""
-        assert self._base is not None, "an edit before a scenario was opened"
+    def _begin(self) -> None:
+        """Make the file under its lock; a header is the first thing to be written."""
+        path = self._path
+        assert path is not None, "an edit before a scenario was opened"
         self._folder.mkdir(parents=True, exist_ok=True)
-        path = self._folder / f"{uuid.uuid4().hex}{JOURNAL_SUFFIX}"
-        for name, content in self._base_files.items():
-            beside = path.with_suffix(BASE_FILES_SUFFIX)
+        beside = path.with_suffix(BASE_FILES_SUFFIX)
+        for name, content in _safe_names(self._base_files).items():
             beside.mkdir(exist_ok=True)
             (beside / name).write_bytes(content)
-        self._base_files = {}
         lock = journal_lock(path)
         try:
-            file = path.open("xb", buffering=0)
+            self._file = path.open("x+b", buffering=0)
         except OSError:
             let_go(lock, path)
             raise
-        header = {
-            "format": JOURNAL_FORMAT,
-            "version": JOURNAL_VERSION,
-            "time_s": self._opened_at,
-            "base": to_json(BaseReference.of(self._base)),
-        }
-        return file, lock, json.dumps(header).encode() + b"\n"
+        self._lock = lock
+        if self._base is not None:
+            header = {
+                "format": JOURNAL_FORMAT,
+                "version": JOURNAL_VERSION,
+                "time_s": self._opened_at,
+                "base": to_json(self._base.reference),
+                "variant": to_json(self._variant),
+            }
+            self._waiting.insert(0, json.dumps(header).encode() + b"\n")
+            self._base = None
 
 
-def _write_whole(file: FileIO, line: bytes) -> None:
-    if file.write(line) != len(line):
+def _write_at(file: FileIO, size: int, content: bytes) -> None:
+    """Write behind the last whole line; an earlier failure may have left a torn one."""
+    file.seek(size)
+    file.truncate()
+    if file.write(content) != len(content):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _safe_names(files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """The files under names that any disk takes; their endings tell what they are."""
+    safe: dict[str, bytes] = {}
+    for number, (name, content) in enumerate(files.items()):
+        if _SAFE_NAME.fullmatch(name) is None or name in safe:
+            suffix = Path(name.replace("\0", "")).suffix.lower()
+            is_known = suffix in (".zip", ".parquet", ".json")
+            name = f"upload-{number}{suffix if is_known else ''}"  # noqa: PLW2901
+        safe[name] = content
+    return safe
 
 
 def journal_lock(path: Path, *, timeout_s: float = PROBE_S) -> FileLock:

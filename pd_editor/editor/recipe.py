@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -15,49 +15,14 @@ from pd_editor.editor.commands import (
     traffic_command,
 )
 from pd_editor.editor.json_values import from_json, to_json
+from pd_editor.editor.variant import Variant
 from pd_editor.errors import PdEditorError, RecipeError
 from pd_editor.generation import ScenarioGenerator, run_to_end
+from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.scenario import Scenario
 
 RECIPE_FORMAT: Final = "pd-editor recipe"
 RECIPE_VERSION: Final = 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class BaseReference:
-    """Which scenario a recipe starts from."""
-
-    scenario_id: str
-    source: str = ""
-    """How to open it again, as in its provenance."""
-    content_sha256: str = ""
-    """Hash of the source's bytes."""
-
-    @classmethod
-    def of(cls, scenario: Scenario) -> "BaseReference":
-        """The reference to a scenario as it was opened."""
-        return cls(
-            scenario_id=scenario.scenario_id,
-            source=scenario.provenance.source,
-            content_sha256=scenario.provenance.content_sha256,
-        )
-
-    def check(self, base: Scenario) -> None:
-        """Refuse another scenario, or other contents under the same id.
-
-        Raises:
-            RecipeError: it is not the one.
-        """
-        if base.scenario_id != self.scenario_id:
-            raise RecipeError(
-                f"This belongs to scenario {self.scenario_id}, not to"
-                f" {base.scenario_id}."
-            )
-        if base.provenance.content_sha256 != self.content_sha256:
-            raise RecipeError(
-                f"Scenario {base.scenario_id} has other contents than when this was"
-                " recorded."
-            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +35,13 @@ class Recipe:
     """Date and time, ISO 8601; may be empty."""
     notes: tuple[str, ...] = ()
     """What in the result was made up, in sentences; replaying makes them anew."""
+    variant: Variant = field(default_factory=Variant)
+    """Name of the result, which is its scenario id; empty: the base's id. Tags, note."""
+
+    @property
+    def result_id(self) -> str:
+        """Scenario id of the result."""
+        return self.variant.name or self.base.scenario_id
 
     def to_text(self) -> str:
         """The recipe as JSON, one command per line."""
@@ -79,6 +51,7 @@ class Recipe:
             "created_at": self.created_at,
             "base": to_json(self.base),
             "notes": list(self.notes),
+            "variant": to_json(self.variant),
         }
         lines = [json.dumps(command_to_json(command)) for command in self.commands]
         text = json.dumps(head, indent=1)[:-2]
@@ -102,6 +75,7 @@ class Recipe:
             "created_at",
             "base",
             "notes",
+            "variant",
             "commands",
         }
         if unknown:
@@ -121,7 +95,17 @@ class Recipe:
             notes=from_json(
                 tuple[str, ...], data.get("notes", []), "The recipe's notes"
             ),
+            variant=from_json(Variant, data.get("variant", {}), "The recipe's variant"),
         )
+
+
+def check_base(reference: BaseReference, base: Scenario) -> None:
+    """Refuse another scenario, or other contents under the same id.
+
+    Raises:
+        RecipeError: it is not the one.
+    """
+    reference.check_contents(base.scenario_id, base.provenance.content_sha256)
 
 
 def replay(
@@ -137,7 +121,7 @@ def replay(
         RecipeError: the base is another one, or an entry does not apply.
     """
     if not allow_other_base:
-        recipe.base.check(base)
+        check_base(recipe.base, base)
     scenario = base
     for number, command in enumerate(recipe.commands, start=1):
         scenario = applied(command, scenario, number)
@@ -174,7 +158,7 @@ def regenerate(
         GenerationError: the generator refused.
     """
     if not allow_other_base:
-        recipe.base.check(base)
+        check_base(recipe.base, base)
     scenario = base
     checked: list[RegeneratedEntry] = []
     for number, command in enumerate(recipe.commands, start=1):

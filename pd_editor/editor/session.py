@@ -2,14 +2,15 @@
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from pd_editor.editor.command import Command
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
-from pd_editor.editor.recipe import BaseReference, Recipe
+from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.variant import Variant, proposed_name
 from pd_editor.errors import EditError
 from pd_editor.scene.scenario import Scenario
 
@@ -18,6 +19,8 @@ from pd_editor.scene.scenario import Scenario
 class SessionState:
     """What listeners see; compare its parts by identity."""
 
+    base: Scenario
+    """The scenario as it was opened; another one means that another was opened."""
     scenario: Scenario
     selection: tuple[str, ...]
     position: int
@@ -47,6 +50,14 @@ class EditRecorder(Protocol):
 
     def moved_to(self, position: int, time_s: float) -> None:
         """The history was gone along to a position."""
+        ...
+
+    def described(self, variant: Variant, time_s: float) -> None:
+        """Name, tags and note are others."""
+        ...
+
+    def retry(self) -> None:
+        """Keep now what could not be kept before."""
         ...
 
     def close(self, *, discard: bool) -> None:
@@ -98,6 +109,7 @@ class EditorSession:
         self._history = History(max_undo)
         self._gesture_start: Snapshot | None = None
         self._previewed: Command | None = None
+        self._variant = Variant()
         if journal is not None:
             journal.start(scenario, base_files)
 
@@ -105,6 +117,7 @@ class EditorSession:
     def state(self) -> SessionState:
         """The state as a value."""
         return SessionState(
+            base=self._base,
             scenario=self._now.scenario,
             selection=self._now.selection,
             position=self._history.position,
@@ -158,27 +171,36 @@ class EditorSession:
         """Where edits are kept on disk; None if they are not, or before the first."""
         return None if self._journal is None else self._journal.path
 
-    def open(
-        self,
-        scenario: Scenario,
-        base_files: Mapping[str, bytes] | None = None,
-        *,
-        discard_former: bool = False,
-    ) -> None:
-        """Start anew on another scenario; its edits get a journal of their own.
+    @property
+    def variant(self) -> Variant:
+        """Name, tags and note that the user gave; an empty name means a proposed one."""
+        return self._variant
 
-        ``discard_former`` forgets the journal of what was open, its work being done.
+    def describe(self, variant: Variant) -> None:
+        """Give the edited scenario a name, tags and a note; not an undo step."""
+        if variant != self._variant:
+            self._variant = variant
+            if self._journal is not None:
+                self._journal.described(variant, self._clock())
+
+    def retry_journal(self) -> None:
+        """Keep on disk what could not be kept there so far, if anything."""
+        if self._journal is not None:
+            self._journal.retry()
+
+    def exchange(self, other: "EditorSession") -> None:
+        """Swap all but the listeners with another session, journals included.
+
+        Afterwards this one is as ``other`` was, and ``other`` keeps what was here.
         """
         self.commit_gesture()
-        if self._journal is not None:
-            if discard_former:
-                self._journal.close(discard=True)
-            self._journal.start(scenario, base_files)
+        other.commit_gesture()
         before = self.state
-        self._base = scenario
-        self._history = History(self._max_undo)
-        self._gesture_start = self._previewed = None
-        self._show(Snapshot(scenario=scenario, selection=()), before)
+        for name in ("_base", "_now", "_history", "_journal", "_variant", "_clock"):
+            mine, theirs = getattr(self, name), getattr(other, name)
+            setattr(self, name, theirs)
+            setattr(other, name, mine)
+        self._show(self._now, before)
 
     def apply(self, command: Command) -> None:
         """Commit a command as one undo step; none if it changes nothing.
@@ -279,15 +301,35 @@ class EditorSession:
         if selection != before.selection:
             self._show(Snapshot(scenario=before.scenario, selection=selection), before)
 
+    @property
+    def name(self) -> str:
+        """Name of the scenario as edited: the user's, else a proposed one.
+
+        Without edits and a name of its own it is the base's id.
+        """
+        return self._variant.name or self._proposed_name or self._base.scenario_id
+
+    @property
+    def _proposed_name(self) -> str:
+        in_force = self._history.entries[: self._history.position]
+        return proposed_name(
+            self._base.scenario_id,
+            [entry.command for entry in in_force],
+            self._committed_scenario,
+        )
+
     def recipe(self) -> Recipe:
         """The base and the commands in force, an unfinished gesture excluded."""
         in_force = self._history.entries[: self._history.position]
         moment = datetime.fromtimestamp(self._clock(), UTC)
         return Recipe(
-            base=BaseReference.of(self._base),
+            base=self._base.reference,
             commands=tuple(entry.command for entry in in_force),
             created_at=moment.isoformat(timespec="seconds"),
             notes=self._committed_scenario.provenance.notes,
+            variant=replace(
+                self._variant, name=self._variant.name or self._proposed_name
+            ),
         )
 
     def close(self, *, discard: bool = False) -> None:
@@ -304,18 +346,6 @@ class EditorSession:
         """Tell ``journal`` from now on; it knows already what was done so far."""
         assert self._journal is None
         self._journal = journal
-
-    def take_over(self, other: "EditorSession") -> None:
-        """Become another session, with its history and journal; that one is spent.
-
-        The journal of what was open so far is let go and stays as unfinished work.
-        """
-        self.close()
-        before = self.state
-        self._base, self._history = other._base, other._history
-        self._gesture_start = self._previewed = None
-        self._journal, other._journal = other._journal, None
-        self._show(other._now, before)
 
     def add_listener(self, listener: Listener) -> None:
         """Call ``listener(before, after)`` after each change."""

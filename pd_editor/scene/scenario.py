@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.time_axis import TimeAxis
@@ -26,6 +27,12 @@ class Provenance:
     """Hash of the source's bytes."""
     notes: tuple[str, ...] = ()
     """One sentence per invention, for example a past that was back-cast."""
+    base: BaseReference | None = None
+    """What it was made from, where it is an earlier export of the editor."""
+    is_bent: bool = False
+    """Whether the source's road was bent already when it was exported."""
+    edited_ids: frozenset[str] = frozenset()
+    """Agents whose motion was made or changed before the source was exported."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,6 +79,16 @@ class Scenario:
         if self.applied_warp is None:
             return self.road_map
         return self.applied_warp.original_road_map
+
+    @property
+    def reference(self) -> BaseReference:
+        """How a recipe names this scenario as its base, as it was opened."""
+        return BaseReference(
+            scenario_id=self.scenario_id,
+            source=self.provenance.source,
+            content_sha256=self.provenance.content_sha256,
+            base=self.provenance.base,
+        )
 
     @property
     def current_step(self) -> int:

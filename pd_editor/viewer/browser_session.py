@@ -24,7 +24,6 @@ from pd_editor.viewer.panels.dataset_panel import DatasetPanel
 from pd_editor.viewer.panels.generation_panel import GenerationPanel
 from pd_editor.viewer.panels.history_panel import HistoryPanel
 from pd_editor.viewer.panels.panel_style import PanelStyle
-from pd_editor.viewer.panels.recovery_panel import RecoveryPanel
 from pd_editor.viewer.panels.road_panel import RoadPanel
 from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
 from pd_editor.viewer.panels.status_panel import StatusPanel
@@ -43,6 +42,8 @@ SEARCH_PAUSE_S: Final = 0.02
 FUTURE_CHECK_DELAY_S: Final = 0.4
 """An edit's consequences for the future are looked at when edits pause."""
 SEND_PAUSE_S: Final = 1e-3
+JOURNAL_RETRY_S: Final = 3.0
+"""Edits that could not be kept on disk are tried again this often."""
 
 Generators = Mapping[str, GeneratorOffer]
 
@@ -61,8 +62,8 @@ class BrowserSession:
         self._desk = Desk(client, workspace, self._inbox)
         self._checks_future_at: float | None = None
         self._timeline_shown_at = 0.0
+        self._retries_journal_at = 0.0
         self._drawn_step = -1.0
-        self._base_shown = workspace.session.base
         self._is_built = False
         self._is_closed = False
         self._closing = threading.Lock()
@@ -117,6 +118,7 @@ class BrowserSession:
             self._add_hotkeys()
             self._show_panels(workspace.session.state)
         workspace.session.add_listener(self._changed)
+        workspace.tell = self._desk.notify
         self._is_built = True
         self._request_check()
         if workspace.starts_playing:
@@ -150,7 +152,7 @@ class BrowserSession:
         with tabs.add_tab("Scene"):
             self._scenario_panel = ScenarioPanel(desk)
             self._dataset_panel = DatasetPanel(desk)
-            self._recovery_panel = RecoveryPanel(desk)
+            self._unfinished_panel = UnfinishedPanel(desk)
         with tabs.add_tab("Road"):
             self._road_panel = RoadPanel(desk, self._map.set_ghost_wanted)
         with tabs.add_tab("Agents"):
@@ -274,11 +276,7 @@ class BrowserSession:
 
     def _show_change(self, before: SessionState, after: SessionState) -> None:
         playback = self._workspace.playback
-        is_other_scene = (
-            before.scenario.time_axis != after.scenario.time_axis
-            or self._workspace.session.base is not self._base_shown
-        )
-        self._base_shown = self._workspace.session.base
+        is_other_scene = before.base is not after.base
         if is_other_scene:
             playback.open(after.scenario.time_axis)
         playback.last_step = after.scenario.last_step
@@ -295,6 +293,7 @@ class BrowserSession:
             self._show_panels(after)
             if is_other_scene:
                 self._dataset_panel.follow(after.scenario.scenario_id)
+                self._unfinished_panel.refresh()
         if after.scenario is not before.scenario and not after.is_previewing:
             self._request_check()
             if not is_other_scene:
@@ -377,6 +376,9 @@ class BrowserSession:
             with self._client.atomic():
                 self._draw_frame()
                 self._status.show()
+        if now >= self._retries_journal_at:
+            self._retries_journal_at = now + JOURNAL_RETRY_S
+            self._workspace.retry_journals()
         is_searching = self._workspace.search_on()
         if is_searching:
             self._dataset_panel.show()

@@ -1,7 +1,8 @@
 """What one browser tab works on; it outlives the tab's connection."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -14,19 +15,23 @@ from pd_editor.editor.journal import (
     restore,
 )
 from pd_editor.editor.session import EditorSession
+from pd_editor.editor.variant import short_id
 from pd_editor.errors import InputError
 from pd_editor.exporters.bundle import zip_files
 from pd_editor.scenario_store import export_into, exported_files, open_scenario
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.playback import Playback
+from pd_editor.viewer.state.session_shelf import (
+    SessionShelf,
+    ShelvedSession,
+    is_same_base,
+)
 from pd_editor.viewer.state.view_memory import ViewMemory
 
 SEARCH_STEP: Final = 4
 """Scenario folders looked at before the clock is looked at again."""
 SEARCH_TURN_S: Final = 0.008
 """How long a search goes on between two messages of the user or frames."""
-_let_go: Final[set[Path]] = set()
-"""Journals of work that tabs of this process have left."""
 
 
 class DatasetSearch:
@@ -54,6 +59,20 @@ class DatasetSearch:
         return self._dataset.cities()
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KeptWork:
+    """Unfinished work of one scenario, to go on with or to discard."""
+
+    scenario_id: str
+    name: str
+    """The name that the user gave, or a proposed one; empty if there is none."""
+    num_edits: int
+    last_time: float
+    """When the last edit was made, in seconds since 1970."""
+    place: ShelvedSession | UnfinishedWork
+    """Where it is: in this workspace, or in a journal on disk."""
+
+
 class Workspace:
     """An editing session, its playhead, and where scenarios come from and go to."""
 
@@ -69,6 +88,9 @@ class Workspace:
         self.is_local = is_local
         self._journals = journals
         self._exported: Scenario | None = None
+        self.tell: Callable[[str, str], None] = lambda _title, _body: None
+        """Shows the user a few words and a sentence; set by the tab that is open."""
+        self._shelf = SessionShelf(journals)
         self.session = EditorSession(scenario, journal=Journal(journals))
         self.playback = Playback()
         self.playback.open(scenario.time_axis)
@@ -110,8 +132,41 @@ class Workspace:
     def _open(
         self, scenario: Scenario, base_files: Mapping[str, bytes] | None = None
     ) -> None:
-        self._let_go_of_journal()
-        self.session.open(scenario, base_files, discard_former=self._is_exported)
+        """Open a scenario, or go on where it was left; what was open is kept."""
+        self.session.commit_gesture()
+        if self.session.entries and is_same_base(scenario, self.session.base):
+            self.tell(
+                f"{short_id(scenario.scenario_id)} is open already",
+                f"It has {_edits(self.session.state.position)}; go back in the History "
+                "tab to begin anew.",
+            )
+            return
+        kept = self._shelf.take(scenario)
+        if kept is None:
+            session = EditorSession(
+                scenario, journal=Journal(self._journals), base_files=base_files
+            )
+            kept = ShelvedSession(session=session, exported=None)
+        self._exchange(kept)
+
+    def _exchange(self, taken: ShelvedSession) -> None:
+        """Go on with a session; the one that was open goes to the shelf."""
+        left = ShelvedSession(session=taken.session, exported=self._exported)
+        self._exported = taken.exported
+        self.session.exchange(taken.session)
+        if left.session.entries:
+            name = short_id(left.session.base.scenario_id)
+            count = left.session.state.position
+            self.tell(
+                f"{_edits(count)} of {name} {'is' if count == 1 else 'are'} kept",
+                "Open it again to continue.",
+            )
+        self._shelf.put(left)
+        if self.session.entries:
+            self.tell(
+                f"Back to {short_id(self.session.base.scenario_id)}",
+                f"It goes on with its {_edits(self.session.state.position)}.",
+            )
 
     @property
     def _is_exported(self) -> bool:
@@ -177,19 +232,60 @@ class Workspace:
         self._exported = scenario
         return folder
 
-    def unfinished_work(self) -> list[UnfinishedWork]:
-        """What earlier runs of the editor left, the newest first.
-
-        What tabs of this run have let go is theirs, and is offered after a restart.
-        """
-        return [
-            work for work in find_unfinished(self._journals) if work.path not in _let_go
+    def unfinished_work(self) -> list[KeptWork]:
+        """Edited scenarios that are not open and not exported, the newest first."""
+        here = [
+            KeptWork(
+                scenario_id=left.session.base.scenario_id,
+                name=left.session.name,
+                num_edits=left.session.state.position,
+                last_time=left.session.entries[-1].time_s,
+                place=left,
+            )
+            for left in self._shelf.live
+            if not left.is_exported
         ]
+        stored = [
+            KeptWork(
+                scenario_id=work.scenario_id,
+                name=work.variant.name,
+                num_edits=work.num_edits,
+                last_time=work.last_time,
+                place=work,
+            )
+            for work in find_unfinished(self._journals)
+        ]
+        return sorted(here + stored, key=lambda one: one.last_time, reverse=True)
 
-    def _let_go_of_journal(self) -> None:
-        self.session.commit_gesture()
-        if self.session.journal_path is not None:
-            _let_go.add(self.session.journal_path)
+    def resume(self, work: KeptWork) -> None:
+        """Go on with unfinished work; what was open is kept.
+
+        Raises:
+            InputError: its base scenario is gone.
+            RecipeError: the journal cannot be replayed, or is open elsewhere.
+        """
+        if isinstance(work.place, UnfinishedWork):
+            self.restore(work.place)
+        elif work.place in self._shelf.live:
+            self._shelf.remove(work.place)
+            self._exchange(work.place)
+
+    def discard(self, work: KeptWork) -> None:
+        """Forget unfinished work for good.
+
+        Raises:
+            RecipeError: it is open in another session.
+        """
+        if isinstance(work.place, UnfinishedWork):
+            work.place.discard()
+        elif work.place in self._shelf.live:
+            self._shelf.remove(work.place)
+            work.place.session.close(discard=True)
+
+    def retry_journals(self) -> None:
+        """Keep on disk what could not be kept there so far, if anything."""
+        self.session.retry_journal()
+        self._shelf.retry_journals()
 
     def restore(self, work: UnfinishedWork) -> None:
         """Take up unfinished work; what was open here stays in its own journal.
@@ -208,10 +304,15 @@ class Workspace:
             base = scenario_from_upload(files)
         else:
             base = open_scenario(work.base.source)
-        self._let_go_of_journal()
-        self.session.take_over(restore(work, base))
+        session = restore(work, base)
+        self._exchange(ShelvedSession(session=session, exported=None))
 
     def close(self) -> None:
         """End; edits that were not exported stay in their journal to be offered."""
-        self._let_go_of_journal()
+        self.session.commit_gesture()
         self.session.close(discard=self._is_exported)
+        self._shelf.close()
+
+
+def _edits(count: int) -> str:
+    return f"{count} edit{'s' if count != 1 else ''}"

@@ -1,0 +1,107 @@
+"""What an edited scenario is called, and what is said about it."""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from pd_editor.editor.command import Command
+from pd_editor.editor.road_commands import SetRoadWarp
+from pd_editor.editor.traffic_commands import ReplaceTraffic
+from pd_editor.errors import EditError
+from pd_editor.scene.scenario import Scenario
+
+MAX_NAME_CHARACTERS: Final = 80
+MAX_TAGS: Final = 20
+MAX_TAG_CHARACTERS: Final = 60
+MAX_NOTE_CHARACTERS: Final = 4000
+SHORT_ID_CHARACTERS: Final = 40
+# The official tutorial takes the id from a file's name by its last underscore, and
+# Path.stem cuts folder names at a dot, so names have neither.
+_NAME: Final = re.compile(rf"[A-Za-z0-9][A-Za-z0-9-]{{0,{MAX_NAME_CHARACTERS - 1}}}")
+_UUID: Final = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """Name, tags and note of an edited scenario."""
+
+    name: str = ""
+    """Id of the exported scenario: letters, digits and hyphens. Empty: proposed."""
+    tags: tuple[str, ...] = ()
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        if self.name and _NAME.fullmatch(self.name) is None:
+            raise EditError(
+                f"The name {self.name[:60]!r} does not fit; expected up to"
+                f" {MAX_NAME_CHARACTERS} letters, digits and hyphens."
+            )
+        if len(self.tags) > MAX_TAGS or any(
+            not 0 < len(tag) <= MAX_TAG_CHARACTERS for tag in self.tags
+        ):
+            raise EditError(
+                f"Expected up to {MAX_TAGS} tags of up to {MAX_TAG_CHARACTERS}"
+                " characters each."
+            )
+        if len(self.note) > MAX_NOTE_CHARACTERS:
+            raise EditError(
+                f"The note has {len(self.note)} characters; at most"
+                f" {MAX_NOTE_CHARACTERS} are kept."
+            )
+
+
+def name_from_text(text: str) -> str:
+    """A name as a user typed it, with hyphens for all that names cannot have."""
+    words = re.findall(r"[A-Za-z0-9]+", text)
+    return "-".join(words)[:MAX_NAME_CHARACTERS].strip("-")
+
+
+def tags_from_text(text: str) -> tuple[str, ...]:
+    """Tags that are separated by commas, each once."""
+    words = (" ".join(part.split()) for part in text.split(","))
+    return tuple(dict.fromkeys(word for word in words if word))
+
+
+def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario) -> str:
+    """A name that says what was done, such as ``000c4929-double-turn-p6-s3``.
+
+    Empty without commands: the scenario is the base still, under its own id.
+    """
+    if not commands:
+        return ""
+    parts = [short_id(base_id)]
+    applied = scenario.applied_warp
+    terms = () if applied is None else applied.warp.terms
+    parts += [f"{term.kind}-{_number(term.power)}" for term in terms]
+    drawn = [one for one in commands if isinstance(one, ReplaceTraffic)]
+    if drawn:
+        parts.append(f"s{drawn[-1].seed}")
+    edits = sum(not isinstance(one, SetRoadWarp | ReplaceTraffic) for one in commands)
+    if edits:
+        parts.append(f"{edits}-edit{'s' if edits > 1 else ''}")
+    if len(parts) == 1:
+        parts.append("edited")
+    return name_from_text(" ".join(parts))
+
+
+def free_name(name: str, is_taken: Callable[[str], bool]) -> str:
+    """The name, or ``name-2``, ``name-3``, ..., whichever is the first one free."""
+    found, number = name, 1
+    while is_taken(found):
+        number += 1
+        ending = f"-{number}"
+        found = name[: MAX_NAME_CHARACTERS - len(ending)].rstrip("-") + ending
+    return found
+
+
+def short_id(scenario_id: str) -> str:
+    """The first part of a UUID, and other ids up to a length that can be read."""
+    if _UUID.fullmatch(scenario_id):
+        return scenario_id[:8]
+    return scenario_id[:SHORT_ID_CHARACTERS]
+
+
+def _number(power: float) -> str:
+    sign = "p" if power >= 0 else "m"
+    return f"{sign}{abs(power):g}".replace(".", "-")

@@ -1,0 +1,103 @@
+"""The edited scenarios of one workspace that are not open at the moment."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from pd_editor.editor.journal import find_unfinished, restore
+from pd_editor.editor.session import EditorSession
+from pd_editor.errors import RecipeError
+from pd_editor.scene.scenario import Scenario
+
+MAX_LIVE: Final = 4
+"""Sessions kept in memory; older ones go on from their journals."""
+
+Key = tuple[str, str]
+
+
+@dataclass(kw_only=True, eq=False)
+class ShelvedSession:
+    """A session that was left, with what of it was exported last."""
+
+    session: EditorSession
+    exported: Scenario | None
+
+    @property
+    def is_exported(self) -> bool:
+        """Whether the scenario as it was left was exported."""
+        return self.session.scenario is self.exported
+
+
+class SessionShelf:
+    """Keeps sessions that were left, so that opening their scenario resumes them."""
+
+    def __init__(self, journals: Path) -> None:
+        """Begin with none; older sessions go on in the folder ``journals``."""
+        self._journals = journals
+        self._live: list[ShelvedSession] = []
+        self._stored: dict[Path, Key] = {}
+
+    @property
+    def live(self) -> tuple[ShelvedSession, ...]:
+        """Sessions in memory, the one that was left last at the end."""
+        return tuple(self._live)
+
+    def put(self, left: ShelvedSession) -> None:
+        """Keep a session that is left; one without edits ends."""
+        if not left.session.entries:
+            left.session.close(discard=True)
+            return
+        self._live.append(left)
+        for old in tuple(self._live[:-MAX_LIVE]):
+            path = old.session.journal_path
+            if path is None or old.session.journal_problem is not None:
+                # It is nowhere but here.
+                continue
+            self._live.remove(old)
+            old.session.close(discard=old.is_exported)
+            self._stored[path] = _key_of(old.session.base)
+
+    def take(self, base: Scenario) -> ShelvedSession | None:
+        """The session that was left last on a scenario, taken from the shelf."""
+        wanted = _key_of(base)
+        for left in reversed(self._live):
+            if _key_of(left.session.base) == wanted:
+                self._live.remove(left)
+                return left
+        paths = {path for path, key in self._stored.items() if key == wanted}
+        if not paths:
+            return None
+        for work in find_unfinished(self._journals):
+            if work.path in paths:
+                del self._stored[work.path]
+                try:
+                    session = restore(work, base)
+                except RecipeError:
+                    # It stays in the list of unfinished work, which says why.
+                    return None
+                return ShelvedSession(session=session, exported=None)
+        return None
+
+    def remove(self, left: ShelvedSession) -> None:
+        """Take a session out; the caller goes on with it or ends it."""
+        self._live.remove(left)
+
+    def retry_journals(self) -> None:
+        """Keep on disk what could not be kept there so far."""
+        for left in self._live:
+            left.session.retry_journal()
+
+    def close(self) -> None:
+        """End all sessions; edits that were not exported stay in their journals."""
+        for left in self._live:
+            left.session.close(discard=left.is_exported)
+        self._live.clear()
+
+
+def is_same_base(one: Scenario, other: Scenario) -> bool:
+    """Whether two scenarios were opened from the same contents under the same id."""
+    return _key_of(one) == _key_of(other)
+
+
+def _key_of(scenario: Scenario) -> Key:
+    return scenario.scenario_id, scenario.provenance.content_sha256
