@@ -225,9 +225,9 @@ def _safe_names(files: Mapping[str, bytes]) -> dict[str, bytes]:
     safe: dict[str, bytes] = {}
     for number, (name, content) in enumerate(files.items()):
         if _SAFE_NAME.fullmatch(name) is None or name in safe:
-            suffix = Path(name.replace("\0", "")).suffix.lower()
-            is_known = suffix in (".zip", ".parquet", ".json")
-            name = f"upload-{number}{suffix if is_known else ''}"  # noqa: PLW2901
+            known = (".zip", ".parquet", ".json")
+            suffix = next((one for one in known if name.lower().endswith(one)), "")
+            name = f"upload-{number}{suffix}"  # noqa: PLW2901
         safe[name] = content
     return safe
 
@@ -262,6 +262,7 @@ def whole_lines(content: bytes) -> bytes:
 
 
 def remove_journal(path: Path) -> None:
-    """Remove a journal and the files beside it."""
-    path.unlink(missing_ok=True)
+    """Remove a journal and the files beside it, if the disk lets that be done."""
+    with contextlib.suppress(OSError):
+        path.unlink(missing_ok=True)
     shutil.rmtree(path.with_suffix(BASE_FILES_SUFFIX), ignore_errors=True)

@@ -27,6 +27,7 @@ from pd_editor.viewer.panels.panel_style import PanelStyle
 from pd_editor.viewer.panels.road_panel import RoadPanel
 from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
 from pd_editor.viewer.panels.status_panel import StatusPanel
+from pd_editor.viewer.panels.unfinished_panel import UnfinishedPanel
 from pd_editor.viewer.panels.view_panel import ViewPanel
 from pd_editor.viewer.state.desk import Desk
 from pd_editor.viewer.state.inbox import Inbox
@@ -293,7 +294,7 @@ class BrowserSession:
             self._show_panels(after)
             if is_other_scene:
                 self._dataset_panel.follow(after.scenario.scenario_id)
-                self._unfinished_panel.refresh()
+                self._desk.post(self._unfinished_panel.refresh)
         if after.scenario is not before.scenario and not after.is_previewing:
             self._request_check()
             if not is_other_scene:

@@ -138,8 +138,64 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
 
     editor = open_editor(library=library)
     notice(editor, "Unfinished work found")
-    editor.press("Restore")
+    editor.press("Unfinished work (1)")
+    editor.press("Continue signalised-junction")
     editor.until(lambda: len(editor.session.entries) == 2, "the work")
     assert editor.session.state.position == 1
     editor.key("Control+y")
     editor.until(lambda: editor.session.state.position == 2, "the undone edit redone")
+
+
+def test_another_scenario_keeps_the_edits_and_coming_back_resumes_them(open_editor):
+    """(D3): Page Down threw them away without a word."""
+    editor = open_editor()
+    session = editor.session
+    focal, other = session.scenario.agents.ids[:2]
+    editor._tab()._desk.post(
+        lambda: (
+            [
+                session.apply(SetAgentSpeed(agent_ids=(focal,), speed_mps=speed))
+                for speed in (3.0, 4.0)
+            ]
+            and session.select((other,))
+        )
+    )
+    editor.until(lambda: session.selection == (other,), "edits")
+    edited = session.scenario
+    editor.choose("Demo", "roundabout")
+    editor.press("Open demo")
+    editor.until(lambda: session.scenario.scenario_id == "roundabout", "another demo")
+    notice(editor, "2 edits of signalised-junction are kept")
+    assert not session.entries
+    editor.press("Unfinished work (1)")
+    notice(editor, "2 edits, last")
+    editor.screenshot("40_unfinished")
+    editor.press("Close")
+    editor.choose("Demo", "signalised-junction")
+    editor.press("Open demo")
+    editor.until(lambda: session.scenario is edited, "the edits")
+    notice(editor, "Back to signalised-junction")
+    assert len(session.entries) == 2
+    assert session.selection == (other,)
+    editor.key("Control+z")
+    editor.until(lambda: session.state.position == 1, "an undo")
+
+
+def test_unfinished_work_is_discarded_when_asked_twice(open_editor):
+    """(D3): it is listed at any time, not only after a restart."""
+    editor = open_editor()
+    session = editor.session
+    focal = session.scenario.focal_id
+    editor._tab()._desk.post(
+        lambda: session.apply(SetAgentSpeed(agent_ids=(focal,), speed_mps=3.0))
+    )
+    editor.until(lambda: session.entries, "an edit")
+    editor.choose("Demo", "roundabout")
+    editor.press("Open demo")
+    editor.until(lambda: session.scenario.scenario_id == "roundabout", "another demo")
+    editor.press("Unfinished work (1)")
+    editor.press("Discard")
+    editor.press("Discard for good?")
+    notice(editor, "There is none")
+    assert editor.workspace.unfinished_work() == []
+    editor.press("Close")

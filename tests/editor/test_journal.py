@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pd_editor.editor import journal_file
 from pd_editor.editor.commands import DeleteAgents, TransformAgents
 from pd_editor.editor.journal import (
     Journal,
@@ -21,7 +23,8 @@ from pd_editor.editor.journal import (
     restore,
 )
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import InputError, RecipeError
+from pd_editor.editor.variant import Variant
+from pd_editor.errors import RecipeError
 from tests.editor.command_strategies import busy_scenario
 from tests.editor.random_edits import random_command
 from tests.editor.same_scenario import same_scenario
@@ -208,32 +211,39 @@ def test_work_is_taken_up_once(tmp_path: Path):
         restored(work, BASE)
 
 
-def test_opening_another_scenario_keeps_the_former_work(tmp_path: Path):
-    session = session_in(tmp_path)
-    session.apply(shift(1.0))
-    session.open(replace(BASE, scenario_id="other"))
-    (work,) = find_unfinished(tmp_path)
-    assert work.scenario_id == "two-lane-road"
-    session.apply(shift(2.0))
-    session.close()
-    assert {work.scenario_id for work in find_unfinished(tmp_path)} == {
-        "two-lane-road",
-        "other",
-    }
-
-
-def test_a_session_takes_over_restored_work(tmp_path: Path):
-    left_behind(tmp_path, shift(1.0), shift(2.0))
-    (work,) = find_unfinished(tmp_path)
+def test_an_exchange_keeps_both_journals(tmp_path: Path):
+    """(D3): each session goes on in its own."""
     session, heard = session_in(tmp_path), []
     session.apply(shift(9.0))
+    left_behind(tmp_path, shift(1.0), shift(2.0))
+    (work,) = find_unfinished(tmp_path)
     session.add_listener(lambda _, after: heard.append(after.position))
-    session.take_over(restored(work, BASE))
+    other = restored(work, BASE)
+    session.exchange(other)
     assert heard == [2]
     assert session.scenario.agents.position_m[0, 50, 0] == 3
     session.undo()
+    other.apply(shift(1.0))
     session.close()
-    assert sorted(one.num_edits for one in find_unfinished(tmp_path)) == [1, 1]
+    other.close()
+    assert sorted(one.num_edits for one in find_unfinished(tmp_path)) == [1, 2]
+
+
+def test_name_tags_and_note_are_kept(tmp_path: Path):
+    """(D6): also such as were given before the first edit."""
+    session = session_in(tmp_path)
+    session.describe(Variant(name="early"))
+    assert not list(tmp_path.iterdir())
+    session.apply(shift(1.0))
+    session.close()
+    (work,) = find_unfinished(tmp_path)
+    assert work.variant == Variant(name="early")
+    again = restored(work)
+    again.describe(Variant(name="late", tags=("a", "b"), note="x\ny"))
+    again.close()
+    (work,) = find_unfinished(tmp_path)
+    assert restored(work).variant == Variant(name="late", tags=("a", "b"), note="x\ny")
+    assert work.num_edits == 1
 
 
 def test_another_base_is_refused(tmp_path: Path):
@@ -289,20 +299,84 @@ def test_foreign_files_are_passed_over_and_logged(tmp_path: Path, content, caplo
     assert "foreign.journal" in caplog.text
 
 
-@pytest.mark.parametrize("name", ["../evil", "a/b", "", "..", "a\\b", "a\0b"])
-def test_base_files_stay_in_their_folder(tmp_path: Path, name: str):
-    with pytest.raises(InputError, match="must be plain"):
-        session_in(tmp_path, base_files={name: b""})
+@pytest.mark.parametrize(
+    "name",
+    ["../evil", "a/b", "", "..", "a\\b", "a\0b", "new\nline", "\ud800", "x" * 300],
+)
+def test_base_files_of_any_name_are_kept_in_their_folder(tmp_path: Path, name: str):
+    """(Reliability 5): such names broke the journal, and edits were not kept."""
+    session = session_in(tmp_path, base_files={f"{name}.zip": b"1", "map.json": b"2"})
+    session.apply(shift(1.0))
+    assert session.journal_problem is None
+    session.close()
+    (work,) = find_unfinished(tmp_path)
+    kept = {path.suffix: path.read_bytes() for path in work.base_files}
+    assert kept == {".zip": b"1", ".json": b"2"}
+    assert {path.parent.suffix for path in work.base_files} == {".base"}
 
 
-def test_a_full_disk_stops_the_journal_and_not_the_session(tmp_path: Path, caplog):
+def test_a_disk_that_fails_is_tried_again_and_nothing_is_lost(tmp_path: Path, caplog):
+    """(Reliability 6): the journal gave up for good, with a traceback."""
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
-    journal = Journal(blocked / "folder")
-    session = EditorSession(BASE, journal=journal)
+    session = EditorSession(BASE, journal=Journal(blocked / "folder"))
+    _opened.append(session)
     session.apply(shift(1.0))
     session.apply(shift(1.0))
     assert session.state.position == 2
-    assert journal.problem is not None
-    assert journal.problem.startswith("Edits are not kept on disk")
+    assert session.journal_problem is not None
+    assert session.journal_problem.startswith("Edits are not kept on disk: Not a dir")
     assert len(caplog.records) == 1
+    assert caplog.records[0].exc_info is None
+    session.retry_journal()
+    assert session.journal_problem is not None
+    blocked.unlink()
+    session.retry_journal()
+    assert session.journal_problem is None
+    session.apply(shift(4.0))
+    session.close()
+    (work,) = find_unfinished(blocked / "folder")
+    assert restored(work).scenario.agents.position_m[0, 50, 0] == 6
+
+
+def test_a_full_disk_leaves_whole_lines_and_the_rest_follows(tmp_path, monkeypatch):
+    """(Reliability 6): a line that was cut off must not spoil those after it."""
+    session = session_in(tmp_path)
+    session.apply(shift(1.0))
+    path = session.journal_path
+    assert path is not None
+
+    def torn(file, size, content):
+        file.seek(size)
+        file.write(content[:10])
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(journal_file, "_write_at", torn)
+        session.apply(shift(2.0))
+        assert session.journal_problem == (
+            "Edits are not kept on disk: No space left on device."
+        )
+    session.apply(shift(4.0))
+    assert session.journal_problem is None
+    session.close()
+    (work,) = find_unfinished(tmp_path)
+    assert restored(work).scenario.agents.position_m[0, 50, 0] == 7
+
+
+def test_a_journal_that_was_deleted_is_written_again(tmp_path: Path):
+    """(Reliability 6): a file may also come into the place of its folder."""
+    folder = tmp_path / "journals"
+    session = session_in(folder, base_files={"map.json": b"{}"})
+    session.apply(shift(1.0))
+    shutil.rmtree(folder)
+    folder.write_text("in the way")
+    session.apply(shift(2.0))
+    assert session.journal_problem is not None
+    folder.unlink()
+    session.apply(shift(4.0))
+    assert session.journal_problem is None
+    session.close()
+    (work,) = find_unfinished(folder)
+    assert [path.name for path in work.base_files] == ["map.json"]
+    assert restored(work).scenario.agents.position_m[0, 50, 0] == 7

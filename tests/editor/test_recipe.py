@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pd_editor.editor.commands import DeleteAgents, TransformAgents
-from pd_editor.editor.recipe import BaseReference, Recipe, regenerate, replay
+from pd_editor.editor.recipe import Recipe, regenerate, replay
 from pd_editor.editor.traffic_commands import traffic_command
 from pd_editor.errors import RecipeError
 from pd_editor.generation import GenerationRequest, run_to_end
@@ -29,7 +29,7 @@ BASE = replace(
 
 
 def recipe_of(*commands) -> Recipe:
-    return Recipe(base=BaseReference.of(BASE), commands=commands, created_at="today")
+    return Recipe(base=BASE.reference, commands=commands, created_at="today")
 
 
 @settings(max_examples=60, deadline=None)

@@ -21,6 +21,7 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession, SessionState
+from pd_editor.editor.variant import Variant
 from pd_editor.errors import EditError
 from tests.editor.command_strategies import (
     ON_TRAFFIC,
@@ -330,22 +331,30 @@ def test_unknown_agents_cannot_be_selected():
     assert session.selection == ("100",)
 
 
-def test_opening_starts_anew():
+def test_an_exchange_swaps_everything_but_the_listeners():
+    """(D3): what was open is kept, and what comes back is as it was left."""
     session = session_with(shift(1.0))
+    session.describe(Variant(name="first", tags=("a",)))
     session.begin_gesture()
     session.preview(shift(2.0))
-    other = busy_scenario()
+    other = EditorSession(busy_scenario())
     heard = []
     session.add_listener(lambda before, after: heard.append((before, after)))
-    session.open(other)
-    assert session.scenario is session.base is other
+    session.exchange(other)
+    assert session.scenario is session.base
     assert session.entries == ()
-    assert not session.can_undo
+    assert session.variant == Variant()
     # The gesture is committed first, so that its journal keeps it.
     committed, states = heard
     assert committed[1].num_entries == committed[0].num_entries + 1
-    assert states[1].scenario is other
+    assert states[1].base is not states[0].base
     assert not states[1].is_previewing
+    assert len(other.entries) == 2
+    session.exchange(other)
+    assert len(session.entries) == 2
+    assert session.variant.name == "first"
+    session.undo()
+    assert session.selection == committed[0].selection
 
 
 def test_nothing_to_undo_or_redo_is_said():

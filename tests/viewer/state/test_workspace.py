@@ -1,0 +1,129 @@
+"""Sessions per scenario, and unfinished work."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pd_editor.av2_io.write import scenario_files
+from pd_editor.editor.commands import TransformAgents
+from pd_editor.editor.journal import find_unfinished
+from pd_editor.exporters.bundle import write_files
+from pd_editor.scenario_store import open_scenario
+from pd_editor.viewer.state.session_shelf import MAX_LIVE
+from pd_editor.viewer.state.workspace import Workspace
+from tests.builders import two_agents_that_pass
+
+IDS = tuple(f"scene-{number}" for number in range(MAX_LIVE + 3))
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    for name in IDS:
+        scenario = replace(two_agents_that_pass(), scenario_id=name)
+        write_files(scenario_files(scenario), tmp_path / name, forbidden=None)
+    return tmp_path
+
+
+@pytest.fixture
+def workspace(root: Path):
+    made = Workspace(
+        open_scenario(root / IDS[0]), dataset=None, journals=root / "journals"
+    )
+    yield made
+    made.close()
+
+
+def shift(workspace: Workspace, dx: float) -> None:
+    session = workspace.session
+    session.apply(TransformAgents(agent_ids=(session.scenario.focal_id,), dx_m=dx))
+
+
+def position(workspace: Workspace) -> float:
+    return float(workspace.session.scenario.agents.position_m[0, 50, 0])
+
+
+def test_every_scenario_goes_on_with_its_own_edits(workspace: Workspace, root: Path):
+    """(D3): also such as were let go from memory."""
+    told: list[str] = []
+    workspace.tell = lambda title, _body: told.append(title)
+    for number, name in enumerate(IDS):
+        workspace.open_reference(str(root / name))
+        shift(workspace, number + 1.0)
+        shift(workspace, 10.0)
+        workspace.session.undo()
+    assert told[0] == "1 edit of scene-0 is kept"
+    live = workspace._shelf.live
+    assert len(live) == MAX_LIVE
+    listed = workspace.unfinished_work()
+    assert {work.scenario_id for work in listed} == set(IDS[:-1])
+    for number, name in enumerate(IDS):
+        workspace.open_reference(str(root / name))
+        session = workspace.session
+        assert session.base.scenario_id == name
+        assert (session.state.position, len(session.entries)) == (1, 2)
+        session.undo()
+        start = position(workspace)
+        session.jump_to(2)
+        assert position(workspace) == pytest.approx(start + number + 11.0)
+        session.undo()
+
+
+def test_opening_what_is_open_changes_nothing(workspace: Workspace, root: Path):
+    shift(workspace, 1.0)
+    edited = workspace.session.scenario
+    told: list[str] = []
+    workspace.tell = lambda title, _body: told.append(title)
+    workspace.open_reference(str(root / IDS[0]))
+    assert workspace.session.scenario is edited
+    assert told == ["scene-0 is open already"]
+
+
+def test_unfinished_work_is_resumed_and_discarded(workspace: Workspace, root: Path):
+    """(D3): at any time, from memory and from disk alike."""
+    for name in IDS:
+        workspace.open_reference(str(root / name))
+        shift(workspace, 1.0)
+    listed = workspace.unfinished_work()
+    assert [work.num_edits for work in listed] == [1] * (len(IDS) - 1)
+    for work in listed:
+        if work.scenario_id in (IDS[0], IDS[-2]):
+            workspace.resume(work)
+            assert workspace.session.base.scenario_id == work.scenario_id
+            assert workspace.session.state.position == 1
+    for work in workspace.unfinished_work():
+        workspace.discard(work)
+    assert workspace.unfinished_work() == []
+    workspace.close()
+    (left,) = find_unfinished(root / "journals")
+    assert left.scenario_id == IDS[0]
+
+
+def test_what_was_exported_is_not_unfinished(workspace: Workspace, root: Path):
+    shift(workspace, 1.0)
+    workspace.exported_zip()
+    workspace.open_reference(str(root / IDS[1]))
+    assert workspace.unfinished_work() == []
+    workspace.open_reference(str(root / IDS[0]))
+    assert workspace.session.state.position == 1
+    shift(workspace, 2.0)
+    workspace.open_reference(str(root / IDS[1]))
+    assert len(workspace.unfinished_work()) == 1
+
+
+def test_a_session_that_is_nowhere_on_disk_stays_in_memory(
+    workspace: Workspace, root: Path
+):
+    """(Reliability 6): letting it go would lose its edits."""
+    (root / "journals").write_text("in the way")
+    for name in IDS:
+        workspace.open_reference(str(root / name))
+        shift(workspace, 1.0)
+    assert len(workspace._shelf.live) == len(IDS) - 1
+    (root / "journals").unlink()
+    workspace.retry_journals()
+    assert workspace.session.journal_problem is None
+    for name in IDS:
+        workspace.open_reference(str(root / name))
+        assert len(workspace.session.entries) == 1
+    assert len(workspace._shelf.live) == MAX_LIVE
