@@ -12,6 +12,7 @@ from pd_editor.editor.recipe import Recipe
 from pd_editor.errors import ExportError, InputError
 from pd_editor.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.installed_files import demo_folder, demo_names
+from pd_editor.regular_file import check_path
 from pd_editor.scene.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
 
@@ -25,6 +26,7 @@ def open_scenario(reference: str | Path) -> Scenario:
         InputError: there is no such demo or folder, or it cannot be read.
     """
     text = str(reference)
+    check_path(text)
     name = text.removeprefix(DEMO_PREFIX)
     if name in demo_names() and not os.path.isdir(text):
         scenario = read_scenario(demo_folder(name))

@@ -18,6 +18,7 @@ from pd_editor.av2_io.file_names import (
 )
 from pd_editor.av2_io.track_table import open_track_table
 from pd_editor.errors import InputError, ScenarioFileError
+from pd_editor.regular_file import check_path
 
 MAX_DEPTH: Final = 4
 """Levels of folders below the root that are looked into."""
@@ -83,6 +84,7 @@ class DatasetIndex:
         Raises:
             InputError: there is no such folder.
         """
+        check_path(root)
         self.root = Path(root)
         if not os.path.isdir(self.root):
             raise InputError(f"{root}: there is no such dataset folder.")
@@ -223,7 +225,11 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
     """Scenario folders below a folder; plain paths where a file is missing."""
     try:
         with os.scandir(folder) as entries:
-            listed = [(entry.name, entry.is_dir()) for entry in entries]
+            listed = [
+                (entry.name, entry.is_dir())
+                for entry in entries
+                if entry.name.isprintable()
+            ]
     except OSError:
         yield folder
         return

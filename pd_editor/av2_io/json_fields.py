@@ -12,9 +12,9 @@ from jaxtyping import Float
 from pd_editor.errors import MapFileError
 
 MAX_COORDINATE_M: Final = 1e6
-"""Largest coordinate that is believed."""
+"""Largest coordinate that is read."""
 
-MAX_JSON_BYTES: Final = 32 * 2**20
+MAX_JSON_BYTES: Final = 16 * 2**20
 """Largest map that is parsed; official ones have less than 1 MiB."""
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
@@ -41,11 +41,16 @@ class JsonObject:
             raise self.error(f"field {name!r} is missing.")
         return self.fields[name]
 
-    def section(self, name: str) -> list["JsonObject"]:
+    def section(self, name: str, most: int) -> list["JsonObject"]:
         """The objects in a section of the map; none if it is missing."""
         entries = self.fields.get(name, {})
         if not isinstance(entries, dict):
             raise self.error(f"section {name!r} is not a JSON object.")
+        if len(entries) > most:
+            raise self.error(
+                f"section {name!r} has {len(entries)} entries; at most {most} are "
+                "opened."
+            )
         found = []
         for key, entry in entries.items():
             place = f"{self.place}: {name}, {key[:40]}"
@@ -141,7 +146,7 @@ def parse_json_object(data: bytes, file_name: str) -> JsonObject:
         )
     try:
         fields = json.loads(data)
-    except (ValueError, RecursionError) as error:
+    except (ValueError, RecursionError, MemoryError) as error:
         raise MapFileError(
             f"{file_name}: this is not readable JSON; it may be cut off or damaged."
         ) from error

@@ -17,6 +17,12 @@ from pd_editor.scene.road_map import (
     LaneMark,
     RoadMap,
 )
+from pd_editor.scene.scene_limits import (
+    MAX_AREAS,
+    MAX_CROSSWALKS,
+    MAX_LANES,
+    road_excess,
+)
 
 MIN_MIDLINE_POINTS: Final = 10
 WRITTEN_DECIMALS: Final = 4
@@ -40,7 +46,12 @@ _LANE_FIELDS: Final = frozenset(
 )
 _CROSSWALK_FIELDS: Final = frozenset({"id", "edge1", "edge2"})
 _AREA_FIELDS: Final = frozenset({"id", "area_boundary"})
-_SECTIONS: Final = ("lane_segments", "pedestrian_crossings", "drivable_areas")
+_SECTIONS: Final = {
+    "lane_segments": MAX_LANES,
+    "pedestrian_crossings": MAX_CROSSWALKS,
+    "drivable_areas": MAX_AREAS,
+}
+"""Sections of a map, and how many entries each may have."""
 
 
 def read_map(
@@ -52,19 +63,25 @@ def read_map(
     their boundaries. Links may name lanes outside the map.
 
     Raises:
-        MapFileError: the file is damaged or not an Argoverse 2 map.
+        MapFileError: the file is damaged, not an Argoverse 2 map, or too large.
     """
     archive = parse_json_object(data, file_name)
-    lanes, crossings, areas = (archive.section(name) for name in _SECTIONS)
+    lanes, crossings, areas = (
+        archive.section(name, most) for name, most in _SECTIONS.items()
+    )
     if not lanes:
         raise archive.error("it has no 'lane_segments'; expected an Argoverse 2 map.")
     _check_ids(archive, lanes, crossings, areas)
-    return RoadMap(
+    road_map = RoadMap(
         lanes=tuple(_lane(entry, origin_city_m) for entry in lanes),
         crosswalks=tuple(_crosswalk(entry, origin_city_m) for entry in crossings),
         drivable_areas=tuple(_drivable_area(entry, origin_city_m) for entry in areas),
         source_fields=archive.others(frozenset(_SECTIONS)),
     )
+    excess = road_excess(road_map)
+    if excess is not None:
+        raise archive.error(excess)
+    return road_map
 
 
 def _check_ids(archive: JsonObject, *sections: list[JsonObject]) -> None:

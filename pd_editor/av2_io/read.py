@@ -15,16 +15,20 @@ from pd_editor.av2_io.file_names import (
     is_tracks_name,
     map_name,
 )
+from pd_editor.av2_io.json_fields import MAX_JSON_BYTES
 from pd_editor.av2_io.map_file import read_map
-from pd_editor.av2_io.tracks_file import read_tracks
+from pd_editor.av2_io.track_table import MAX_TRACKS_BYTES
+from pd_editor.av2_io.tracks_file import agents_named, read_tracks
 from pd_editor.errors import InputError, MapFileError, ScenarioFileError
+from pd_editor.regular_file import check_path, read_regular
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Provenance, Scenario
 
 MAX_GAP_M: Final = 500.0
 """Largest distance between a map and its tracks."""
-MAX_FILE_BYTES: Final = 256 * 2**20
+FAR_M: Final = 200.0
+"""An agent further than this from the map is told of."""
 
 
 def read_scenario(folder: Path) -> Scenario:
@@ -34,10 +38,11 @@ def read_scenario(folder: Path) -> Scenario:
         InputError: a file is missing, damaged, or does not belong to the other one.
     """
     folder = Path(folder)
+    check_path(folder)
     try:
         if not os.path.isdir(folder):
             raise InputError(f"{folder}: there is no such folder.")
-        names = sorted(entry.name for entry in folder.iterdir() if entry.is_file())
+        names = sorted(entry.name for entry in folder.iterdir())
     except OSError as error:
         raise InputError(f"{folder}: cannot be listed ({error.strerror}).") from error
     tracks = [name for name in names if is_tracks_name(name)]
@@ -58,8 +63,8 @@ def read_scenario(folder: Path) -> Scenario:
             f"expected {expected}."
         )
     return read_scenario_bytes(
-        _content(folder / tracks[0]),
-        _content(folder / expected),
+        read_regular(folder / tracks[0], max_bytes=MAX_TRACKS_BYTES),
+        read_regular(folder / expected, max_bytes=MAX_JSON_BYTES),
         name=scenario_id,
         source=str(folder.resolve()),
     )
@@ -84,7 +89,7 @@ def read_scenario_bytes(
         )
     origin = tracks.origin_city_m
     road_map = read_map(map_json, f"{MAP_PREFIX}{name}.json", origin)
-    _check_nearness(road_map, tracks.agents, name)
+    far = _far_from_road(road_map, tracks.agents, name)
     digest = hashlib.sha256(parquet)
     digest.update(map_json)
     return Scenario(
@@ -96,23 +101,18 @@ def read_scenario_bytes(
         time_axis=tracks.time_axis,
         focal_id=tracks.focal_id,
         provenance=Provenance(
-            source=source, content_sha256=digest.hexdigest(), notes=tracks.notes
+            source=source,
+            content_sha256=digest.hexdigest(),
+            notes=(*tracks.notes, *far),
         ),
         source_fields=tracks.source_fields,
     )
 
 
-def _content(path: Path) -> bytes:
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise InputError(f"{path}: is larger than {MAX_FILE_BYTES >> 20} MiB.")
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
-
-
-def _check_nearness(road_map: RoadMap, agents: AgentTracks, name: str) -> None:
-    """Refuse a map that lies nowhere near the tracks."""
+def _far_from_road(
+    road_map: RoadMap, agents: AgentTracks, name: str
+) -> tuple[str, ...]:
+    """A note on agents far from the map; a map nowhere near the tracks is refused."""
     road = np.concatenate(road_map.polylines)[:, :2]
     tracks = agents.position_m[agents.is_valid]
     gap = np.maximum(
@@ -123,3 +123,12 @@ def _check_nearness(road_map: RoadMap, agents: AgentTracks, name: str) -> None:
             f"{MAP_PREFIX}{name}.json: the map lies {gap / 1000:.1f} km from the "
             "tracks; expected the map of this scenario."
         )
+    outside = np.maximum(
+        road.min(axis=0) - agents.position_m, agents.position_m - road.max(axis=0)
+    ).max(axis=-1)
+    is_far = np.where(agents.is_valid, outside, 0.0) > FAR_M
+    if not is_far.any():
+        return ()
+    return (
+        f"Further than {FAR_M:g} m from the map: {agents_named(agents.ids, is_far)}.",
+    )

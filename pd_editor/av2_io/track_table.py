@@ -11,11 +11,17 @@ import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.errors import ScenarioFileError
+from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
+from pd_editor.regular_file import check_regular
+from pd_editor.scene.scene_limits import MAX_STATES
 
-MAX_ROWS: Final = 1_000_000
-MAX_UNPACKED_BYTES: Final = 256 * 2**20
+MAX_TRACKS_BYTES: Final = 64 * 2**20
+MAX_UNPACKED_BYTES: Final = 64 * 2**20
+MAX_COLUMNS: Final = 100
 MAX_MAGNITUDE: Final = 1e6
-"""Largest coordinate (m) or speed (m/s) that is believed."""
+"""Largest coordinate (m) that is read."""
+_MAX_VALUE_BYTES: Final = 64
+"""Largest value of a type of fixed width that is read."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,6 +58,8 @@ class TrackTable:
                 "forecasting file with one row per track and step."
             )
         column = self.table[name]
+        if not is_readable(column.type):
+            raise self.type_error(name, f"{expected} in every row")
         if column.null_count:
             is_null = np.asarray(column.is_null())
             raise self.row_error(name, is_null, expected)
@@ -68,12 +76,14 @@ class TrackTable:
             raise self.row_error(name, is_bad, f"{expected} that is finite")
         return values
 
-    def bounded_numbers(self, name: str) -> Float[np.ndarray, "R"]:
-        """A column of coordinates or speeds of believable magnitude."""
+    def bounded_numbers(
+        self, name: str, most: float = MAX_MAGNITUDE
+    ) -> Float[np.ndarray, "R"]:
+        """A column of numbers between ``-most`` and ``most``."""
         values = self.numbers(name)
-        is_bad = np.abs(values) > MAX_MAGNITUDE
+        is_bad = np.abs(values) > most
         if is_bad.any():
-            expected = f"a value between -{MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}"
+            expected = f"a value between -{most:g} and {most:g}"
             raise self.row_error(name, is_bad, expected)
         return values
 
@@ -120,6 +130,12 @@ class TrackTable:
         texts = tuple(names[used[index]] for index in order)
         if len(set(texts)) != len(texts):
             raise self.error(f"column {name!r} has a damaged dictionary.")
+        odd = [text for text in texts if not is_plain(text)]
+        if odd:
+            raise self.error(
+                f"column {name!r} holds {_short(odd[0])}; expected printable texts of "
+                f"at most {MAX_NAME_BYTES} bytes."
+            )
         rank = np.empty_like(order)
         rank[order] = np.arange(len(order))
         return rank[codes], texts
@@ -177,6 +193,7 @@ def open_track_table(
 
 def _opened(source: bytes | Path) -> pa.NativeFile:
     if isinstance(source, Path):
+        check_regular(source, max_bytes=MAX_TRACKS_BYTES, error=ScenarioFileError)
         return pa.OSFile(str(source))
     return pa.BufferReader(source)
 
@@ -186,24 +203,37 @@ def _read_within_limits(
 ) -> pa.Table:
     file = pq.ParquetFile(stream)
     metadata, schema = file.metadata, file.schema_arrow
-    if metadata.num_rows > MAX_ROWS:
-        raise ScenarioFileError(
-            f"{file_name}: it has {metadata.num_rows} rows; at most {MAX_ROWS} are read."
-        )
+    for count, limit, what in (
+        (metadata.num_rows, MAX_STATES, "rows"),
+        (metadata.num_columns, MAX_COLUMNS, "columns"),
+        (metadata.num_row_groups, MAX_STATES, "row groups"),
+    ):
+        if count > limit:
+            raise ScenarioFileError(
+                f"{file_name}: it has {count} {what}; at most {limit} are read."
+            )
     unpacked = sum(
         metadata.row_group(index).total_byte_size
         for index in range(metadata.num_row_groups)
     )
     if unpacked > MAX_UNPACKED_BYTES:
         raise ScenarioFileError(
-            f"{file_name}: it unpacks to {unpacked} bytes; "
-            f"at most {MAX_UNPACKED_BYTES} are read."
+            f"{file_name}: it unpacks to {unpacked >> 20} MiB; "
+            f"at most {MAX_UNPACKED_BYTES >> 20} MiB are read."
         )
     if len(set(schema.names)) != len(schema.names):
         raise ScenarioFileError(f"{file_name}: two columns have the same name.")
     texts = [field.name for field in schema if _is_text(field.type)]
     file = pq.ParquetFile(stream, metadata=metadata, read_dictionary=texts)
-    table = file.read(columns=columns, use_threads=False)
+    readable = [field.name for field in schema if is_readable(field.type)]
+    wanted = [name for name in readable if columns is None or name in columns]
+    table = file.read(columns=wanted, use_threads=False)
+    for name in schema.names:
+        if name not in readable and columns is None:
+            # Values of any size: the column is kept by name, so that it is told of.
+            table = table.append_column(
+                schema.field(name), pa.nulls(len(table), schema.field(name).type)
+            )
     table.validate(full=True)
     return table
 
@@ -212,6 +242,18 @@ def _is_text(data_type: pa.DataType) -> bool:
     if pa.types.is_dictionary(data_type):
         data_type = data_type.value_type
     return pa.types.is_string(data_type) or pa.types.is_large_string(data_type)
+
+
+def is_readable(data_type: pa.DataType) -> bool:
+    """Whether values take little memory, however few bytes they have in a file."""
+    if _is_text(data_type):
+        return True
+    if pa.types.is_nested(data_type) or pa.types.is_dictionary(data_type):
+        return False
+    try:
+        return data_type.bit_width <= 8 * _MAX_VALUE_BYTES
+    except ValueError:
+        return pa.types.is_null(data_type)
 
 
 def _is_numeric(data_type: pa.DataType) -> bool:

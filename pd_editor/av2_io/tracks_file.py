@@ -3,25 +3,31 @@
 One row per track and valid step; ``tracks_writer`` says which columns are our own.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import pyarrow as pa
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.av2_io.track_table import TrackTable, open_track_table
+from pd_editor.av2_io.track_table import TrackTable, is_readable, open_track_table
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scene_limits import (
+    MAX_AGENTS,
+    MAX_POSITION_M,
+    MAX_SPEED_MPS,
+    MAX_STATES,
+    MAX_STEPS,
+)
 from pd_editor.scene.time_axis import TimeAxis
 
 FIRST_FUTURE_STEP: Final = 50
 """Argoverse 2: steps 0..49 are observed; the state at 50 is where a forecast starts."""
-MAX_STEPS: Final = 10_000
-MAX_CELLS: Final = 5_000_000
-"""Largest number of agents times steps that is read."""
+FAST_MPS: Final = 60.0
+"""A recorded state or a jump that is faster is told of."""
+MAX_HEADING_RAD: Final = 1_000.0
 NOMINAL_STEP_S: Final = 0.1
 
 _SCENARIO_COLUMNS: Final = (
@@ -76,12 +82,13 @@ def read_tracks(data: bytes, file_name: str) -> TracksFile:
     table = open_track_table(data, file_name)
     track, ids = table.texts("track_id")
     time_axis, step = _time_axis(table)
-    _check_cells(table, track, step, len(ids), time_axis.num_steps)
+    _check_numbers(table, track, step, len(ids), time_axis.num_steps)
     focal_id = table.one_text("focal_track_id")
     position = np.stack(
         [table.bounded_numbers("position_x"), table.bounded_numbers("position_y")],
         axis=-1,
     )
+    _check_places(table, position)
     is_focal = track == (ids.index(focal_id) if focal_id in ids else -1)
     origin = _origin(position, step, is_focal, time_axis.current_step)
     agents = _agents(table, track, ids, step, position - origin, time_axis.num_steps)
@@ -94,7 +101,7 @@ def read_tracks(data: bytes, file_name: str) -> TracksFile:
         agents=agents,
         time_axis=time_axis,
         source_fields=source_fields,
-        notes=notes,
+        notes=(*notes, *_notes_on_speed(agents, time_axis)),
     )
 
 
@@ -153,7 +160,7 @@ def default_current_step(
     return int(step[observed].max() if observed.any() else step.max())
 
 
-def _check_cells(
+def _check_numbers(
     table: TrackTable,
     track: Int[np.ndarray, "R"],
     step: Int[np.ndarray, "R"],
@@ -161,9 +168,14 @@ def _check_cells(
     num_steps: int,
 ) -> None:
     """Refuse two rows of a track at one step, and tables too large to unfold."""
-    if num_agents * num_steps > MAX_CELLS:
+    if num_agents > MAX_AGENTS:
         raise table.error(
-            f"{num_agents} tracks over {num_steps} steps are too many to open."
+            f"it has {num_agents} tracks; at most {MAX_AGENTS} are opened."
+        )
+    if num_agents * num_steps > MAX_STATES:
+        raise table.error(
+            f"it has {num_agents} tracks over {num_steps} steps; at most {MAX_STATES} "
+            "states are opened."
         )
     cell = track * num_steps + step
     order = np.argsort(cell, kind="stable")
@@ -172,6 +184,43 @@ def _check_cells(
     if is_repeat.any():
         expected = "each step of a track once"
         raise table.row_error("timestep", is_repeat, expected)
+
+
+def _check_places(table: TrackTable, position: Float[np.ndarray, "R 2"]) -> None:
+    """Refuse tracks that no scene holds together."""
+    for axis, name in enumerate(("position_x", "position_y")):
+        middle = float(np.median(position[:, axis]))
+        is_bad = np.abs(position[:, axis] - middle) > MAX_POSITION_M
+        if is_bad.any():
+            expected = f"a place within {MAX_POSITION_M / 1000:g} km of the other ones"
+            raise table.row_error(name, is_bad, expected)
+
+
+def _notes_on_speed(agents: AgentTracks, axis: TimeAxis) -> tuple[str, ...]:
+    """A note on agents that no road user could follow; they are kept as recorded."""
+    both = agents.is_valid[:, 1:] & agents.is_valid[:, :-1]
+    moved = np.diff(agents.position_m, axis=1)
+    jumps = both & (
+        np.hypot(moved[..., 0], moved[..., 1]) > FAST_MPS * axis.step_s + 2.0
+    )
+    is_fast = agents.is_valid & (agents.speed_mps() > FAST_MPS)
+    notes = []
+    if is_fast.any():
+        notes.append(
+            f"Recorded faster than {FAST_MPS:g} m/s: "
+            f"{agents_named(agents.ids, is_fast)}."
+        )
+    if jumps.any():
+        notes.append(
+            f"Recorded with leaps between steps: {agents_named(agents.ids, jumps)}."
+        )
+    return tuple(notes)
+
+
+def agents_named(ids: Sequence[str], chosen: Bool[np.ndarray, "A T"]) -> str:
+    """The first of the agents that are chosen at any step, and how many more."""
+    first, *others = (ids[row] for row in np.flatnonzero(chosen.any(axis=1)).tolist())
+    return f"agent {first}" + (f" and {len(others)} more" if others else "")
 
 
 def _origin(
@@ -196,11 +245,14 @@ def _agents(
     num_steps: int,
 ) -> AgentTracks:
     kinds, categories = _kinds(table, track), _categories(table, track)
-    heading = table.numbers("heading")
+    heading = table.bounded_numbers("heading", MAX_HEADING_RAD)
     outside = (heading <= -np.pi) | (heading > np.pi)
     heading = np.where(outside, wrap_angle(heading), heading)
     velocity = np.stack(
-        [table.bounded_numbers("velocity_x"), table.bounded_numbers("velocity_y")],
+        [
+            table.bounded_numbers("velocity_x", MAX_SPEED_MPS),
+            table.bounded_numbers("velocity_y", MAX_SPEED_MPS),
+        ],
         axis=-1,
     )
     size, has_known_size = _sizes(table, track, kinds)
@@ -292,8 +344,7 @@ def _other_columns(table: TrackTable) -> tuple[dict[str, Any], tuple[str, ...]]:
         if name in known or name.startswith("__index_level_"):
             continue
         column = table.table[name].combine_chunks()
-        is_plain = not pa.types.is_nested(column.type)
-        if is_plain and len(column.unique()) == 1:
+        if is_readable(column.type) and len(column.unique()) == 1:
             fields[name] = column[0].as_py()
         else:
             notes.append(f"Column {name!r} of the track file is not kept.")

@@ -1,5 +1,6 @@
 """Which agents overlap, now and later."""
 
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -11,6 +12,8 @@ from pd_editor.scene.agent_tracks import AgentTracks
 
 MIN_OVERLAP_M2: Final = 0.05
 """Boxes that share no more than this merely touch."""
+_PORTION: Final = 50_000
+"""Pairs times steps looked at in one go."""
 
 
 def overlapping_pairs(agents: AgentTracks, step: int) -> Int[np.ndarray, "P 2"]:
@@ -29,11 +32,30 @@ def first_overlap(
     position, is_valid = agents.position_m[:, steps], agents.is_valid[:, steps]
     radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
     pairs = pairs_that_meet(position, is_valid, radius)
-    pair, at = overlaps_of_pairs(
-        pairs, position, agents.heading_rad[:, steps], is_valid, agents.size_m
-    )
-    found, index = np.unique(pair, return_index=True)
-    return pairs[found], np.asarray(steps)[at[index]]
+    heading, first = agents.heading_rad[:, steps], np.full(len(pairs), -1)
+    for part, some in _parts(len(pairs), position.shape[1]):
+        # Pairs that were found to overlap need not be looked at again.
+        open_pairs = part[first[part] < 0]
+        pair, at = overlaps_of_pairs(
+            pairs[open_pairs],
+            position[:, some],
+            heading[:, some],
+            is_valid[:, some],
+            agents.size_m,
+        )
+        found, index = np.unique(pair, return_index=True)
+        first[open_pairs[found]] = some.start + at[index]
+    overlaps = first >= 0
+    return pairs[overlaps], np.asarray(steps)[first[overlaps]]
+
+
+def _parts(num_pairs: int, num_steps: int) -> Iterator[tuple[np.ndarray, slice]]:
+    """Pairs and steps in portions that fit in little memory, early steps first."""
+    at_once = max(_PORTION // max(num_pairs, 1), 1)
+    for start in range(0, num_steps, at_once):
+        for low in range(0, num_pairs, _PORTION):
+            high = min(low + _PORTION, num_pairs)
+            yield np.arange(low, high), slice(start, start + at_once)
 
 
 def pairs_that_meet(

@@ -44,7 +44,7 @@ def test_a_map_reads_back_equal() -> None:
 @settings(max_examples=100, deadline=None)
 @given(
     st.lists(
-        st.tuples(*[st.floats(-30_000, 30_000)] * 2, st.floats(-100, 3000)),
+        st.tuples(*[st.floats(-4_500, 4_500)] * 2, st.floats(-100, 3000)),
         min_size=2,
         max_size=6,
     )
@@ -264,3 +264,75 @@ def test_any_value_in_a_lane_is_read_or_refused(name: str, value: Any) -> None:
     except MapFileError:
         return
     assert_same_map(read(map_bytes(found, ORIGIN)), found, 1e-3)
+
+
+def boxed(number: int, x: float, y: float, size: float) -> dict[str, Any]:
+    ring = [(x, y), (x + size, y), (x + size, y + size), (x, y + size)]
+    corners = [{"x": a, "y": b, "z": 0.0} for a, b in ring]
+    return {"id": number, "area_boundary": corners}
+
+
+def straight(number: int, length: float) -> dict[str, Any]:
+    lines = {
+        name: [{"x": 0.0, "y": y, "z": 0.0}, {"x": length, "y": y, "z": 0.0}]
+        for name, y in (
+            ("centerline", 0.0),
+            ("left_lane_boundary", 2.0),
+            ("right_lane_boundary", -2.0),
+        )
+    }
+    return {**lane(json.loads(MAP)), **lines, "id": number}
+
+
+def tangle(count: int, size: float) -> dict[str, Any]:
+    random = np.random.default_rng(0)
+    corners = [
+        {"x": x, "y": y, "z": 0.0} for x, y in random.uniform(0, size, (count, 2))
+    ]
+    return {"id": 1, "area_boundary": corners}
+
+
+TOO_LARGE = {
+    "8,000 lanes": (
+        lambda a: a.update(
+            lane_segments={str(n): straight(n, 10.0) for n in range(8000)}
+        ),
+        "section 'lane_segments' has 8000 entries; at most 2000",
+    ),
+    "100 lanes of 10 km": (
+        lambda a: a.update(
+            lane_segments={str(n): straight(n, 9_900.0) for n in range(100)}
+        ),
+        "lines are 2971 km long together; at most 200 km",
+    ),
+    "a lane of 100 km": (
+        lambda a: a.update(lane_segments={"1": straight(1, 1e5)}),
+        "spans 100.0 km; at most 10 km",
+    ),
+    "an area of 5 km": (
+        lambda a: a.update(drivable_areas={"1": boxed(1, 0, 0, 5000)}),
+        "areas span 25 km2; at most 16 km2",
+    ),
+    "2,000 areas": (
+        lambda a: a.update(
+            drivable_areas={str(n): boxed(n, n, 0, 1) for n in range(2000)}
+        ),
+        "section 'drivable_areas' has 2000 entries; at most 200",
+    ),
+    "a tangle": (
+        lambda a: a.update(drivable_areas={"1": tangle(2000, 100.0)}),
+        "cross one another too often",
+    ),
+    "links": (
+        lambda a: lane(a).update(successors=list(range(20_001))),
+        "20004 links between lanes; at most 20000",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TOO_LARGE)
+def test_maps_that_are_too_large_are_refused_with_the_limit(name: str) -> None:
+    """What would hang or fill the memory on opening is told at once (fault 1)."""
+    change, words = TOO_LARGE[name]
+    with pytest.raises(MapFileError, match=words):
+        read(changed_map(change))

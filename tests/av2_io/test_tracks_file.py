@@ -275,18 +275,96 @@ def test_each_official_column_must_be_there(column: str) -> None:
 
 
 def test_too_many_cells_are_refused_before_they_are_allocated() -> None:
-    count = 600
+    count = 300
     data = parquet(
         pa.table(
             {
                 "track_id": [str(row) for row in range(count)],
                 "timestep": [0] * count,
                 "observed": [True] * count,
-                "num_timestamps": [10_000] * count,
+                "num_timestamps": [1_000] * count,
                 "start_timestamp": [0.0] * count,
-                "end_timestamp": [1e12] * count,
+                "end_timestamp": [1e11] * count,
             }
         )
     )
-    with pytest.raises(ScenarioFileError, match="too many to open"):
+    with pytest.raises(
+        ScenarioFileError, match=r"300 tracks over 1000 steps; at most 200000"
+    ):
         read(data)
+
+
+def agents_of(count: int, steps: int = 1) -> pa.Table:
+    """Tracks that exist at the first steps, 3 m apart."""
+    first = table().slice(0, 1)
+    rows = first.take(pa.array([0] * count * steps, pa.int64()))
+    ids = pa.array([str(row) for row in range(count) for _ in range(steps)])
+    step = pa.array([row % steps for row in range(count * steps)], pa.int64())
+    for name, values in (("track_id", ids), ("timestep", step)):
+        rows = rows.set_column(rows.column_names.index(name), name, values)
+    return rows
+
+
+def test_too_many_tracks_are_refused_with_the_limit() -> None:
+    """A scene of 501 agents is told, one of 500 opens (fault 1)."""
+    found = read_tracks(parquet(agents_of(500)), "x.parquet")
+    assert len(found.agents) == 500
+    with pytest.raises(ScenarioFileError, match="501 tracks; at most 500 are opened"):
+        read_tracks(parquet(agents_of(501)), "x.parquet")
+
+
+def test_columns_that_would_unpack_to_gigabytes_are_not_read() -> None:
+    """A repeated value of a megabyte is a few bytes in a file (fault 1)."""
+    count = len(table())
+    large = pa.array([b"x" * 2**20], pa.binary()).take(pa.array([0] * count))
+    data = with_column("photo", large)
+    assert len(data) < 4 * 2**20
+    before = pa.total_allocated_bytes()
+    found = read_tracks(data, "x.parquet")
+    assert pa.total_allocated_bytes() - before < 8 * 2**20
+    assert "Column 'photo' of the track file is not kept." in found.notes
+    with pytest.raises(ScenarioFileError, match="column 'city' is of type binary"):
+        read_tracks(with_column("city", large), "x.parquet")
+
+
+def test_too_many_columns_are_refused_with_the_limit() -> None:
+    """Each column costs as many values as there are rows (fault 1)."""
+    wide = table()
+    for number in range(100):
+        wide = wide.append_column(f"c{number}", pa.array([1.0] * len(wide)))
+    with pytest.raises(ScenarioFileError, match="columns; at most 100 are read"):
+        read_tracks(parquet(wide), "x.parquet")
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        ("velocity_x", 1e6, "between -200 and 200"),
+        ("velocity_y", -201.0, "between -200 and 200"),
+        ("position_x", 1e6, "within 5 km of the other ones"),
+        ("position_y", -9e5, "within 5 km of the other ones"),
+        ("heading", 1e300, "between -1000 and 1000"),
+    ],
+)
+def test_absurd_states_are_refused(column: str, value: float, words: str) -> None:
+    """Finite numbers that no scene holds are told with their row (fault 9)."""
+    with pytest.raises(ScenarioFileError, match=rf"'{column}', row 3.*{words}"):
+        read_tracks(with_cell(column, 3, value), "x.parquet")
+
+
+def test_odd_states_are_kept_and_told() -> None:
+    """Speeds and leaps beyond all road users stand in the notes (fault 9)."""
+    found = read_tracks(with_cell("velocity_x", 3, 90.0), "x.parquet")
+    assert found.notes == ("Recorded faster than 60 m/s: agent 100.",)
+    place = table()["position_x"][3].as_py() + 300.0
+    found = read_tracks(with_cell("position_x", 3, place), "x.parquet")
+    assert found.notes == ("Recorded with leaps between steps: agent 100.",)
+    assert read_tracks(TRACKS, "x.parquet").notes == ()
+
+
+@pytest.mark.parametrize("text", ["a\nb", "nul\0", "x" * 256, "turn\u202e"])
+def test_ids_and_names_must_be_printable(text: str) -> None:
+    """What goes into file names, labels and messages is checked first (fault 5)."""
+    for column in ("track_id", "city", "focal_track_id"):
+        with pytest.raises(ScenarioFileError, match="expected printable texts"):
+            read_tracks(with_column(column, [text] * len(table())), "x.parquet")

@@ -1,3 +1,4 @@
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -91,3 +92,15 @@ def test_real_scenarios_agree_with_shapely(av2_scenario_folders):
         step = scenario.current_step
         wanted = np.argwhere(shared_m2(scenario.agents, step) > MIN_OVERLAP_M2)
         np.testing.assert_array_equal(overlapping_pairs(scenario.agents, step), wanted)
+
+
+def test_a_pile_of_agents_is_judged_in_portions():
+    """Memory does not grow with the square of the agents (fault 1)."""
+    agents = straight_drivers([(0.01 * row, 0, 0, 10) for row in range(300)])
+    tracemalloc.start()
+    pairs, first = first_overlap(agents, np.arange(51, 110))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(pairs) == 300 * 299 // 2
+    assert (first == 51).all()
+    assert peak < 300 * 2**20

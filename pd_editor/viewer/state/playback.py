@@ -73,7 +73,7 @@ class Playback:
         last = float(self.last_step)
         if self.step > last:
             if self.loops:
-                self.step = math.fmod(self.step, last)
+                self.step = math.fmod(self.step, last) if last > 0 else 0.0
             else:
                 self.step = last
                 self.pause()

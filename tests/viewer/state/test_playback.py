@@ -75,3 +75,14 @@ def test_ends_where_the_last_agent_does():
     clock.now += 1.5
     playback.advance()
     assert playback.step == pytest.approx(65 - 60)
+
+
+def test_a_recording_of_one_step_plays_on_the_spot():
+    """Playing a single step divided by its length 0 (found by bad inputs)."""
+    playback, clock = make()
+    playback.open(TimeAxis(num_steps=1, current_step=0))
+    playback.play()
+    for _ in range(3):
+        clock.now += 0.5
+        playback.advance()
+        assert playback.step == 0

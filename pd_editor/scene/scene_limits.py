@@ -1,0 +1,120 @@
+"""How large a scene may be, so that opening it never takes long or much memory.
+
+Each limit is at least ten times what the largest recorded scenes have.
+"""
+
+from typing import Final
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from pd_editor.geometry.polyline import arc_length
+from pd_editor.scene.road_map import RoadMap
+
+MAX_AGENTS: Final = 500
+MAX_STEPS: Final = 1_000
+MAX_STATES: Final = 200_000
+"""Agents times steps."""
+MAX_POSITION_M: Final = 5_000.0
+"""Distance from the scene's origin along each axis."""
+MAX_SPEED_MPS: Final = 200.0
+"""Faster states are refused: no road user reaches this."""
+
+MAX_LANES: Final = 2_000
+MAX_LINKS: Final = 20_000
+"""Successors and predecessors of all lanes."""
+MAX_CROSSWALKS: Final = 200
+MAX_AREAS: Final = 200
+MAX_POINTS: Final = 100_000
+MAX_LINES_M: Final = 200e3
+"""Length of all lines of a map."""
+MAX_CROSSWALKS_M: Final = 10e3
+"""Length of all crosswalks."""
+MAX_AREA_M2: Final = 16e6
+"""Of the upright rectangles around the drivable areas."""
+MAX_CROSSINGS: Final = 100_000
+"""Expected crossings of boundaries with one another."""
+
+
+def road_excess(road_map: RoadMap) -> str | None:
+    """In which way a map is too large to be opened, with the limit; None if it is not."""
+    num_links = sum(
+        len(lane.successors) + len(lane.predecessors) for lane in road_map.lanes
+    )
+    num_points = sum(map(len, road_map.polylines))
+    counts = (
+        (len(road_map.lanes), MAX_LANES, "lanes"),
+        (num_links, MAX_LINKS, "links between lanes"),
+        (len(road_map.crosswalks), MAX_CROSSWALKS, "crosswalks"),
+        (len(road_map.drivable_areas), MAX_AREAS, "drivable areas"),
+        (num_points, MAX_POINTS, "points"),
+    )
+    for count, limit, name in counts:
+        if count > limit:
+            return f"it has {count} {name}; at most {limit} are opened."
+    points = np.concatenate(road_map.polylines)[:, :2]
+    span = float(np.ptp(points, axis=0).max())
+    if span > 2 * MAX_POSITION_M:
+        return (
+            f"it spans {span / 1000:.1f} km; at most {2 * MAX_POSITION_M / 1000:g} km "
+            "are opened."
+        )
+    return _too_long(road_map) or _too_wide(road_map)
+
+
+def _too_long(road_map: RoadMap) -> str | None:
+    lines = sum(map(_length_m, road_map.polylines))
+    if lines > MAX_LINES_M:
+        return (
+            f"its lines are {lines / 1000:.0f} km long together; at most "
+            f"{MAX_LINES_M / 1000:g} km are opened."
+        )
+    walks = sum(
+        max(_length_m(one.edge1), _length_m(one.edge2)) for one in road_map.crosswalks
+    )
+    if walks > MAX_CROSSWALKS_M:
+        return (
+            f"its crosswalks are {walks / 1000:.0f} km long together; at most "
+            f"{MAX_CROSSWALKS_M / 1000:g} km are opened."
+        )
+    return None
+
+
+def _too_wide(road_map: RoadMap) -> str | None:
+    """Judge areas, which are cut into cells and joined."""
+    rings = [area.boundary[:, :2] for area in road_map.drivable_areas]
+    spans = np.array([np.ptp(ring, axis=0) for ring in rings]).reshape(-1, 2)
+    area = float(spans.prod(axis=1).sum())
+    if area > MAX_AREA_M2:
+        return (
+            f"its drivable areas span {area / 1e6:.0f} km2; at most "
+            f"{MAX_AREA_M2 / 1e6:g} km2 are opened."
+        )
+    outlines = rings or [lane.outline_m() for lane in road_map.lanes]
+    # Straight lines at random cross L^2 / (pi A) times (Buffon); a ring that is valid
+    # does not cross itself, however long it is.
+    tangled = [ring for ring in outlines if not _is_simple(ring)]
+    for some, limit in ((tangled, MAX_CROSSINGS / 10), (outlines, MAX_CROSSINGS)):
+        if some and _crossings(some) > limit:
+            return (
+                "the boundaries of its areas cross one another too often "
+                f"(about {_crossings(some):.0f} times); at most {limit:.0f} crossings "
+                "are opened."
+            )
+    return None
+
+
+def _crossings(rings: list[Float[np.ndarray, "_ 2"]]) -> float:
+    """About how often segments of rings cross, were they placed at random."""
+    span = np.ptp(np.concatenate(rings), axis=0)
+    length = sum(_length_m(np.concatenate([ring, ring[:1]])) for ring in rings)
+    return length**2 / (np.pi * float(np.maximum(span, 1.0).prod()))
+
+
+def _is_simple(ring: Float[np.ndarray, "N 2"]) -> bool:
+    return len(ring) >= 3 and bool(shapely.is_valid(shapely.Polygon(ring)))
+
+
+def _length_m(line: Float[np.ndarray, "N _"]) -> float:
+    return float(arc_length(line[:, :2])[-1])
