@@ -16,7 +16,7 @@ from pd_editor.av2_io.write import scenario_files
 from pd_editor.installed_files import SENTENCES_NAME, demo_names, demo_sentence
 from pd_editor.metrics.collision import first_overlap
 from pd_editor.metrics.off_road import off_road
-from pd_editor.metrics.scene_warnings import scene_warnings
+from pd_editor.problems.check import scene_problems
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.scenario import EGO_ID
 
@@ -130,7 +130,7 @@ def test_nobody_overlaps_anybody_ever(demo):
     pairs, _ = first_overlap(demo.agents, ALL_STEPS)
     walks = of_kind(demo, AgentKind.PEDESTRIAN)
     assert walks[pairs].all()
-    assert scene_warnings(demo, with_future=True) == ()
+    assert scene_problems(demo) == ()
 
 
 def test_everybody_is_on_the_road(demo):

@@ -14,7 +14,11 @@ from pd_editor.editor.agent_commands import (
 )
 from pd_editor.editor.command import Command
 from pd_editor.editor.json_values import from_json, to_json
-from pd_editor.editor.motion_commands import AdoptTrajectory, SetAgentSpeed
+from pd_editor.editor.motion_commands import (
+    AdoptTrajectory,
+    SetAgentSpeed,
+    SlowToFrictionLimit,
+)
 from pd_editor.editor.place_command import PlaceAgent
 from pd_editor.editor.pose_commands import (
     SetAgentHeading,
@@ -39,6 +43,7 @@ COMMANDS: Final[dict[str, type[Command]]] = {
         SetAgentHeading,
         SnapToLane,
         SetAgentSpeed,
+        SlowToFrictionLimit,
         AdoptTrajectory,
         SetAgentKind,
         SetAgentSize,
@@ -69,6 +74,7 @@ __all__ = [
     "SetAgentSpeed",
     "SetFocalAgent",
     "SetRoadWarp",
+    "SlowToFrictionLimit",
     "SnapToLane",
     "TransformAgents",
     "command_from_json",

@@ -7,10 +7,17 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from pd_editor.editor.command import Command, agents_by_name
-from pd_editor.editor.edit_limits import check_positions, check_speed, present_rows
+from pd_editor.editor.edit_limits import (
+    check_finite,
+    check_positions,
+    check_speed,
+    present_rows,
+)
 from pd_editor.errors import EditError
 from pd_editor.geometry.angles import unit_vector, wrap_angle
 from pd_editor.paths.retiming import STANDING_SPEED_MPS, with_new_speed
+from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.problems.friction import slowed_to_limit
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
@@ -54,6 +61,33 @@ class SetAgentSpeed(Command):
             if len(some):
                 arrays = change(agents.taken(some), now, self.speed_mps, step_s)
                 agents = agents.with_rows(some, **arrays)
+        return scenario if agents is scenario.agents else scenario.with_agents(agents)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlowToFrictionLimit(Command):
+    """Re-time agents along their own futures until friction holds them in curves."""
+
+    agent_ids: tuple[str, ...]
+    friction_coefficient: float = DRY_ROAD_FRICTION
+
+    def __post_init__(self) -> None:
+        mu = self.friction_coefficient
+        check_finite(friction_coefficient=mu)
+        if not 0.01 <= mu <= 2.0:
+            raise EditError(f"Friction coefficient {mu:g} is outside 0.01..2.")
+
+    @property
+    def label(self) -> str:
+        """Names or counts the agents, and says the coefficient."""
+        return (
+            f"Slow {agents_by_name(self.agent_ids)} to the friction limit"
+            f" (mu {self.friction_coefficient:g})"
+        )
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with slower agents; the same one if none is too fast."""
+        agents = slowed_to_limit(scenario, self.agent_ids, self.friction_coefficient)
         return scenario if agents is scenario.agents else scenario.with_agents(agents)
 
 

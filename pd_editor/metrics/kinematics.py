@@ -114,7 +114,7 @@ def kinematics(view: TrafficView) -> Kinematics:
     # Unwrapping across rows without a track is harmless: their fits are not valid.
     heading = np.unwrap(agents.heading_rad, axis=1)
     return Kinematics(
-        is_valid=_whole_windows(agents.is_valid, window),
+        is_valid=whole_windows(agents.is_valid, window),
         speed_mps=np.linalg.norm(first @ agents.position_m, axis=-1),
         longitudinal_mps2=(acceleration * forward).sum(-1),
         lateral_mps2=(acceleration * left_of(forward)).sum(-1),
@@ -165,9 +165,10 @@ def _window_starts(num_steps: int, window: int) -> np.ndarray:
     return np.clip(np.arange(num_steps) - window // 2, 0, num_steps - window)
 
 
-def _whole_windows(
+def whole_windows(
     is_valid: Bool[np.ndarray, "A H"], window: int
 ) -> Bool[np.ndarray, "A H"]:
+    """Whether each agent exists throughout the window that is fitted at a step."""
     before = np.pad(np.cumsum(is_valid, axis=1), ((0, 0), (1, 0)))
     start = _window_starts(is_valid.shape[1], window)
     return before[:, start + window] - before[:, start] == window

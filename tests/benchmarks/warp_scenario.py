@@ -18,8 +18,8 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.metrics.collision import first_overlap
 from pd_editor.metrics.off_road import off_road
-from pd_editor.metrics.scene_warnings import scene_warnings
 from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.problems.check import scene_problems
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 
@@ -110,8 +110,8 @@ def report(title: str, scenario: Scenario) -> None:
     measured("take back", lambda: warp_scenario(warped, None))
     measured("first overlaps of the future", lambda: first_overlap(agents, later))
     measured("off road, all future steps", lambda: off_road(warped, later))
-    measured("warnings now", lambda: scene_warnings(warped, with_future=False))
-    measured("warnings with future", lambda: scene_warnings(warped, with_future=True))
+    measured("problems now", lambda: scene_problems(warped, with_future=False))
+    measured("problems with future", lambda: scene_problems(warped))
 
 
 def main() -> None:

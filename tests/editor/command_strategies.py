@@ -23,6 +23,7 @@ from pd_editor.editor.commands import (
     SetAgentSpeed,
     SetFocalAgent,
     SetRoadWarp,
+    SlowToFrictionLimit,
     SnapToLane,
     TransformAgents,
     new_agent_id,
@@ -229,6 +230,11 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
     SnapToLane: lambda scenario: st.builds(SnapToLane, agent_ids=present(scenario)),
     SetAgentSpeed: lambda scenario: st.builds(
         SetAgentSpeed, agent_ids=present(scenario), speed_mps=numbers(-10, 30)
+    ),
+    SlowToFrictionLimit: lambda scenario: st.builds(
+        SlowToFrictionLimit,
+        agent_ids=present(scenario),
+        friction_coefficient=numbers(0.1, 1.2),
     ),
     AdoptTrajectory: adoptions,
     SetAgentKind: lambda scenario: st.builds(

@@ -112,7 +112,7 @@ def test_overlaps_that_edits_cause_are_told_and_marked(tab):
     x, y = tab.session.scenario.agents.position_m[0, 50]
     drag(tab, second, (x + 1.0, y))
     assert tab.tab._status.warned_now() == {first, second}
-    assert "overlap" in tab.tab._status._text.content
+    assert "collide" in tab.tab._status._text.content
 
 
 def test_clicks_select_toggle_and_clear(tab):

@@ -2,12 +2,8 @@
 
 from typing import Final
 
-from pd_editor.metrics.scene_warnings import (
-    SceneWarning,
-    scene_warnings,
-    without_known,
-)
-from pd_editor.perturbation.warp_scenario import untouched_agent_ids
+from pd_editor.problems.check import checked, scene_problems
+from pd_editor.problems.scene_problem import SceneProblem
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.desk import Desk, set_property
 from pd_editor.viewer.state.page_text import plain
@@ -21,8 +17,8 @@ class StatusPanel:
     def __init__(self, desk: Desk) -> None:
         """Build it into the current container."""
         self._desk = desk
-        self._warnings: tuple[SceneWarning, ...] = ()
-        self._recorded: tuple[SceneWarning, ...] = ()
+        self._warnings: tuple[SceneProblem, ...] = ()
+        self._recorded: tuple[SceneProblem, ...] = ()
         self._base: Scenario | None = None
         self._journal_problem: str | None = None
         gui = desk.client.gui
@@ -40,23 +36,18 @@ class StatusPanel:
         session = self._desk.session
         if self._base is not session.base:
             self._base = session.base
-            self._recorded = scene_warnings(session.base, with_future=True)
-        found = scene_warnings(session.scenario, with_future=with_future)
-        scenario, base = session.scenario, session.base
-        now = scenario.current_step
-        self._warnings = without_known(
-            found,
-            self._recorded,
-            unmoved=untouched_agent_ids(scenario, base, slice(now, now + 1)),
-            untouched=untouched_agent_ids(scenario, base),
+            self._recorded = scene_problems(session.base)
+        found = checked(
+            session.scenario, session.base, self._recorded, with_future=with_future
         )
+        self._warnings = found.new
 
     def warned_now(self) -> frozenset[str]:
         """Agents with something wrong at the current step."""
         return frozenset(
             agent_id
             for warning in self._warnings
-            if not warning.kind.startswith("future")
+            if warning.is_now
             for agent_id in warning.agent_ids
         )
 
@@ -79,7 +70,7 @@ class StatusPanel:
         lines = [f"- {plain(w.message)}" for w in self._warnings[:MAX_LISTED]]
         if count > MAX_LISTED:
             lines.append(f"- ... and {count - MAX_LISTED} more")
-        if any(warning.kind.startswith("future") for warning in self._warnings):
+        if any(not warning.is_now for warning in self._warnings):
             lines.append("\nFutures can be regenerated in the Drive tab (R).")
         title = f"**{count} warning{'s' if count > 1 else ''}**\n\n"
         set_property(self._text, "content", title + "\n".join(lines))

@@ -5,8 +5,9 @@ import pytest
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.metrics.scene_warnings import scene_warnings, without_known
 from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.problems.check import checked, scene_problems, split
+from pd_editor.problems.collisions import MAX_COLLISIONS
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.builders import (
@@ -19,7 +20,7 @@ from tests.builders import (
 
 
 def messages(scenario, *, with_future=True):
-    return [w.message for w in scene_warnings(scenario, with_future=with_future)]
+    return [p.message for p in scene_problems(scenario, with_future=with_future)]
 
 
 def test_nothing_to_say_about_two_who_pass():
@@ -31,17 +32,21 @@ def test_nothing_to_say_about_two_who_pass():
 def test_a_later_collision_is_announced_only_if_asked_for():
     scenario = two_agents_that_collide()
     assert messages(scenario, with_future=False) == []
-    (warning,) = scene_warnings(scenario, with_future=True)
-    assert warning.kind == "future-overlap"
-    assert warning.agent_ids == ("100", "101")
-    assert warning.step == 66
-    assert warning.message == "Vehicle 100 and vehicle 101 overlap in 1.6 s."
+    (problem,) = scene_problems(scenario)
+    assert problem.kind == "later-collision"
+    assert problem.agent_ids == ("100", "101")
+    assert problem.first_step == 66
+    assert problem.message == "Vehicle 100 and vehicle 101 collide at 1.6 s."
+    assert problem.holds_at(66.4)
+    assert not problem.holds_at(65.4)
+    assert problem.first_step <= problem.worst_step
+    assert problem.num_steps() > 1
 
 
 def test_what_is_wrong_now_is_not_announced_again():
     kinds = (AgentKind.VEHICLE, AgentKind.BUS)
     agents = straight_drivers([(0, 0, 0, 3), (4, 0, 0, 3)], kinds=kinds)
-    assert messages(scenario_with(agents)) == ["Vehicle 100 and bus 101 overlap."]
+    assert messages(scenario_with(agents)) == ["Vehicle 100 and bus 101 collide."]
 
 
 def hook_shaped_road():
@@ -64,8 +69,8 @@ def hook_shaped_road():
 def test_off_the_road_now_and_later():
     agents = straight_drivers([(-40, 8, 0, 0), (-60, 3.5, 0.8, 5)])
     assert messages(scenario_with(agents, hook_shaped_road())) == [
-        "Vehicle 100 is off the road.",
-        "Vehicle 101 is off the road in 0.5 s.",
+        "Vehicle 100 is 2.8 m off the road.",
+        "Vehicle 101 leaves the road at 0.5 s, by up to 19.4 m.",
     ]
 
 
@@ -102,36 +107,55 @@ def test_things_have_plain_names():
     kinds = (AgentKind.VEHICLE, AgentKind.STATIC)
     agents = straight_drivers([(0, 0, 0, 0), (1, 0, 0, 0)], kinds=kinds)
     assert messages(scenario_with(agents)) == [
-        "Vehicle 100 and static object 101 overlap."
+        "Vehicle 100 and static object 101 collide."
     ]
 
 
-def test_known_warnings_can_be_left_out():
-    warnings = scene_warnings(two_agents_that_collide(), with_future=True)
-    later = [replace(warning, step=3) for warning in warnings]
-    assert warnings
+def test_problems_of_the_recording_are_a_group_of_their_own():
+    problems = scene_problems(two_agents_that_collide())
+    later = [replace(problem, spans=((3, 4),)) for problem in problems]
+    assert problems
     both, one = ("100", "101"), ("100",)
 
-    def left(known, unmoved, untouched):
-        return without_known(warnings, known, unmoved=unmoved, untouched=untouched)
+    def new(recorded, unmoved, untouched):
+        return split(problems, recorded, unmoved=unmoved, untouched=untouched).new
 
-    assert left(later, both, both) == ()
-    assert left([], both, both) == warnings
+    assert new(later, both, both) == ()
+    assert split(problems, later, unmoved=both, untouched=both).recorded == problems
+    assert new([], both, both) == problems
     # One of the two has another future: the user should hear of it again.
-    assert {w.kind for w in warnings} == {"future-overlap"}
-    assert left(later, both, one) == warnings
-    assert left(later, one, both) == ()
+    assert {p.kind for p in problems} == {"later-collision"}
+    assert new(later, both, one) == problems
+    assert new(later, one, both) == ()
+
+
+def test_an_agent_that_appears_later_is_said_to():
+    """(D13) Regenerating does not move an agent that is not there yet."""
+    scenario = two_agents_that_collide()
+    valid = scenario.agents.is_valid.copy()
+    valid[1, :58] = False
+    scenario = scenario.with_agents(replace(scenario.agents, is_valid=valid))
+    assert messages(scenario) == [
+        "Vehicle 100 and vehicle 101 (appears at 0.8 s) collide at 1.6 s."
+    ]
+
+
+def test_hundreds_of_agents_in_one_place_take_bounded_time():
+    """(reliability 1) 400 agents on one spot: 80,000 pairs that all collide."""
+    states = [(0.01 * number, 0.0, 0.0, 5.0) for number in range(400)]
+    found = scene_problems(scenario_with(straight_drivers(states)))
+    assert len([p for p in found if p.kind == "collision"]) == MAX_COLLISIONS
 
 
 @pytest.mark.real_data
-def test_a_warp_adds_no_off_road_warnings(av2_scenario_folders):
+def test_a_warp_adds_no_off_road_problems(av2_scenario_folders):
+    """(D9) A bend moves the drivable area along with the agents."""
     for folder in av2_scenario_folders[::16]:
         scenario = read_scenario(folder)
-        before = scene_warnings(scenario, with_future=False)
+        recorded = scene_problems(scenario)
         x, y = scenario.agents.position_m[:, scenario.current_step].mean(axis=0)
         term = WarpTerm(kind="ripple-road", power=5.0, length_m=60.0)
         anchor = RigidMotion(x_m=float(x), y_m=float(y), rotation_rad=1.0)
         warped = warp_scenario(scenario, RoadWarp(anchor=anchor, terms=(term,)))
-        after = scene_warnings(warped, with_future=False)
-        off = [w.agent_ids for w in before if w.kind == "off-road"]
-        assert [w.agent_ids for w in after if w.kind == "off-road"] == off
+        found = checked(warped, scenario, recorded)
+        assert not [p for p in found.new if "off-road" in p.kind]

@@ -1,0 +1,105 @@
+"""The one list of what is wrong, and which of it edits have caused."""
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from pd_editor.perturbation.warp_scenario import untouched_agent_ids
+from pd_editor.problems.collisions import collisions
+from pd_editor.problems.friction import friction_problems
+from pd_editor.problems.road_departures import road_departures
+from pd_editor.problems.road_shape import road_problems
+from pd_editor.problems.scene_problem import SceneProblem
+from pd_editor.scene.scenario import Scenario
+
+_WORSE: Final = 1.2
+"""Ratio of severities from which a problem of the recording counts as a new one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneCheck:
+    """All problems of a scenario: those that edits caused, and the recording's own."""
+
+    new: tuple[SceneProblem, ...] = ()
+    recorded: tuple[SceneProblem, ...] = ()
+
+
+def scene_problems(
+    scenario: Scenario, *, with_future: bool = True
+) -> tuple[SceneProblem, ...]:
+    """What is wrong at the current step and after it, in the order of time.
+
+    Without the future only the current step and the road are looked at.
+    """
+    now = scenario.current_step
+    end = scenario.time_axis.num_steps if with_future else now + 1
+    steps = np.arange(now, end)
+    found = [
+        *road_problems(scenario),
+        *collisions(scenario, steps),
+        *road_departures(scenario, steps),
+    ]
+    if with_future:
+        found += friction_problems(scenario)
+    return tuple(sorted(found, key=lambda problem: problem.first_step))
+
+
+def checked(
+    scenario: Scenario,
+    base: Scenario,
+    recorded: Iterable[SceneProblem],
+    *,
+    with_future: bool = True,
+) -> SceneCheck:
+    """The problems of a scenario that was made from ``base`` by edits.
+
+    ``recorded`` are the problems of ``base``, which a session keeps.
+    """
+    now = scenario.current_step
+    return split(
+        scene_problems(scenario, with_future=with_future),
+        recorded,
+        unmoved=untouched_agent_ids(scenario, base, slice(now, now + 1)),
+        untouched=untouched_agent_ids(scenario, base),
+    )
+
+
+def split(
+    problems: Iterable[SceneProblem],
+    recorded: Iterable[SceneProblem],
+    *,
+    unmoved: Collection[str],
+    untouched: Collection[str],
+) -> SceneCheck:
+    """Problems that edits caused, and those that the recording has by itself.
+
+    Args:
+        problems: what is wrong now.
+        recorded: what was wrong in the recording.
+        unmoved: agents whose state at the current step is as in the recording. A
+            recorded problem of that step stays the recording's as long as it names
+            none but them.
+        untouched: agents whose whole motion is as in the recording; likewise for
+            problems that come later.
+    """
+    known = {problem.key: problem.severity for problem in recorded}
+    same_now, same_later = frozenset(unmoved), frozenset(untouched)
+
+    def is_recorded(problem: SceneProblem) -> bool:
+        if problem.key not in known:
+            return False
+        # A bend makes an agent that was a little too fast much too fast.
+        if problem.kind == "friction" and (
+            problem.severity > _WORSE * known[problem.key]
+        ):
+            return False
+        same = same_now if problem.is_now else same_later
+        return same.issuperset(problem.agent_ids)
+
+    new: list[SceneProblem] = []
+    own: list[SceneProblem] = []
+    for problem in problems:
+        (own if is_recorded(problem) else new).append(problem)
+    return SceneCheck(new=tuple(new), recorded=tuple(own))

@@ -1,0 +1,88 @@
+"""Roads that were bent more than any vehicle can drive."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from pd_editor.perturbation.friction_limit import WarpSummary, summarise
+from pd_editor.problems.scene_problem import SceneProblem
+from pd_editor.scene.road_warp import RoadWarp
+from pd_editor.scene.scenario import Scenario
+
+MIN_RADIUS_M: Final = 5.0
+"""About what a car can turn at its slowest, measured at its centre."""
+FOLDED_RADIUS_M: Final = 1.75
+"""Half a lane's width: with less, the inner edge of a lane folds over itself."""
+_SAMPLE_SPACING_M: Final = 0.05
+
+
+def road_problems(scenario: Scenario) -> list[SceneProblem]:
+    """One problem if the warp in force makes a road that cannot be driven."""
+    applied = scenario.applied_warp
+    if applied is None:
+        return []
+    summary = summarise(applied.warp)
+    radius = summary.min_radius_m
+    if not radius < MIN_RADIUS_M:
+        return []
+    is_folded = radius < FOLDED_RADIUS_M
+    message = (
+        f"The road is folded into spikes: its smallest radius is {radius:.1f} m, less"
+        " than half a lane's width."
+        if is_folded
+        else f"The road bends too sharply: its smallest radius is {radius:.1f} m, and a"
+        f" vehicle needs about {MIN_RADIUS_M:g} m."
+    )
+    return [
+        SceneProblem(
+            kind="folded-road" if is_folded else "sharp-road",
+            agent_ids=(),
+            spans=((0, scenario.time_axis.num_steps - 1),),
+            worst_step=scenario.current_step,
+            severity=MIN_RADIUS_M / radius,
+            message=message,
+            place_m=_sharpest_place(applied.warp),
+        )
+    ]
+
+
+def weakened_to_radius(
+    warp: RoadWarp, min_radius_m: float = MIN_RADIUS_M
+) -> RoadWarp | None:
+    """The same bends with all powers scaled down alike until they can be driven.
+
+    None if nothing is left of them.
+    """
+
+    def scaled(share: float) -> RoadWarp:
+        # Powers stay such as the sliders show, and are rounded towards zero.
+        return replace(
+            warp,
+            terms=tuple(
+                replace(term, power=float(np.trunc(10 * share * term.power) / 10))
+                for term in warp.terms
+            ),
+        )
+
+    def is_drivable(share: float) -> bool:
+        summary: WarpSummary = summarise(scaled(share))
+        return summary.min_radius_m >= min_radius_m
+
+    # The sum of bends need not grow evenly, so the highest share that holds is sought.
+    for share in np.linspace(1.0, 0.0, 101)[:-1].tolist():
+        if is_drivable(share):
+            weaker = scaled(share)
+            return None if weaker.is_identity else weaker
+    return None
+
+
+def _sharpest_place(warp: RoadWarp) -> tuple[float, float]:
+    """Where a road that ran straight ahead of the anchor bends most."""
+    end = warp.extent_m()
+    x = np.linspace(0.0, end, max(int(end / _SAMPLE_SPACING_M), 1) + 1)
+    ahead = float(x[np.abs(warp.curvature(x)).argmax()])
+    start = np.array([warp.anchor.x_m, warp.anchor.y_m])
+    point = start + warp.anchor.turn(np.array([ahead, 0.0]))
+    place = warp.apply(point[None])[0]
+    return float(place[0]), float(place[1])
