@@ -14,7 +14,7 @@ from pd_editor.generation import GeneratorOffer
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.pointer import Pointer
 from pd_editor.viewer.interaction.viewpoint import Viewpoint
-from pd_editor.viewer.meshes.colors import DARK, LIGHT, Palette
+from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.timeline import Timeline
 from pd_editor.viewer.overlay.toolbar import Tool, Toolbar
@@ -34,9 +34,11 @@ from pd_editor.viewer.state.inbox import Inbox
 from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.views.agents_view import AgentsView
 from pd_editor.viewer.views.candidates_view import CandidatesView
+from pd_editor.viewer.views.labels_view import LabelsView
 from pd_editor.viewer.views.map_view import MapView
 from pd_editor.viewer.views.marks_view import MarksView
 from pd_editor.viewer.views.ribbons_view import RibbonsView
+from pd_editor.viewer.views.view_scale import ViewScale
 
 TIMELINE_REFRESH_S: Final = 0.25
 SEARCH_PAUSE_S: Final = 0.02
@@ -106,11 +108,13 @@ class BrowserSession:
             )
             self._agents = AgentsView(client, palette, self._pointer.attach)
             self._ribbons = RibbonsView(client, palette)
-            self._marks = MarksView(client)
-            self._candidates = CandidatesView(client, self._ribbons.set_muted)
+            self._marks = MarksView(client, palette)
+            self._labels = LabelsView(self._overlay)
+            self._candidates = CandidatesView(client, palette, self._ribbons.set_muted)
             self._status = StatusPanel(self._desk)
             self._pointer.set_plain_drag_selects(self._viewpoint.is_top)
             self._viewpoint.restore()
+            self._size_for_view()
             self._draw()
         self._send_now()
         with client.atomic():
@@ -121,6 +125,7 @@ class BrowserSession:
         workspace.session.add_listener(self._changed)
         workspace.tell = self._desk.notify
         self._is_built = True
+        self._follow_camera()
         self._request_check()
         if workspace.starts_playing:
             workspace.starts_playing = False
@@ -335,9 +340,27 @@ class BrowserSession:
         session, step = self._workspace.session, self._workspace.playback.step
         poses = self._agents.poses
         assert poses is not None
-        self._marks.show(
-            session.scenario, poses, step, session.selection, self._status.warned_now()
-        )
+        selection = session.selection
+        self._marks.show(session.scenario, poses, selection, self._status.warned_now())
+        self._labels.show(session.scenario, poses, step, selection, {})
+
+    def _follow_camera(self) -> None:
+        """Keep what has a least size on the screen at that size."""
+
+        @self._client.camera.on_update
+        async def _(_camera: viser.CameraHandle) -> None:
+            self._inbox.post(self._camera_moved, merge_key="camera")
+
+    def _camera_moved(self) -> None:
+        if ViewScale.of(self._client.camera).differs_from(self._view):
+            with self._client.atomic():
+                self._size_for_view()
+                self._draw_frame()
+
+    def _size_for_view(self) -> None:
+        self._view = ViewScale.of(self._client.camera)
+        for view in (self._agents, self._marks, self._labels):
+            view.set_view(self._view)
 
     def _show_page(self) -> None:
         """Title and theme of the page; a star marks a scenario with edits in force."""
@@ -454,6 +477,8 @@ class BrowserSession:
             self._map.set_palette(palette)
             self._agents.set_palette(palette)
             self._ribbons.set_palette(palette)
+            self._marks.set_palette(palette)
+            self._candidates.set_palette(palette)
 
     def _camera_chosen(self, name: str) -> None:
         if name == "3-D view":

@@ -146,9 +146,18 @@ def _two_wheeler(frame_height: float, *, has_rider: bool) -> AgentShape:
         parts += [
             _frustum(-0.06, (frame_height * 0.9, 0.84), (0.10, 0.34), (0.11, 0.46)),
             _sphere(0.02, 0.92, (0.075, 0.22, 0.08)),
+            _tick(0.52, 0.3, 0.9),
         ]
     wheels = _wheels((-0.33, 0.33), (0.165, wheel_radius), 0.12, (0.0,))
     return AgentShape(body=_joined(*parts), dark=_joined(*wheels))
+
+
+def _tick(x: float, length: float, width: float) -> trimesh.Trimesh:
+    """A flat arrowhead on the ground ahead: where a small glyph is going, from above."""
+    corners = [(x, -width / 2), (x + length, 0.0), (x, width / 2)]
+    return trimesh.creation.extrude_polygon(
+        shapely.Polygon(corners), height=0.03, engine="earcut"
+    )
 
 
 def _pedestrian() -> AgentShape:
@@ -157,6 +166,7 @@ def _pedestrian() -> AgentShape:
             _frustum(0.0, (0.0, 0.48), (0.16, 0.20), (0.24, 0.32)),
             _frustum(0.0, (0.48, 0.83), (0.24, 0.36), (0.22, 0.44)),
             _sphere(0.0, 0.91, (0.17, 0.17, 0.09)),
+            _tick(0.48, 0.55, 0.7),
         ),
         dark=None,
     )
@@ -202,9 +212,9 @@ def shape_of(kind: AgentKind) -> AgentShape:
 
 
 @functools.cache
-def ring() -> trimesh.Trimesh:
-    """A flat ring of radius 1."""
-    return trimesh.creation.annulus(r_min=0.93, r_max=1.0, height=0.02, sections=48)
+def ring(inner: float) -> trimesh.Trimesh:
+    """A flat ring of radius 1 around a hole of radius ``inner``."""
+    return trimesh.creation.annulus(r_min=inner, r_max=1.0, height=0.02, sections=48)
 
 
 @functools.cache

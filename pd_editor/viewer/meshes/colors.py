@@ -4,13 +4,11 @@ viser's client applies the ACES filmic curve of three.js to every surface. Colou
 meant to appear exactly are therefore sent through its inverse.
 """
 
-from dataclasses import dataclass
+import functools
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-
-from pd_editor.scene.agent_kind import AgentKind
 
 Rgb = tuple[int, int, int]
 
@@ -30,6 +28,8 @@ _ACES_OUTPUT: Final = np.array(
 )
 _EXPOSURE_DIVISOR: Final = 0.6
 """three.js divides exposure by this to match a reference renderer."""
+LIGHT_ON_ROOFS: Final = 1.37
+"""Light that a level surface reflects under the editor's lights, read off pictures."""
 
 
 def srgb_to_linear(
@@ -58,79 +58,19 @@ def shown_exactly(color: Rgb) -> tuple[float, float, float]:
     return float(red), float(green), float(blue)
 
 
-def linearised(color: Rgb) -> Rgb:
-    """Colour for viser's batched meshes, which take theirs as linear light."""
-    red, green, blue = np.round(srgb_to_linear(np.array(color) / 255.0) * 255)
+@functools.cache
+def lit_from_above(color: Rgb) -> Rgb:
+    """Colour for viser's batched meshes whose roofs then appear as ``color``.
+
+    Batched meshes take their colours as linear light, and are lit.
+    """
+    lit = inverse_aces(srgb_to_linear(np.array(color) / 255.0)) / LIGHT_ON_ROOFS
+    red, green, blue = np.clip(np.round(lit * 255), 0, 255)
     return int(red), int(green), int(blue)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Palette:
-    """Colours of one theme."""
-
-    ground: Rgb
-    road: Rgb
-    lane: Rgb
-    intersection: Rgb
-    bike_lane: Rgb
-    bus_lane: Rgb
-    lane_edge: Rgb
-    centerline: Rgb
-    white_paint: Rgb
-    yellow_paint: Rgb
-    crosswalk: Rgb
-    ghost: Rgb
-    past: Rgb
-    glass: Rgb
-
-
-LIGHT: Final = Palette(
-    ground=(238, 240, 243),
-    road=(205, 209, 215),
-    lane=(213, 217, 222),
-    intersection=(205, 209, 215),
-    bike_lane=(197, 214, 203),
-    bus_lane=(219, 207, 203),
-    lane_edge=(190, 195, 203),
-    centerline=(120, 140, 170),
-    white_paint=(255, 255, 255),
-    yellow_paint=(236, 184, 52),
-    crosswalk=(245, 246, 248),
-    ghost=(130, 110, 190),
-    past=(110, 118, 130),
-    glass=(38, 44, 54),
-)
-DARK: Final = Palette(
-    ground=(24, 27, 33),
-    road=(40, 46, 56),
-    lane=(46, 52, 63),
-    intersection=(40, 46, 56),
-    bike_lane=(42, 62, 54),
-    bus_lane=(66, 51, 52),
-    lane_edge=(64, 71, 84),
-    centerline=(110, 135, 175),
-    white_paint=(222, 226, 232),
-    yellow_paint=(226, 176, 60),
-    crosswalk=(170, 176, 186),
-    ghost=(150, 130, 220),
-    past=(140, 148, 160),
-    glass=(14, 17, 22),
-)
-
-KIND_COLOR: Final[dict[AgentKind, Rgb]] = {
-    AgentKind.VEHICLE: (58, 110, 200),
-    AgentKind.BUS: (36, 62, 140),
-    AgentKind.MOTORCYCLIST: (124, 84, 190),
-    AgentKind.CYCLIST: (32, 150, 90),
-    AgentKind.PEDESTRIAN: (214, 72, 122),
-    AgentKind.STATIC: (150, 156, 166),
-    AgentKind.BACKGROUND: (166, 172, 180),
-    AgentKind.CONSTRUCTION: (222, 140, 40),
-    AgentKind.RIDERLESS_BICYCLE: (110, 160, 130),
-    AgentKind.UNKNOWN: (150, 156, 166),
-}
-FOCAL_COLOR: Final[Rgb] = (240, 112, 24)
-EGO_COLOR: Final[Rgb] = (0, 158, 150)
-SELECTION_COLOR: Final[Rgb] = (255, 196, 0)
-WARNING_COLOR: Final[Rgb] = (225, 36, 36)
-CANDIDATE_COLOR: Final[Rgb] = (16, 150, 130)
+def contrast_ratio(one: Rgb, other: Rgb) -> float:
+    """Contrast of two colours from 1 to 21, as WCAG 2.2 defines it."""
+    weights = np.array([0.2126, 0.7152, 0.0722])
+    pair = srgb_to_linear(np.array([one, other]) / 255.0) @ weights
+    return float((pair.max() + 0.05) / (pair.min() + 0.05))

@@ -5,7 +5,9 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mapbox_earcut
 import numpy as np
+import shapely
 from jaxtyping import Float, Int
 
 from pd_editor.geometry.polyline import offset_line
@@ -78,6 +80,17 @@ def ribbon(line_m: Float[np.ndarray, "N 2"], width_m: float) -> FlatMesh:
     """A line drawn with a width."""
     half = width_m / 2
     return strip(offset_line(line_m, half), offset_line(line_m, -half))
+
+
+def triangulated(polygon: shapely.Polygon) -> FlatMesh:
+    """A polygon, holes and all, cut into triangles."""
+    oriented = shapely.orient_polygons(polygon)
+    rings = [oriented.exterior, *oriented.interiors]
+    points = [np.asarray(ring.coords)[:-1] for ring in rings]
+    ends = np.cumsum([len(ring) for ring in points]).astype(np.uint32)
+    flat = np.concatenate(points)
+    faces = mapbox_earcut.triangulate_float64(flat, ends).reshape(-1, 3).astype(int)
+    return facing_up(FlatMesh(points_m=flat, faces=faces))
 
 
 def glb_of(primitives: Sequence[Primitive]) -> bytes:

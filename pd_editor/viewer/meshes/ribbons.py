@@ -1,13 +1,20 @@
 """Bands along many paths at once, fading along their length."""
 
+from typing import Final
+
 import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, facing_up
 
-PATH_HEIGHT_STEP_M = 2e-4
-MIN_EXTENT_M = 2.0
-"""Paths that stay in a smaller box are not drawn: a standing agent's track jitters."""
+PATH_HEIGHT_STEP_M: Final = 5e-4
+"""Paths lie above each other in this distance, so that none flickers through another."""
+MIN_MOTION_M: Final = 1.0
+"""Less motion than this is noise of the recording."""
+MOTION_WINDOW: Final = 5
+"""Points over which positions are averaged before motion is measured."""
+DOT_M: Final = 0.9
+"""Length of the dots of a dotted path, and of the gaps between them."""
 
 
 def path_ribbons(
@@ -17,52 +24,93 @@ def path_ribbons(
     color: Float[np.ndarray, "P 3"],
     opacity: Float[np.ndarray, "P H"],
     width_m: Float[np.ndarray, "P H"],
-    height_m: float,
+    height_m: Float[np.ndarray, "P"],
 ) -> Primitive:
     """One transparent mesh of all paths; colours are linear material colours.
 
-    Each path lies a little higher than the one before, so that they cross cleanly.
+    The page draws a transparent mesh triangle after triangle: a later path covers an
+    earlier one wholly, at any zoom.
     """
-    both = is_valid[:, 1:] & is_valid[:, :-1]
-    kept = _extent(points_m, is_valid) >= MIN_EXTENT_M
-    points, both, opacity = points_m[kept], both[kept], opacity[kept]
-    width, color = width_m[kept], color[kept]
-    num_paths, num_points = points.shape[:2]
-    normal = _normals(points, both)
-    offset = normal * (width / 2)[..., None]
-    vertices = np.stack([points + offset, points - offset], axis=2)
+    has_segment = is_valid[:, 1:] & is_valid[:, :-1]
+    num_paths, num_points = points_m.shape[:2]
+    offset = _normals(points_m, has_segment) * (width_m / 2)[..., None]
+    vertices = np.stack([points_m + offset, points_m - offset], axis=2)
     first = 2 * np.arange(num_paths * num_points).reshape(num_paths, num_points)
-    near, far = first[:, :-1][both], first[:, 1:][both]
-    faces = np.concatenate(
-        [
-            np.stack([near, near + 1, far], axis=-1),
-            np.stack([far, near + 1, far + 1], axis=-1),
-        ]
-    )
+    near, far = first[:, :-1][has_segment], first[:, 1:][has_segment]
+    # Both triangles of a segment follow each other: were they apart, half of each
+    # segment would be covered by the paths between.
+    faces = np.stack([near, near + 1, far, far, near + 1, far + 1], axis=-1)
     # In tight curves a path folds over itself; both sides of the fold are drawn.
-    mesh = facing_up(FlatMesh(points_m=vertices.reshape(-1, 2), faces=faces))
+    mesh = facing_up(
+        FlatMesh(points_m=vertices.reshape(-1, 2), faces=faces.reshape(-1, 3))
+    )
     return Primitive(
         points_m=mesh.points_m,
         faces=mesh.faces,
-        height_m=height_m
-        + PATH_HEIGHT_STEP_M * np.repeat(np.arange(num_paths), 2 * num_points),
+        height_m=np.repeat(height_m, 2 * num_points),
         color=(1.0, 1.0, 1.0),
         vertex_opacity=np.repeat(opacity.reshape(-1), 2),
-        vertex_color=np.repeat(
-            np.broadcast_to(color[:, None], (num_paths, num_points, 3)).reshape(-1, 3),
-            2,
-            axis=0,
-        ),
+        vertex_color=np.repeat(color, 2 * num_points, axis=0),
     )
 
 
-def _extent(
+def path_heights(base_m: float, rank: np.ndarray) -> Float[np.ndarray, "P"]:
+    """Heights of paths by their rank from below; no two ranks share one."""
+    return base_m + PATH_HEIGHT_STEP_M * rank
+
+
+def dotted(
+    points_m: Float[np.ndarray, "P H 2"], is_valid: Bool[np.ndarray, "P H"]
+) -> tuple[Float[np.ndarray, "P K 2"], Bool[np.ndarray, "P K"]]:
+    """Paths cut into dots of equal length, as paths of more points.
+
+    Two of three points begin and end a dot; the third is invalid and ends it.
+    """
+    num_paths = len(points_m)
+    if not num_paths:
+        return np.zeros((0, 0, 2)), np.zeros((0, 0), bool)
+    index = np.arange(points_m.shape[1])
+    last = np.maximum.accumulate(np.where(is_valid, index, -1), axis=1)
+    start = np.where(is_valid.any(1), is_valid.argmax(1), 0)[:, None]
+    held = np.take_along_axis(
+        points_m, np.where(last < 0, start, last)[..., None], axis=1
+    )
+    step = np.linalg.norm(np.diff(held, axis=1), axis=-1)
+    length = np.concatenate([np.zeros((num_paths, 1)), step.cumsum(axis=1)], axis=1)
+    num_dots = int(np.ceil(length[:, -1].max(initial=0.0) / (2 * DOT_M)))
+    at = (2 * DOT_M * np.arange(num_dots)[:, None] + [0.0, DOT_M, DOT_M]).reshape(-1)
+    shape = (num_paths, 3 * num_dots)
+    # One interpolation serves all paths: they are put end to end, a gap between them.
+    base = (np.arange(num_paths) * (length.max(initial=0.0) + 1.0))[:, None]
+    wanted = base + np.minimum(at, length[:, -1:])
+    known = (base + length).reshape(-1)
+    points = np.stack(
+        [
+            np.interp(wanted.reshape(-1), known, held[..., axis].reshape(-1))
+            for axis in range(2)
+        ],
+        axis=-1,
+    ).reshape(*shape, 2)
+    is_end = np.tile([True, True, False], num_dots)
+    return points, (at < length[:, -1:] + DOT_M / 2) & is_end
+
+
+def motion_m(
     points_m: Float[np.ndarray, "P H 2"], is_valid: Bool[np.ndarray, "P H"]
 ) -> Float[np.ndarray, "P"]:
-    """Diagonal of the box around each path's valid points."""
-    valid = is_valid[..., None]
-    low = np.where(valid, points_m, np.inf).min(axis=1, initial=np.inf)
-    high = np.where(valid, points_m, -np.inf).max(axis=1, initial=-np.inf)
+    """How far each path's averaged points lie apart: the diagonal of their box."""
+    weight = np.concatenate([np.zeros((len(points_m), 1)), is_valid], axis=1)
+    total = np.concatenate(
+        [np.zeros((len(points_m), 1, 2)), np.where(is_valid[..., None], points_m, 0.0)],
+        axis=1,
+    )
+    weight, total = weight.cumsum(axis=1), total.cumsum(axis=1)
+    window = min(MOTION_WINDOW, points_m.shape[1])
+    count = weight[:, window:] - weight[:, :-window]
+    mean = (total[:, window:] - total[:, :-window]) / np.maximum(count, 1.0)[..., None]
+    is_known = (count > 0)[..., None]
+    low = np.where(is_known, mean, np.inf).min(axis=1, initial=np.inf)
+    high = np.where(is_known, mean, -np.inf).max(axis=1, initial=-np.inf)
     return np.linalg.norm(np.maximum(high - low, 0.0), axis=-1)
 
 

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final, Literal
 
-import mapbox_earcut
 import numpy as np
 import shapely
 from jaxtyping import Float
@@ -23,8 +22,15 @@ from pd_editor.geometry.polyline import (
     resample,
     without_repeats,
 )
-from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark, RoadMap
-from pd_editor.viewer.meshes.flat_mesh import FlatMesh, facing_up, merged, ribbon, strip
+from pd_editor.scene.road_map import Lane, LaneKind, LaneMark, RoadMap
+from pd_editor.viewer.meshes.crosswalk_stripes import crosswalk_stripes
+from pd_editor.viewer.meshes.flat_mesh import (
+    FlatMesh,
+    merged,
+    ribbon,
+    strip,
+    triangulated,
+)
 
 Layer = Literal["road", "lanes", "crosswalks", "paint", "centerlines"]
 LAYERS: Final[tuple[Layer, ...]] = (
@@ -42,8 +48,6 @@ EDGE_WIDTH_M: Final = 0.08
 DASH_M: Final = 3.0
 GAP_M: Final = 6.0
 DOUBLE_LINE_OFFSET_M: Final = 0.17
-STRIPE_M: Final = 0.5
-"""Width of a crosswalk's stripes and of the gaps between them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +56,7 @@ class RoadPart:
 
     layer: Layer
     color_name: str
-    """A field of ``colors.Palette``."""
+    """A field of ``palette.Palette``."""
     height_m: float
     mesh: FlatMesh
 
@@ -70,25 +74,22 @@ def road_parts(road_map: RoadMap) -> tuple[RoadPart, ...]:
             mesh=merged(list(meshes)),
         )
 
-    def lanes_where(kind: LaneKind, *, is_intersection: bool) -> Iterator[FlatMesh]:
+    def lanes_where(*kinds: LaneKind, is_inside: bool = False) -> Iterator[FlatMesh]:
         for lane in road_map.lanes:
-            if lane.kind is kind and lane.is_intersection is is_intersection:
+            if lane.kind in kinds and lane.is_intersection is is_inside:
                 yield _lane_surface(lane)
 
     paint = list(_painted_lines(road_map))
-    vehicle, bike, bus = LaneKind.VEHICLE, LaneKind.BIKE, LaneKind.BUS
-    inside = {"is_intersection": True}
-    outside = {"is_intersection": False}
     return (
         part("road", "road", 0.0, _area_meshes(road_map)),
-        part("lanes", "intersection", 0.01, lanes_where(vehicle, **inside)),
-        part("lanes", "lane", 0.012, lanes_where(vehicle, **outside)),
-        part("lanes", "bus_lane", 0.014, lanes_where(bus, **inside)),
-        part("lanes", "bus_lane", 0.014, lanes_where(bus, **outside)),
-        part("lanes", "bike_lane", 0.016, lanes_where(bike, **inside)),
-        part("lanes", "bike_lane", 0.016, lanes_where(bike, **outside)),
+        # Connectors cross a junction from everywhere to everywhere; tinted, they would
+        # paint all of it.
+        part("lanes", "intersection", 0.01, lanes_where(*LaneKind, is_inside=True)),
+        part("lanes", "lane", 0.012, lanes_where(LaneKind.VEHICLE)),
+        part("lanes", "bus_lane", 0.014, lanes_where(LaneKind.BUS)),
+        part("lanes", "bike_lane", 0.016, lanes_where(LaneKind.BIKE)),
         part("lanes", "lane_edge", 0.02, (m for c, m in paint if c == "lane_edge")),
-        part("crosswalks", "crosswalk", 0.03, _all_stripes(road_map)),
+        part("crosswalks", "crosswalk", 0.03, crosswalk_stripes(road_map)),
         part("paint", "white_paint", 0.04, (m for c, m in paint if c == "white_paint")),
         part(
             "paint", "yellow_paint", 0.045, (m for c, m in paint if c == "yellow_paint")
@@ -134,7 +135,7 @@ def cell_meshes(area: BaseGeometry) -> Iterator[FlatMesh]:
     pieces = shapely.get_parts(shapely.intersection(area, cells[on_edge]))
     for piece in pieces:
         if piece.geom_type == "Polygon" and piece.area > 1e-4:
-            yield _triangulated(piece)
+            yield triangulated(piece)
 
 
 def _square_cells(corner_m: Float[np.ndarray, "N 2"]) -> FlatMesh:
@@ -143,16 +144,6 @@ def _square_cells(corner_m: Float[np.ndarray, "N 2"]) -> FlatMesh:
     first = 4 * np.arange(len(corner_m))[:, None, None]
     faces = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
     return FlatMesh(points_m=points, faces=faces)
-
-
-def _triangulated(polygon: shapely.Polygon) -> FlatMesh:
-    oriented = shapely.orient_polygons(polygon)
-    rings = [oriented.exterior, *oriented.interiors]
-    points = [np.asarray(ring.coords)[:-1] for ring in rings]
-    ends = np.cumsum([len(ring) for ring in points]).astype(np.uint32)
-    flat = np.concatenate(points)
-    faces = mapbox_earcut.triangulate_float64(flat, ends).reshape(-1, 3).astype(int)
-    return facing_up(FlatMesh(points_m=flat, faces=faces))
 
 
 def _boundaries(road_map: RoadMap) -> Iterator[tuple[LaneMark, bool, np.ndarray]]:
@@ -214,26 +205,6 @@ def _dashes(line_m: np.ndarray) -> Iterator[FlatMesh]:
     for start in np.arange(GAP_M / 2, length - DASH_M / 2, DASH_M + GAP_M):
         end = min(start + DASH_M, length)
         yield ribbon(point_at(line_m, np.linspace(start, end, 3)), PAINT_WIDTH_M)
-
-
-def _all_stripes(road_map: RoadMap) -> Iterator[FlatMesh]:
-    for crosswalk in road_map.crosswalks:
-        yield from _stripes(crosswalk)
-
-
-def _stripes(crosswalk: Crosswalk) -> Iterator[FlatMesh]:
-    """Zebra stripes along the way that pedestrians walk."""
-    ring = crosswalk.outline_m()
-    count_1 = len(crosswalk.edge1)
-    one, two = without_repeats(ring[:count_1]), without_repeats(ring[count_1:][::-1])
-    length = max(arc_length(one)[-1], arc_length(two)[-1])
-    count = max(int(length / STRIPE_M) // 2, 1)
-    one, two = resample(one, 2 * count + 1), resample(two, 2 * count + 1)
-    for first in range(0, 2 * count, 2):
-        across = np.linspace(0.0, 1.0, 3)[:, None]
-        near = one[first] + across * (two[first] - one[first])
-        far = one[first + 1] + across * (two[first + 1] - one[first + 1])
-        yield facing_up(strip(near, far))
 
 
 def _centerline_arrows(road_map: RoadMap) -> Iterator[FlatMesh]:

@@ -13,14 +13,9 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses, poses_at, yaw_quaternions
 from pd_editor.viewer.meshes.agent_shapes import contact_shadow, shape_of
-from pd_editor.viewer.meshes.colors import (
-    EGO_COLOR,
-    FOCAL_COLOR,
-    KIND_COLOR,
-    Palette,
-    Rgb,
-    linearised,
-)
+from pd_editor.viewer.meshes.colors import Rgb, lit_from_above
+from pd_editor.viewer.meshes.palette import Palette
+from pd_editor.viewer.views.view_scale import ViewScale, drawn_sizes_m
 
 SHADOW_HEIGHT_M: Final = 0.09
 
@@ -37,14 +32,14 @@ class _Batch:
     is_present: np.ndarray | None = None
 
 
-def agent_color(scenario: Scenario, row: int) -> Rgb:
+def agent_color(scenario: Scenario, palette: Palette, row: int) -> Rgb:
     """Colour of an agent: its kind's, unless it is the focal agent or the ego."""
     agent_id = scenario.agents.ids[row]
     if agent_id == scenario.focal_id:
-        return FOCAL_COLOR
+        return palette.focal
     if agent_id == EGO_ID:
-        return EGO_COLOR
-    return KIND_COLOR[scenario.agents.kinds[row]]
+        return palette.ego
+    return palette.kinds[scenario.agents.kinds[row]]
 
 
 class AgentsView:
@@ -65,16 +60,17 @@ class AgentsView:
         self._on_new_body = on_new_body
         self._batches: dict[AgentKind, _Batch] = {}
         self._shadows: viser.BatchedGlbHandle | None = None
-        self._agents: AgentTracks | None = None
-        self._focal_id = ""
+        self._scenario: Scenario | None = None
         self._poses: AgentPoses | None = None
+        self._view: ViewScale | None = None
+        self._size_m = np.zeros((0, 2))
 
     def agent_at(self, kind: AgentKind, instance: int) -> str | None:
         """Id of the agent behind an instance that was pointed at."""
         batch = self._batches.get(kind)
-        if batch is None or self._agents is None or instance >= len(batch.rows):
+        if batch is None or self._scenario is None or instance >= len(batch.rows):
             return None
-        return self._agents.ids[batch.rows[instance]]
+        return self._scenario.agents.ids[batch.rows[instance]]
 
     @property
     def poses(self) -> AgentPoses | None:
@@ -84,15 +80,28 @@ class AgentsView:
     def set_palette(self, palette: Palette) -> None:
         """Redraw in another theme."""
         self._palette = palette
-        for kind, batch in self._batches.items():
-            if len(batch.nodes) > 1 and shape_of(kind).dark is not None:
-                batch.nodes[1].batched_colors = self._dark_colors(len(batch.rows))
+        if self._scenario is None:
+            return
+        for batch in self._batches.values():
+            batch.nodes[0].batched_colors = self._colors(self._scenario, batch.rows)
+            for node in batch.nodes[1:]:
+                node.batched_colors = self._dark_colors(len(batch.rows))
+
+    def set_view(self, view: ViewScale) -> None:
+        """Size what is drawn for another camera, from the next frame on."""
+        self._view = view
+        self._size_m = np.zeros((0, 2))
 
     def show(self, scenario: Scenario, step: float) -> None:
         """Draw all agents at a fractional step."""
         if self._has_other_bodies(scenario):
+            self._size_m = drawn_sizes_m(scenario.agents, self._view)
             self._rebuild(scenario)
-        self._agents, self._focal_id = scenario.agents, scenario.focal_id
+        self._scenario = scenario
+        if len(self._size_m) != len(scenario.agents):
+            self._size_m = drawn_sizes_m(scenario.agents, self._view)
+            for batch in self._batches.values():
+                batch.is_present = None
         poses = poses_at(scenario.agents, step)
         self._poses = poses
         quaternions = yaw_quaternions(poses.heading_rad)
@@ -101,21 +110,23 @@ class AgentsView:
         if self._shadows is not None:
             self._shadows.batched_positions = _lifted(poses.position_m, SHADOW_HEIGHT_M)
             self._shadows.batched_wxyzs = quaternions.astype(np.float32)
+            # The shadow of an enlarged glyph would be a second, larger one.
+            has_shadow = (
+                poses.is_present & (self._size_m == scenario.agents.size_m)[:, 0]
+            )
             self._shadows.batched_scales = np.column_stack(
-                [
-                    scenario.agents.size_m * poses.is_present[:, None],
-                    poses.is_present,
-                ]
+                [self._size_m * has_shadow[:, None], has_shadow]
             ).astype(np.float32)
 
     def _has_other_bodies(self, scenario: Scenario) -> bool:
-        shown, wanted = self._agents, scenario.agents
+        if self._scenario is None:
+            return True
+        shown, wanted = self._scenario.agents, scenario.agents
         return (
-            shown is None
-            or shown.ids != wanted.ids
+            shown.ids != wanted.ids
             or shown.kinds != wanted.kinds
             or shown.size_m is not wanted.size_m
-            or self._focal_id != scenario.focal_id
+            or self._scenario.focal_id != scenario.focal_id
         )
 
     def _move(
@@ -130,7 +141,7 @@ class AgentsView:
         is_present = poses.is_present[batch.rows]
         if batch.is_present is None or not np.array_equal(is_present, batch.is_present):
             batch.is_present = is_present
-            scales = _scales(agents, batch.rows) * is_present[:, None]
+            scales = self._scales(batch.rows, agents) * is_present[:, None]
             for node in batch.nodes:
                 node.batched_scales = scales
         for node in batch.nodes:
@@ -145,9 +156,7 @@ class AgentsView:
                 node.remove()
         for kind in kinds:
             rows = np.flatnonzero(agents.kind_mask([kind]))
-            colors = np.array(
-                [linearised(agent_color(scenario, int(row))) for row in rows], np.uint8
-            )
+            colors = self._colors(scenario, rows)
             old = self._batches.get(kind)
             if old is not None:
                 self._batches[kind] = self._resized(old, rows, colors, agents)
@@ -183,7 +192,7 @@ class AgentsView:
                 np.asarray(mesh.faces, np.uint32),
                 batched_wxyzs=yaw_quaternions(np.zeros(len(rows))).astype(np.float32),
                 batched_positions=np.zeros((len(rows), 3), np.float32),
-                batched_scales=_scales(agents, rows),
+                batched_scales=self._scales(rows, agents),
                 batched_colors=part_colors,
                 flat_shading=True,
                 lod="off",
@@ -202,17 +211,21 @@ class AgentsView:
         for node, colored in zip(old.nodes, part_colors, strict=False):
             node.batched_positions = np.zeros((len(rows), 3), np.float32)
             node.batched_wxyzs = yaw_quaternions(np.zeros(len(rows))).astype(np.float32)
-            node.batched_scales = _scales(agents, rows)
+            node.batched_scales = self._scales(rows, agents)
             node.batched_colors = colored
         return _Batch(rows=rows, nodes=old.nodes)
 
+    def _scales(self, rows: np.ndarray, agents: AgentTracks) -> np.ndarray:
+        heights = [DEFAULT_HEIGHT_M[agents.kinds[row]] for row in rows]
+        return np.column_stack([self._size_m[rows], heights]).astype(np.float32)
+
+    def _colors(self, scenario: Scenario, rows: np.ndarray) -> np.ndarray:
+        shown = (agent_color(scenario, self._palette, int(row)) for row in rows)
+        return np.array([lit_from_above(color) for color in shown], np.uint8)
+
     def _dark_colors(self, count: int) -> np.ndarray:
-        return np.tile(np.array(linearised(self._palette.glass), np.uint8), (count, 1))
-
-
-def _scales(agents: AgentTracks, rows: np.ndarray) -> np.ndarray:
-    heights = [DEFAULT_HEIGHT_M[agents.kinds[row]] for row in rows]
-    return np.column_stack([agents.size_m[rows], heights]).astype(np.float32)
+        dark = np.array(lit_from_above(self._palette.glass), np.uint8)
+        return np.tile(dark, (count, 1))
 
 
 def _lifted(points_m: Float[np.ndarray, "N 2"], height_m: float) -> np.ndarray:

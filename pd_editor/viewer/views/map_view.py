@@ -11,8 +11,9 @@ from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.colors import Palette, Rgb, shown_exactly
+from pd_editor.viewer.meshes.colors import Rgb, shown_exactly
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, merged, ribbon
+from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.road_mesh import LAYERS, Layer, RoadPart, road_parts
 
 GROUND_SIZE_M: Final = 6000.0

@@ -7,16 +7,24 @@ import viser
 
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.colors import Palette, inverse_aces, srgb_to_linear
-from pd_editor.viewer.meshes.flat_mesh import glb_of
-from pd_editor.viewer.meshes.ribbons import path_ribbons
+from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.viewer.meshes.colors import Rgb, inverse_aces, srgb_to_linear
+from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of
+from pd_editor.viewer.meshes.palette import Palette
+from pd_editor.viewer.meshes.ribbons import (
+    MIN_MOTION_M,
+    dotted,
+    motion_m,
+    path_heights,
+    path_ribbons,
+)
 from pd_editor.viewer.views.agents_view import agent_color
 
 STRIDE: Final = 2
 """Every second step is drawn; at 10 Hz that is still under 6 m at 30 m/s."""
-FUTURE_HEIGHT_M: Final = 0.07
-PAST_HEIGHT_M: Final = 0.065
+HEIGHT_M: Final = 0.065
+DOT_WIDTH_M: Final = 0.22
+DOT_OPACITY: Final = 0.6
 
 
 class RibbonsView:
@@ -57,7 +65,7 @@ class RibbonsView:
             self.show(self._scenario)
 
     def set_muted(self, is_muted: bool) -> None:
-        """Step back while something else is shown, whatever the user's wish."""
+        """Step back while something else is shown, whatever the user has chosen."""
         self._is_muted = is_muted
         self._apply_visibility()
 
@@ -73,40 +81,79 @@ class RibbonsView:
             self.show(self._scenario)
 
 
-def ribbon_primitives(scenario: Scenario, palette: Palette) -> list:
-    """Past and future of every agent as transparent meshes."""
+def ribbon_primitives(scenario: Scenario, palette: Palette) -> list[Primitive]:
+    """Past and future of every agent as transparent meshes.
+
+    Tracks of agents that are not there at the current step are thin and dotted. Every
+    agent has a height of its own; the ego lies above the others, the focal agent on top.
+    """
     agents, current = scenario.agents, scenario.current_step
-    num_agents = len(agents)
-    if not num_agents:
+    if not len(agents):
         return []
     past = np.unique(np.r_[current % STRIDE : current : STRIDE, current])
     future = np.unique(np.r_[current : agents.num_steps : STRIDE, agents.num_steps - 1])
-    own = [agent_color(scenario, row) for row in range(num_agents)]
-    own_color = inverse_aces(srgb_to_linear(np.array(own) / 255.0))
-    past_color = inverse_aces(srgb_to_linear(np.array(palette.past) / 255.0))
+    is_there = agents.is_valid[:, current]
+    order = _bottom_up(scenario)
     # Tracks of things that cannot move are noise.
-    moves = agents.kind_mask(ROAD_USER_KINDS)[:, None]
-    half_width = np.clip(agents.size_m[:, 1:], 0.4, 1.4) * 0.5
+    order = order[agents.kind_mask(ROAD_USER_KINDS)[order]]
+    height = path_heights(HEIGHT_M, np.arange(len(order)))
+    own_color = _linear([agent_color(scenario, palette, int(row)) for row in order])
+    past_color = np.broadcast_to(_linear([palette.past]), (len(order), 3))
+    half_width = np.clip(agents.size_m[order, 1], 0.4, 1.4) * 0.5
+    # A path that ends within the agent's own box says nothing either.
+    least = np.clip(agents.size_m[order, 0] / 2, MIN_MOTION_M, 2.5)
 
-    def along(steps: np.ndarray, start: float, end: float) -> np.ndarray:
-        fade = np.linspace(start, end, len(steps))
-        return np.broadcast_to(fade, (num_agents, len(steps)))
+    def band(
+        steps: np.ndarray,
+        color: np.ndarray,
+        opacity: tuple[float, float],
+        taper: tuple[float, float],
+    ) -> list[Primitive]:
+        points = agents.position_m[order][:, steps]
+        is_valid = agents.is_valid[order][:, steps]
+        moves = motion_m(points, is_valid) >= least
+        solid, thin = moves & is_there[order], moves & ~is_there[order]
+        dots, is_dot = dotted(points[thin], is_valid[thin])
+        return [
+            path_ribbons(
+                dots,
+                is_dot,
+                color=color[thin],
+                opacity=np.full(is_dot.shape, DOT_OPACITY),
+                width_m=np.full(is_dot.shape, DOT_WIDTH_M),
+                height_m=height[thin],
+            ),
+            path_ribbons(
+                points[solid],
+                is_valid[solid],
+                color=color[solid],
+                opacity=_along(opacity, solid.sum(), len(steps)),
+                width_m=half_width[solid, None]
+                * _along(taper, solid.sum(), len(steps)),
+                height_m=height[solid],
+            ),
+        ]
 
     return [
-        path_ribbons(
-            agents.position_m[:, past],
-            agents.is_valid[:, past] & moves,
-            color=np.broadcast_to(past_color, (num_agents, 3)),
-            opacity=along(past, 0.0, 0.55),
-            width_m=half_width * along(past, 0.5, 0.8),
-            height_m=PAST_HEIGHT_M,
-        ),
-        path_ribbons(
-            agents.position_m[:, future],
-            agents.is_valid[:, future] & moves,
-            color=own_color,
-            opacity=along(future, 0.75, 0.06),
-            width_m=half_width * along(future, 1.0, 0.7),
-            height_m=FUTURE_HEIGHT_M,
-        ),
+        *band(past, past_color, (0.0, 0.55), (0.5, 0.8)),
+        *band(future, own_color, (0.75, 0.12), (1.0, 0.7)),
     ]
+
+
+def _bottom_up(scenario: Scenario) -> np.ndarray:
+    """Rows in the order in which they are drawn: the ego and the focal agent last."""
+    rank = np.zeros(len(scenario.agents), int)
+    for place, agent_id in enumerate((EGO_ID, scenario.focal_id), start=1):
+        row = scenario.agents.row_of.get(agent_id)
+        if row is not None:
+            rank[row] = place
+    return np.argsort(rank, kind="stable")
+
+
+def _linear(colors: list[Rgb]) -> np.ndarray:
+    shown = np.array(colors, float).reshape(-1, 3)
+    return inverse_aces(srgb_to_linear(shown / 255.0))
+
+
+def _along(ends: tuple[float, float], num_paths: int, num_points: int) -> np.ndarray:
+    return np.broadcast_to(np.linspace(*ends, num_points), (num_paths, num_points))

@@ -5,8 +5,9 @@ from hypothesis import strategies as st
 from pd_editor.viewer.meshes.colors import (
     _ACES_INPUT,
     _ACES_OUTPUT,
+    LIGHT_ON_ROOFS,
     inverse_aces,
-    linearised,
+    lit_from_above,
     srgb_to_linear,
 )
 
@@ -36,4 +37,12 @@ def test_linear_light_of_known_values():
     assert np.allclose(
         srgb_to_linear(np.array([0.0, 0.5, 1.0])), [0, 0.21404, 1], atol=1e-5
     )
-    assert linearised((255, 0, 128)) == (255, 0, 55)
+
+
+@given(st.tuples(*[st.integers(40, 180)] * 3))
+def test_a_lit_roof_appears_in_its_colour(color):
+    """Legend, ribbons and roofs of one agent agree (D23)."""
+    sent = np.array(lit_from_above(color)) / 255.0
+    shown = aces(sent * LIGHT_ON_ROOFS)
+    wanted = srgb_to_linear(np.array(color) / 255.0)
+    assert np.allclose(shown, wanted, atol=0.03) or min(sent) == 0.0

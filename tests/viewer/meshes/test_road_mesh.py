@@ -4,11 +4,11 @@ import shapely
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.road_map import LaneMark
+from pd_editor.scene.road_map import LaneKind, LaneMark, RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh
 from pd_editor.viewer.meshes.road_mesh import _line_styles, cell_meshes, road_parts
-from tests.builders import two_lane_road
+from tests.builders import straight_lane, two_lane_road
 
 
 def area(mesh: FlatMesh) -> float:
@@ -28,6 +28,16 @@ def test_areas_of_the_two_lane_road():
     # One solid edge, two dashed lines (3 m painted of 9), the shared one drawn once.
     solid, dashed = 300 * 0.17, 2 * 300 * 0.17 / 3
     assert part_area(parts, "white_paint") == pytest.approx(solid + dashed, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", [LaneKind.BIKE, LaneKind.BUS])
+def test_special_lanes_are_tinted_outside_junctions_only(kind):
+    """Connectors of bike lanes painted whole junctions green (D17)."""
+    before = straight_lane(1, (0, 0), (10, 0), kind=kind, successors=(2,))
+    within = straight_lane(2, (10, 0), (30, 0), kind=kind, is_intersection=True)
+    parts = road_parts(RoadMap(lanes=(before, within)))
+    assert part_area(parts, f"{kind.lower()}_lane") == pytest.approx(10 * 3.5)
+    assert part_area(parts, "intersection") == pytest.approx(20 * 3.5)
 
 
 def test_cells_cover_an_area_with_a_hole_exactly():
