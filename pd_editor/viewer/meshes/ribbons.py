@@ -68,7 +68,7 @@ def dotted(
     """
     num_paths = len(points_m)
     if not num_paths:
-        return np.zeros((0, 0, 2)), np.zeros((0, 0), bool)
+        return np.zeros((0, 1, 2)), np.zeros((0, 1), bool)
     index = np.arange(points_m.shape[1])
     last = np.maximum.accumulate(np.where(is_valid, index, -1), axis=1)
     start = np.where(is_valid.any(1), is_valid.argmax(1), 0)[:, None]
@@ -77,7 +77,7 @@ def dotted(
     )
     step = np.linalg.norm(np.diff(held, axis=1), axis=-1)
     length = np.concatenate([np.zeros((num_paths, 1)), step.cumsum(axis=1)], axis=1)
-    num_dots = int(np.ceil(length[:, -1].max(initial=0.0) / (2 * DOT_M)))
+    num_dots = max(int(np.ceil(length[:, -1].max() / (2 * DOT_M))), 1)
     at = (2 * DOT_M * np.arange(num_dots)[:, None] + [0.0, DOT_M, DOT_M]).reshape(-1)
     shape = (num_paths, 3 * num_dots)
     # One interpolation serves all paths: they are put end to end, a gap between them.

@@ -72,8 +72,8 @@ def test_dots_lie_on_the_path_where_it_is_valid():
 
 def test_nothing_to_dot_is_nothing():
     dots, is_dot = dotted(np.zeros((0, 31, 2)), np.zeros((0, 31), bool))
-    assert dots.shape == (0, 0, 2)
-    assert is_dot.shape == (0, 0)
+    assert dots.shape == (0, 1, 2)
+    assert is_dot.shape == (0, 1)
 
 
 def test_noise_of_a_parked_car_is_no_motion():
