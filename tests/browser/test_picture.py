@@ -11,8 +11,7 @@ def editor(open_editor):
     """The signalised junction at t = 0, from above."""
     page = open_editor()
     page.until(lambda: page.workspace.playback.is_playing, "the demo to play")
-    page.press("t = 0")
-    page.until(lambda: not page.workspace.playback.is_playing, "a pause")
+    page.go_to_now()
     page.close_notifications()
     page.key("v")
     page.until(lambda: page._tab()._view.is_from_above, "the top view")

@@ -114,6 +114,7 @@ def ribbon_primitives(scenario: Scenario, palette: Palette) -> list[Primitive]:
         moves = motion_m(points, is_valid) >= least
         solid, thin = moves & is_there[order], moves & ~is_there[order]
         dots, is_dot = dotted(points[thin], is_valid[thin])
+        count, length = int(solid.sum()), len(steps)
         return [
             path_ribbons(
                 dots,
@@ -127,9 +128,8 @@ def ribbon_primitives(scenario: Scenario, palette: Palette) -> list[Primitive]:
                 points[solid],
                 is_valid[solid],
                 color=color[solid],
-                opacity=_along(opacity, solid.sum(), len(steps)),
-                width_m=half_width[solid, None]
-                * _along(taper, solid.sum(), len(steps)),
+                opacity=_along(opacity, count, length),
+                width_m=half_width[solid, None] * _along(taper, count, length),
                 height_m=height[solid],
             ),
         ]
