@@ -103,6 +103,11 @@ class DuplicateAgents(Command):
                 )
 
     @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
     def label(self) -> str:
         """Names or counts the originals."""
         return f"Duplicate {agents_by_name(self.agent_ids)}"

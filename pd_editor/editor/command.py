@@ -24,6 +24,11 @@ class Command(ABC):
         return self.label
 
     @property
+    def edits_current_state(self) -> bool:
+        """Whether it says where agents are, or how fast, at the current step."""
+        return False
+
+    @property
     def selects(self) -> tuple[str, ...] | None:
         """Agents to select afterwards; None keeps the selection."""
         return None

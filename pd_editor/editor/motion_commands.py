@@ -42,6 +42,11 @@ class SetAgentSpeed(Command):
         check_speed(self.speed_mps)
 
     @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
     def label(self) -> str:
         """Says the speed."""
         return f"Set {agents_by_name(self.agent_ids)} to {self.speed_mps:.1f} m/s"

@@ -44,6 +44,11 @@ class PlaceAgent(Command):
         check_speed(self.speed_mps)
 
     @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
     def label(self) -> str:
         """Says the kind."""
         return f"Place a {self.kind.value.replace('_', ' ')} ({self.agent_id})"

@@ -38,6 +38,11 @@ class TransformAgents(Command):
         check_position(self.dx_m, self.dy_m)
 
     @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
     def label(self) -> str:
         """Says how far and by which angle."""
         agents = agents_by_name(self.agent_ids)
@@ -77,6 +82,11 @@ class SetAgentPosition(Command):
         check_position(self.x_m, self.y_m)
 
     @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
     def label(self) -> str:
         """Says where to."""
         agent = agents_by_name((self.agent_id,))
@@ -107,6 +117,11 @@ class SetAgentHeading(Command):
         check_finite(heading_rad=self.heading_rad)
 
     @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
     def label(self) -> str:
         """Says the heading in degrees."""
         degrees = math.degrees(self.heading_rad)
@@ -126,6 +141,11 @@ class SnapToLane(Command):
     """Put agents onto the nearest centre line, heading along the lane."""
 
     agent_ids: tuple[str, ...]
+
+    @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
 
     @property
     def label(self) -> str:

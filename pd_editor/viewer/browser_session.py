@@ -12,9 +12,11 @@ from pd_editor.editor.session import SessionState
 from pd_editor.errors import PdEditorError
 from pd_editor.generation import GeneratorOffer
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.interaction.placing import Placing
 from pd_editor.viewer.interaction.pointer import Pointer
 from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
+from pd_editor.viewer.overlay.banner import Banner
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.timeline import Timeline
 from pd_editor.viewer.overlay.toolbar import Tool, Toolbar
@@ -98,14 +100,18 @@ class BrowserSession:
         with client.atomic():
             self._configure_page()
             self._overlay = Overlay(self._desk)
+            self._banner = Banner(self._overlay)
             self._timeline = Timeline(
-                self._overlay, workspace.playback, self._request_frame
+                self._overlay, self._banner, workspace.playback, self._request_frame
             )
             self._viewpoint = Viewpoint(self._desk, self._overlay)
+            self._desk.on_playhead_moved = self._playhead_moved
             self._map = MapView(client, palette)
             self._pointer = Pointer(
                 self._desk, lambda: self._agents, self._ground_clicked
             )
+            self._placing = Placing(self._desk, self._overlay, self._banner)
+            self._placing.on_change(self._placing_changed)
             self._agents = AgentsView(client, palette, self._pointer.attach)
             self._ribbons = RibbonsView(client, palette)
             self._marks = MarksView(client, palette)
@@ -162,7 +168,7 @@ class BrowserSession:
         with tabs.add_tab("Road"):
             self._road_panel = RoadPanel(desk, self._map.set_ghost_wanted)
         with tabs.add_tab("Agents"):
-            self._agent_panel = AgentPanel(desk, self._placing_changed)
+            self._agent_panel = AgentPanel(desk, self._placing)
         with tabs.add_tab("Drive"):
             self._candidates_panel = CandidatesPanel(desk, self._candidates)
             self._generation_panel = GenerationPanel(
@@ -187,7 +193,7 @@ class BrowserSession:
 
     def _build_toolbar(self) -> None:
         session, view = self._workspace.session, self._viewpoint
-        history, agents = self._history_panel, self._agent_panel
+        history = self._history_panel
 
         def named(action: str, index: int, key: str) -> str:
             entries = session.entries
@@ -241,9 +247,9 @@ class BrowserSession:
                 ),
                 Tool(
                     icon="place",
-                    press=agents.toggle_placing,
+                    press=self._placing.toggle,
                     hint=lambda: "Place agents (P)",
-                    is_active=lambda: agents.is_placing,
+                    is_active=lambda: self._placing.is_active,
                     starts_group=True,
                 ),
             ),
@@ -262,7 +268,7 @@ class BrowserSession:
         key("Delete selection (Backspace)", self._agent_panel.delete, "backspace")
         key("Duplicate selection", self._agent_panel.duplicate, "D", "cmd/ctrl")
         key("Snap to lane", self._agent_panel.snap, "L")
-        key("Place an agent", self._agent_panel.toggle_placing, "P")
+        key("Place an agent", self._placing.toggle, "P")
         key("Show candidates", self._candidates_panel.toggle_candidates, "G")
         key("Regenerate futures", self._generation_panel.regenerate, "R")
         key("Reset road", self._road_panel.reset)
@@ -424,6 +430,10 @@ class BrowserSession:
         """Draw the playhead's time soon; once for several requests in a row."""
         self._desk.post(self._draw_moved_frame, "frame")
 
+    def _playhead_moved(self) -> None:
+        self._request_frame()
+        self._timeline.show()
+
     def _draw_moved_frame(self) -> None:
         if self._drawn_step != self._workspace.playback.step:
             with self._client.atomic():
@@ -443,24 +453,24 @@ class BrowserSession:
             self._show_panels(self._workspace.session.state)
 
     def _ground_clicked(self, point_m: np.ndarray) -> bool:
-        if self._agent_panel.is_placing:
-            self._agent_panel.place(point_m)
+        if self._placing.is_active:
+            self._placing.place(point_m)
             return True
         return (
             self._candidates_panel.shows_candidates
             and self._candidates_panel.adopt_near(point_m)
         )
 
-    def _placing_changed(self, is_placing: bool) -> None:
-        self._pointer.set_takes_ground_first(is_placing)
+    def _placing_changed(self) -> None:
+        self._pointer.set_takes_ground_first(self._placing.is_active)
         self._toolbar.show()
 
     def _escape(self) -> None:
         """Leave what is under way; with nothing under way, clear the selection."""
         if self._desk.gesture is not None:
             self._desk.abort_gesture()
-        elif self._agent_panel.is_placing:
-            self._agent_panel.toggle_placing()
+        elif self._placing.is_active:
+            self._placing.toggle()
         elif self._candidates_panel.shows_candidates:
             self._candidates_panel.hide_candidates()
         else:

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.browser
 @pytest.fixture
 def editor(open_editor):
     page = open_editor()
-    page.press("Now")
+    page.go_to_now()
     page.until(lambda: not page.workspace.playback.is_playing, "a pause")
     return page
 

@@ -132,7 +132,7 @@ def test_clicks_select_toggle_and_clear(tab):
 
 
 def test_placing_takes_the_lanes_heading_and_speed(tab):
-    tab.run(tab.tab._agent_panel.toggle_placing)
+    tab.run(tab.tab._placing.toggle)
     x, y = tab.session.scenario.agents.position_m[0, 50]
     ray = ((x + 20.0, y + 0.4, 10.0), (0.0, 0.0, -1.0))
     tab.run(lambda: tab.tab._pointer._ground_clicked(*ray, (0.3, 0.3)))

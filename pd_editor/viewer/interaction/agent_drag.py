@@ -15,7 +15,7 @@ from pd_editor.editor.commands import TransformAgents
 from pd_editor.errors import EditError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.interaction.camera import dragged_ground_point
+from pd_editor.viewer.interaction.camera import ground_point, projected, ray_through
 from pd_editor.viewer.interaction.seen_camera import CameraPose, SeenCamera
 from pd_editor.viewer.state.desk import Desk
 from pd_editor.viewer.views.agents_view import AgentsView
@@ -54,6 +54,8 @@ class _Grab:
     scenario: Scenario
     agent_ids: tuple[str, ...]
     press: ScreenPosition
+    offset_screen: ScreenPosition
+    """From the press to the grabbed point: viser takes them half a pixel apart."""
     start_m: tuple[float, float, float]
     center_m: np.ndarray
     is_rotation: bool
@@ -139,9 +141,11 @@ class AgentDrag:
             return
         if event.phase == "start" or not _is_meant(grab, event):
             return
-        point = dragged_ground_point(
-            event.camera.position, event.end_m, grab.start_m[2]
+        x, y = event.end_screen
+        direction = ray_through(
+            event.camera, (x + grab.offset_screen[0], y + grab.offset_screen[1])
         )
+        point = ground_point(event.camera.position, direction, grab.start_m[2])
         if point is not None:
             self._desk.preview(grab.owner, _command_of(grab, point), has_end=True)
             grab.has_moved = True
@@ -165,6 +169,9 @@ class AgentDrag:
         if agent_id not in session.selection:
             session.select((agent_id,))
         self._desk.commit_gesture()
+        if self._desk.show_current_step():
+            # The agent is elsewhere at t = 0: this press is no longer on it.
+            return None
         scenario = session.scenario
         agents, step = scenario.agents, scenario.current_step
         rows = agents.rows(session.selection)
@@ -178,6 +185,7 @@ class AgentDrag:
             scenario=scenario,
             agent_ids=tuple(agents.ids[row] for row in rows),
             press=event.end_screen,
+            offset_screen=_offset(event),
             start_m=event.start_m,
             center_m=agents.position_m[rows, step].mean(axis=0),
             is_rotation=event.rotates,
@@ -191,6 +199,15 @@ def _is_corner(
         min(abs(point[axis] - low[axis]), abs(point[axis] - high[axis])) < SAME_PRESS
         for axis in (0, 1)
     )
+
+
+def _offset(event: DragEvent) -> ScreenPosition:
+    """From the press to where the grabbed point is seen; 0 while the view settles."""
+    if not event.camera.sees(event.start_m, event.end_screen):
+        return 0.0, 0.0
+    screen, _ = projected(event.camera, np.array([event.start_m], float))
+    x, y = screen[0] - np.asarray(event.end_screen)
+    return float(x), float(y)
 
 
 def _is_meant(grab: _Grab, event: DragEvent) -> bool:

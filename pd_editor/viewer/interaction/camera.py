@@ -32,26 +32,11 @@ def ground_point(
     return (start + along * ((height_m - start[2]) / along[2]))[:2]
 
 
-def dragged_ground_point(
-    camera_position: Vector | np.ndarray, point: Vector | np.ndarray, height_m: float
-) -> Float[np.ndarray, "2"] | None:
-    """Ground under the pointer, from a point on viser's camera-facing drag plane."""
-    start = np.asarray(camera_position, float)
-    return ground_point(start, np.asarray(point, float) - start, height_m)
-
-
 def projected(
     camera: Perspective, points_m: Float[np.ndarray, "N 3"]
 ) -> tuple[Float[np.ndarray, "N 2"], np.ndarray]:
     """Screen positions (0..1 from the top left), and which points lie ahead."""
-    w, x, y, z = camera.wxyz
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    rotation = _rotation(camera)
     local = (points_m - camera.position) @ rotation
     depth = np.maximum(local[:, 2], 1e-6)
     half_height = np.tan(camera.fov / 2)
@@ -63,3 +48,30 @@ def projected(
         axis=-1,
     )
     return screen, local[:, 2] > 0
+
+
+def ray_through(
+    camera: Perspective, screen: tuple[float, float]
+) -> Float[np.ndarray, "3"]:
+    """Direction from the camera through a screen position (0..1 from the top left)."""
+    half_height = np.tan(camera.fov / 2)
+    local = np.array(
+        [
+            (screen[0] - 0.5) * 2 * half_height * camera.aspect,
+            (screen[1] - 0.5) * 2 * half_height,
+            1.0,
+        ]
+    )
+    return _rotation(camera) @ local
+
+
+def _rotation(camera: Perspective) -> Float[np.ndarray, "3 3"]:
+    """From the camera's axes (right, down, ahead) to those of the scene."""
+    w, x, y, z = camera.wxyz
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

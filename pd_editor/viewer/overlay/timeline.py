@@ -1,10 +1,14 @@
 """The timeline under the picture: play, scrub, step, speed, loop."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Final
 
+from pd_editor.viewer.overlay.banner import STATE, Banner
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.playback import Playback
+
+MIN_TOLD_S: Final = 0.005
+"""Nearer to t = 0 the picture shows the state that edits act on."""
 
 
 class Timeline:
@@ -15,16 +19,22 @@ class Timeline:
     """
 
     def __init__(
-        self, overlay: Overlay, playback: Playback, on_seek: Callable[[], None]
+        self,
+        overlay: Overlay,
+        banner: Banner,
+        playback: Playback,
+        on_seek: Callable[[], None],
     ) -> None:
         """Show it.
 
         Args:
             overlay: the elements over the picture.
+            banner: says so while the picture stands at another time than t = 0.
             playback: the playhead.
             on_seek: called when the user has moved the playhead.
         """
         self._overlay = overlay
+        self._banner = banner
         self._playback = playback
         self._on_seek = on_seek
         overlay.on("timeline", self._heard)
@@ -75,6 +85,23 @@ class Timeline:
             },
         )
 
+        self._show_banner()
+
+    def _show_banner(self) -> None:
+        """Say that edits act at another time than the picture shows."""
+        playback = self._playback
+        time_s = (playback.step - playback.axis.current_step) * playback.axis.step_s
+        if playback.is_playing or abs(time_s) < MIN_TOLD_S:
+            self._banner.hide("time")
+            return
+        self._banner.show(
+            "time",
+            f"You see t = {in_seconds(time_s)}; edits act at t = 0 s.",
+            button="Go to t = 0",
+            on_press=self.go_to_current,
+            priority=STATE,
+        )
+
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Do what the user asked for; numbers of any size are clamped."""
         playback = self._playback
@@ -93,6 +120,12 @@ class Timeline:
         elif kind == "loop":
             playback.loops = not playback.loops
             self.show()
+
+
+def in_seconds(time_s: float) -> str:
+    """A time as the page shows it, with a true minus sign."""
+    sign = "\u2212" if time_s < -0.05 else ""
+    return f"{sign}{abs(time_s):.1f} s"
 
 
 def _within(steps: int, playback: Playback) -> int:

@@ -10,7 +10,6 @@ from pd_editor.editor.commands import (
     Command,
     DeleteAgents,
     DuplicateAgents,
-    PlaceAgent,
     SetAgentHeading,
     SetAgentKind,
     SetAgentPosition,
@@ -18,13 +17,12 @@ from pd_editor.editor.commands import (
     SetAgentSpeed,
     SetFocalAgent,
     SnapToLane,
-    new_agent_id,
     new_agent_ids,
 )
 from pd_editor.errors import EditError
-from pd_editor.paths.suggested_state import suggested_state
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.interaction.placing import Placing
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
 from pd_editor.viewer.state.page_text import plain
 
@@ -36,11 +34,10 @@ _SIZE_NOTE: Final = "*Size: the kind's default. Argoverse 2 tracks carry none; s
 class AgentPanel:
     """Numbers, kind and actions of the selected agents, and placing new ones."""
 
-    def __init__(self, desk: Desk, on_placing: Callable[[bool], None]) -> None:
-        """Build it into the current tab."""
+    def __init__(self, desk: Desk, placing: Placing) -> None:
+        """Build it into the current tab; it shows and steers the mode of placing."""
         self._desk = desk
-        self._on_placing = on_placing
-        self.is_placing = False
+        self._placing = placing
         gui = desk.client.gui
         self._summary = gui.add_markdown("")
         self._kind = gui.add_dropdown("Kind", KINDS)
@@ -76,9 +73,14 @@ class AgentPanel:
         desk = self._desk
         desk.on_click(self._actions["Snap to lane"], self.snap)
         desk.on_click(self._actions["Duplicate"], self.duplicate)
-        desk.on_click(self._actions["Make focal"], self._make_focal)
+        desk.on_click(self._actions["Make focal"], self.make_focal)
         desk.on_click(self._actions["Delete"], self.delete)
-        desk.on_click(self._place, self.toggle_placing)
+        desk.on_click(self._place, self._placing.toggle)
+        desk.on_change(
+            self._new_kind, lambda kind: self._placing.choose(AgentKind(kind))
+        )
+        desk.on_change(self._back_cast, self._set_with_past)
+        self._placing.on_change(self._show_placing)
         desk.on_change(self._kind, self._set_kind)
         desk.on_change(self._speed, self._set_speed, merge_key="speed")
         desk.on_change(self._heading, self._set_heading, merge_key="heading")
@@ -140,30 +142,16 @@ class AgentPanel:
         """Put the selection on its nearest lanes."""
         self._apply(SnapToLane, agent_ids=self._selection())
 
-    def toggle_placing(self) -> None:
-        """Start or stop placing agents by clicks."""
-        self.is_placing = not self.is_placing
+    def _show_placing(self) -> None:
+        is_active = self._placing.is_active
         set_property(
-            self._place, "label", "Stop placing" if self.is_placing else "Place on road"
+            self._place, "label", "Stop placing" if is_active else "Place on road"
         )
-        set_property(self._place, "color", "orange" if self.is_placing else None)
-        self._on_placing(self.is_placing)
+        set_property(self._place, "color", "orange" if is_active else None)
+        set_value(self._new_kind, str(self._placing.kind))
 
-    def place(self, point_m: np.ndarray) -> None:
-        """Place an agent of the chosen kind, as its lane suggests."""
-        kind = AgentKind(self._new_kind.value)
-        scenario = self._desk.session.scenario
-        x, y, heading, speed = suggested_state(scenario, point_m, kind)
-        self._apply(
-            PlaceAgent,
-            agent_id=new_agent_id(scenario),
-            kind=kind,
-            x_m=x,
-            y_m=y,
-            heading_rad=heading,
-            speed_mps=speed,
-            back_cast=bool(self._back_cast.value),
-        )
+    def _set_with_past(self, with_past: bool) -> None:
+        self._placing.with_past = with_past
 
     def _selection(self) -> tuple[str, ...]:
         selection = self._desk.session.selection
@@ -174,7 +162,8 @@ class AgentPanel:
     def _apply(self, make: Callable[..., Command], **fields: Any) -> None:
         self._desk.apply(make(**fields))
 
-    def _make_focal(self) -> None:
+    def make_focal(self) -> None:
+        """Make the selected agent the focal one."""
         self._apply(SetFocalAgent, agent_id=self._selection()[0])
 
     def _set_kind(self, kind: str) -> None:

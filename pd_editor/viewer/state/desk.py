@@ -40,6 +40,8 @@ class Desk:
         self.workspace = workspace
         self.session: EditorSession = workspace.session
         self.inbox = inbox
+        self.on_playhead_moved: Callable[[], None] = lambda: None
+        """Called when an edit has moved the playhead; the tab shows it."""
         self._gesture: str | None = None
         self._gesture_deadline: float | None = None
         self._failure = _NOT_DONE
@@ -121,7 +123,25 @@ class Desk:
     def apply(self, command: Command) -> None:
         """Apply one command as one undo step."""
         self.commit_gesture()
+        if command.edits_current_state:
+            self.show_current_step()
         self.session.apply(command)
+
+    def show_current_step(self) -> bool:
+        """Stop the picture at t = 0, where edits of states act; whether it moved.
+
+        Whoever edits sees what is edited: neither playback nor the playhead shows
+        another time meanwhile.
+        """
+        playback = self.workspace.playback
+        current = float(playback.axis.current_step)
+        if playback.step == current and not playback.is_playing:
+            return False
+        playback.pause()
+        playback.seek(current)
+        self.notify("Now at t = 0 s", "Edits act at t = 0 s: the playhead went there.")
+        self.on_playhead_moved()
+        return True
 
     def preview(self, owner: str, command: Command, *, has_end: bool = False) -> None:
         """Show a command as part of a gesture.
@@ -137,6 +157,8 @@ class Desk:
             self.session.begin_gesture()
             self._gesture = owner
         self._gesture_deadline = None if has_end else time.monotonic() + GESTURE_PAUSE_S
+        if command.edits_current_state:
+            self.show_current_step()
         self.session.preview(command)
 
     @property

@@ -36,6 +36,8 @@ class DragByHand:
         """The camera that the browser shows the picture through."""
         self.known_camera: CameraPose | None = None
         """What the server takes it for, if that is another."""
+        self.pixel_shift = (0.0, 0.0)
+        """By how much the page's own positions are off."""
 
     @property
     def drags(self):
@@ -45,7 +47,10 @@ class DragByHand:
         """Where the browser shows a point at the height of the grab."""
         point = np.array([[*point_m, GRAB_HEIGHT_M]])
         screen, _ = projected(self.camera, point)
-        return float(screen[0, 0]), float(screen[0, 1])
+        return (
+            float(screen[0, 0]) + self.pixel_shift[0],
+            float(screen[0, 1]) + self.pixel_shift[1],
+        )
 
     def say(self, phase: str, point_m) -> None:
         """Send one message with the pointer at a point."""

@@ -20,7 +20,7 @@ def shared_tab(tmp_path_factory):
         running_app(out / "library", str(out / "scene")) as app,
         connected_tab(app) as tab,
     ):
-        tab.run(tab.tab._timeline._playback.pause)
+        tab.run(tab.tab._timeline.go_to_current)
         yield tab
 
 
@@ -110,6 +110,16 @@ def test_a_drag_that_lost_its_gesture_does_nothing_more(tab, ends):
     assert tab.session.scenario is shown
     assert len(tab.session.entries) == entries
     assert tab.session.selection == (agent_id,)
+
+
+def test_a_point_grabbed_beside_the_pixel_keeps_its_distance(tab):
+    """(D1) viser takes the press and the grabbed point half a pixel apart."""
+    agent_id, start = start_of(tab)
+    pointer = DragByHand(tab, agent_id)
+    pointer.pixel_shift = (0.0004, 0.0006)
+    pointer.say("start", start)
+    pointer.say("end", by(start, 3.0, 0.0))
+    assert np.allclose(shift_of(tab, agent_id, start), [3.0, 0.0], atol=0.001)
 
 
 def test_points_of_another_camera_than_the_browsers_move_nothing(tab):

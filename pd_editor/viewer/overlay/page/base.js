@@ -56,8 +56,8 @@
     ];
   }
 
-  // The point of the ground (z = 0) under a pixel of the picture, or null for the sky.
-  function ground(x, y) {
+  // The ray through a pixel of the picture: [origin, a point further along], in metres.
+  function ray(x, y) {
     const { camera, nodeRefFromName } = viewer() ?? {};
     const world = nodeRefFromName?.[""];
     const element = canvas();
@@ -68,10 +68,16 @@
     const start = camera.position.clone();
     world.worldToLocal(far);
     world.worldToLocal(start);
-    const fall = start.z - far.z;
+    return [[start.x, start.y, start.z], [far.x, far.y, far.z]];
+  }
+
+  // The point of the ground (z = 0) under a pixel of the picture, or null for the sky.
+  function ground(x, y) {
+    const [start, far] = ray(x, y) ?? [];
+    const fall = start ? start[2] - far[2] : 0;
     if (fall <= 1e-9) return null;
-    const reach = start.z / fall;
-    return [start.x + reach * (far.x - start.x), start.y + reach * (far.y - start.y)];
+    const reach = start[2] / fall;
+    return [0, 1].map((axis) => start[axis] + reach * (far[axis] - start[axis]));
   }
 
   function send(name, event) {
@@ -94,7 +100,7 @@
     box.className = `pd-element pd-${name}`;
     root.appendChild(box);
     const api = {
-      box, root, canvas, viewer, project, ground, listen,
+      box, root, canvas, viewer, project, ray, ground, listen,
       send: (event) => send(name, event),
       // Called with the camera once per drawn frame in which the view has changed.
       onView: (listener) => frameListeners.add(listener),

@@ -1,0 +1,121 @@
+"""The mode in which clicks place new agents on the road."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from pd_editor.editor.commands import PlaceAgent, new_agent_id
+from pd_editor.paths.suggested_state import (
+    SUGGESTED_SPEED_MPS,
+    suggested_heading,
+    suggested_state,
+)
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind, default_sizes_m
+from pd_editor.viewer.interaction.picking import number_of, point_of
+from pd_editor.viewer.meshes.colors import KIND_COLOR
+from pd_editor.viewer.overlay.banner import MODE, Banner
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.state.desk import Desk
+
+KEY_KINDS: Final = tuple(SUGGESTED_SPEED_MPS)
+"""Kinds that the keys 1, 2, ... choose: those that move by themselves."""
+
+
+class Placing:
+    """Whether clicks place agents, of which kind, and the ghost under the pointer.
+
+    The page draws the ghost where the pointer is, and asks here for the heading that
+    the road suggests there; a press that is dragged gives the heading itself.
+    """
+
+    def __init__(self, desk: Desk, overlay: Overlay, banner: Banner) -> None:
+        """Be off."""
+        self._desk = desk
+        self._overlay = overlay
+        self._banner = banner
+        self._heading_rad = 0.0
+        self._listeners: list[Callable[[], None]] = []
+        self.is_active = False
+        self.kind = AgentKind.VEHICLE
+        self.with_past = False
+        overlay.on("placing", self._heard)
+
+    def on_change(self, listener: Callable[[], None]) -> None:
+        """Call ``listener`` when the mode or the kind has changed."""
+        self._listeners.append(listener)
+
+    def toggle(self) -> None:
+        """Begin, at t = 0 where new agents appear, or end."""
+        self.is_active = not self.is_active
+        if self.is_active:
+            self._desk.show_current_step()
+        self._changed()
+
+    def choose(self, kind: AgentKind) -> None:
+        """Place agents of another kind from now on."""
+        self.kind = kind
+        self._changed()
+
+    def place(
+        self, point_m: np.ndarray, heading_rad: float | None = None
+    ) -> PlaceAgent:
+        """Place an agent of the chosen kind; without a heading as its lane suggests."""
+        scenario = self._desk.session.scenario
+        state = suggested_state(scenario, point_m, self.kind, heading_rad)
+        command = PlaceAgent(
+            agent_id=new_agent_id(scenario),
+            kind=self.kind,
+            x_m=state.x_m,
+            y_m=state.y_m,
+            heading_rad=state.heading_rad,
+            speed_mps=state.speed_mps,
+            back_cast=self.with_past,
+        )
+        self._desk.apply(command)
+        return command
+
+    def _changed(self) -> None:
+        if self.is_active:
+            self._banner.show(
+                "placing",
+                f"Placing a {str(self.kind).replace('_', ' ')}: click the road; press "
+                f"and drag to turn; keys 1 to {len(KEY_KINDS)} choose the kind.",
+                button="Done (Esc)",
+                on_press=self.toggle,
+                priority=MODE,
+            )
+        else:
+            self._banner.hide("placing")
+        self._show_ghost()
+        for listener in self._listeners:
+            listener()
+
+    def _show_ghost(self) -> None:
+        ((length, width),) = default_sizes_m((self.kind,))
+        self._overlay.show(
+            "placing",
+            {
+                "isActive": self.is_active,
+                "sizeM": [float(length), float(width), DEFAULT_HEIGHT_M[self.kind]],
+                "headingRad": round(self._heading_rad, 3),
+                "color": "rgb({}, {}, {})".format(*KIND_COLOR[self.kind]),
+                "numKinds": len(KEY_KINDS),
+            },
+        )
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        """What the pointer does in this mode; an event of another mode is late."""
+        if not self.is_active:
+            return
+        what, point = event.get("kind"), point_of(event.get("point"))
+        if what == "kind":
+            number = event.get("number")
+            if isinstance(number, int) and 1 <= number <= len(KEY_KINDS):
+                self.choose(KEY_KINDS[number - 1])
+        elif what == "point" and point is not None:
+            road_map = self._desk.session.scenario.road_map
+            self._heading_rad = suggested_heading(road_map, point, self.kind)
+            self._show_ghost()
+        elif what == "place" and point is not None:
+            self.place(point, number_of(event.get("headingRad")))

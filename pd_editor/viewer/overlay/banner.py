@@ -1,0 +1,90 @@
+"""One line over the picture that says which mode the editor is in."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pd_editor.viewer.overlay.overlay import Overlay
+
+MODE: Final = 20
+"""Priority of a mode that takes clicks: placing, measuring."""
+OFFER: Final = 10
+"""Priority of something shown that can be clicked, such as candidates."""
+STATE: Final = 0
+"""Priority of what is so anyway, such as the time of the picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Claim:
+    text: str
+    button: str | None
+    on_press: Callable[[], None] | None
+    priority: int
+
+
+class Banner:
+    """Shows the most important of what its owners have to say."""
+
+    def __init__(self, overlay: Overlay) -> None:
+        """Show nothing yet."""
+        self._overlay = overlay
+        self._claims: dict[str, _Claim] = {}
+        overlay.on("banner", self._heard)
+        self._draw()
+
+    @property
+    def text(self) -> str | None:
+        """What it says; None while nobody has anything to say."""
+        owner = self._shown_owner()
+        return None if owner is None else self._claims[owner].text
+
+    def show(
+        self,
+        owner: str,
+        text: str,
+        *,
+        button: str | None = None,
+        on_press: Callable[[], None] | None = None,
+        priority: int = MODE,
+    ) -> None:
+        """Say something until ``hide``, in place of what the owner said before.
+
+        Args:
+            owner: whose line it is.
+            text: one sentence.
+            button: label of a button after the text.
+            on_press: what the button does, on the session's worker.
+            priority: among several owners the highest is shown, the latest of equals.
+        """
+        former = self._claims.get(owner)
+        if former is None or former.priority != priority:
+            self._claims.pop(owner, None)
+        self._claims[owner] = _Claim(
+            text=text, button=button, on_press=on_press, priority=priority
+        )
+        self._draw()
+
+    def hide(self, owner: str) -> None:
+        """Take the owner's line away."""
+        if self._claims.pop(owner, None) is not None:
+            self._draw()
+
+    def _shown_owner(self) -> str | None:
+        owners = reversed(self._claims)
+        return max(owners, key=lambda name: self._claims[name].priority, default=None)
+
+    def _draw(self) -> None:
+        owner = self._shown_owner()
+        if owner is None:
+            self._overlay.show("banner", {"owner": None, "text": "", "button": None})
+            return
+        claim = self._claims[owner]
+        self._overlay.show(
+            "banner", {"owner": owner, "text": claim.text, "button": claim.button}
+        )
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        """Do what the button of an owner's line does."""
+        claim = self._claims.get(str(event.get("owner")))
+        if claim is not None and claim.on_press is not None:
+            claim.on_press()
