@@ -93,7 +93,7 @@ def test_shift_drag_turns_and_ctrl_drag_from_an_agent_draws_a_box(editor):
     editor.drag(start + along, start + side, "Shift")
     editor.until(lambda: len(session.entries) == 1, "a turn")
     assert session.selection == (first,)
-    assert "otate" in session.entries[0].label
+    assert "Turn" in session.entries[0].label
     editor.key("Control+z")
     editor.until(lambda: session.state.position == 0, "undo")
 

@@ -32,7 +32,7 @@ def app(tmp_path, folder):
 @pytest.fixture
 def tab(app):
     with connected_tab(app) as opened:
-        opened.tab._workspace.playback.pause()
+        opened.run(opened.tab._timeline.go_to_current)
         yield opened
 
 
