@@ -49,7 +49,7 @@ def test_placing_shows_its_mode_and_turns_by_dragging(editor):
     point, heading = focal_ahead(editor, 12.0)
     page.mouse.move(*editor.pixel(point))
     editor.until(lambda: cursor(editor) == "crosshair", "a crosshair")
-    ghost = page.locator(".pd-ghost-base")
+    ghost = page.locator(".pd-placing-base")
     editor.until(lambda: "M" in (ghost.get_attribute("d") or ""), "a ghost")
     editor.until(
         lambda: abs(editor._tab()._placing._heading_rad - heading) < 0.3,

@@ -13,7 +13,7 @@ from pd_editor.paths.suggested_state import (
 )
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind, default_sizes_m
 from pd_editor.viewer.interaction.picking import number_of, point_of
-from pd_editor.viewer.meshes.colors import KIND_COLOR
+from pd_editor.viewer.meshes.palette import DARK, LIGHT
 from pd_editor.viewer.overlay.banner import MODE, Banner
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.desk import Desk
@@ -93,13 +93,14 @@ class Placing:
 
     def _show_ghost(self) -> None:
         ((length, width),) = default_sizes_m((self.kind,))
+        palette = DARK if self._desk.workspace.is_dark else LIGHT
         self._overlay.show(
             "placing",
             {
                 "isActive": self.is_active,
                 "sizeM": [float(length), float(width), DEFAULT_HEIGHT_M[self.kind]],
                 "headingRad": round(self._heading_rad, 3),
-                "color": "rgb({}, {}, {})".format(*KIND_COLOR[self.kind]),
+                "color": "rgb({}, {}, {})".format(*palette.kinds[self.kind]),
                 "numKinds": len(KEY_KINDS),
             },
         )

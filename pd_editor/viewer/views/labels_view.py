@@ -9,6 +9,7 @@ from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.overlay.timeline import in_seconds
 from pd_editor.viewer.views.view_scale import ViewScale, drawn_sizes_m
 
 MAX_LABELS: Final = 3
@@ -49,6 +50,9 @@ class LabelsView:
         rows = [row for row in rows if poses.is_present[row]]
         if len(selection) > MAX_LABELS:
             rows = []
+        time_s = (step - scenario.current_step) * scenario.time_axis.step_s
+        # The panel's numbers are those of t = 0: the label says when its own are not.
+        when = "" if abs(time_s) < 0.05 else f" at {in_seconds(time_s)}"
         nearest = int(np.clip(np.round(step), 0, agents.num_steps - 1))
         sizes = drawn_sizes_m(agents, self._view) if rows else agents.size_m
         labels = []
@@ -58,7 +62,7 @@ class LabelsView:
             point = [*poses.position_m[row], DEFAULT_HEIGHT_M[agents.kinds[row]] / 2]
             labels.append(
                 {
-                    "text": f"{agents.kinds[row]} {agent_id} · {speed:.1f} m/s",
+                    "text": f"{agents.kinds[row]} {agent_id} · {speed:.1f} m/s{when}",
                     "note": notes.get(agent_id, ""),
                     "point": [round(float(value), 2) for value in point],
                     "radius": round(float(np.hypot(*sizes[row])) / 2, 2),
