@@ -12,22 +12,19 @@ from tests.viewer.interaction.drag_by_hand import DragByHand, camera_above
 
 
 @pytest.fixture(scope="module")
-def shared_tab(tmp_path_factory):
+def app(tmp_path_factory):
     out = tmp_path_factory.mktemp("drags")
     files = scenario_files(two_agents_that_pass())
     write_files(files, out / "scene", forbidden=None)
-    with (
-        running_app(out / "library", str(out / "scene")) as app,
-        connected_tab(app) as tab,
-    ):
-        tab.run(tab.tab._timeline.go_to_current)
-        yield tab
+    with running_app(out / "library", str(out / "scene")) as app:
+        yield app
 
 
 @pytest.fixture
-def tab(shared_tab):
-    shared_tab.run(lambda: shared_tab.session.open(shared_tab.session.base))
-    return shared_tab
+def tab(app):
+    with connected_tab(app) as tab:
+        tab.run(tab.tab._timeline.go_to_current)
+        yield tab
 
 
 def start_of(tab, row=0):
