@@ -25,6 +25,7 @@ def edit(
     data: OptionalFolder = None,
     library: OptionalFolder = None,
     models: OptionalFolders = (),
+    debug: bool = False,
 ) -> None:
     """Start the browser editor, print its address, and serve until interrupted.
 
@@ -35,6 +36,7 @@ def edit(
         data: Root of an Argoverse 2 dataset to browse.
         library: Folder for unfinished work; ~/.local/state/pd-editor if not given.
         models: Folders of trained models to offer beside the shipped one.
+        debug: Offer viser's own settings and scene tree in the page.
     """
     from pd_editor.viewer.viewer_app import ViewerApp
 
@@ -46,6 +48,7 @@ def edit(
         data_root=data,
         library=library,
         models=folders(models),
+        debug=debug,
     )
     sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")
     sys.stdout.flush()

@@ -17,7 +17,9 @@ from pd_editor.viewer.interaction.pointer import Pointer
 from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
 from pd_editor.viewer.overlay.banner import Banner
+from pd_editor.viewer.overlay.measure import Measure
 from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.overlay.side_panel import SidePanel
 from pd_editor.viewer.overlay.timeline import Timeline
 from pd_editor.viewer.overlay.toolbar import Tool, Toolbar
 from pd_editor.viewer.panels.agent_panel import AgentPanel
@@ -57,10 +59,23 @@ class BrowserSession:
     """Everything of one connection; a reload makes a new one for the same workspace."""
 
     def __init__(
-        self, client: viser.ClientHandle, workspace: Workspace, generators: Generators
+        self,
+        client: viser.ClientHandle,
+        workspace: Workspace,
+        generators: Generators,
+        *,
+        is_debug: bool = False,
     ) -> None:
-        """Prepare; ``start`` builds the page on the session's own thread."""
+        """Prepare; ``start`` builds the page on the session's own thread.
+
+        Args:
+            client: the connection.
+            workspace: what it works on.
+            generators: what generates traffic, by name.
+            is_debug: whether viser's own settings are offered.
+        """
         self._client = client
+        self._is_debug = is_debug
         self._workspace = workspace
         self._generators = generators
         self._inbox = Inbox(tick=self._tick, on_error=self._report)
@@ -106,6 +121,13 @@ class BrowserSession:
             )
             self._viewpoint = Viewpoint(self._desk, self._overlay)
             self._desk.on_playhead_moved = self._playhead_moved
+            SidePanel(self._overlay, workspace, is_debug=self._is_debug)
+            self._measure = Measure(
+                self._overlay,
+                self._banner,
+                workspace.session,
+                self._measuring_changed,
+            )
             self._map = MapView(client, palette)
             self._pointer = Pointer(
                 self._desk, lambda: self._agents, self._ground_clicked
@@ -246,11 +268,17 @@ class BrowserSession:
                     hint=lambda: "Frame the selection, or the focal agent (F)",
                 ),
                 Tool(
+                    icon="measure",
+                    press=self._measure.toggle,
+                    hint=lambda: "Measure distances (M)",
+                    is_active=lambda: self._measure.is_active,
+                    starts_group=True,
+                ),
+                Tool(
                     icon="place",
                     press=self._placing.toggle,
                     hint=lambda: "Place agents (P)",
                     is_active=lambda: self._placing.is_active,
-                    starts_group=True,
                 ),
             ),
         )
@@ -275,6 +303,8 @@ class BrowserSession:
         key("Switch 3-D and top view", self._switch_view, "V")
         key("Frame selection", self._viewpoint.frame_selection, "F")
         key("Show the whole map", self._viewpoint.frame_map, "home")
+        key("Measure distances", self._measure.toggle, "M")
+        key("Turn the view north, or to the heading", self._viewpoint.turn)
         key("Clear selection", self._escape, "escape")
         key("Next scenario", lambda: self._dataset_panel.go(+1), "pagedown")
         key("Previous scenario", lambda: self._dataset_panel.go(-1), "pageup")
@@ -294,6 +324,8 @@ class BrowserSession:
         playback.last_step = after.scenario.last_step
         with self._client.atomic():
             if is_other_scene:
+                self._measure.stop()
+                self._viewpoint.hold_picture(self._map.road_nodes)
                 self._viewpoint.frame_opened()
             self._draw()
         # The picture goes out before the words: a slider is judged by it.
@@ -392,6 +424,7 @@ class BrowserSession:
         self._timeline.show()
         self._status.show()
         self._toolbar.show()
+        self._measure.show()
 
     def _tick(self) -> float | None:
         if not self._is_built:
@@ -463,12 +496,21 @@ class BrowserSession:
 
     def _placing_changed(self) -> None:
         self._pointer.set_takes_ground_first(self._placing.is_active)
+        if self._placing.is_active:
+            self._measure.stop()
+        self._toolbar.show()
+
+    def _measuring_changed(self, is_measuring: bool) -> None:
+        if is_measuring and self._placing.is_active:
+            self._placing.toggle()
         self._toolbar.show()
 
     def _escape(self) -> None:
         """Leave what is under way; with nothing under way, clear the selection."""
         if self._desk.gesture is not None:
             self._desk.abort_gesture()
+        elif self._measure.is_active:
+            self._measure.stop()
         elif self._placing.is_active:
             self._placing.toggle()
         elif self._candidates_panel.shows_candidates:

@@ -46,8 +46,11 @@ class ViewerApp:
         data_root: Path | None = None,
         library: Path | None = None,
         models: Sequence[Path] = (),
+        debug: bool = False,
     ) -> None:
         """Start serving, with the models in some folders among the generators.
+
+        With ``debug`` the page offers viser's own settings and scene tree.
 
         Raises:
             GenerationError: a folder holds no model.
@@ -59,6 +62,7 @@ class ViewerApp:
         self._journals = (library or default_library()) / "journals"
         self._workspaces: dict[str, Workspace] = {}
         self._tabs: dict[int, tuple[str, BrowserSession]] = {}
+        self._is_debug = debug
         self._is_local = host in LOOPBACK_HOSTS
         self._lock = threading.Lock()
         self._warm_up = threading.Timer(WARM_UP_AFTER_S, self._warm_up_generators)
@@ -115,7 +119,9 @@ class ViewerApp:
                     is_local=self._is_local,
                 )
             workspace = self._workspaces[key]
-            tab = BrowserSession(client, workspace, self._offers)
+            tab = BrowserSession(
+                client, workspace, self._offers, is_debug=self._is_debug
+            )
             if client.client_id not in self.server.get_clients():
                 return
             self._tabs[client.client_id] = (key, tab)

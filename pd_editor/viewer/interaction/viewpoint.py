@@ -69,6 +69,15 @@ class Viewpoint:
         workspace = self._desk.workspace
         workspace.view = replace(workspace.view, pose=ViewPose.of(self._camera))
 
+    def hold_picture(self, nodes: tuple[str, ...]) -> None:
+        """Keep the picture as it is in the page until these nodes have changed.
+
+        The page changes its camera and agents at once, and takes a few frames for a
+        road: without this it would show the former road from the new camera.
+        """
+        self._num_looks += 1
+        self._overlay.show("curtain", {"number": self._num_looks, "nodes": nodes})
+
     def frame_opened(self) -> None:
         """Show the focal agent and what surrounds it."""
         center_m, heading_rad = self._focal_pose()

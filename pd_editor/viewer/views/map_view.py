@@ -45,6 +45,15 @@ class MapView:
             "/ground", self._ground_glb(), cast_shadow=False, receive_shadow=False
         )
 
+    @property
+    def road_nodes(self) -> tuple[str, ...]:
+        """Names of the nodes that another road is sent into."""
+        return tuple(
+            handle.name
+            for layer, handle in self._handles.items()
+            if self._visible[layer]
+        )
+
     def show(self, scenario: Scenario) -> None:
         """Bring the picture up to a scenario; what did not change is left alone."""
         warp = None if scenario.applied_warp is None else scenario.applied_warp.warp

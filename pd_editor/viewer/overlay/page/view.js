@@ -14,7 +14,7 @@ pdOverlay.define("view", (api) => {
   let known = null;
   let isPanKeyHeld = false;
   let pan = null;
-  let swallowsMenu = false;
+  let hasPanned = false;
 
   const world = () => api.viewer()?.nodeRefFromName?.[""] ?? null;
 
@@ -69,9 +69,12 @@ pdOverlay.define("view", (api) => {
     return [event.clientX - box.left, event.clientY - box.top];
   }
 
-  // Whether an event is the picture's and not that of a panel above it.
+  // Whether an event is the picture's and not that of a panel above it. An element
+  // that takes clicks on the picture, such as measuring, is marked as pd-picture.
+  const isOnLayer = (event) => event.target?.closest?.(".pd-picture") ?? false;
+
   function isOnPicture(event) {
-    return event.target === api.canvas();
+    return event.target === api.canvas() || isOnLayer(event);
   }
 
   function zoom(event) {
@@ -116,8 +119,11 @@ pdOverlay.define("view", (api) => {
   }
 
   function startPan(event) {
-    if (!isOnPicture(event) || pan) return;
-    const isKeyed = event.button === 0 && isPanKeyHeld;
+    if (pan) return;
+    hasPanned = false;
+    if (!isOnPicture(event)) return;
+    // Where a layer takes the clicks, a drag has nothing else to do than to pan.
+    const isKeyed = event.button === 0 && (isPanKeyHeld || isOnLayer(event));
     if (event.button !== 1 && event.button !== 2 && !isKeyed) return;
     const found = controls();
     if (!found || !found.enabled) return;
@@ -131,7 +137,7 @@ pdOverlay.define("view", (api) => {
       start, found, pointer: event.pointerId, at: pixel(event),
       grabbed: reach(event, start.position), hasMoved: false,
     };
-    if (event.button !== 2) setCursor();
+    if (event.button !== 2 && !isOnLayer(event)) setCursor();
   }
 
   function movePan(event) {
@@ -156,7 +162,7 @@ pdOverlay.define("view", (api) => {
 
   function endPan(event) {
     if (!pan || event.pointerId !== pan.pointer) return;
-    swallowsMenu = pan.hasMoved;
+    hasPanned = pan.hasMoved;
     pan = null;
     setCursor();
   }
@@ -213,12 +219,14 @@ pdOverlay.define("view", (api) => {
   api.listen(window, "pointermove", movePan, { capture: true });
   api.listen(window, "pointerup", endPan, { capture: true });
   api.listen(window, "pointercancel", endPan, { capture: true });
-  api.listen(window, "contextmenu", (event) => {
-    if (!swallowsMenu) return;
-    swallowsMenu = false;
-    event.preventDefault();
-    event.stopImmediatePropagation();
-  }, { capture: true });
+  // The end of a pan is neither a click nor a call for a menu.
+  for (const type of ["click", "contextmenu"])
+    api.listen(window, type, (event) => {
+      if (!hasPanned || !isOnPicture(event)) return;
+      hasPanned = false;
+      event.preventDefault();
+      event.stopImmediatePropagation();
+    }, { capture: true });
   api.listen(window, "keydown", keyDown);
   api.listen(window, "keyup", letKeysGo);
   api.listen(window, "blur", letKeysGo);

@@ -1,0 +1,81 @@
+"""The tool that measures distances on the ground."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from pd_editor.editor.session import EditorSession
+from pd_editor.viewer.overlay.banner import MODE, Banner
+from pd_editor.viewer.overlay.overlay import Overlay
+
+SLOWEST_MPS = 0.3
+"""An agent that hardly moves needs no time for a way."""
+
+
+class Measure:
+    """Whether distances are measured; points and labels are the page's business."""
+
+    def __init__(
+        self,
+        overlay: Overlay,
+        banner: Banner,
+        session: EditorSession,
+        on_change: Callable[[bool], None],
+    ) -> None:
+        """Do not measure yet; ``on_change`` is told when that begins and ends."""
+        self._overlay = overlay
+        self._banner = banner
+        self._session = session
+        self._on_change = on_change
+        self._is_active = False
+
+    @property
+    def is_active(self) -> bool:
+        """Whether clicks on the picture set points."""
+        return self._is_active
+
+    def toggle(self) -> None:
+        """Begin to measure, or end it."""
+        self._set_active(not self._is_active)
+
+    def stop(self) -> None:
+        """End measuring, if it is under way."""
+        if self._is_active:
+            self._set_active(False)
+
+    def show(self) -> None:
+        """Tell the page the speed of the selected agent, by which it tells seconds."""
+        speed_mps, agent = self._selected_speed() if self._is_active else (None, "")
+        self._overlay.show(
+            "measure",
+            {"isActive": self._is_active, "speed": speed_mps, "agent": agent},
+        )
+
+    def _set_active(self, is_active: bool) -> None:
+        self._is_active = is_active
+        if is_active:
+            self._banner.show(
+                "measure",
+                "Measuring: click points on the ground; a double click ends the way; "
+                "drag to pan.",
+                button="Done (Esc)",
+                on_press=self.stop,
+                priority=MODE,
+            )
+        else:
+            self._banner.hide("measure")
+        self.show()
+        self._on_change(is_active)
+
+    def _selected_speed(self) -> tuple[float | None, str]:
+        """The first selected agent's speed at the current step, and what to call it."""
+        scenario = self._session.scenario
+        agents, step = scenario.agents, scenario.current_step
+        for agent_id in self._session.selection[:1]:
+            row = agents.row_of.get(agent_id)
+            if row is None or not agents.is_valid[row, step]:
+                continue
+            speed_mps = float(np.hypot(*agents.velocity_mps[row, step]))
+            if speed_mps > SLOWEST_MPS:
+                return round(speed_mps, 2), f"{agents.kinds[row].value} {agent_id}"
+        return None, ""

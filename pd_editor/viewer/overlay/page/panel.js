@@ -1,0 +1,46 @@
+// viser's own panel: which of its tabs is open, and whether its settings are offered.
+pdOverlay.define("panel", (api) => {
+  const PATIENCE_MS = 8000;
+  let wanted = null;
+  let told = null;
+  let startedAt = 0;
+
+  const tabs = () => [...document.querySelectorAll("[role=tab]")].filter(
+    (tab) => !api.root.contains(tab));
+  const isOpen = (tab) => tab.getAttribute("aria-selected") === "true";
+  const title = (tab) => tab.textContent.trim();
+
+  // A tab that was open before the page was reloaded is opened once it is there.
+  function restore() {
+    if (wanted === null) return;
+    const tab = tabs().find((one) => title(one) === wanted);
+    if (tab && !isOpen(tab)) tab.click();
+    if (tab || performance.now() - startedAt > PATIENCE_MS) wanted = null;
+  }
+
+  function tell() {
+    restore();
+    if (wanted !== null) return;
+    const open = tabs().find(isOpen);
+    if (!open || title(open) === told) return;
+    told = title(open);
+    api.send({ kind: "tab", title: told });
+  }
+
+  const observer = new MutationObserver(tell);
+  api.onDispose(() => {
+    observer.disconnect();
+    document.body.classList.remove("pd-debug");
+  });
+
+  return (state) => {
+    document.body.classList.toggle("pd-debug", state.isDebug);
+    wanted = state.tab;
+    told = state.tab;
+    startedAt = performance.now();
+    observer.observe(document.body, {
+      subtree: true, childList: true, attributes: true, attributeFilter: ["aria-selected"],
+    });
+    tell();
+  };
+});
