@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from tests.browser.view_page import camera_rests, distance_m, ground, ready, tool
+
 pytestmark = pytest.mark.browser
 
 LOWEST_M = 0.2
@@ -10,46 +12,7 @@ LOWEST_M = 0.2
 
 @pytest.fixture
 def editor(open_editor):
-    page = open_editor()
-    page.until(lambda: page._tab()._overlay.is_ready, "the overlay")
-    page.go_to_now()
-    page.close_notifications()
-    page.settle()
-    return page
-
-
-def ground(editor, x: float, y: float) -> np.ndarray:
-    return np.array(editor.page.evaluate(f"pdOverlay.ground({x}, {y})"))
-
-
-def camera_rests(editor) -> None:
-    """Wait until the browser's camera stands still and the server knows where."""
-    former = []
-
-    def stands_still() -> bool:
-        camera = editor.client.camera
-        now = np.concatenate([camera.position, camera.look_at, camera.up_direction])
-        there = editor.page.evaluate(
-            "(() => { const m = __viserMutable, c = m.camera.position.clone();"
-            " m.nodeRefFromName[''].worldToLocal(c); return c.toArray(); })()"
-        )
-        former.append((now, np.array(there)))
-        if len(former) < 3:
-            return False
-        (a, b), (c, d) = former[-2:]
-        return (
-            np.allclose(a, c, atol=1e-6)
-            and np.allclose(b, d, atol=1e-6)
-            and np.allclose(now[:3], there, atol=1e-2)
-        )
-
-    editor.until(stands_still, "the camera to rest")
-
-
-def tool(editor, start: str):
-    return editor.page.get_by_role("toolbar", name="Tools").get_by_role(
-        "button", name=start
-    )
+    return ready(open_editor())
 
 
 def looks_north_from_above(editor) -> bool:
@@ -147,10 +110,8 @@ def test_zoom_has_limits(editor):
             editor.page.mouse.wheel(0, 700 * direction)
             editor.page.wait_for_timeout(15)
         camera_rests(editor)
-        camera = editor.client.camera
-        distance = np.linalg.norm(camera.position - camera.look_at)
-        assert low < distance < high
-        assert camera.position[2] > LOWEST_M
+        assert low < distance_m(editor) < high
+        assert editor.client.camera.position[2] > LOWEST_M
 
 
 def test_the_top_view_cannot_be_tilted_and_keys_do_not_push_the_camera(editor):
@@ -188,12 +149,11 @@ def test_f_frames_the_extent_of_the_selection_and_home_the_map(editor, view):
         for at in np.flatnonzero(agents.is_valid[row])[::12]:
             editor.pixel(agents.position_m[row, at])
     # A single agent is seen from nearer.
-    far = np.linalg.norm(editor.client.camera.position - editor.client.camera.look_at)
+    far = distance_m(editor)
     editor._tab()._desk.post(lambda: editor.session.select(chosen[:1]))
     tool(editor, "Frame the selection").click()
     camera_rests(editor)
-    near = np.linalg.norm(editor.client.camera.position - editor.client.camera.look_at)
-    assert near < 0.7 * far
+    assert distance_m(editor) < 0.7 * far
     editor.key("Home")
     camera_rests(editor)
     editor.settle()

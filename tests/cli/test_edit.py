@@ -38,6 +38,7 @@ def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyP
         "data_root": Path("somewhere"),
         "library": None,
         "models": (),
+        "debug": False,
     }
 
 

@@ -17,9 +17,9 @@ pdOverlay.define("compass", (api) => {
   shape("path", { d: "M20 35 24.2 24.6 20 22.6 15.8 24.6z", class: "pd-south" });
   shape("text", { x: 20, y: 10.5, "text-anchor": "middle" }, "N");
   compass.append(dial);
-  const scale = api.make("div", "pd-scale", { role: "img" });
-  const bar = api.make("div", "pd-scale-bar");
-  const words = api.make("div", "pd-scale-words");
+  const scale = api.make("div", "pd-scalebar", { role: "img" });
+  const bar = api.make("div", "pd-scalebar-line");
+  const words = api.make("div");
   scale.append(bar, words);
   api.box.append(compass, scale);
   compass.addEventListener("click", () => api.send({ kind: "turn" }));

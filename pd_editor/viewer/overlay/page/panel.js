@@ -1,9 +1,11 @@
 // viser's own panel: which of its tabs is open, and whether its settings are offered.
 pdOverlay.define("panel", (api) => {
   const PATIENCE_MS = 8000;
+  const RETRY_MS = 250;
   let wanted = null;
   let told = null;
   let startedAt = 0;
+  let triedAt = -Infinity;
 
   const tabs = () => [...document.querySelectorAll("[role=tab]")].filter(
     (tab) => !api.root.contains(tab));
@@ -13,9 +15,15 @@ pdOverlay.define("panel", (api) => {
   // A tab that was open before the page was reloaded is opened once it is there.
   function restore() {
     if (wanted === null) return;
+    const now = performance.now();
     const tab = tabs().find((one) => title(one) === wanted);
-    if (tab && !isOpen(tab)) tab.click();
-    if (tab || performance.now() - startedAt > PATIENCE_MS) wanted = null;
+    if ((tab && isOpen(tab)) || now - startedAt > PATIENCE_MS) wanted = null;
+    else if (tab && now - triedAt > RETRY_MS) {
+      triedAt = now;
+      // viser's docked tabs, which can be dragged, listen to presses and keys.
+      tab.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
+      if (!isOpen(tab)) tab.click();
+    }
   }
 
   function tell() {
