@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pd_editor.scenario_store import open_scenario
@@ -46,6 +46,7 @@ boxes = st.tuples(
 )
 
 
+@settings(deadline=None)
 @given(boxes, st.floats(0.4, 3.0), st.floats(-3.1, 3.1), st.floats(0.5, 1.5))
 def test_a_fitted_pose_shows_all_points_in_the_free_part_and_no_smaller_than_need_be(
     box, aspect, heading, elevation
