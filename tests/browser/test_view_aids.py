@@ -151,11 +151,11 @@ def test_measuring_by_clicks(editor):
     # Placing ends measuring, and the other way round.
     editor.key("m")
     editor.key("p")
-    editor.until(lambda: editor._tab()._agent_panel.is_placing, "placing")
+    editor.until(lambda: editor._tab()._placing.is_active, "placing")
     assert not editor._tab()._measure.is_active
     editor.key("m")
     editor.until(lambda: editor._tab()._measure.is_active, "measuring again")
-    assert not editor._tab()._agent_panel.is_placing
+    assert not editor._tab()._placing.is_active
 
 
 def test_a_reload_shows_the_same_tab_view_time_and_selection(editor):
