@@ -149,13 +149,18 @@ def test_measuring_by_clicks(editor):
     editor.until(lambda: page.locator(".pd-measure-total").count() == 0, "no label")
     assert editor.session.selection == (fast,)
     # Placing ends measuring, and the other way round.
-    editor.key("m")
-    editor.key("p")
-    editor.until(lambda: editor._tab()._placing.is_active, "placing")
-    assert not editor._tab()._measure.is_active
-    editor.key("m")
-    editor.until(lambda: editor._tab()._measure.is_active, "measuring again")
-    assert not editor._tab()._placing.is_active
+    tab = editor._tab()
+
+    def modes() -> tuple[bool, bool]:
+        return tab._measure.is_active, tab._placing.is_active
+
+    for key, expected in (
+        ("m", (True, False)),
+        ("p", (False, True)),
+        ("m", (True, False)),
+    ):
+        editor.key(key)
+        editor.until(lambda expected=expected: modes() == expected, f"{key} to switch")
 
 
 def test_a_reload_shows_the_same_tab_view_time_and_selection(editor):
