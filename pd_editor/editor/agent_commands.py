@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pd_editor.editor.command import Command, agents_by_name
+from pd_editor.editor.command import Command, agents_in_words, names_after
 from pd_editor.editor.edit_limits import (
     check_new_id,
     check_position,
@@ -35,7 +35,7 @@ class SetAgentKind(Command):
     def label(self) -> str:
         """Says the kind."""
         kind = self.kind.value.replace("_", " ")
-        return f"Change {agents_by_name(self.agent_ids)} to {kind}"
+        return f"Change {agents_in_words(self.agent_ids)} to {kind}{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with other kinds and default sizes."""
@@ -53,26 +53,38 @@ class SetAgentKind(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class SetAgentSize(Command):
-    """Give agents a length and a width, which then count as known."""
+    """Give agents a length, a width or both; their sizes then count as known."""
 
     agent_ids: tuple[str, ...]
-    length_m: float
-    width_m: float
+    length_m: float | None
+    """None leaves each agent its own."""
+    width_m: float | None
 
     def __post_init__(self) -> None:
-        check_size(self.length_m, self.width_m)
+        given = [side for side in (self.length_m, self.width_m) if side is not None]
+        if not given:
+            raise EditError("Give a length, a width or both.")
+        check_size(given[0], given[-1])
 
     @property
     def label(self) -> str:
         """Says the size."""
-        size = f"{self.length_m:.1f} x {self.width_m:.1f} m"
-        return f"Resize {agents_by_name(self.agent_ids)} to {size}"
+        if self.width_m is None:
+            size = f"{self.length_m:.1f} m length"
+        elif self.length_m is None:
+            size = f"{self.width_m:.1f} m width"
+        else:
+            size = f"{self.length_m:.1f} x {self.width_m:.1f} m"
+        return f"Resize {agents_in_words(self.agent_ids)} to {size}{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with other sizes."""
         agents = scenario.agents
         rows = rows_of(scenario, self.agent_ids)
-        size = np.array([self.length_m, self.width_m])
+        size = agents.size_m[rows]
+        for column, side in enumerate((self.length_m, self.width_m)):
+            if side is not None:
+                size[:, column] = side
         if agents.has_known_size[rows].all() and (agents.size_m[rows] == size).all():
             return scenario
         return scenario.with_agents(
@@ -110,7 +122,9 @@ class DuplicateAgents(Command):
     @property
     def label(self) -> str:
         """Names or counts the originals."""
-        return f"Duplicate {agents_by_name(self.agent_ids)}"
+        return (
+            f"Duplicate {agents_in_words(self.agent_ids)}{names_after(self.agent_ids)}"
+        )
 
     @property
     def selects(self) -> tuple[str, ...]:
@@ -143,7 +157,7 @@ class DeleteAgents(Command):
     @property
     def label(self) -> str:
         """Names or counts the agents."""
-        return f"Delete {agents_by_name(self.agent_ids)}"
+        return f"Delete {agents_in_words(self.agent_ids)}{names_after(self.agent_ids)}"
 
     @property
     def selects(self) -> tuple[str, ...]:

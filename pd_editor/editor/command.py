@@ -51,22 +51,23 @@ class Command(ABC):
 
 def agents_in_words(agent_ids: tuple[str, ...]) -> str:
     """Names one agent, counts several."""
-    return (
-        f"agent {agent_ids[0]}" if len(agent_ids) == 1 else f"{len(agent_ids)} agents"
-    )
+    if len(agent_ids) == 1:
+        return f"agent {shortened(agent_ids[0])}"
+    return f"{len(agent_ids)} agents"
 
 
-def agents_by_name(agent_ids: tuple[str, ...]) -> str:
-    """Names one agent, counts several and names the first ones."""
+def names_after(agent_ids: tuple[str, ...]) -> str:
+    """The first names of several agents, to stand in brackets after a label."""
     if len(agent_ids) < 2:
-        return agents_in_words(tuple(map(_shortened, agent_ids)))
-    named = [_shortened(name) for name in agent_ids[:MAX_NAMED]]
+        return ""
+    named = [shortened(name) for name in agent_ids[:MAX_NAMED]]
     if len(agent_ids) > MAX_NAMED:
         named.append("...")
-    return f"{agents_in_words(agent_ids)} ({', '.join(named)})"
+    return f" ({', '.join(named)})"
 
 
-def _shortened(agent_id: str) -> str:
+def shortened(agent_id: str) -> str:
+    """An id that fits a label."""
     if len(agent_id) <= MAX_NAME_CHARACTERS:
         return agent_id
     return f"{agent_id[: MAX_NAME_CHARACTERS - 3]}..."

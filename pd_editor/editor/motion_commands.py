@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Float32
 
-from pd_editor.editor.command import Command, agents_by_name
+from pd_editor.editor.command import Command, agents_in_words, names_after
 from pd_editor.editor.edit_limits import (
     check_finite,
     check_positions,
@@ -49,7 +49,7 @@ class SetAgentSpeed(Command):
     @property
     def label(self) -> str:
         """Says the speed."""
-        return f"Set {agents_by_name(self.agent_ids)} to {self.speed_mps:.1f} m/s"
+        return f"Set {agents_in_words(self.agent_ids)} to {self.speed_mps:.1f} m/s{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with re-timed tracks."""
@@ -86,7 +86,7 @@ class SlowToFrictionLimit(Command):
     def label(self) -> str:
         """Names or counts the agents, and says the coefficient."""
         return (
-            f"Slow {agents_by_name(self.agent_ids)} to the friction limit"
+            f"Slow {agents_in_words(self.agent_ids)} to the friction limit"
             f" (mu {self.friction_coefficient:g})"
         )
 
@@ -143,7 +143,7 @@ class AdoptTrajectory(Command):
         length = float(np.hypot(*steps.T).sum())
         end = float(np.hypot(*self.velocity_mps[-1])) if len(self.velocity_mps) else 0.0
         return (
-            f"Use a trajectory for {agents_by_name((self.agent_id,))}:"
+            f"Use a trajectory for {agents_in_words((self.agent_id,))}:"
             f" {length:.0f} m, {end:.1f} m/s at its end"
         )
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from pd_editor.editor.command import Command, agents_by_name
+from pd_editor.editor.command import Command, agents_in_words, names_after
 from pd_editor.editor.edit_limits import (
     check_finite,
     check_position,
@@ -45,14 +45,14 @@ class TransformAgents(Command):
     @property
     def label(self) -> str:
         """Says how far and by which angle."""
-        agents = agents_by_name(self.agent_ids)
+        agents, names = agents_in_words(self.agent_ids), names_after(self.agent_ids)
         distance = math.hypot(self.dx_m, self.dy_m)
         turn = f"{math.degrees(self.rotation_rad):+.0f}°"
         if not self.rotation_rad:
-            return f"Move {agents} by {distance:.1f} m"
+            return f"Move {agents} by {distance:.1f} m{names}"
         if not distance:
-            return f"Turn {agents} by {turn}"
-        return f"Move {agents} by {distance:.1f} m, turn by {turn}"
+            return f"Turn {agents} by {turn}{names}"
+        return f"Move {agents} by {distance:.1f} m, turn by {turn}{names}"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with whole tracks moved."""
@@ -89,7 +89,7 @@ class SetAgentPosition(Command):
     @property
     def label(self) -> str:
         """Says where to."""
-        agent = agents_by_name((self.agent_id,))
+        agent = agents_in_words((self.agent_id,))
         return f"Move {agent} to ({self.x_m:.1f}, {self.y_m:.1f}) m"
 
     def label_after(self, before: Scenario) -> str:
@@ -97,7 +97,7 @@ class SetAgentPosition(Command):
         row = before.agents.row_of[self.agent_id]
         x, y = before.agents.position_m[row, before.current_step]
         distance = math.hypot(self.x_m - x, self.y_m - y)
-        return f"Move {agents_by_name((self.agent_id,))} by {distance:.1f} m"
+        return f"Move {agents_in_words((self.agent_id,))} by {distance:.1f} m"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with the whole track shifted."""
@@ -125,7 +125,7 @@ class SetAgentHeading(Command):
     def label(self) -> str:
         """Says the heading in degrees."""
         degrees = math.degrees(self.heading_rad)
-        return f"Turn {agents_by_name(self.agent_ids)} to {degrees:.0f}°"
+        return f"Turn {agents_in_words(self.agent_ids)} to {degrees:.0f}°{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with whole tracks turned."""
@@ -150,7 +150,7 @@ class SnapToLane(Command):
     @property
     def label(self) -> str:
         """Names or counts the agents."""
-        return f"Snap {agents_by_name(self.agent_ids)} to lane"
+        return f"Snap {agents_in_words(self.agent_ids)} to lane{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with whole tracks carried onto lanes."""

@@ -151,6 +151,12 @@ class EditorSession:
         return self._history.entries
 
     @property
+    def commands_in_force(self) -> tuple[Command, ...]:
+        """Committed commands that are not undone, the oldest first."""
+        in_force = self._history.entries[: self._history.position]
+        return tuple(entry.command for entry in in_force)
+
+    @property
     def can_undo(self) -> bool:
         """Whether there is something to take back."""
         position = self._history.position
@@ -311,20 +317,18 @@ class EditorSession:
 
     @property
     def _proposed_name(self) -> str:
-        in_force = self._history.entries[: self._history.position]
         return proposed_name(
             self._base.scenario_id,
-            [entry.command for entry in in_force],
+            self.commands_in_force,
             self._committed_scenario,
         )
 
     def recipe(self) -> Recipe:
         """The base and the commands in force, an unfinished gesture excluded."""
-        in_force = self._history.entries[: self._history.position]
         moment = datetime.fromtimestamp(self._clock(), UTC)
         return Recipe(
             base=self._base.reference,
-            commands=tuple(entry.command for entry in in_force),
+            commands=self.commands_in_force,
             created_at=moment.isoformat(timespec="seconds"),
             notes=self._committed_scenario.provenance.notes,
             variant=replace(

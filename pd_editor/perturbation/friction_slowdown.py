@@ -18,6 +18,7 @@ from pd_editor.perturbation.warped_agents import warped_agents
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_warp import RoadWarp
+from pd_editor.scene.scenario import AppliedWarp
 from pd_editor.scene.time_axis import TimeAxis
 
 BRAKING_MPS2: Final = 3.0
@@ -34,6 +35,7 @@ _NODES_PER_STEP: Final = 8
 _TOLERANCE: Final = 1.02
 """Ratio of speed to limit up to which an agent is left alone."""
 _SLOWEST_MPS: Final = 0.1
+_WORTH_SAYING_MPS: Final = 0.05
 _STRAIGHT_PER_M: Final = 1e-4
 """Second derivative of a warp below which it does not bend the road."""
 
@@ -66,6 +68,47 @@ class _Nodes:
             speed_mps=self.speed_mps[rows],
             exists=self.exists[rows],
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlowedAgent:
+    """How much the friction limit has slowed an agent, where it did so most."""
+
+    agent_id: str
+    before_mps: float
+    after_mps: float
+    time_s: float
+    """Relative to the current step."""
+
+
+def slowed_agents(applied: AppliedWarp, time_axis: TimeAxis) -> tuple[SlowedAgent, ...]:
+    """Agents that a warp in force has slowed, the most slowed first.
+
+    Speeds are compared at the current step if the agent is slower there, else at the
+    step of the largest difference.
+    """
+    before = warped_agents(applied.original_agents, applied.warp)
+    after = applied.warped_agents
+    now = time_axis.current_step
+    moved = (before.position_m != after.position_m).any(axis=(1, 2)) | (
+        before.velocity_mps != after.velocity_mps
+    ).any(axis=(1, 2))
+    rows = np.flatnonzero(moved)
+    was, is_now = before.speed_mps()[rows], after.speed_mps()[rows]
+    drop = np.where(before.is_valid[rows] & after.is_valid[rows], was - is_now, 0.0)
+    at_once = drop[:, now] > _WORTH_SAYING_MPS
+    step = np.where(at_once, now, drop.argmax(axis=1))
+    found = [
+        SlowedAgent(
+            agent_id=after.ids[row],
+            before_mps=float(was[index, step[index]]),
+            after_mps=float(is_now[index, step[index]]),
+            time_s=float((step[index] - now) * time_axis.step_s),
+        )
+        for index, row in enumerate(rows)
+        if drop[index, step[index]] > _WORTH_SAYING_MPS
+    ]
+    return tuple(sorted(found, key=lambda one: one.after_mps - one.before_mps))
 
 
 def slowed_to_friction_limit(

@@ -16,6 +16,7 @@ from pd_editor.viewer.interaction.placing import Placing
 from pd_editor.viewer.interaction.pointer import Pointer
 from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
+from pd_editor.viewer.overlay.agent_list import AgentList
 from pd_editor.viewer.overlay.banner import Banner
 from pd_editor.viewer.overlay.measure import Measure
 from pd_editor.viewer.overlay.overlay import Overlay
@@ -37,6 +38,7 @@ from pd_editor.viewer.state.desk import Desk
 from pd_editor.viewer.state.inbox import Inbox
 from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.views.agents_view import AgentsView
+from pd_editor.viewer.views.anchor_view import AnchorView
 from pd_editor.viewer.views.candidates_view import CandidatesView
 from pd_editor.viewer.views.labels_view import LabelsView
 from pd_editor.viewer.views.map_view import MapView
@@ -85,6 +87,7 @@ class BrowserSession:
         self._retries_journal_at = 0.0
         self._drawn_step = -1.0
         self._is_built = False
+        self._pointed_id: str | None = None
         self._is_closed = False
         self._closing = threading.Lock()
 
@@ -182,15 +185,28 @@ class BrowserSession:
     def _build_panels(self) -> None:
         gui, desk, workspace = self._client.gui, self._desk, self._workspace
         style = PanelStyle(gui)
+        self._agent_list = AgentList(
+            desk,
+            self._overlay,
+            problems=self._status.problem_ids,
+            on_pointed=self._agent_pointed,
+            on_opened=self._agent_list_opened,
+        )
         tabs = gui.add_tab_group()
         with tabs.add_tab("Scene"):
             self._scenario_panel = ScenarioPanel(desk)
             self._dataset_panel = DatasetPanel(desk)
             self._unfinished_panel = UnfinishedPanel(desk)
         with tabs.add_tab("Road"):
-            self._road_panel = RoadPanel(desk, self._map.set_ghost_wanted)
+            self._road_panel = RoadPanel(
+                desk,
+                style,
+                AnchorView(self._client),
+                on_ghost=self._map.set_ghost_wanted,
+                on_frame=self._viewpoint.frame_pose,
+            )
         with tabs.add_tab("Agents"):
-            self._agent_panel = AgentPanel(desk, self._placing)
+            self._agent_panel = AgentPanel(desk, self._placing, self._agent_list.toggle)
         with tabs.add_tab("Drive"):
             self._candidates_panel = CandidatesPanel(desk, self._candidates)
             self._generation_panel = GenerationPanel(
@@ -215,7 +231,7 @@ class BrowserSession:
 
     def _build_toolbar(self) -> None:
         session, view = self._workspace.session, self._viewpoint
-        history = self._history_panel
+        history, agent_list = self._history_panel, self._agent_list
 
         def named(action: str, index: int, key: str) -> str:
             entries = session.entries
@@ -280,6 +296,12 @@ class BrowserSession:
                     hint=lambda: "Place agents (P)",
                     is_active=lambda: self._placing.is_active,
                 ),
+                Tool(
+                    icon="agents",
+                    press=agent_list.toggle,
+                    hint=lambda: "Agent list (Ctrl+F)",
+                    is_active=lambda: agent_list.is_open,
+                ),
             ),
         )
 
@@ -296,8 +318,9 @@ class BrowserSession:
         key("Delete selection (Backspace)", self._agent_panel.delete, "backspace")
         key("Duplicate selection", self._agent_panel.duplicate, "D", "cmd/ctrl")
         key("Snap to lane", self._agent_panel.snap, "L")
+        key("Agent list", self._agent_list.toggle, "F", "cmd/ctrl")
         key("Place an agent", self._placing.toggle, "P")
-        key("Show candidates", self._candidates_panel.toggle_candidates, "G")
+        key("Show possible trajectories", self._candidates_panel.toggle_candidates, "G")
         key("Regenerate futures", self._generation_panel.regenerate, "R")
         key("Reset road", self._road_panel.reset)
         key("Switch 3-D and top view", self._switch_view, "V")
@@ -379,7 +402,13 @@ class BrowserSession:
         poses = self._agents.poses
         assert poses is not None
         selection = session.selection
-        self._marks.show(session.scenario, poses, selection, self._status.warned_now())
+        self._marks.show(
+            session.scenario,
+            poses,
+            selection,
+            self._status.warned_now(),
+            self._pointed_id,
+        )
         self._labels.show(session.scenario, poses, step, selection, {})
 
     def _follow_camera(self) -> None:
@@ -416,13 +445,14 @@ class BrowserSession:
         scenario, selection = state.scenario, state.selection
         self._show_page()
         self._scenario_panel.show(scenario)
-        self._road_panel.show(scenario)
+        self._road_panel.show(scenario, selection)
         self._agent_panel.show(scenario, selection)
         self._candidates_panel.show(scenario, selection)
         self._generation_panel.show(scenario)
         self._history_panel.show()
         self._timeline.show()
         self._status.show()
+        self._agent_list.show()
         self._toolbar.show()
         self._measure.show()
 
@@ -436,6 +466,7 @@ class BrowserSession:
         if self._checks_future_at is not None and now >= self._checks_future_at:
             self._checks_future_at = None
             self._status.check(with_future=True)
+            self._agent_list.show()
             with self._client.atomic():
                 self._draw_frame()
                 self._status.show()
@@ -531,6 +562,14 @@ class BrowserSession:
             self._ribbons.set_palette(palette)
             self._marks.set_palette(palette)
             self._candidates.set_palette(palette)
+
+    def _agent_list_opened(self) -> None:
+        self._toolbar.show()
+
+    def _agent_pointed(self, agent_id: str | None) -> None:
+        self._pointed_id = agent_id
+        with self._client.atomic():
+            self._show_marks()
 
     def _camera_chosen(self, name: str) -> None:
         if name == "3-D view":

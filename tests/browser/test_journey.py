@@ -83,10 +83,10 @@ def test_from_demo_to_export(editor):
     )
 
     editor.open_tab("Drive")
-    editor.press("Show candidates")
+    editor.press("Show possible trajectories")
     editor.until(lambda: editor._tab()._candidates.shown is not None, "the fan")
     editor.screenshot("03_candidates")
-    editor.press("Hide candidates")
+    editor.press("Hide possible trajectories")
     editor.press("Regenerate")
     editor.until(lambda: len(labels(editor)) == 3, "new futures", 60)
     editor.screenshot("04_regenerated")
@@ -110,7 +110,7 @@ def test_a_candidate_clicked_on_the_road_is_adopted(editor):
     row = session.scenario.agents.row_of[focal]
     editor.click_at(roof(editor, focal))
     editor.open_tab("Drive")
-    editor.press("Show candidates")
+    editor.press("Show possible trajectories")
     fan = editor.until(lambda: editor._tab()._candidates.shown, "the fan")
     agents = session.scenario.agents
     others = agents.position_m[agents.is_valid[:, 50], 50]
@@ -131,13 +131,13 @@ def test_a_candidate_chosen_in_the_list_is_adopted(editor):
     session_row = session.scenario.agents.row_of[focal]
     editor.click_at(roof(editor, focal))
     editor.open_tab("Drive")
-    editor.press("Show candidates")
+    editor.press("Show possible trajectories")
     view = editor.until(lambda: editor._tab()._candidates.shown, "the fan")
     labels_shown = editor._tab()._candidates_panel._choice.options
-    assert any("stand still" in label for label in labels_shown)
-    still = next(label for label in labels_shown if "stand still" in label)
-    editor.choose("Candidate", still)
-    editor.press("Adopt candidate")
+    assert any("slowing to stop" in label for label in labels_shown)
+    still = next(label for label in labels_shown if "slowing to stop" in label)
+    editor.choose("Trajectory", still)
+    editor.press("Use this trajectory")
     editor.until(lambda: len(session.entries) == 1, "the adoption")
     index = int(np.flatnonzero(view.is_valid[0])[labels_shown.index(still) - 1])
     future = session.scenario.agents.position_m[session_row, 50:]
@@ -178,7 +178,7 @@ def test_place_duplicate_turn_and_delete(editor):
 def test_a_dragged_anchor_friction_and_writing_to_a_folder(editor, tmp_path):
     session = editor.session
     editor.open_tab("Road")
-    editor.choose("Anchor", "Pose on the map")
+    editor.choose("Anchor", "A point that I drag")
     editor.fill("Bend", 8)
     editor.until(lambda: len(labels(editor)) == 1, "a warp")
     before = session.scenario.applied_warp.warp.anchor

@@ -247,7 +247,7 @@ def test_a_gesture_is_one_step_from_its_start():
     assert session.recipe().commands == ()
     session.commit_gesture()
     assert [entry.label for entry in session.entries] == [
-        "Move 2 agents (100, 101) by 5.0 m"
+        "Move 2 agents by 5.0 m (100, 101)"
     ]
     moved = session.scenario.agents.position_m[0] - BASE.agents.position_m[0]
     assert np.allclose(moved, [5, 0])

@@ -50,7 +50,7 @@ def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab):
     time.sleep(GESTURE_PAUSE_S + 0.4)
     tab.run(lambda: None)
     assert labels(tab) == ["Bend the road: S-bend +4"]
-    assert "Friction-limited speed" in panel._readout.content
+    assert "Friction-limited speed" in panel._readout.text
     tab.run(panel.reset)
     assert tab.session.scenario.road_map is opened.road_map
     assert panel._power["double-turn"].value == 0
@@ -311,7 +311,7 @@ def test_reset_forgets_the_shape_and_friction_and_undo_brings_them_back(tab):
 def test_a_refused_anchor_leaves_the_one_in_force_chosen(tab):
     panel = tab.tab._road_panel
     panel._anchor.value = "Selected agent"
-    with pytest.raises(EditError, match="Select the agent"):
+    with pytest.raises(EditError, match="Select the one agent"):
         tab.run(panel._anchor_changed)
     assert panel._anchor.value == "Focal agent"
 
@@ -320,9 +320,9 @@ def test_undo_and_redo_choose_the_anchor_in_force(tab):
     panel = tab.tab._road_panel
     panel._power["double-turn"].value = 3.0
     tab.run(panel._changed)
-    for choice in ("Pose on the map", "Focal agent"):
+    for choice in ("A point that I drag", "Focal agent"):
         panel._anchor.value = choice
-        if choice == "Pose on the map":
+        if choice == "A point that I drag":
             tab.run(panel._anchor_changed)
             panel._gizmo._handle.position = (3.0, 1.0, 0.3)
             tab.run(lambda: panel._gizmo_moved("end"))
@@ -330,7 +330,7 @@ def test_undo_and_redo_choose_the_anchor_in_force(tab):
             tab.run(panel._anchor_changed)
     history = tab.tab._history_panel
     tab.run(history.undo)
-    assert panel._anchor.value == "Pose on the map"
+    assert panel._anchor.value == "A point that I drag"
     assert panel._gizmo.pose == tab.session.scenario.applied_warp.warp.anchor
     tab.run(history.redo)
     assert panel._anchor.value == "Focal agent"

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.framing import (
     LOOK_AHEAD_M,
@@ -26,6 +27,8 @@ from pd_editor.viewer.state.desk import Desk
 from pd_editor.viewer.state.view_memory import ViewPose, vector
 
 NORTH_RAD: Final = float(np.pi / 2)
+AHEAD_M: Final = 70.0
+"""How much of the road ahead of a pose is framed with it."""
 UP: Final = (0.0, 0.0, 1.0)
 TOP_TO_3D: Final = TOP_VIEW_HALF_HEIGHT_M / from_behind(np.zeros(2), 0.0).half_height_m
 """The top view shows so much more than a 3-D view of the same place, which has depth."""
@@ -100,6 +103,11 @@ class Viewpoint:
         extent = agents_extent(self._scenario, agent_ids)
         if extent is not None:
             self._fit(extent)
+
+    def frame_pose(self, pose: RigidMotion) -> None:
+        """Show the road about a pose and ahead of it."""
+        corners = np.array([[x, y] for x in (-10.0, AHEAD_M) for y in (-15.0, 15.0)])
+        self._fit(np.column_stack([pose.apply(corners), np.zeros(len(corners))]))
 
     def show_3d(self) -> None:
         """Go to the 3-D view, framed anew."""

@@ -35,6 +35,8 @@ class Palette:
     selection: Rgb
     selection_rim: Rgb
     warning: Rgb
+    pointed: Rgb
+    """The ring of an agent whose row of the list is pointed at."""
     candidate: Rgb
     candidate_speeds: tuple[Rgb, Rgb, Rgb]
     """Slow, middle and fast."""
@@ -72,6 +74,7 @@ LIGHT: Final = Palette(
     selection=(255, 196, 0),
     selection_rim=(92, 70, 8),
     warning=(208, 16, 28),
+    pointed=(0, 120, 230),
     candidate=(0, 116, 104),
     candidate_speeds=((192, 82, 0), (104, 114, 0), (0, 114, 104)),
 )
@@ -107,6 +110,7 @@ DARK: Final = Palette(
     selection=(255, 206, 40),
     selection_rim=(24, 22, 16),
     warning=(250, 96, 88),
+    pointed=(90, 180, 255),
     candidate=(40, 180, 160),
     candidate_speeds=((244, 150, 50), (190, 200, 60), (40, 196, 170)),
 )

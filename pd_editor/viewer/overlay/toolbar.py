@@ -7,7 +7,17 @@ from typing import Any, Literal
 from pd_editor.viewer.overlay.overlay import Overlay
 
 Icon = Literal[
-    "undo", "redo", "3d", "top", "fit", "frame", "measure", "place", "compare", "help"
+    "undo",
+    "redo",
+    "3d",
+    "top",
+    "fit",
+    "frame",
+    "measure",
+    "place",
+    "agents",
+    "compare",
+    "help",
 ]
 
 

@@ -1,10 +1,13 @@
 """The agent panel: numbers of the selection, and what to do with it."""
 
+import math
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 import viser
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.editor.commands import (
     Command,
@@ -23,23 +26,44 @@ from pd_editor.errors import EditError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.placing import Placing
+from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
-from pd_editor.viewer.state.page_text import plain
 
 KINDS: Final = tuple(str(kind) for kind in AgentKind)
+MIXED: Final = "mixed"
+SIZE_NOTE: Final = "Size assumed (Argoverse 2 has none). Change it to record it."
+PLURAL: Final[dict[AgentKind, str]] = {
+    AgentKind.VEHICLE: "vehicles",
+    AgentKind.PEDESTRIAN: "pedestrians",
+    AgentKind.MOTORCYCLIST: "motorcyclists",
+    AgentKind.CYCLIST: "cyclists",
+    AgentKind.BUS: "buses",
+    AgentKind.RIDERLESS_BICYCLE: "riderless bicycles",
+}
 _OWN_GESTURE: Final = "agent panel:"
-_SIZE_NOTE: Final = "*Size: the kind's default. Argoverse 2 tracks carry none; set it to make it known.*"
 
 
 class AgentPanel:
     """Numbers, kind and actions of the selected agents, and placing new ones."""
 
-    def __init__(self, desk: Desk, placing: Placing) -> None:
-        """Build it into the current tab; it shows and steers the mode of placing."""
+    def __init__(
+        self, desk: Desk, placing: Placing, on_list: Callable[[], None]
+    ) -> None:
+        """Build it into the current tab.
+
+        Args:
+            desk: the session and its page.
+            placing: the mode of placing, which the panel shows and steers.
+            on_list: opens or closes the agent list.
+        """
         self._desk = desk
         self._placing = placing
+        self._on_list = on_list
         gui = desk.client.gui
-        self._summary = gui.add_markdown("")
+        self._list = gui.add_button(
+            "Agent list", icon=viser.Icon.LIST_SEARCH, color="gray", hint="Ctrl+F"
+        )
+        self._summary = FixedText(gui, 3)
         self._kind = gui.add_dropdown("Kind", KINDS)
         self._speed = gui.add_number("Speed (m/s)", 0.0, min=0.0, max=60.0, step=0.1)
         self._heading = gui.add_number("Heading (deg)", 0.0, step=1.0)
@@ -48,7 +72,7 @@ class AgentPanel:
         self._heading.precision = 1
         for handle in (self._speed, self._position, self._size):
             handle.precision = 2
-        self._size_note = gui.add_markdown(_SIZE_NOTE)
+        self._size_note = FixedText(gui, 2)
         self._actions = {
             "Snap to lane": gui.add_button("Snap to lane", color="gray"),
             "Duplicate": gui.add_button("Duplicate", color="gray", hint="Ctrl+D"),
@@ -58,9 +82,9 @@ class AgentPanel:
         with gui.add_folder("Place an agent"):
             self._new_kind = gui.add_dropdown("New agent", KINDS)
             self._back_cast = gui.add_checkbox(
-                "With a past",
+                "With a made-up past (5 s)",
                 False,
-                hint="Back-cast along its lane; marked as made up.",
+                hint="Driven along its lane at its speed; the export says so.",
             )
             self._place = gui.add_button(
                 "Place on road",
@@ -71,16 +95,20 @@ class AgentPanel:
 
     def _listen(self) -> None:
         desk = self._desk
-        desk.on_click(self._actions["Snap to lane"], self.snap)
-        desk.on_click(self._actions["Duplicate"], self.duplicate)
-        desk.on_click(self._actions["Make focal"], self.make_focal)
-        desk.on_click(self._actions["Delete"], self.delete)
+        for name, action, failure in (
+            ("Snap to lane", self.snap, "Not snapped to a lane"),
+            ("Duplicate", self.duplicate, "Not duplicated"),
+            ("Make focal", self.make_focal, "Focal agent not changed"),
+            ("Delete", self.delete, "Not deleted"),
+        ):
+            desk.on_click(self._actions[name], action, failure=failure)
         desk.on_click(self._place, self._placing.toggle)
         desk.on_change(
             self._new_kind, lambda kind: self._placing.choose(AgentKind(kind))
         )
         desk.on_change(self._back_cast, self._set_with_past)
         self._placing.on_change(self._show_placing)
+        desk.on_click(self._list, self._on_list)
         desk.on_change(self._kind, self._set_kind)
         desk.on_change(self._speed, self._set_speed, merge_key="speed")
         desk.on_change(self._heading, self._set_heading, merge_key="heading")
@@ -88,36 +116,42 @@ class AgentPanel:
         desk.on_change(self._size, self._set_size, merge_key="size")
 
     def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
-        """Show the numbers of the selection."""
+        """Show the numbers of the selection; what differs among agents is empty."""
         agents, step = scenario.agents, scenario.current_step
         rows = agents.rows(selection)
         is_there = bool(len(rows)) and bool(agents.is_valid[rows, step].all())
-        set_property(self._summary, "content", _summary(scenario, rows))
+        self._summary.show(*summary(scenario, rows))
         for handle in (self._kind, self._speed, self._heading, self._size):
             set_property(handle, "disabled", not is_there)
         set_property(self._position, "disabled", not (is_there and len(rows) == 1))
         for button in self._actions.values():
             set_property(button, "disabled", not len(rows))
-        set_property(self._actions["Make focal"], "disabled", len(rows) != 1)
-        if not is_there:
-            set_property(self._size_note, "visible", False)
-            return
-        is_default = not agents.has_known_size[rows].all()
-        set_property(self._size_note, "visible", bool(is_default))
+        is_focal = selection == (scenario.focal_id,)
+        make_focal = self._actions["Make focal"]
+        set_property(make_focal, "disabled", len(rows) != 1 or is_focal)
+        set_property(
+            make_focal, "label", "Is the focal agent" if is_focal else "Make focal"
+        )
+        is_assumed = is_there and not agents.has_known_size[rows].all()
+        self._size_note.show("", SIZE_NOTE if is_assumed else "")
         if not (self._desk.gesture or "").startswith(_OWN_GESTURE):
-            self._show_numbers(scenario, int(rows[0]))
+            self._show_numbers(scenario, rows if is_there else rows[:0])
 
-    def _show_numbers(self, scenario: Scenario, row: int) -> None:
+    def _show_numbers(self, scenario: Scenario, rows: Int[np.ndarray, "G"]) -> None:
         agents, step = scenario.agents, scenario.current_step
-        set_value(self._kind, str(agents.kinds[row]))
-        speed = float(np.hypot(*agents.velocity_mps[row, step]))
-        set_value(self._speed, round(speed, 2))
-        heading = float(np.degrees(agents.heading_rad[row, step]))
-        set_value(self._heading, round(heading, 1))
-        x, y = np.round(agents.position_m[row, step], 2)
-        set_value(self._position, (float(x), float(y)))
-        length, width = np.round(agents.size_m[row], 2)
-        set_value(self._size, (float(length), float(width)))
+        kinds = {str(agents.kinds[row]) for row in rows}
+        options = (MIXED, *KINDS) if len(kinds) > 1 else KINDS
+        if tuple(self._kind.options) != options:
+            self._kind.options = options
+        kind = MIXED if len(kinds) > 1 else "".join(kinds)
+        set_value(self._kind, kind)
+        set_value(self._speed, common(agents.speed_mps()[rows, step], 2))
+        degrees = np.degrees(agents.heading_rad[rows, step])
+        set_value(self._heading, common(degrees, 1))
+        x, y = agents.position_m[rows, step].T
+        set_value(self._position, (common(x, 2), common(y, 2)))
+        length, width = agents.size_m[rows].T
+        set_value(self._size, (common(length, 2), common(width, 2)))
 
     def delete(self) -> None:
         """Delete the selection."""
@@ -156,7 +190,7 @@ class AgentPanel:
     def _selection(self) -> tuple[str, ...]:
         selection = self._desk.session.selection
         if not selection:
-            raise EditError("Select an agent first.")
+            raise EditError("Nothing is selected. Select an agent first.")
         return tuple(selection)
 
     def _apply(self, make: Callable[..., Command], **fields: Any) -> None:
@@ -167,7 +201,8 @@ class AgentPanel:
         self._apply(SetFocalAgent, agent_id=self._selection()[0])
 
     def _set_kind(self, kind: str) -> None:
-        self._apply(SetAgentKind, agent_ids=self._selection(), kind=AgentKind(kind))
+        if kind != MIXED:
+            self._apply(SetAgentKind, agent_ids=self._selection(), kind=AgentKind(kind))
 
     def _set_speed(self, speed: float) -> None:
         self._preview(SetAgentSpeed, "speed", speed_mps=float(speed))
@@ -178,9 +213,8 @@ class AgentPanel:
         )
 
     def _set_size(self, size: tuple[float, float]) -> None:
-        self._preview(
-            SetAgentSize, "size", length_m=float(size[0]), width_m=float(size[1])
-        )
+        length, width = (None if math.isnan(side) else float(side) for side in size)
+        self._preview(SetAgentSize, "size", length_m=length, width_m=width)
 
     def _set_position(self, position: tuple[float, float]) -> None:
         (agent_id,) = self._selection()[:1]
@@ -196,22 +230,56 @@ class AgentPanel:
         )
 
 
-def _summary(scenario: Scenario, rows: np.ndarray) -> str:
+def common(values: Float[np.ndarray, "G"], digits: int) -> float:
+    """The value that all share when rounded, else NaN, which a field shows as empty."""
+    rounded = np.round(values, digits)
+    is_shared = len(rounded) and (rounded == rounded[0]).all()
+    return float(rounded[0]) if is_shared else math.nan
+
+
+def summary(scenario: Scenario, rows: Int[np.ndarray, "G"]) -> tuple[str, ...]:
+    """A title and lines about the agents that are selected."""
     if not len(rows):
         return (
-            "Click an agent to select it; Shift+click adds. "
-            "Ctrl+drag draws a box. Drag moves, Shift+drag turns."
+            "Nothing is selected.",
+            "Click an agent; Shift+click adds; Ctrl+drag draws a box.",
         )
-    agents = scenario.agents
+    agents, step = scenario.agents, scenario.current_step
     if len(rows) > 1:
-        return f"**{len(rows)} agents selected.** Numbers apply to all of them."
+        counts = Counter(agents.kinds[row] for row in rows)
+        parts = [counted(kind, count) for kind, count in counts.most_common()]
+        absent = int((~agents.is_valid[rows, step]).sum())
+        hint = "A new value applies to all; empty fields differ."
+        if absent:
+            hint = f"{absent} not there at t = 0, so no numbers can be set."
+        return f"{len(rows)} agents: {', '.join(parts)}", hint
     row = int(rows[0])
-    name = plain(agents.ids[row])
-    marks = []
-    if agents.ids[row] == scenario.focal_id:
-        marks.append("focal agent")
-    if not agents.is_valid[row, scenario.current_step]:
-        marks.append("not there at the current step")
-    count = int(agents.is_valid[row].sum())
-    marks.append(f"{count} of {agents.num_steps} steps")
-    return f"**{agents.kinds[row]} {name}** ({', '.join(marks)})"
+    is_focal = agents.ids[row] == scenario.focal_id
+    marks = ["focal agent"] if is_focal else []
+    is_valid = agents.is_valid[row]
+    if not is_valid[step]:
+        marks.append("comes later" if is_valid[step:].any() else "has left by t = 0")
+    marks.append(_time_seen(is_valid, scenario.time_axis.step_s))
+    text = ", ".join(marks)
+    return f"{kind_name(agents.kinds[row])} {agents.ids[row]}", (
+        text[:1].upper() + text[1:]
+    )
+
+
+def _time_seen(is_valid: Bool[np.ndarray, "T"], step_s: float) -> str:
+    whole = f"{len(is_valid) * step_s:.3g} s"
+    if is_valid.all():
+        return f"seen the whole {whole}"
+    return f"seen {is_valid.sum() * step_s:.3g} of {whole}"
+
+
+def kind_name(kind: AgentKind) -> str:
+    """A kind in words."""
+    return kind.value.replace("_", " ")
+
+
+def counted(kind: AgentKind, count: int) -> str:
+    """A number of agents of a kind, such as "2 buses"."""
+    if count == 1:
+        return f"1 {kind_name(kind)}"
+    return f"{count} {PLURAL.get(kind, f'{kind_name(kind)} objects')}"

@@ -1,17 +1,26 @@
-"""The candidates panel: where a selected agent could go."""
+"""The candidates panel: trajectories that a selected agent could take."""
 
 from typing import Final
 
 import numpy as np
+import viser
 
 from pd_editor.editor.commands import AdoptTrajectory
 from pd_editor.errors import EditError
+from pd_editor.metrics.path_collision import PathCollision, first_collisions
+from pd_editor.paths.candidate_words import candidate_texts
 from pd_editor.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
+from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
-from pd_editor.viewer.views.candidates_view import CandidatesView
+from pd_editor.viewer.views.candidates_view import FAST_MPS, CandidatesView
 
-NO_CANDIDATE: Final[str] = "-"
+NO_CANDIDATE: Final[str] = "none"
+_NO_CHOICE: Final[list[str]] = [NO_CANDIDATE]
+SHOW: Final = "Show possible trajectories"
+HIDE: Final = "Hide possible trajectories"
+SELECT_ONE: Final = "Select one agent to see its possible trajectories."
 
 
 class CandidatesPanel:
@@ -23,15 +32,21 @@ class CandidatesPanel:
         self._view = view
         self._agent_id: str | None = None
         self._base: Scenario | None = None
+        self._collisions: tuple[PathCollision | None, ...] = ()
+        self._pointed: int | None = None
         gui = desk.client.gui
-        with gui.add_folder("Where could it go"):
-            self._show = gui.add_button(
-                "Show candidates", color="gray", hint="G; for one selected agent"
+        with gui.add_folder("Possible trajectories"):
+            self._show = gui.add_button(SHOW, color="gray", hint="G")
+            self._choice: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+                "Trajectory", _NO_CHOICE
             )
-            self._choice = gui.add_dropdown("Candidate", (NO_CANDIDATE,), visible=False)
-            self._adopt = gui.add_button("Adopt candidate", visible=False)
+            self._note = FixedText(gui, 2)
+            self._legend = gui.add_html("")
+            self._adopt = gui.add_button("Use this trajectory", disabled=True)
         self._desk.on_click(self._show, self.toggle_candidates)
-        self._desk.on_click(self._adopt, self._adopt_chosen)
+        self._desk.on_click(
+            self._adopt, self._adopt_chosen, failure="Trajectory not used"
+        )
         self._desk.on_change(self._choice, lambda _value: self._highlight())
 
     @property
@@ -42,7 +57,11 @@ class CandidatesPanel:
     def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
         """Follow the session: a fan of an agent that changed or left is put away."""
         set_property(self._show, "disabled", len(selection) != 1)
+        palette = DARK if self._desk.workspace.is_dark else LIGHT
+        set_property(self._legend, "content", _legend(palette))
         if self._agent_id is None:
+            self._note.show("", "" if len(selection) == 1 else SELECT_ONE)
+            set_property(self._choice, "disabled", True)
             return
         if selection != (self._agent_id,):
             self.hide_candidates()
@@ -50,23 +69,39 @@ class CandidatesPanel:
             self._draw_candidates(scenario)
 
     def toggle_candidates(self) -> None:
-        """Show where the selected agent could go, or put the fan away."""
+        """Show where the selected agent could go, or put the fan away.
+
+        Raises:
+            EditError: not exactly one agent is selected, or it is not there now.
+        """
         if self.shows_candidates:
             self.hide_candidates()
             return
         selection = self._desk.session.selection
         if len(selection) != 1:
-            raise EditError("Select one agent to see where it could go.")
+            raise EditError(SELECT_ONE)
         self._agent_id = selection[0]
         self._draw_candidates(self._desk.session.scenario)
 
     def hide_candidates(self) -> None:
         """Put the fan away."""
-        self._agent_id, self._base = None, None
+        self._agent_id, self._base, self._pointed = None, None, None
         self._view.show(None)
-        set_property(self._show, "label", "Show candidates")
-        set_property(self._choice, "visible", False)
-        set_property(self._adopt, "visible", False)
+        set_property(self._show, "label", SHOW)
+        self._offer((NO_CANDIDATE,))
+        set_property(self._choice, "disabled", True)
+        set_property(self._adopt, "disabled", True)
+        self._note.show()
+
+    def point_at(self, point_m: np.ndarray | None) -> bool:
+        """Highlight the candidate under the pointer; whether there is one."""
+        if self._view.shown is None:
+            return False
+        index = None if point_m is None else self._view.candidate_near(point_m)
+        if index != self._pointed:
+            self._pointed = index
+            self._highlight()
+        return index is not None
 
     def adopt_near(self, point_m: np.ndarray) -> bool:
         """Adopt the candidate that was clicked; False if none was hit."""
@@ -80,37 +115,63 @@ class CandidatesPanel:
         assert self._agent_id is not None
         rows = scenario.agents.rows([self._agent_id])
         if not scenario.agents.is_valid[rows[0], scenario.current_step]:
+            agent_id = self._agent_id
             self.hide_candidates()
-            raise EditError(f"Agent {self._agent_id} is not there at the current step.")
+            raise EditError(f"Agent {agent_id} is not there at t = 0.")
         found = candidates(scenario, rows)
-        self._base = scenario
+        self._base, self._pointed = scenario, None
+        self._collisions = first_collisions(
+            scenario,
+            int(rows[0]),
+            found.position_m[0],
+            found.heading_rad[0],
+            found.is_valid[0],
+        )
         self._view.show(found, scenario.road_map)
-        self._choice.options = (NO_CANDIDATE, *candidate_labels(found))
+        self._offer((NO_CANDIDATE, *candidate_labels(found, scenario)))
+        set_property(self._choice, "disabled", False)
+        set_property(self._show, "label", HIDE)
+        self._highlight()
+
+    def _offer(self, options: tuple[str, ...]) -> None:
+        if tuple(self._choice.options) != options:
+            self._choice.options = options
         set_value(self._choice, NO_CANDIDATE)
-        set_property(self._choice, "visible", True)
-        set_property(self._adopt, "visible", True)
-        set_property(self._show, "label", "Hide candidates")
 
     def _chosen_index(self) -> int | None:
-        options = tuple(self._choice.options)
-        value = self._choice.value
-        return None if value == NO_CANDIDATE else options.index(value) - 1
+        """Index of the chosen candidate among all, the invalid ones included."""
+        value, shown = self._choice.value, self._view.shown
+        if value == NO_CANDIDATE or shown is None:
+            return None
+        place = tuple(self._choice.options).index(value) - 1
+        return int(np.flatnonzero(shown.is_valid[0])[place])
 
     def _highlight(self) -> None:
-        if self._view.shown is not None:
-            index = self._chosen_index()
-            valid = np.flatnonzero(self._view.shown.is_valid[0])
-            self._view.show(
-                self._view.shown,
-                self._desk.session.scenario.road_map,
-                None if index is None else int(valid[index]),
-            )
+        """Draw the one under the pointer, else the chosen one, on top of the fan."""
+        shown = self._view.shown
+        if shown is None:
+            return
+        chosen = self._chosen_index()
+        index = chosen if self._pointed is None else self._pointed
+        self._view.show(shown, self._desk.session.scenario.road_map, index)
+        set_property(self._adopt, "disabled", chosen is None)
+        if index is None:
+            self._note.show("", "Choose one here, or click one on the road.")
+            return
+        place = int(shown.is_valid[0, :index].sum()) + 1
+        self._note.show("", self._choice.options[place], self._told_collision(index))
+
+    def _told_collision(self, index: int) -> str:
+        scenario = self._desk.session.scenario
+        return collision_in_words(scenario, self._collisions[index])
 
     def _adopt_chosen(self) -> None:
         index = self._chosen_index()
-        if index is None or self._view.shown is None:
-            raise EditError("Choose a candidate in the list, or click one on the road.")
-        self._adopt_candidate(int(np.flatnonzero(self._view.shown.is_valid[0])[index]))
+        if index is None:
+            raise EditError(
+                "Choose a trajectory in the list, or click one on the road."
+            )
+        self._adopt_candidate(index)
 
     def _adopt_candidate(self, index: int) -> None:
         found, agent_id = self._view.shown, self._agent_id
@@ -127,20 +188,31 @@ class CandidatesPanel:
         )
 
 
-def candidate_labels(found: CandidateSet) -> tuple[str, ...]:
+def candidate_labels(found: CandidateSet, scenario: Scenario) -> tuple[str, ...]:
     """A short unique text for each valid candidate of the first agent."""
-    labels: list[str] = []
-    for index in np.flatnonzero(found.is_valid[0]):
-        speed = float(found.target_speed_mps[0, index])
-        shift = float(found.lateral_shift_m[0, index])
-        if found.is_standstill[0, index]:
-            text = "stand still"
-        elif found.is_lane_change[0, index]:
-            text = f"{speed:.1f} m/s, change lane"
-        elif abs(shift) > 0.2:
-            side = "left" if shift > 0 else "right"
-            text = f"{speed:.1f} m/s, {abs(shift):.1f} m to the {side}"
-        else:
-            text = f"{speed:.1f} m/s"
-        labels.append(f"{len(labels) + 1}. {text}")
-    return tuple(labels)
+    return tuple(
+        f"{number}. {text}"
+        for number, text in enumerate(candidate_texts(found, scenario.road_map), 1)
+    )
+
+
+def collision_in_words(scenario: Scenario, collision: PathCollision | None) -> str:
+    """What a trajectory hits first, if anything."""
+    if collision is None:
+        return "No collision with the other agents as they move now."
+    kind = scenario.agents.kinds[scenario.agents.row_of[collision.agent_id]]
+    seconds = (collision.step - scenario.current_step) * scenario.time_axis.step_s
+    name = f"{kind.value.replace('_', ' ')} {collision.agent_id}"
+    return f"Collides with {name} in {seconds:.1f} s."
+
+
+def _legend(palette: Palette) -> str:
+    """What the colours of the fan mean."""
+    colors = ",".join(f"rgb{color}" for color in palette.candidate_speeds)
+    return (
+        '<div style="display:flex;align-items:center;gap:0.5em;height:20px;'
+        'margin:0 0.75em 0.6em;font-size:12.5px"><span>0 m/s</span>'
+        '<span style="flex:1;height:8px;border-radius:4px;background:'
+        f'linear-gradient(90deg,{colors})"></span>'
+        f"<span>{FAST_MPS:.0f} m/s and more</span></div>"
+    )

@@ -34,7 +34,7 @@ class HistoryPanel:
         self._page = 0
         self._followed: tuple[object, int, int] | None = None
         self._rows = [gui.add_button(_UNUSED, color="gray") for _ in range(ROWS)]
-        style.align_left(self._rows)
+        style.as_list(self._rows)
         for index, row in enumerate(self._rows):
             desk.on_click(row, lambda index=index: self._jump(index))
         desk.on_click(self._undo, self.undo)
@@ -70,7 +70,7 @@ class HistoryPanel:
             set_property(row, "label", _row_text(entries, at, position))
             is_present = at == position
             is_undone = at is not None and at > position
-            color = "blue" if is_present else "yellow" if is_undone else "gray"
+            color = "blue" if is_present else "orange" if is_undone else "gray"
             set_property(row, "color", color)
         set_property(self._counts, "content", self._counted(len(entries), position))
 

@@ -1,9 +1,14 @@
 """Looks of single inputs that viser's own options do not reach."""
 
+import html
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Final
 
 import viser
+
+from pd_editor.viewer.state.desk import set_property
+
+LINE_PX: Final = 20
 
 
 class PanelStyle:
@@ -14,12 +19,18 @@ class PanelStyle:
         self._rules: list[str] = []
         self._element = gui.add_html("")
 
-    def align_left(self, buttons: Iterable[viser.GuiButtonHandle]) -> None:
-        """Begin the texts of buttons at their left edge, as in a list."""
+    def as_list(self, buttons: Iterable[viser.GuiButtonHandle]) -> None:
+        """Show buttons as the rows of a list, each with a stripe in its colour."""
         self._add(
             buttons,
-            "{padding:0 0.6em;font-weight:500}",
+            "{padding:0 0.6em;font-weight:500;color:var(--mantine-color-text);"
+            "background:rgba(128,144,160,0.12);border-radius:2px;"
+            "border:0 solid var(--button-bg);border-left-width:4px}",
+            ":hover:not([data-disabled]){background:rgba(128,144,160,0.3)}",
+            "[data-disabled]{opacity:0.4;background:none}",
             " .mantine-Button-inner{justify-content:flex-start}",
+            " .mantine-Button-label{display:block;line-height:2em;overflow:hidden;"
+            "text-overflow:ellipsis}",
         )
 
     def unfilled(self, sliders: Iterable[viser.GuiSliderHandle[Any]]) -> None:
@@ -27,9 +38,45 @@ class PanelStyle:
 
         A fill from the left end would look half switched on at zero.
         """
-        self._add(sliders, " .mantine-Slider-bar{display:none}")
+        self._add(
+            sliders,
+            " .mantine-Slider-bar{display:none}",
+            " .mantine-Slider-mark{border-color:transparent;"
+            "background:rgba(128,144,160,0.6)}",
+        )
 
     def _add(self, handles: Iterable[Any], *rules: str) -> None:
         for handle in handles:
             self._rules += [f'[id="{handle._impl.uuid}"]{rule}' for rule in rules]
         self._element.content = f"<style>{''.join(self._rules)}</style>"
+
+
+class FixedText:
+    """Lines of text in a space of constant height, so that nothing below ever moves.
+
+    Texts are shown as they are, never as HTML. What does not fit is cut off; the whole
+    text stands in the tooltip.
+    """
+
+    def __init__(self, gui: viser.GuiApi, num_lines: int) -> None:
+        """Reserve room for some lines in the current container."""
+        self._height_px = num_lines * LINE_PX
+        self._element = gui.add_html("")
+        self.text = ""
+        self.show()
+
+    def show(self, title: str = "", *lines: str, tooltip: str | None = None) -> None:
+        """Show a title in bold and lines under it; either may be empty."""
+        shown = [line for line in (title, *lines) if line]
+        self.text = "\n".join(shown)
+        parts = [f"<div>{html.escape(line)}</div>" for line in lines if line]
+        if title:
+            parts.insert(0, f"<div><b>{html.escape(title)}</b></div>")
+        hint = html.escape(self.text if tooltip is None else tooltip)
+        set_property(
+            self._element,
+            "content",
+            f'<div title="{hint}" style="height:{self._height_px}px;overflow:hidden;'
+            f"margin:0 0.75em 0.5em;font-size:13.5px;line-height:{LINE_PX}px;"
+            f'overflow-wrap:anywhere">{"".join(parts)}</div>',
+        )

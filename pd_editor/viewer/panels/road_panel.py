@@ -1,7 +1,7 @@
 """The road panel: bend the road ahead of an anchor, live."""
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -12,6 +12,7 @@ from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.perturbation.anchor import pose_of_anchor
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
+from pd_editor.perturbation.friction_slowdown import SlowedAgent, slowed_agents
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,
     MAX_POWER,
@@ -20,88 +21,161 @@ from pd_editor.scene.road_warp import (
     WarpKind,
     WarpTerm,
 )
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scenario import EGO_ID, AppliedWarp, Scenario
 from pd_editor.viewer.interaction.anchor_gizmo import AnchorGizmo
+from pd_editor.viewer.panels.panel_style import FixedText, PanelStyle
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.views.anchor_view import AnchorView
 
-Anchor = Literal["Focal agent", "Ego", "Selected agent", "Pose on the map"]
-ANCHORS: Final[tuple[Anchor, ...]] = (
-    "Focal agent",
-    "Ego",
-    "Selected agent",
-    "Pose on the map",
-)
+Anchor = Literal["Focal agent", "Ego", "Selected agent", "A point that I drag"]
+FOCAL: Final[Anchor] = "Focal agent"
+EGO: Final[Anchor] = "Ego"
+SELECTED: Final[Anchor] = "Selected agent"
+POINT: Final[Anchor] = "A point that I drag"
+ANCHORS: Final[tuple[Anchor, ...]] = (FOCAL, EGO, SELECTED, POINT)
 _TITLE: Final[dict[WarpKind, str]] = {
     "smooth-turn": "Bend",
     "double-turn": "S-bend",
     "ripple-road": "Waves",
 }
+_HINT: Final[dict[WarpKind, str]] = {
+    "smooth-turn": "Left +, right -. Smooth turn of Scene-Attack.",
+    "double-turn": "First left +, first right -. Double turn of Scene-Attack.",
+    "ripple-road": "First left +, first right -. Ripple road of Scene-Attack.",
+}
 _LENGTH_TITLE: Final[dict[WarpKind, str]] = {
-    "smooth-turn": "Turn length (m)",
-    "double-turn": "Turn distance (m)",
+    "smooth-turn": "Length of the bend (m)",
+    "double-turn": "Length of the S (m)",
     "ripple-road": "Wave length (m)",
 }
+_POWER_MARKS: Final = (
+    (-MAX_POWER, "right -"),
+    (0.0, "0"),
+    (MAX_POWER, "left +"),
+)
 DEFAULT_BORDER_M: Final = 5.0
 DEFAULT_EXPONENT: Final = 3.0
+MAX_SLOWED_NAMED: Final = 3
+_NOT_OWN: Final = object()
+"""Equal to no warp: inputs are to be set anew."""
 
 
 class RoadPanel:
-    """Sliders of a warp; what they show is the scenario's warp, never their own."""
+    """Sliders of a warp; what they show is the scenario's warp, never their own.
 
-    def __init__(self, desk: Desk, on_ghost: Callable[[bool], None]) -> None:
-        """Build it into the current tab."""
+    Shape sliders may be set while the road is straight: then they wait for a bend.
+    Undo, redo and another scenario set them all anew.
+    """
+
+    def __init__(
+        self,
+        desk: Desk,
+        style: PanelStyle,
+        view: AnchorView,
+        *,
+        on_ghost: Callable[[bool], None],
+        on_frame: Callable[[RigidMotion], None],
+    ) -> None:
+        """Build it into the current tab.
+
+        Args:
+            desk: the session and its page.
+            style: looks that viser's options do not reach.
+            view: marks the anchor in the picture.
+            on_ghost: told whether the original road is to be outlined.
+            on_frame: looks at a pose.
+        """
         self._desk = desk
-        gui = desk.client.gui
-        self._anchor = gui.add_dropdown(
-            "Anchor", ANCHORS, hint="Everything ahead of this pose moves."
-        )
-        self._anchor_taken = self._anchor.value
-        self._own_pose: RigidMotion | None = None
+        self._view = view
+        self._on_frame = on_frame
         self._power: dict[WarpKind, Any] = {}
         self._length: dict[WarpKind, Any] = {}
+        self._own_pose: RigidMotion | None = None
+        self._own_warp: object = (None, None)
+        """Warp and friction coefficient that the inputs stand for."""
+        self._slowed_of: AppliedWarp | None = None
+        gui = desk.client.gui
         for kind in WARP_KINDS:
             self._power[kind] = gui.add_slider(
-                _TITLE[kind], min=-MAX_POWER, max=MAX_POWER, step=0.1, initial_value=0.0
+                _TITLE[kind],
+                min=-MAX_POWER,
+                max=MAX_POWER,
+                step=0.1,
+                initial_value=0.0,
+                marks=_POWER_MARKS,
+                hint=_HINT[kind],
             )
-        self._readout = gui.add_markdown("")
-        self._slows = gui.add_checkbox(
-            "Slow agents to the friction limit",
-            False,
-            hint="Futures are re-timed along their own curve.",
-        )
+        style.unfilled(self._power.values())
+        self._readout = FixedText(gui, 2)
+        self._build_friction(gui)
         ghost = gui.add_checkbox("Show the original road", True)
         self._reset = gui.add_button(
             "Reset road", icon=viser.Icon.ARROW_BACK_UP, color="gray", disabled=True
         )
+        with gui.add_folder("Where it bends"):
+            self._build_anchor(gui)
         with gui.add_folder("Shape", expand_by_default=False):
-            for kind in WARP_KINDS:
-                self._length[kind] = gui.add_slider(
-                    _LENGTH_TITLE[kind],
-                    min=5.0,
-                    max=150.0,
-                    step=1.0,
-                    initial_value=DEFAULT_LENGTH_M[kind],
-                )
-            self._border = gui.add_slider(
-                "Border (m)",
-                min=0.0,
-                max=100.0,
-                step=1.0,
-                initial_value=DEFAULT_BORDER_M,
-            )
-            self._exponent = gui.add_slider(
-                "Exponent", min=2.0, max=6.0, step=0.5, initial_value=DEFAULT_EXPONENT
-            )
-            self._friction = gui.add_slider(
-                "Friction coefficient",
-                min=0.1,
-                max=1.2,
-                step=0.05,
-                initial_value=DRY_ROAD_FRICTION,
-            )
+            self._build_shape(gui)
         self._gizmo = AnchorGizmo(desk, self._gizmo_moved)
         self._base = desk.session.base
         self._listen(ghost, on_ghost)
+
+    def _build_friction(self, gui: viser.GuiApi) -> None:
+        self._slows = gui.add_checkbox(
+            "Slow agents to the friction limit",
+            False,
+            hint="Re-timed along their own curves. An agent that cannot brake in time "
+            "is also slower at t = 0.",
+        )
+        self._friction = gui.add_slider(
+            "Friction coefficient",
+            min=0.1,
+            max=1.2,
+            step=0.05,
+            initial_value=DRY_ROAD_FRICTION,
+            hint="0.7 dry, 0.4 wet, 0.15 ice",
+        )
+        self._slowed = FixedText(gui, 3)
+
+    def _build_anchor(self, gui: viser.GuiApi) -> None:
+        self._anchor = gui.add_dropdown(
+            "Anchor", ANCHORS, hint="Everything ahead of this pose moves."
+        )
+        self._anchor_taken = self._anchor.value
+        self._missing = FixedText(gui, 2)
+        self._anchor_at = gui.add_vector2("Anchor at (m)", (0.0, 0.0), step=0.5)
+        self._anchor_heading = gui.add_number("Anchor heading (deg)", 0.0, step=1.0)
+        self._anchor_at.precision = self._anchor_heading.precision = 1
+        self._frame = gui.add_button(
+            "Look at the anchor", icon=viser.Icon.FOCUS_2, color="gray"
+        )
+
+    def _build_shape(self, gui: viser.GuiApi) -> None:
+        for kind in WARP_KINDS:
+            self._length[kind] = gui.add_slider(
+                _LENGTH_TITLE[kind],
+                min=5.0,
+                max=150.0,
+                step=1.0,
+                initial_value=DEFAULT_LENGTH_M[kind],
+            )
+        self._border = gui.add_slider(
+            "Starts after (m)",
+            min=0.0,
+            max=100.0,
+            step=1.0,
+            initial_value=DEFAULT_BORDER_M,
+            hint="Distance ahead of the anchor where the road begins to bend.",
+        )
+        self._exponent = gui.add_slider(
+            "Sharpness",
+            min=2.0,
+            max=6.0,
+            step=0.5,
+            initial_value=DEFAULT_EXPONENT,
+            hint="Exponent of the bends; waves have none.",
+        )
+        self._reset_shape = gui.add_button("Reset shape", color="gray", disabled=True)
 
     def _listen(self, ghost: Any, on_ghost: Callable[[bool], None]) -> None:
         desk = self._desk
@@ -112,59 +186,135 @@ class RoadPanel:
             desk.on_change(
                 handle, lambda _value: self._friction_changed(), merge_key="friction"
             )
-        desk.on_change(self._anchor, lambda _value: self._anchor_changed())
+        for handle in (self._anchor_at, self._anchor_heading):
+            desk.on_change(handle, lambda _value: self._pose_typed(), merge_key="pose")
+        desk.on_change(
+            self._anchor,
+            lambda _value: self._anchor_changed(),
+            failure="Anchor not changed",
+        )
         desk.on_change(ghost, on_ghost)
         desk.on_click(self._reset, self.reset)
+        desk.on_click(self._reset_shape, self.reset_shape)
+        desk.on_click(self._frame, self._look_at_anchor, failure="No anchor to look at")
 
     def reset(self) -> None:
         """Take the warp back; the original road returns exactly, inputs as at first."""
         self._desk.commit_gesture()
+        self._show_defaults()
+        self._own_warp = (None, None)
+        self._desk.apply(SetRoadWarp(warp=None, friction_coefficient=None))
+        self._show_resets(self._desk.session.scenario)
+
+    def reset_shape(self) -> None:
+        """Give lengths, start and sharpness their first values; powers stay."""
+        self._desk.commit_gesture()
+        self._show_default_shape()
+        applied = self._desk.session.scenario.applied_warp
+        if applied is not None:
+            self._desk.apply(self._command(applied.warp.anchor))
+        self._show_resets(self._desk.session.scenario)
+
+    def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
+        """Show the warp of a scenario."""
+        is_other_base = self._desk.session.base is not self._base
+        self._base = self._desk.session.base
+        if self._desk.gesture != "warp":
+            self._show_values(scenario, is_other_base)
+        self._show_anchor(scenario, is_other_base)
+        self._show_gizmo(scenario, is_other_base)
+        self._show_choices(scenario, selection)
+        self._show_pose(scenario)
+        self._show_resets(scenario)
+        self._show_readout(scenario)
+        if not self._desk.session.state.is_previewing:
+            self._show_slowed(scenario)
+
+    def _show_values(self, scenario: Scenario, is_other_base: bool) -> None:
+        """Set all inputs, unless the warp is what this panel asked for last."""
+        applied = scenario.applied_warp
+        in_force = (None, None)
+        if applied is not None:
+            in_force = (applied.warp, applied.friction_coefficient)
+        if self._own_warp == in_force and not is_other_base:
+            return
+        self._own_warp = in_force
+        self._show_defaults()
+        if applied is None:
+            return
+        for term in applied.warp.terms:
+            set_value(self._power[term.kind], term.power)
+            set_value(self._length[term.kind], term.length_m)
+            set_value(self._border, term.border_m)
+            set_value(self._exponent, term.exponent)
+        limited = applied.friction_coefficient
+        set_value(self._slows, limited is not None)
+        if limited is not None:
+            set_value(self._friction, limited)
+
+    def _show_defaults(self) -> None:
         for kind in WARP_KINDS:
-            set_value(self._length[kind], DEFAULT_LENGTH_M[kind])
-        set_value(self._border, DEFAULT_BORDER_M)
-        set_value(self._exponent, DEFAULT_EXPONENT)
+            set_value(self._power[kind], 0.0)
+        self._show_default_shape()
         set_value(self._friction, DRY_ROAD_FRICTION)
         set_value(self._slows, False)
-        self._desk.apply(SetRoadWarp(warp=None, friction_coefficient=None))
 
-    def show(self, scenario: Scenario) -> None:
-        """Show the warp of a scenario."""
-        if self._desk.gesture != "warp":
-            self._show_values(scenario)
-        self._show_anchor(scenario)
-        self._show_gizmo(scenario)
-        set_property(self._reset, "disabled", scenario.applied_warp is None)
-        self._show_readout(scenario)
+    def _show_default_shape(self) -> None:
+        for handle, default in self._default_shape():
+            set_value(handle, default)
 
-    def _show_values(self, scenario: Scenario) -> None:
-        applied = scenario.applied_warp
-        terms = {} if applied is None else {t.kind: t for t in applied.warp.terms}
-        for kind in WARP_KINDS:
-            set_value(self._power[kind], terms[kind].power if kind in terms else 0.0)
-            if kind in terms:
-                set_value(self._length[kind], terms[kind].length_m)
-                set_value(self._border, terms[kind].border_m)
-                set_value(self._exponent, terms[kind].exponent)
-        if applied is not None:
-            limited = applied.friction_coefficient
-            set_value(self._slows, limited is not None)
-            if limited is not None:
-                set_value(self._friction, limited)
+    def _default_shape(self) -> list[tuple[Any, float]]:
+        lengths = [(self._length[kind], DEFAULT_LENGTH_M[kind]) for kind in WARP_KINDS]
+        return [
+            *lengths,
+            (self._border, DEFAULT_BORDER_M),
+            (self._exponent, DEFAULT_EXPONENT),
+        ]
+
+    def _show_resets(self, scenario: Scenario) -> None:
+        """A reset is offered whenever anything differs from the first values."""
+        is_shaped = any(
+            handle.value != value for handle, value in self._default_shape()
+        )
+        is_bent = scenario.applied_warp is not None or any(
+            handle.value != 0 for handle in self._power.values()
+        )
+        has_friction = self._slows.value or self._friction.value != DRY_ROAD_FRICTION
+        set_property(
+            self._reset, "disabled", not (is_bent or is_shaped or has_friction)
+        )
+        set_property(self._reset_shape, "disabled", not is_shaped)
 
     def _show_readout(self, scenario: Scenario) -> None:
         applied = scenario.applied_warp
         if applied is None:
-            text = "The road is as recorded. Move a slider to bend it."
-        else:
-            mu = self._friction.value
-            summary = summarise(applied.warp, friction_coefficient=mu)
-            text = (
-                f"Curvature up to **{summary.max_curvature_per_m:.3f} /m** "
-                f"(radius {summary.min_radius_m:.1f} m)  \n"
-                f"Friction-limited speed **{summary.speed_limit_mps:.1f} m/s** "
-                f"({summary.speed_limit_mps * 3.6:.0f} km/h) at mu = {mu:.2f}"
+            self._readout.show(
+                recorded_road_in_words(self._desk.session.base),
+                "Move a slider to bend it.",
             )
-        set_property(self._readout, "content", text)
+            return
+        mu = float(self._friction.value)
+        summary = summarise(applied.warp, friction_coefficient=mu)
+        speed = summary.speed_limit_mps
+        self._readout.show(
+            "",
+            f"Smallest radius {summary.min_radius_m:.1f} m"
+            f" (curvature {summary.max_curvature_per_m:.3f} /m)",
+            f"Friction-limited speed {speed:.1f} m/s ({speed * 3.6:.0f} km/h)"
+            f" at friction {mu:.2f}",
+        )
+
+    def _show_slowed(self, scenario: Scenario) -> None:
+        """Say which agents the friction limit has slowed, and by how much."""
+        applied = scenario.applied_warp
+        if applied is self._slowed_of and applied is not None:
+            return
+        self._slowed_of = applied
+        if applied is None or applied.friction_coefficient is None:
+            self._slowed.show()
+            return
+        slowed = slowed_agents(applied, scenario.time_axis)
+        self._slowed.show(*slowed_in_words(slowed, most=MAX_SLOWED_NAMED))
 
     def _warp(self, anchor: RigidMotion) -> RoadWarp | None:
         terms = tuple(
@@ -181,24 +331,35 @@ class RoadPanel:
         return RoadWarp(anchor=anchor, terms=terms) if terms else None
 
     def _command(self, anchor: RigidMotion) -> SetRoadWarp:
-        self._own_pose = anchor
+        self._own_warp = _NOT_OWN
         warp = self._warp(anchor)
-        friction = float(self._friction.value) if self._slows.value else None
-        return SetRoadWarp(
-            warp=warp, friction_coefficient=None if warp is None else friction
-        )
+        friction = None
+        if self._slows.value and warp is not None:
+            friction = float(self._friction.value)
+        command = SetRoadWarp(warp=warp, friction_coefficient=friction)
+        self._own_pose, self._own_warp = anchor, (warp, friction)
+        return command
+
+    def _preview(self, owner: str, command: SetRoadWarp, *, has_end: bool) -> None:
+        try:
+            self._desk.preview(owner, command, has_end=has_end)
+        except EditError:
+            self._own_warp = _NOT_OWN
+            raise
 
     def _changed(self) -> None:
         scenario = self._desk.session.scenario
         applied = scenario.applied_warp
         anchor = applied.warp.anchor if applied is not None else self._anchor_pose()
-        self._desk.preview("warp", self._command(anchor))
+        self._preview("warp", self._command(anchor), has_end=False)
+        self._show_resets(self._desk.session.scenario)
 
     def _friction_changed(self) -> None:
         applied = self._desk.session.scenario.applied_warp
         if applied is not None:
-            self._desk.preview("warp", self._command(applied.warp.anchor))
+            self._preview("warp", self._command(applied.warp.anchor), has_end=False)
             self._show_readout(self._desk.session.scenario)
+        self._show_resets(self._desk.session.scenario)
 
     def _anchor_changed(self) -> None:
         try:
@@ -206,70 +367,192 @@ class RoadPanel:
         except EditError:
             set_value(self._anchor, self._anchor_taken)
             raise
-        self._anchor_taken = self._anchor.value
-        if self._anchor.value != "Pose on the map":
-            self._gizmo.remove()
-        if self._anchor.value == "Pose on the map":
+        self._take_anchor(self._anchor.value, pose)
+
+    def _take_anchor(self, choice: Anchor, pose: RigidMotion) -> None:
+        """Bend ahead of a pose from now on, and mark it in the picture."""
+        self._anchor_taken = choice
+        self._own_pose = pose
+        if choice == POINT:
             self._gizmo.place(pose)
+        else:
+            self._gizmo.remove()
         if self._desk.session.scenario.applied_warp is not None:
             self._desk.apply(self._command(pose))
+        self._show_pose(self._desk.session.scenario)
+
+    def _pose_typed(self) -> None:
+        x, y = self._anchor_at.value
+        heading = self._anchor_heading.value
+        if not np.isfinite([x, y, heading]).all():
+            return
+        pose = RigidMotion(
+            x_m=float(x), y_m=float(y), rotation_rad=float(np.radians(heading))
+        )
+        self._offer((*self._anchor.options, POINT))
+        set_value(self._anchor, POINT)
+        self._anchor_taken = POINT
+        self._own_pose = pose
+        self._gizmo.place(pose)
+        if self._desk.session.scenario.applied_warp is not None:
+            self._preview("warp", self._command(pose), has_end=False)
+        self._show_pose(self._desk.session.scenario)
 
     def _anchor_pose(self) -> RigidMotion:
-        """Pose that the warp bends ahead of, on the original road."""
+        """Pose that the warp bends ahead of, on the original road.
+
+        Raises:
+            EditError: the chosen agent is not there.
+        """
         scenario, choice = self._desk.session.scenario, self._anchor.value
-        if choice == "Pose on the map":
-            return self._gizmo.pose or _starting_pose(scenario)
-        if choice == "Selected agent":
+        if choice == POINT:
+            return self._gizmo.pose or self._own_pose or _starting_pose(scenario)
+        if choice == SELECTED:
             selection = self._desk.session.selection
-            if not selection:
-                raise EditError("Select the agent that the road should bend ahead of.")
+            if len(selection) != 1:
+                raise EditError(
+                    "Select the one agent that the road should bend ahead of."
+                )
             return pose_of_anchor(scenario, selection[0])
-        return pose_of_anchor(scenario, "ego" if choice == "Ego" else "focal")
+        return pose_of_anchor(scenario, "ego" if choice == EGO else "focal")
+
+    def _look_at_anchor(self) -> None:
+        scenario = self._desk.session.scenario
+        applied = scenario.applied_warp
+        pose = self._anchor_pose() if applied is None else applied.warp.anchor
+        self._on_frame(pose)
 
     def _gizmo_moved(self, phase: str) -> None:
         pose = self._gizmo.pose
-        if pose is None or self._desk.session.scenario.applied_warp is None:
+        if pose is None:
+            return
+        if self._desk.session.scenario.applied_warp is None:
+            self._own_pose = pose
+            self._show_pose(self._desk.session.scenario)
             return
         command = self._command(pose)
         if command.warp is not None:
-            self._desk.preview("anchor", command, has_end=True)
+            self._preview("anchor", command, has_end=True)
         if phase == "end":
             self._desk.commit_gesture()
 
-    def _show_anchor(self, scenario: Scenario) -> None:
+    def _show_anchor(self, scenario: Scenario, is_other_base: bool) -> None:
         """After undo, redo or a reload, choose the anchor that is in force."""
         applied = scenario.applied_warp
+        if applied is None and is_other_base:
+            self._own_pose = None
+            first = next(iter(_choices(scenario, ())[0]))
+            set_value(self._anchor, first)
+            self._anchor_taken = first
         if applied is None or applied.warp.anchor == self._own_pose:
             return
         self._own_pose = applied.warp.anchor
-        choice: Anchor = "Pose on the map"
-        named: tuple[tuple[Anchor, str], ...] = (
-            ("Focal agent", "focal"),
-            ("Ego", "ego"),
-        )
+        choice: Anchor = POINT
+        named: tuple[tuple[Anchor, str], ...] = ((FOCAL, "focal"), (EGO, "ego"))
         for title, name in named:
             with contextlib.suppress(EditError):
                 if pose_of_anchor(scenario, name) == self._own_pose:
                     choice = title
                     break
+        self._offer((*self._anchor.options, choice))
         set_value(self._anchor, choice)
         self._anchor_taken = choice
-        if choice == "Pose on the map":
+        if choice == POINT:
             self._gizmo.place(self._own_pose)
         else:
             self._gizmo.remove()
 
-    def _show_gizmo(self, scenario: Scenario) -> None:
-        """Keep the gizmo at the anchor in force, or in the scene that was opened."""
-        is_other_base = self._desk.session.base is not self._base
-        self._base = self._desk.session.base
+    def _show_gizmo(self, scenario: Scenario, is_other_base: bool) -> None:
+        """Keep the gizmo at the anchor in force, or away from a scene just opened."""
         pose, applied = self._gizmo.pose, scenario.applied_warp
         if pose is None or self._desk.gesture == "anchor":
             return
         if applied is not None and applied.warp.anchor != pose:
             self._gizmo.place(applied.warp.anchor)
         elif applied is None and is_other_base:
-            self._gizmo.place(_starting_pose(scenario))
+            self._gizmo.remove()
+
+    def _show_choices(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
+        """Offer the anchors that can be, and say why others cannot."""
+        offered, missing = _choices(scenario, selection)
+        if scenario.applied_warp is None and self._anchor.value not in offered:
+            set_value(self._anchor, offered[0])
+            self._anchor_taken = offered[0]
+        self._offer((*offered, self._anchor.value))
+        self._missing.show("", f"Not offered: {'; '.join(missing)}." if missing else "")
+
+    def _offer(self, choices: Sequence[str]) -> None:
+        """Offer some anchors in their usual order."""
+        options: tuple[Anchor, ...] = tuple(one for one in ANCHORS if one in choices)
+        if tuple(self._anchor.options) != options:
+            self._anchor.options = options
+
+    def _show_pose(self, scenario: Scenario) -> None:
+        """Numbers of the anchor, and its mark in the picture."""
+        applied = scenario.applied_warp
+        try:
+            pose = self._anchor_pose() if applied is None else applied.warp.anchor
+        except EditError:
+            pose = None
+        nan = float("nan")
+        x, y, heading = (
+            (nan, nan, nan)
+            if pose is None
+            else (pose.x_m, pose.y_m, float(np.degrees(pose.rotation_rad)))
+        )
+        set_value(self._anchor_at, (round(x, 1), round(y, 1)))
+        set_value(self._anchor_heading, round(heading, 1))
+        is_marked = applied is not None or self._own_pose is not None
+        self._view.show(
+            pose if is_marked else None,
+            float(self._border.value) if applied is None else applied.warp.border_m(),
+        )
+
+
+def recorded_road_in_words(base: Scenario) -> str:
+    """What a road without a warp of this session is."""
+    if any("bent" in note or "warp" in note.lower() for note in base.provenance.notes):
+        return "This scenario was exported bent (see its recipe)."
+    return "The road is as recorded."
+
+
+def slowed_in_words(slowed: Sequence[SlowedAgent], *, most: int) -> tuple[str, str]:
+    """A title and a sentence about agents that were slowed."""
+    if not slowed:
+        return "No agent is too fast for it.", ""
+    named = [
+        f"{agent.agent_id} {agent.before_mps:.1f} to {agent.after_mps:.1f} m/s"
+        + (f" at t = {agent.time_s:.1f} s" if agent.time_s else " at t = 0")
+        for agent in slowed[:most]
+    ]
+    if len(slowed) > most:
+        named.append(f"{len(slowed) - most} more")
+    count = f"{len(slowed)} agent{'' if len(slowed) == 1 else 's'}"
+    return f"{count} slowed:", "; ".join(named)
+
+
+def _choices(
+    scenario: Scenario, selection: tuple[str, ...]
+) -> tuple[list[Anchor], list[str]]:
+    """Anchors that can be chosen, and why the others cannot."""
+    agents, step = scenario.agents, scenario.current_step
+
+    def is_there(agent_id: str) -> bool:
+        row = agents.row_of.get(agent_id)
+        return row is not None and bool(agents.is_valid[row, step])
+
+    reasons: dict[Anchor, str | None] = {
+        FOCAL: None if is_there(scenario.focal_id) else "focal agent (there is none)",
+        EGO: None if is_there(EGO_ID) else "ego (there is none)",
+        SELECTED: "selected agent (select one)"
+        if len(selection) != 1
+        else None
+        if is_there(selection[0])
+        else "selected agent (not there at t = 0)",
+        POINT: None,
+    }
+    offered: list[Anchor] = [one for one in ANCHORS if reasons[one] is None]
+    return offered, [reason for reason in reasons.values() if reason is not None]
 
 
 def _starting_pose(scenario: Scenario) -> RigidMotion:

@@ -51,6 +51,15 @@ class StatusPanel:
             for agent_id in warning.agent_ids
         )
 
+    def problem_ids(self) -> tuple[frozenset[str], frozenset[str]]:
+        """Agents with a problem at any time, and those with one after t = 0."""
+        named = [
+            (w.kind.startswith("future"), set(w.agent_ids)) for w in self._warnings
+        ]
+        everywhere = frozenset().union(*(ids for _, ids in named))
+        later = frozenset().union(*(ids for is_later, ids in named if is_later))
+        return everywhere, later
+
     def show(self) -> None:
         """Show the warnings found last."""
         problem = self._desk.session.journal_problem

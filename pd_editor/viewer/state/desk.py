@@ -217,9 +217,15 @@ class Desk:
 
 
 def set_value(handle: Any, value: Any) -> None:
-    """Set an input's value unless it shows it already."""
-    if handle.value != value:
+    """Set an input's value unless it shows it already; NaN shows an empty field."""
+    if not _same(handle.value, value):
         handle.value = value
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_same, one, other))
+    return bool(one == other) or (one != one and other != other)
 
 
 def set_property(handle: Any, name: str, value: Any) -> None:

@@ -28,6 +28,7 @@ RIM_M: Final = 0.12
 """Each path has a rim in the road's colour, which sets it off from those below."""
 PICK_DISTANCE_M: Final = 1.5
 FAST_MPS: Final = 15.0
+"""Speed from which a candidate has the full colour of a fast one."""
 
 
 class CandidatesView:

@@ -18,6 +18,8 @@ from pd_editor.viewer.views.view_scale import ViewScale, drawn_sizes_m
 MIN_MARK_PX: Final = 14.0
 """Marks are at least as large, however far away the camera is."""
 RING_MARGIN_M: Final = 0.5
+POINTED_MARGIN_M: Final = 1.4
+"""The ring of an agent pointed at stands outside that of the selection."""
 RING_WIDTH_PX: Final = 3.0
 RIM_WIDTH_PX: Final = 1.0
 RING_WIDTHS: Final = (0.05, 0.08, 0.13, 0.2, 0.3)
@@ -39,6 +41,7 @@ class MarksView:
         self._rim = self._batch("/marks/selection_rim", palette.selection_rim)
         self._selection = self._batch("/marks/selection", palette.selection)
         self._warnings = self._batch("/marks/warnings", palette.warning)
+        self._pointed = self._batch("/marks/pointed", palette.pointed)
         self._focal = self._batch("/marks/focal", palette.focal, is_ring=False)
         self._ego = self._batch("/marks/ego", palette.ego, is_ring=False)
 
@@ -52,6 +55,7 @@ class MarksView:
             (self._rim, palette.selection_rim),
             (self._selection, palette.selection),
             (self._warnings, palette.warning),
+            (self._pointed, palette.pointed),
             (self._focal, palette.focal),
             (self._ego, palette.ego),
         ):
@@ -63,8 +67,13 @@ class MarksView:
         poses: AgentPoses,
         selection: Collection[str],
         warned: Collection[str],
+        pointed: str | None = None,
     ) -> None:
         """Put all marks where their agents are drawn."""
+        lit = () if pointed is None else (pointed,)
+        self._place_rings(
+            self._pointed, scenario, poses, lit, RING_HEIGHT_M, POINTED_MARGIN_M
+        )
         chosen = [agent for agent in warned if agent not in selection]
         self._place_rings(self._selection, scenario, poses, selection, RING_HEIGHT_M)
         self._place_rings(self._rim, scenario, poses, selection, RING_HEIGHT_M - 0.01)
@@ -97,6 +106,7 @@ class MarksView:
         poses: AgentPoses,
         agent_ids: Collection[str],
         height_m: float,
+        margin_m: float = RING_MARGIN_M,
     ) -> None:
         row_of = scenario.agents.row_of
         rows = [row_of[agent] for agent in agent_ids if agent in row_of]
@@ -107,9 +117,10 @@ class MarksView:
             positions[:, :2] = poses.position_m[rows]
             positions[:, 2] = height_m
             size = drawn_sizes_m(scenario.agents, self._view)[rows]
-            radius = np.hypot(size[:, 0], size[:, 1]) / 2 + RING_MARGIN_M
+            radius = np.hypot(size[:, 0], size[:, 1]) / 2 + margin_m
             per_m = self._pixels_per_m(positions)
-            radius = np.maximum(radius, MIN_MARK_PX / per_m)
+            least = MIN_MARK_PX + (margin_m > RING_MARGIN_M) * 2 * RING_WIDTH_PX
+            radius = np.maximum(radius, least / per_m)
             rim = RIM_WIDTH_PX / per_m if batch is self._rim else np.zeros(len(rows))
             width = (RING_WIDTH_PX / per_m + 2 * rim) / (radius + rim)
             _set_width(batch, float(np.median(width)))

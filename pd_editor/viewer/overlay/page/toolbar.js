@@ -10,6 +10,7 @@ pdOverlay.define("toolbar", (api) => {
     frame: "M3 7V3h4M13 3h4v4M17 13v4h-4M7 17H3v-4M7.5 8.5h5v3h-5z",
     measure: "M2.5 13.5l11-11 4 4-11 11zM5.5 10.5l1.6 1.6M8 8l2.3 2.3M10.5 5.5l1.6 1.6",
     place: "M10 3.5v13M3.5 10h13",
+    agents: "M3 5h2M8 5h9M3 10h2M8 10h9M3 15h2M8 15h9",
     compare: "M10 3v14M8 5.5H3.5v9H8M12 5.5h4.5v9H12",
     help: "M7.2 7.4a2.8 2.8 0 1 1 4.4 2.3c-1 .7-1.6 1.2-1.6 2.5M10 15.2v.4",
   };

@@ -1,0 +1,202 @@
+"""The list of all agents, over the picture's left side."""
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from pd_editor.editor.stale import carried_agent_ids
+from pd_editor.perturbation.warp_scenario import untouched_agent_ids
+from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.state.desk import Desk
+
+FOCAL: Final = 1
+EGO: Final = 2
+NEW: Final = 4
+EDITED: Final = 8
+LATER: Final = 16
+GONE: Final = 32
+PROBLEM: Final = 64
+STALE: Final = 128
+MOVING_MPS: Final = 0.3
+
+Ids = Collection[str]
+
+
+class AgentList:
+    """Searches, sorts, filters and selects agents; the page draws only rows in sight.
+
+    Rows are sent while the list is open only, and not while a gesture is under way.
+    """
+
+    def __init__(
+        self,
+        desk: Desk,
+        overlay: Overlay,
+        *,
+        problems: Callable[[], tuple[Ids, Ids]],
+        on_pointed: Callable[[str | None], None],
+        on_opened: Callable[[], None],
+    ) -> None:
+        """Start closed.
+
+        Args:
+            desk: the session and its page.
+            overlay: where the list is shown.
+            problems: agents with a problem at any time, and those with one later.
+            on_pointed: told the agent whose row is under the pointer, or None.
+            on_opened: told that the list was opened or closed.
+        """
+        self._desk = desk
+        self._overlay = overlay
+        self._problems = problems
+        self._on_pointed = on_pointed
+        self._on_opened = on_opened
+        self._number = 0
+        self._listed: tuple[Any, ...] = ()
+        self._ids: tuple[str, ...] = ()
+        self.is_open = False
+        overlay.on("agents", self._used)
+
+    def toggle(self) -> None:
+        """Open the list, or close it."""
+        self._set_open(not self.is_open)
+
+    def show(self) -> None:
+        """Bring the page's list up to the session."""
+        session = self._desk.session
+        if not self.is_open or (session.state.is_previewing and self._ids):
+            return
+        scenario, (problems, later) = session.scenario, self._problems()
+        palette = DARK if self._desk.workspace.is_dark else LIGHT
+        listed = (
+            scenario,
+            session.base,
+            frozenset(problems),
+            frozenset(later),
+            palette,
+        )
+        if not self._listed or any(
+            one is not other and one != other
+            for one, other in zip(listed, self._listed, strict=True)
+        ):
+            self._listed = listed
+            self._number += 1
+            self._ids = scenario.agents.ids
+            stale = carried_agent_ids(session.commands_in_force) & frozenset(later)
+            self._overlay.show(
+                "agents",
+                {
+                    "isOpen": True,
+                    "number": self._number,
+                    "focal": _css(palette.focal),
+                    "ego": _css(palette.ego),
+                    **listed_agents(
+                        scenario,
+                        session.base,
+                        palette,
+                        problems=problems,
+                        stale=stale,
+                    ),
+                },
+            )
+        row_of = scenario.agents.row_of
+        chosen = [row_of[agent_id] for agent_id in session.selection]
+        self._overlay.show("agent-selection", {"number": self._number, "rows": chosen})
+
+    def _set_open(self, is_open: bool) -> None:
+        self.is_open = is_open
+        self._listed = ()
+        if is_open:
+            self.show()
+        else:
+            self._overlay.show("agents", {"isOpen": False})
+            self._on_pointed(None)
+        self._on_opened()
+
+    def _used(self, event: Mapping[str, Any]) -> None:
+        kind = event.get("kind")
+        if kind in ("open", "close"):
+            self._set_open(kind == "open")
+        elif event.get("number") != self._number or not self.is_open:
+            return
+        elif kind == "select":
+            ids = self._named(event.get("rows"))
+            self._desk.commit_gesture()
+            self._desk.session.select(ids)
+        elif kind == "point":
+            ids = self._named([event.get("row")])
+            self._on_pointed(ids[0] if ids else None)
+
+    def _named(self, rows: Any) -> tuple[str, ...]:
+        """Ids of rows; what is no row is left out."""
+        if not isinstance(rows, list):
+            return ()
+        there = self._desk.session.scenario.agents.row_of
+        count = len(self._ids)
+        found = [
+            self._ids[row] for row in rows if type(row) is int and 0 <= row < count
+        ]
+        return tuple(agent_id for agent_id in found if agent_id in there)
+
+
+def listed_agents(
+    scenario: Scenario,
+    base: Scenario,
+    palette: Palette,
+    *,
+    problems: Ids,
+    stale: Ids,
+) -> dict[str, Any]:
+    """Kinds and rows of the list, as the page takes them.
+
+    A row is id, place of the kind, speed and distance to the focal agent at the
+    current step (None if it is not there), marks, and whether it moves.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    kinds = tuple(dict.fromkeys(agents.kinds))
+    is_there = agents.is_valid[:, now]
+    speed = np.hypot(*agents.velocity_mps[:, now].T).round(1)
+    focal = agents.row_of.get(scenario.focal_id)
+    has_focal = focal is not None and bool(is_there[focal])
+    distance = np.zeros(len(agents))
+    if has_focal:
+        offset = agents.position_m[:, now] - agents.position_m[focal, now]
+        distance = np.hypot(*offset.T).round(1)
+    untouched = untouched_agent_ids(scenario, base)
+    comes_later = agents.is_valid[:, now + 1 :].any(axis=1)
+    marks = np.where(is_there, 0, np.where(comes_later, LATER, GONE))
+    known = base.agents.row_of
+    place = {kind: index for index, kind in enumerate(kinds)}
+    rows = []
+    for row, agent_id in enumerate(agents.ids):
+        mark = int(marks[row])
+        mark |= FOCAL * (agent_id == scenario.focal_id) | EGO * (agent_id == EGO_ID)
+        mark |= PROBLEM * (agent_id in problems) | STALE * (agent_id in stale)
+        if agent_id not in known:
+            mark |= NEW
+        elif agent_id not in untouched:
+            mark |= EDITED
+        there = bool(is_there[row])
+        rows.append(
+            [
+                agent_id,
+                place[agents.kinds[row]],
+                float(speed[row]) if there else None,
+                float(distance[row]) if there and has_focal else None,
+                mark,
+                there and bool(speed[row] >= MOVING_MPS),
+            ]
+        )
+    return {
+        "kinds": [
+            [kind.value.replace("_", " "), _css(palette.kinds[kind])] for kind in kinds
+        ],
+        "rows": rows,
+    }
+
+
+def _css(color: tuple[int, int, int]) -> str:
+    return f"rgb{color}"

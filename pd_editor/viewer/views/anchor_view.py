@@ -1,0 +1,69 @@
+"""Draws where the road begins to bend: the anchor, and the line behind which it stays."""
+
+from typing import Final
+
+import numpy as np
+import viser
+
+from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.viewer.meshes.colors import shown_exactly
+from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, merged, ribbon
+
+COLOR: Final = (130, 96, 210)
+HEIGHT_M: Final = 0.095
+HALF_WIDTH_M: Final = 9.0
+"""Half the length of the line across the road."""
+LINE_M: Final = 0.35
+DASH_M: Final = 1.2
+
+
+class AnchorView:
+    """One node of one browser with the anchor of a warp."""
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        """Draw nothing yet."""
+        self._client = client
+        self._handle: viser.GlbHandle | None = None
+        self._drawn: tuple[RigidMotion, float] | None = None
+
+    def show(self, pose: RigidMotion | None, border_m: float) -> None:
+        """Mark a pose and the line ``border_m`` ahead of it; None takes it away."""
+        if pose is None or not np.isfinite(border_m):
+            self._drawn = None
+            if self._handle is not None:
+                self._handle.visible = False
+            return
+        if self._drawn == (pose, border_m):
+            return
+        self._drawn = (pose, border_m)
+        data = glb_of([_mark(pose, border_m)])
+        if self._handle is None:
+            self._handle = self._client.scene.add_glb(
+                "/warp_start", data, cast_shadow=False, receive_shadow=False
+            )
+        else:
+            self._handle.glb_data = data
+            self._handle.visible = True
+
+
+def _mark(pose: RigidMotion, border_m: float) -> Primitive:
+    """A bar across the road where it begins to bend, and dashes from the anchor."""
+    across = np.array([[border_m, -HALF_WIDTH_M], [border_m, HALF_WIDTH_M]])
+    arrow = np.array(
+        [[border_m + 0.6, -1.2], [border_m + 2.2, 0.0], [border_m + 0.6, 1.2]]
+    )
+    starts = np.arange(0.0, border_m, 2 * DASH_M)
+    dashes = [
+        np.array([[start, 0.0], [min(start + DASH_M, border_m), 0.0]])
+        for start in starts
+        if border_m - start > LINE_M
+    ]
+    foot = np.array([[0.0, -1.5], [0.0, 1.5]])
+    lines = merged([ribbon(line, LINE_M) for line in (across, arrow, foot, *dashes)])
+    return Primitive(
+        points_m=pose.apply(lines.points_m),
+        faces=lines.faces,
+        height_m=HEIGHT_M,
+        color=shown_exactly(COLOR),
+        opacity=0.9,
+    )
