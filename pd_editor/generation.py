@@ -4,6 +4,7 @@ A generator is an iterator of progress that returns its result, so a caller show
 progress, and cancels, simply by iterating or not.
 """
 
+import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
 from typing import Final, Protocol, runtime_checkable
@@ -12,8 +13,19 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.errors import GenerationError
+from pd_editor.plain_text import is_plain
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
+
+MAX_SAMPLES: Final = 1_000
+MAX_DENOISING_STEPS: Final = 1_000
+MAX_TRIES: Final = 64
+MAX_FUTURES: Final = 50_000
+"""Samples times tries times agents."""
+MAX_SEED: Final = 2**63 - 1
+MAX_SIZE_M: Final = 100.0
+"""Longest and widest agent that is read or generated."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +38,25 @@ class GuidanceTerm:
     """Empty means all generated agents."""
     parameters: Mapping[str, float] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if not is_plain(self.name):
+            raise GenerationError(f"{self.name!r} cannot be the name of a guidance.")
+        values = {"weight": self.weight, **self.parameters}
+        for name, value in values.items():
+            if not math.isfinite(value):
+                raise GenerationError(
+                    f"The {name} of the guidance {self.name} is {value:g}; expected a "
+                    "finite number."
+                )
+        tries = self.parameters.get("tries", 0)
+        if self.name == AVOIDANCE and not (
+            0 <= tries <= MAX_TRIES and tries == int(tries)
+        ):
+            raise GenerationError(
+                f"The number of tries is {tries:g}; expected a whole number from 0 to "
+                f"{MAX_TRIES}."
+            )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
@@ -33,6 +64,18 @@ class Region:
 
     center_m: tuple[float, float]
     half_side_m: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.half_side_m <= MAX_POSITION_M:
+            raise GenerationError(
+                f"Half the side of the region is {self.half_side_m:g} m; expected more "
+                f"than 0 and at most {MAX_POSITION_M:g} m."
+            )
+        if not all(abs(value) <= MAX_POSITION_M for value in self.center_m):
+            raise GenerationError(
+                f"The region's centre ({self.center_m[0]:g}, {self.center_m[1]:g}) m "
+                f"is more than {MAX_POSITION_M:g} m from the scene's origin."
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +104,20 @@ class GenerationRequest:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        check_numbers(
+            num_samples=self.num_samples,
+            num_denoising_steps=self.num_denoising_steps,
+            num_new_agents=self.num_new_agents,
+            seed=self.seed,
+        )
+        tries = max((t.parameters.get("tries", 1) for t in self.guidance), default=1.0)
+        num_agents = len(self.agent_ids) + sum(self.num_new_agents.values())
+        num_futures = int(self.num_samples * max(tries, 1) * num_agents)
+        if num_futures > MAX_FUTURES:
+            raise GenerationError(
+                f"{num_futures} futures were asked for (samples times tries times "
+                f"agents); at most {MAX_FUTURES} are drawn at once."
+            )
         share = self.moving_share
         if share is not None and not 0 <= share <= 1:
             raise GenerationError(
@@ -98,6 +155,11 @@ class TrafficSample:
         for name in ("position_m", "heading_rad", "velocity_mps"):
             if not np.isfinite(getattr(self, name)).all():
                 raise GenerationError(f"The generated {name} holds NaN or infinity.")
+        if not ((self.size_m > 0) & (self.size_m <= MAX_SIZE_M)).all():
+            raise GenerationError(
+                f"The generated size_m holds a value that is not above 0 and at most "
+                f"{MAX_SIZE_M:g} m."
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,6 +228,33 @@ AVOIDANCE: Final = "avoidance"
 """Name of the term by which, of ``tries`` futures of each agent, those that avoid
 others are taken, and who would still run into somebody waits; ``tries`` is its
 parameter. With none, futures stay as drawn."""
+
+
+def check_numbers(
+    *,
+    num_samples: int,
+    num_denoising_steps: int | None,
+    num_new_agents: Mapping[AgentKind, int],
+    seed: int,
+) -> None:
+    """Refuse numbers of a request that are out of range.
+
+    Raises:
+        GenerationError: one is; the sentence names the range.
+    """
+    steps = 1 if num_denoising_steps is None else num_denoising_steps
+    counts = [*num_new_agents.values(), sum(num_new_agents.values())]
+    for what, value, least, most in (
+        ("samples", num_samples, 1, MAX_SAMPLES),
+        ("denoising steps", steps, 1, MAX_DENOISING_STEPS),
+        *(("new agents", count, 0, MAX_AGENTS) for count in counts),
+    ):
+        if not least <= value <= most:
+            raise GenerationError(
+                f"The number of {what} is {value}; expected {least} to {most}."
+            )
+    if not 0 <= seed <= MAX_SEED:
+        raise GenerationError(f"The seed is {seed}; expected 0 to {MAX_SEED}.")
 
 
 def guidance_terms(

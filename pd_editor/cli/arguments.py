@@ -1,9 +1,11 @@
 """Arguments that several commands share, as they are shown in the help."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import tyro
+
+from pd_editor.errors import InputError
 
 ScenarioArgument = Annotated[
     str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")
@@ -22,6 +24,20 @@ OptionalFolders = Annotated[
 Switch = Annotated[
     bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")
 ]
+
+
+MAX_WORKERS: Final = 256
+
+
+def num_workers(value: int | None) -> int | None:
+    """The number of processes asked for; None leaves it to the program.
+
+    Raises:
+        InputError: it is out of range.
+    """
+    if value is not None and not 1 <= value <= MAX_WORKERS:
+        raise InputError(f"--workers is {value}; expected 1 to {MAX_WORKERS}.")
+    return value
 
 
 def folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:

@@ -8,7 +8,7 @@ from typing import Annotated, Final, TypeVar
 
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, Switch
+from pd_editor.cli.arguments import FolderOption, Switch, num_workers
 from pd_editor.cli.progress import progress_shown
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import GenerationError, InputError
@@ -38,6 +38,7 @@ from pd_editor.evaluation.road_condition import road_conditions
 from pd_editor.evaluation.run_folder import RunFolder
 from pd_editor.evaluation.scene_test import scene_test_tables
 from pd_editor.evaluation.summary import Summary, summarise
+from pd_editor.generation import MAX_SAMPLES, MAX_SEED
 from pd_editor.generators import (
     DEFAULT_GENERATOR,
     GENERATORS,
@@ -131,14 +132,12 @@ def evaluate(
         data=tuple(map(Path, _several(data))),
         methods=_methods(methods, device, task),
         conditions=road_conditions(_several(warps)),
-        num_samples=_at_least(1, samples, "samples"),
-        seed=_at_least(0, seed, "seed"),
-        limit=None if limit is None else _at_least(1, limit, "limit"),
+        num_samples=_within(1, samples, MAX_SAMPLES, "samples"),
+        seed=_within(0, seed, MAX_SEED, "seed"),
+        limit=None if limit is None else _within(1, limit, MAX_SEED, "limit"),
         development=_several(development),
     )
-    engine = LocalProcesses(
-        num_workers=None if workers is None else _at_least(1, workers, "workers")
-    )
+    engine = LocalProcesses(num_workers=num_workers(workers))
     found = scenes_of(plan)
     folder = RunFolder(Path(out), plan.settings, resume=resume)
     record = run_evaluation(
@@ -231,9 +230,9 @@ def _places_agents(name: str) -> bool:
     return name not in GENERATORS or GENERATORS[name].draws_states
 
 
-def _at_least(least: int, value: int, name: str) -> int:
-    if value < least:
-        raise InputError(f"--{name} is {value}; expected {least} or more.")
+def _within(least: int, value: int, most: int, name: str) -> int:
+    if not least <= value <= most:
+        raise InputError(f"--{name} is {value}; expected {least} to {most}.")
     return value
 
 

@@ -130,14 +130,8 @@ def _written(
     overwrite: bool,
     wanted: Sequence[str],
 ) -> Outcome:
-    """Let the generator draw, and write each sample as a folder of its own.
-
-    Raises:
-        GenerationError: no sample was asked for.
-    """
+    """Let the generator draw, and write each sample as a folder of its own."""
     count = request.num_samples
-    if count < 1:
-        raise GenerationError(f"{count} samples were asked for; expected 1 or more.")
     ending = [""] if count == 1 else [f"_s{index:02d}" for index in range(count)]
     names = [f"{opened.scenario_id}{end}" for end in ending]
     for name in names:
@@ -168,7 +162,9 @@ def _wanted_counts(texts: Sequence[str]) -> tuple[dict[AgentKind, int], bool]:
     for text in texts:
         name, _, number = text.rpartition("=")
         name = name or AgentKind.VEHICLE.value
-        if name not in {kind.value for kind in ROAD_USER_KINDS} or not number.isdigit():
+        if name not in {kind.value for kind in ROAD_USER_KINDS} or not (
+            number.isascii() and number.isdigit() and len(number) <= 9
+        ):
             names = ", ".join(sorted(kind.value for kind in ROAD_USER_KINDS))
             raise GenerationError(
                 f"--num-agents: {text!r} is neither a number, nor KIND=NUMBER with a "
@@ -210,8 +206,6 @@ def _roles(
 def _guidance(weight: float | None, tries: int | None) -> tuple[GuidanceTerm, ...]:
     if weight is not None and not 0 <= weight <= 1:
         raise GenerationError(f"--keep-to-lanes must be between 0 and 1, not {weight}.")
-    if tries is not None and tries < 0:
-        raise GenerationError(f"--tries is {tries}; expected 0 or more.")
     return guidance_terms(weight, tries)
 
 

@@ -1,8 +1,12 @@
 """The shell command ``pd-editor``: one subcommand per operation."""
 
+import contextlib
+import functools
+import io
 import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import tyro
 
@@ -14,8 +18,9 @@ from pd_editor.cli.model import model
 from pd_editor.cli.replay import replay
 from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
+from pd_editor.cli.usage_error import usage_error
 from pd_editor.cli.warp import warp
-from pd_editor.errors import PdEditorError
+from pd_editor.errors import InputError, PdEditorError
 from pd_editor.installed_files import demo_names
 
 _COMMANDS = {
@@ -31,6 +36,43 @@ _COMMANDS = {
 }
 
 
+def _run(words: list[str]) -> object:
+    """What a command made.
+
+    Raises:
+        InputError: the arguments are wrong.
+        PdEditorError: the command refused.
+    """
+    said = io.StringIO()
+    has_begun = False
+
+    def begun(command: Callable[..., object]) -> Callable[..., object]:
+        @functools.wraps(command)
+        def run(*values: Any, **options: Any) -> object:
+            nonlocal has_begun
+            has_begun = True
+            quiet.close()
+            return command(*values, **options)
+
+        return run
+
+    with contextlib.ExitStack() as quiet:
+        quiet.enter_context(contextlib.redirect_stderr(said))
+        try:
+            return tyro.extras.subcommand_cli_from_dict(
+                {name: begun(command) for name, command in _COMMANDS.items()},
+                prog="pd-editor",
+                description="Edit traffic scenarios on real and perturbed roads. "
+                "SCENARIO is an Argoverse 2 scenario folder or the name of a demo: "
+                f"{', '.join(demo_names())}.",
+                args=words,
+            )
+        except SystemExit as stop:
+            if has_begun or not stop.code:
+                raise
+    raise InputError(usage_error(said.getvalue(), words, list(_COMMANDS)))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand and print what it made.
 
@@ -39,15 +81,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raises, and so exits with 1 and a traceback.
     """
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    words = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        outcome = tyro.extras.subcommand_cli_from_dict(
-            _COMMANDS,
-            prog="pd-editor",
-            description="Edit traffic scenarios on real and perturbed roads. "
-            "SCENARIO is an Argoverse 2 scenario folder or the name of a demo: "
-            f"{', '.join(demo_names())}.",
-            args=None if arguments is None else list(arguments),
-        )
+        outcome = _run(words)
     except PdEditorError as error:
         sys.stderr.write(f"pd-editor: {error}\n")
         return 2
@@ -55,7 +94,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write("pd-editor: Interrupted.\n")
         return 130
     except SystemExit as stop:
-        # This is how the argument parser ends: 0 after --help, 2 after an error.
+        # This is how the argument parser ends after --help, and a process that was
+        # started to help another one.
         return stop.code if isinstance(stop.code, int) else 0
     if outcome is not None:
         sys.stdout.write(f"{outcome}\n")

@@ -9,11 +9,12 @@ import tyro
 from pd_editor.cli.arguments import FolderOption, RecipeArgument, Switch
 from pd_editor.cli.outcome import Outcome
 from pd_editor.editor.commands import ReplaceTraffic
-from pd_editor.editor.recipe import Recipe, RegeneratedEntry
+from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, RegeneratedEntry
 from pd_editor.editor.recipe import regenerate as regenerate_recipe
 from pd_editor.editor.recipe import replay as replay_recipe
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.generators import make_generator
+from pd_editor.regular_file import check_path, read_regular
 from pd_editor.scenario_store import RECIPE_NAME, export_into, open_scenario
 from pd_editor.scene.scenario import Scenario
 
@@ -54,11 +55,11 @@ def replay(
 
 def _read_recipe(path: Path) -> tuple[Recipe, Path]:
     """The recipe, and the file that it was read from."""
+    check_path(path, RecipeError)
     file = path / RECIPE_NAME if path.is_dir() else path
+    text = read_regular(file, max_bytes=MAX_RECIPE_BYTES, error=RecipeError)
     try:
-        return Recipe.from_text(file.read_bytes()), file
-    except OSError as error:
-        raise RecipeError(f"{file}: cannot be read ({error.strerror}).") from error
+        return Recipe.from_text(text), file
     except RecipeError as error:
         raise RecipeError(f"{file}: {error}") from error
 

@@ -8,7 +8,13 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, OptionalFolders, Switch, folders
+from pd_editor.cli.arguments import (
+    FolderOption,
+    OptionalFolders,
+    Switch,
+    folders,
+    num_workers,
+)
 from pd_editor.cli.progress import progress_shown
 from pd_editor.errors import InputError
 from pd_editor.synthesis.dataset.builder import CorpusPlan, CorpusRecord, build_corpus
@@ -86,7 +92,7 @@ def synth(
         resume: Go on with an earlier run of the same settings.
     """
     began = time.monotonic()
-    engine = _engine(workers)
+    engine = LocalProcesses(num_workers=num_workers(workers))
     real_roots = _real_roots(report)
     plan = CorpusPlan(
         num=num,
@@ -105,12 +111,6 @@ def synth(
         elapsed_s=time.monotonic() - began,
         files=(folder.path / MANIFEST_NAME, *_reported(folder, real_roots)),
     )
-
-
-def _engine(workers: int | None) -> LocalProcesses:
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers is {workers}; expected 1 or more.")
-    return LocalProcesses(num_workers=workers)
 
 
 def _real_roots(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:

@@ -24,17 +24,6 @@ def check_request(request: GenerationRequest) -> None:
         EditError: an agent is not in the scenario.
     """
     scenario, agents = request.scenario, request.scenario.agents
-    if request.num_samples < 1:
-        raise GenerationError(
-            f"The number of samples must be at least 1, not {request.num_samples}."
-        )
-    steps = request.num_denoising_steps
-    if steps is not None and steps < 1:
-        raise GenerationError(
-            f"The number of denoising steps must be at least 1, not {steps}."
-        )
-    if request.seed < 0:
-        raise GenerationError(f"The seed must not be negative, but is {request.seed}.")
     if len(set(request.agent_ids)) < len(request.agent_ids):
         raise GenerationError("An agent was asked for twice; each may be named once.")
     if not set(request.redrawn_state_ids) <= set(request.agent_ids):
@@ -47,8 +36,6 @@ def check_request(request: GenerationRequest) -> None:
                 f"The strength of the guidance to the lanes is {term.weight:g}; "
                 "expected 0 to 1."
             )
-    if any(number < 0 for number in request.num_new_agents.values()):
-        raise GenerationError("The number of new agents must not be negative.")
     strange = [kind for kind in request.num_new_agents if kind not in ROAD_USER_KINDS]
     if strange:
         raise GenerationError(f"The model places road users only, not {strange[0]}.")

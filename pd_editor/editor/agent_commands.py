@@ -8,6 +8,7 @@ import numpy as np
 from pd_editor.editor.command import Command, agents_in_words, names_after
 from pd_editor.editor.edit_limits import (
     check_new_id,
+    check_number_of_agents,
     check_position,
     check_positions,
     check_size,
@@ -136,6 +137,7 @@ class DuplicateAgents(Command):
         rows = present_rows(scenario, self.agent_ids)
         for new_id in self.new_ids:
             check_new_id(scenario, new_id)
+        check_number_of_agents(len(scenario.agents) + len(rows))
         copies = scenario.agents.taken(rows)
         shifted = copies.position_m + np.array([self.dx_m, self.dy_m])
         check_positions(shifted[:, scenario.current_step])

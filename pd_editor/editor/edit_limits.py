@@ -7,20 +7,28 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pd_editor.errors import EditError
+from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
+from pd_editor.scene.scene_limits import MAX_SPEED_MPS as SCENE_MAX_SPEED_MPS
 
 MAX_SPEED_MPS: Final = 60.0
 MIN_SIZE_M: Final = 0.2
 MAX_SIZE_M: Final = 30.0
-MAX_POSITION_M: Final = 5000.0
-"""Distance from the scene's origin along each axis."""
+_MAX_NUMBER: Final = 1e6
+"""No coordinate, angle or speed is larger, whatever it is of."""
 
 
 def check_finite(**values: float) -> None:
-    """Refuse NaN and infinity; names are those of the fields."""
+    """Refuse NaN, infinity and absurd numbers; names are those of the fields."""
     for name, value in values.items():
         if not math.isfinite(value):
             raise EditError(f"{name} is {value}, but must be a finite number.")
+        if abs(value) > _MAX_NUMBER:
+            raise EditError(
+                f"{name} is {value:g}; expected a number between -{_MAX_NUMBER:g} and"
+                f" {_MAX_NUMBER:g}."
+            )
 
 
 def check_speed(speed_mps: float) -> None:
@@ -64,10 +72,35 @@ def check_positions(position_m: Float[np.ndarray, "*shape 2"]) -> None:
         )
 
 
+def check_velocities(velocity_mps: Float[np.ndarray, "*shape 2"]) -> None:
+    """Refuse arrays of velocities that are not numbers or that no agent has."""
+    if not np.isfinite(velocity_mps).all():
+        raise EditError("A velocity holds NaN or infinity.")
+    fastest = float(np.abs(velocity_mps).max(initial=0.0))
+    if fastest > SCENE_MAX_SPEED_MPS:
+        raise EditError(
+            f"An agent would move at {fastest:g} m/s; expected at most"
+            f" {SCENE_MAX_SPEED_MPS:g} m/s."
+        )
+
+
+def check_number_of_agents(count: int) -> None:
+    """Refuse more agents than a scene may have."""
+    if count > MAX_AGENTS:
+        raise EditError(
+            f"The scene would have {count} agents; at most {MAX_AGENTS} are possible."
+        )
+
+
 def check_new_id(scenario: Scenario, agent_id: str) -> None:
-    """Refuse ids that are empty or taken."""
+    """Refuse ids that are empty, taken, too long or not printable."""
     if not agent_id:
         raise EditError("A new agent needs an id that is not empty.")
+    if not is_plain(agent_id):
+        raise EditError(
+            f"{agent_id!r} cannot be an agent's id; expected a printable text of at"
+            f" most {MAX_NAME_BYTES} bytes."
+        )
     if agent_id in scenario.agents.row_of:
         raise EditError(f"There is already an agent {agent_id!r} here.")
 

@@ -15,9 +15,13 @@ from typing import Any, Final
 import numpy as np
 
 from pd_editor.errors import PdEditorError, RecipeError
+from pd_editor.plain_text import is_plain
+from pd_editor.scene.scene_limits import MAX_STATES
 
-_MAX_ARRAY_VALUES: Final = 20_000_000
+_MAX_ARRAY_VALUES: Final = 2 * MAX_STATES
 """Bound on stored arrays, so that a small file cannot fill the memory."""
+_MAX_INTEGER: Final = 2**63 - 1
+_MAX_TEXT_BYTES: Final = 8192
 _ARRAY_KEYS: Final = {"dtype", "shape", "zlib"}
 
 
@@ -53,7 +57,7 @@ def from_json(hint: Any, data: Any, where: str) -> Any:
     if origin in (typing.Union, types.UnionType):
         return _optional_from_json(args, data, where)
     if origin is typing.Literal:
-        if data not in args:
+        if not any(type(data) is type(arg) and data == arg for arg in args):
             raise _misfit(where, f"one of {', '.join(map(str, args))}", data)
         return data
     if origin is tuple:
@@ -66,13 +70,13 @@ def from_json(hint: Any, data: Any, where: str) -> Any:
             for key, item in data.items()
         }
     if getattr(hint, "array_type", None) is np.ndarray:
-        return _array_from_json(data, where)
+        return _array_from_json(hint, data, where)
     if is_dataclass(hint):
         return _dataclass_from_json(hint, data, where)
     if isinstance(hint, type) and issubclass(hint, Enum):
         try:
             return hint(data)
-        except ValueError as error:
+        except (ValueError, TypeError) as error:
             names = ", ".join(str(member.value) for member in hint)
             raise _misfit(where, f"one of {names}", data) from error
     return _scalar_from_json(hint, data, where)
@@ -120,7 +124,20 @@ def _scalar_from_json(hint: type, data: Any, where: str) -> Any:
     name = {str: "a text", int: "a whole number", bool: "true or false"}[hint]
     if not isinstance(data, hint) or is_bool != (hint is bool):
         raise _misfit(where, name, data)
+    if isinstance(data, int) and abs(data) > _MAX_INTEGER:
+        raise _misfit(where, f"a whole number up to {_MAX_INTEGER}", data)
+    if isinstance(data, str) and not _is_text(data):
+        raise _misfit(
+            where, f"a printable text of at most {_MAX_TEXT_BYTES} bytes", data
+        )
     return data
+
+
+def _is_text(text: str) -> bool:
+    """Whether a text is printable but for line breaks and tabs, and not too long."""
+    # Lengths are compared first: bytes of a long text take time.
+    plain = text.replace("\n", "").replace("\t", "")
+    return len(text) <= _MAX_TEXT_BYTES and is_plain(plain, _MAX_TEXT_BYTES)
 
 
 @cache
@@ -136,10 +153,12 @@ def _dataclass_from_json(cls: Any, data: Any, where: str) -> Any:
         if name not in known:
             raise RecipeError(f"{where} has an unknown field {name!r}.")
     values: dict[str, Any] = {}
+    sizes: dict[str, int] = {}
     for name, item in known.items():
         if name in data:
             hint = _hints(cls)[name]
             values[name] = from_json(hint, data[name], f"{where}.{name}")
+            _check_axes(hint, values[name], sizes, f"{where}.{name}")
         elif item.default is MISSING and item.default_factory is MISSING:
             raise RecipeError(f"{where} lacks the field {name!r}.")
     return _built(cls, values, where)
@@ -152,14 +171,41 @@ def _built(cls: Callable[..., Any], values: dict[str, Any], where: str) -> Any:
         raise RecipeError(f"{where}: {error}") from error
 
 
-def _array_from_json(data: Any, where: str) -> np.ndarray:
+def _check_axes(hint: Any, value: Any, sizes: dict[str, int], where: str) -> None:
+    """Refuse arrays of one value whose common axes have different lengths.
+
+    ``sizes`` collects the lengths of axes by their names.
+    """
+    if not isinstance(value, np.ndarray):
+        return
+    for axis, size in zip(hint.dim_str.split(), value.shape, strict=True):
+        if not axis.isdigit() and sizes.setdefault(axis, size) != size:
+            raise RecipeError(
+                f"{where} has the shape {list(value.shape)}; expected"
+                f" [{hint.dim_str}] with {axis} = {sizes[axis]} as before."
+            )
+
+
+def _array_from_json(hint: Any, data: Any, where: str) -> np.ndarray:
     if not isinstance(data, dict) or set(data) != _ARRAY_KEYS:
         raise _misfit(where, "an array of dtype, shape and zlib", data)
     shape = from_json(tuple[int, ...], data["shape"], f"{where}.shape")
+    axes = hint.dim_str.split()
+    fits = len(axes) == len(shape) and all(
+        not axis.isdigit() or int(axis) == size
+        for axis, size in zip(axes, shape, strict=True)
+    )
+    if not fits:
+        raise RecipeError(
+            f"{where} has the shape {list(shape)[:8]}; expected [{hint.dim_str}]."
+        )
     if data["dtype"] != "float32" or not isinstance(data["zlib"], str):
         raise RecipeError(f"{where} must hold float32 values as text.")
     if min(shape, default=0) < 0 or math.prod(shape) > _MAX_ARRAY_VALUES:
-        raise RecipeError(f"{where} has the impossible shape {list(shape)}.")
+        raise RecipeError(
+            f"{where} has the impossible shape {list(shape)}; expected at most "
+            f"{_MAX_ARRAY_VALUES} values."
+        )
     num_bytes = 4 * math.prod(shape)
     try:
         packed = base64.b64decode(data["zlib"], validate=True)

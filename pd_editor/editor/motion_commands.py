@@ -11,6 +11,7 @@ from pd_editor.editor.edit_limits import (
     check_finite,
     check_positions,
     check_speed,
+    check_velocities,
     present_rows,
 )
 from pd_editor.errors import EditError
@@ -116,8 +117,7 @@ class AdoptTrajectory(Command):
         check_positions(self.position_m)
         if not np.isfinite(self.heading_rad).all():
             raise EditError("A trajectory's heading holds NaN or infinity.")
-        if not np.isfinite(self.velocity_mps).all():
-            raise EditError("A trajectory's velocity holds NaN or infinity.")
+        check_velocities(self.velocity_mps)
 
     @classmethod
     def of_arrays(

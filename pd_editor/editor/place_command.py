@@ -9,6 +9,7 @@ from pd_editor.editor.command import Command
 from pd_editor.editor.edit_limits import (
     check_finite,
     check_new_id,
+    check_number_of_agents,
     check_position,
     check_speed,
 )
@@ -61,6 +62,7 @@ class PlaceAgent(Command):
     def apply(self, scenario: Scenario) -> Scenario:
         """The scenario with the agent appended."""
         check_new_id(scenario, self.agent_id)
+        check_number_of_agents(len(scenario.agents) + 1)
         placed = self._track(scenario)
         joined = scenario.with_agents(
             scenario.agents.joined(placed),

@@ -23,6 +23,8 @@ from pd_editor.scene.scenario import Scenario
 
 RECIPE_FORMAT: Final = "pd-editor recipe"
 RECIPE_VERSION: Final = 1
+MAX_RECIPE_BYTES: Final = 64 * 2**20
+MAX_COMMANDS: Final = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +67,11 @@ class Recipe:
         Raises:
             RecipeError: not a recipe, a newer version, or a bad entry.
         """
+        if len(text) > MAX_RECIPE_BYTES:
+            raise RecipeError(
+                f"The recipe is larger than {MAX_RECIPE_BYTES >> 20} MiB, the most that"
+                " is read."
+            )
         data = parsed_json(text, "The recipe")
         if not isinstance(data, dict) or data.get("format") != RECIPE_FORMAT:
             raise RecipeError(f'This is not a recipe; its format is "{RECIPE_FORMAT}".')
@@ -83,6 +90,11 @@ class Recipe:
         commands = data.get("commands")
         if not isinstance(commands, list):
             raise RecipeError("The recipe lacks its list of commands.")
+        if len(commands) > MAX_COMMANDS:
+            raise RecipeError(
+                f"The recipe has {len(commands)} commands; at most {MAX_COMMANDS} are"
+                " read."
+            )
         return cls(
             base=from_json(BaseReference, data.get("base"), "The recipe's base"),
             commands=tuple(
@@ -190,7 +202,7 @@ def parsed_json(text: str | bytes, what: str) -> Any:
     """
     try:
         return json.loads(text)
-    except (ValueError, RecursionError) as error:
+    except (ValueError, RecursionError, MemoryError) as error:
         raise RecipeError(f"{what} is not valid JSON.") from error
 
 

@@ -8,7 +8,12 @@ import numpy as np
 
 from pd_editor.editor.agent_commands import new_agent_ids
 from pd_editor.editor.command import Command, agents_in_words
-from pd_editor.editor.edit_limits import check_positions
+from pd_editor.editor.edit_limits import (
+    check_new_id,
+    check_number_of_agents,
+    check_positions,
+    check_velocities,
+)
 from pd_editor.editor.motion_commands import agents_with_future
 from pd_editor.errors import EditError, GenerationError
 from pd_editor.generation import (
@@ -17,7 +22,9 @@ from pd_editor.generation import (
     GuidanceTerm,
     Region,
     TrafficSample,
+    check_numbers,
 )
+from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.focal_agent import focal_place_m, with_focal_agent
@@ -85,8 +92,22 @@ class ReplaceTraffic(Command):
     request: RequestSummary
 
     def __post_init__(self) -> None:
-        check_positions(self.sample.position_m)
         check_sample(self.sample)
+        check_positions(self.sample.position_m)
+        check_velocities(self.sample.velocity_mps)
+        asked = self.request
+        check_numbers(
+            num_samples=asked.num_samples,
+            num_denoising_steps=asked.num_denoising_steps,
+            num_new_agents=asked.num_new_agents,
+            seed=self.seed,
+        )
+        for text in (self.generator, self.model_sha256):
+            if not is_plain(text):
+                raise EditError(
+                    f"{text!r} cannot be a generator's name; expected a printable text"
+                    f" of at most {MAX_NAME_BYTES} bytes."
+                )
         object.__setattr__(self, "sample", _as_float32(self.sample))
 
     @property
@@ -144,6 +165,10 @@ class ReplaceTraffic(Command):
             f"{what} of {agents_in_words(sample.ids)} was drawn by {self.generator},"
             f" seed {self.seed}."
         )
+        new = [name for name in sample.ids if name not in there]
+        for name in new:
+            check_new_id(scenario, name)
+        check_number_of_agents(len(there) + len(new))
         old = np.array([name in there for name in sample.ids])
         agents = scenario.agents
         if (~old).any():
@@ -176,7 +201,13 @@ def check_sample(sample: TrafficSample) -> None:
     Raises:
         GenerationError: a shape is wrong, or an id comes twice.
     """
-    count, steps = len(sample.ids), sample.position_m.shape[1]
+    count = len(sample.ids)
+    if sample.position_m.ndim != 3:
+        raise GenerationError(
+            f"The generated position_m has shape {list(sample.position_m.shape)}; "
+            "expected agents, steps, and x and y."
+        )
+    steps = sample.position_m.shape[1]
     shapes = {
         "size_m": (count, 2),
         "position_m": (count, steps, 2),

@@ -11,6 +11,8 @@ import numpy as np
 from pd_editor.errors import GenerationError
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHODS
 from pd_editor.generation import (
+    MAX_DENOISING_STEPS,
+    MAX_TRIES,
     GeneratedTraffic,
     GenerationRequest,
     ScenarioGenerator,
@@ -20,7 +22,8 @@ from pd_editor.generation import (
 )
 from pd_editor.metrics.traffic_view import TrafficView, generated_traffic
 
-_OPTIONS: Final = ("steps", "lanes", "tries")
+_OPTIONS: Final = {"steps": MAX_DENOISING_STEPS, "lanes": 1, "tries": MAX_TRIES}
+"""Options of a method, and the largest value of each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +68,8 @@ class Method:
                 found[name] = float(number)
             except ValueError:
                 found[name] = math.nan
-            if name not in _OPTIONS or not found[name] >= (1 if name == "steps" else 0):
+            least = 1 if name == "steps" else 0
+            if name not in _OPTIONS or not least <= found[name] <= _OPTIONS[name]:
                 raise GenerationError(
                     f"The method {self.name[:60]!r} has the option {text[:30]!r}; "
                     "expected steps, lanes or tries, such as lanes=0.6."

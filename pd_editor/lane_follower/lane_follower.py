@@ -77,12 +77,6 @@ def _checked_rows(request: GenerationRequest) -> Int[np.ndarray, "G"]:
             "The lane follower cannot place new agents; place them by hand, or choose "
             "a learned model."
         )
-    if request.num_samples < 1:
-        raise GenerationError(
-            f"The number of samples must be at least 1, not {request.num_samples}."
-        )
-    if request.seed < 0:
-        raise GenerationError(f"The seed must not be negative, but is {request.seed}.")
     if len(set(request.agent_ids)) < len(request.agent_ids):
         raise GenerationError("An agent was asked for twice; each may be named once.")
     agents = request.scenario.agents

@@ -3,10 +3,12 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar
 
 from pd_editor.errors import TrainingError
 
+MAX_STEPS: Final = 1_000_000_000
+MAX_MINUTES: Final = 1e6
 Precision = Literal["32", "bf16"]
 _Part = TypeVar("_Part")
 
@@ -29,17 +31,20 @@ class Optimisation:
     """Of the running mean of the weights, which is what is kept."""
 
     def __post_init__(self) -> None:
-        _check_least(self, 1, "batch_size")
-        _check_least(self, 0, "warmup_steps", "weight_decay")
+        _check_range(self, 1, 65_536, "batch_size")
+        _check_range(self, 0, MAX_STEPS, "warmup_steps")
+        _check_range(self, 0, 1e3, "weight_decay")
         for name in ("ema_decay", "constant_share"):
             if not 0 <= getattr(self, name) < 1:
                 raise TrainingError(
                     f"{name} is {getattr(self, name)}; expected at least 0 and below 1."
                 )
-        if self.learning_rate <= 0 or self.max_gradient_norm <= 0:
-            raise TrainingError(
-                "learning_rate and max_gradient_norm must be greater than 0."
-            )
+        for name in ("learning_rate", "max_gradient_norm"):
+            if not 0 < getattr(self, name) <= 1e3:
+                raise TrainingError(
+                    f"{name} is {getattr(self, name)}; expected more than 0 and at most "
+                    "1000."
+                )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,9 +62,14 @@ class Budget:
 
     def __post_init__(self) -> None:
         if self.steps is not None:
-            _check_least(self, 1, "steps")
-        if not self.minutes > 0 or not self.checkpoint_minutes > 0:
-            raise TrainingError("A budget in minutes must be greater than 0.")
+            _check_range(self, 1, MAX_STEPS, "steps")
+        for name in ("minutes", "checkpoint_minutes"):
+            if not 0 < getattr(self, name) <= MAX_MINUTES:
+                raise TrainingError(
+                    f"{name} is {getattr(self, name)}; expected more than 0 and at most "
+                    f"{MAX_MINUTES:g}."
+                )
+        _check_range(self, 0, MAX_STEPS, "held_out_scenes")
         if not 0 <= self.held_out_share < 1:
             raise TrainingError(
                 f"held_out_share is {self.held_out_share}; expected at least 0 and "
@@ -84,6 +94,7 @@ class RunConfig:
     budget: Budget
 
     def __post_init__(self) -> None:
+        _check_range(self, 0, 2**63 - 1, "seed")
         if self.weights and len(self.weights) != len(self.data):
             raise TrainingError(
                 f"{len(self.weights)} weights were given for {len(self.data)} data "
@@ -105,7 +116,7 @@ class RunConfig:
         """
         try:
             values = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise TrainingError(f"The run's configuration is no JSON ({error}).") from (
                 error
             )
@@ -137,9 +148,8 @@ def _part(kind: type[_Part], values: Any, **convert: Callable[[Any], Any]) -> _P
         ) from error
 
 
-def _check_least(part: Any, least: float, *names: str) -> None:
-    for name in names:
-        if getattr(part, name) < least:
-            raise TrainingError(
-                f"{name} is {getattr(part, name)}; expected {least} or more."
-            )
+def _check_range(part: Any, least: float, most: float, name: str) -> None:
+    if not least <= getattr(part, name) <= most:
+        raise TrainingError(
+            f"{name} is {getattr(part, name)}; expected {least} to {most}."
+        )

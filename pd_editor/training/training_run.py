@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import torch
 from lightning_fabric import Fabric
@@ -33,6 +33,9 @@ from pd_editor.training.training_data import (
 from pd_editor.training.training_state import Standing
 from pd_editor.work_engine.work_engine import WorkProgress
 
+MAX_DEVICES: Final = 64
+MAX_THREADS: Final = 1_024
+
 
 @dataclass(frozen=True, kw_only=True)
 class Hardware:
@@ -45,9 +48,12 @@ class Hardware:
     """Of one process on a CPU. None: all cores."""
 
     def __post_init__(self) -> None:
-        for name, value in (("devices", self.num_devices), ("threads", self.threads)):
-            if value is not None and value < 1:
-                raise TrainingError(f"--{name} is {value}; expected 1 or more.")
+        for name, value, most in (
+            ("devices", self.num_devices, MAX_DEVICES),
+            ("threads", self.threads, MAX_THREADS),
+        ):
+            if value is not None and not 1 <= value <= most:
+                raise TrainingError(f"--{name} is {value}; expected 1 to {most}.")
 
 
 @dataclass(frozen=True, kw_only=True)

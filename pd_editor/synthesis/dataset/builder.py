@@ -27,6 +27,7 @@ FOLDERS_PER_NETWORK: Final = 20
 WINDOWS_PER_MAP: Final = 25
 """Real maps are small, so traffic on them repeats itself sooner."""
 _MAX_ROUNDS: Final = 8
+_MAX_NUM: Final = 1_000_000
 _MAX_SEED: Final = 20_000
 _SEEDS_PER_CORPUS: Final = 100_000
 
@@ -64,8 +65,8 @@ class CorpusPlan:
                 f"There is no family of roads {unknown[0][:60]!r}; choose among "
                 f"{', '.join(FAMILIES)}."
             )
-        if self.num < 1:
-            raise InputError(f"--num is {self.num}; expected 1 or more.")
+        if not 1 <= self.num <= _MAX_NUM:
+            raise InputError(f"--num is {self.num}; expected 1 to {_MAX_NUM}.")
         if not 0 <= self.seed < _MAX_SEED:
             raise InputError(f"--seed is {self.seed}; expected 0 to {_MAX_SEED - 1}.")
         if self.as_shards and self.with_noise:

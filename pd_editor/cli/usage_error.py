@@ -1,0 +1,52 @@
+"""What the argument parser has to say about wrong arguments, in one sentence."""
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+_EDGES: Final = "╭╮╰╯│─ "
+_REWORDED: Final = (
+    (r"invalid literal for int\(\) with base 10: (.*)", r"\1 is not a whole number"),
+    (r"could not convert string to float: (.*)", r"\1 is not a number"),
+    (r"no type matching .* could be instantiated from \[(.*)\]", r"\1 does not fit"),
+    (r"Exceeds the limit .*", "the number has too many digits"),
+    (r"Error parsing (\S+?): ", r"\1: "),
+    (
+        r"invalid choice (.*) for argument '(\S+)'\. Expected",
+        r"\2: \1 is not expected;",
+    ),
+    (r"Missing value for argument '(\S+)'\. Expected.*", r"\1 lacks its value"),
+    (r"Unrecognized options: ", "unknown arguments: "),
+    (r"Expected one of \{(.*)\}", r"a command is missing; choose among \1"),
+)
+
+
+def usage_error(box: str, arguments: Sequence[str], commands: Sequence[str]) -> str:
+    """The sentence for a box that the parser printed.
+
+    Args:
+        box: What it printed, drawn with lines.
+        arguments: The command line.
+        commands: All subcommands.
+    """
+    lines = [line.strip("│") for line in box.splitlines()]
+    body = []
+    for line in lines:
+        if line[:1] in "╭╰" or not line.strip(_EDGES):
+            if body and line[:1] != "╭":
+                break
+            continue
+        body.append(line)
+    missing = [
+        line.split()[0] for line in body[1:] if re.match(r" {5}(--)?[\w-]", line)
+    ]
+    if body and body[0].strip().startswith("Missing from") and missing:
+        sentence = f"missing {', '.join(missing)}"
+    else:
+        sentence = " ".join(" ".join(body).split())
+        for pattern, words in _REWORDED:
+            sentence = re.sub(pattern, words, sentence)
+    sentence = sentence.rstrip(". ") or "the arguments cannot be read"
+    known = [one for one in arguments[:1] if one in commands]
+    help_of = " ".join(["pd-editor", *known, "--help"])
+    return f"{sentence[0].upper()}{sentence[1:]}; see {help_of}."
