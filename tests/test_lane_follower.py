@@ -183,7 +183,7 @@ def test_what_it_refuses():
         drive(scenario, "nobody")
     with pytest.raises(GenerationError, match="twice"):
         drive(scenario, "100", "100")
-    with pytest.raises(GenerationError, match="at least 1"):
+    with pytest.raises(GenerationError, match="expected 1 to 1000"):
         drive(scenario, num_samples=0)
     with pytest.raises(GenerationError, match="seed"):
         drive(scenario, seed=-1)

@@ -4,7 +4,8 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-_EDGES: Final = "╭╮╰╯│─ "
+_EDGES: Final = "╭╮╰╯│─+|- "
+"""What boxes are drawn with; the second half where the output is not in UTF-8."""
 _REWORDED: Final = (
     (r"invalid literal for int\(\) with base 10: (.*)", r"\1 is not a whole number"),
     (r"could not convert string to float: (.*)", r"\1 is not a number"),
@@ -29,17 +30,14 @@ def usage_error(box: str, arguments: Sequence[str], commands: Sequence[str]) -> 
         arguments: The command line.
         commands: All subcommands.
     """
-    lines = [line.strip("│") for line in box.splitlines()]
-    body = []
-    for line in lines:
-        if line[:1] in "╭╰" or not line.strip(_EDGES):
-            if body and line[:1] != "╭":
-                break
-            continue
-        body.append(line)
-    missing = [
-        line.split()[0] for line in body[1:] if re.match(r" {5}(--)?[\w-]", line)
-    ]
+    body: list[str] = []
+    for line in box.splitlines()[1:]:
+        inside = re.sub(r"^[│|]|[│|]$", "", line)
+        if inside.strip(_EDGES):
+            body.append(inside)
+        elif body:
+            break
+    missing = [line.split()[0] for line in body[1:] if re.match(r" {4,5}\S", line)]
     if body and body[0].strip().startswith("Missing from") and missing:
         sentence = f"missing {', '.join(missing)}"
     else:

@@ -191,9 +191,12 @@ def _array_from_json(hint: Any, data: Any, where: str) -> np.ndarray:
         raise _misfit(where, "an array of dtype, shape and zlib", data)
     shape = from_json(tuple[int, ...], data["shape"], f"{where}.shape")
     axes = hint.dim_str.split()
-    fits = len(axes) == len(shape) and all(
-        not axis.isdigit() or int(axis) == size
-        for axis, size in zip(axes, shape, strict=True)
+    fits = axes == ["..."] or (
+        len(axes) == len(shape)
+        and all(
+            not axis.isdigit() or int(axis) == size
+            for axis, size in zip(axes, shape, strict=True)
+        )
     )
     if not fits:
         raise RecipeError(

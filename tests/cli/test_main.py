@@ -75,3 +75,33 @@ def test_a_bug_exits_with_1_and_a_traceback(tmp_path):
     done = run_in_process("export", JUNCTION, "--out", "x", cwd=tmp_path, env=env)
     assert (done.code, done.out) == (1, "")
     assert "ZeroDivisionError: a bug" in done.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ("warp", "Missing SCENARIO, --kind, --power, --out; see pd-editor warp --help"),
+        (
+            "generate x --seed y --out o",
+            "--seed: 'y' is not a whole number; see pd-editor generate --help",
+        ),
+        (
+            "generate x --sed 3 --out o",
+            "Unknown arguments: --sed, 3; see pd-editor generate --help",
+        ),
+        ("bogus", "Unknown arguments: bogus; see pd-editor --help"),
+        ("export x --out", "--out lacks its value; see pd-editor export --help"),
+        ("export x\0 --out o", r"x\x00: is no usable path"),
+        ("export x\ud800 --out o", r"x\ud800: is no usable path"),
+        ("replay /dev/zero --out o", "/dev/zero: is not a regular file"),
+        (f"synth --out o --num {10**21}", f"--num is {10**21}; expected 1 to 1000000"),
+        (f"train init --devices {10**21}", f"--devices is {10**21}; expected 1 to 64"),
+        (f"train traj --threads {10**21}", f"--threads is {10**21}; expected 1 to"),
+        (f"evaluate --data x --out o --samples {10**21}", "expected 1 to 1000"),
+        (f"evaluate --data x --out o --workers {10**21}", "expected 1 to 256"),
+        (f"synth --out o --num {'9' * 5000}", "the number has too many digits"),
+    ],
+)
+def test_a_wrong_argument_is_one_sentence(shell, arguments, sentence):
+    """No boxes of many lines, no numbers without limits (faults 2, 5, 7, 10)."""
+    assert sentence in shell.refused(*arguments.split(" "))
