@@ -6,8 +6,8 @@ DeviceName = Literal["auto", "cpu", "cuda"]
 """Where a model computes; auto takes a GPU if there is one."""
 
 NUM_STEPS: Final = 5
-"""Denoising steps of the second stage."""
+"""Denoising steps of the trajectory stage."""
 DEFAULT_WEIGHT: Final = 0.8
 """Strength of the pull to the nearest candidate."""
 NUM_TRIES: Final = 1
-"""Futures of each agent of which those that avoid others are taken."""
+"""Trajectories of each agent of which those that avoid others are taken."""

@@ -1,26 +1,23 @@
-"""Both stages behind the port: agents are placed, then driven."""
+"""Path Diffuser: initial states, then trajectories, behind the generator's port."""
 
 import threading
 import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from jaxtyping import Int
 
-from pd_editor.diffusion.checkpoints.model_folder import TrainedModel, load_model
-from pd_editor.diffusion.core.devices import drawing_device
-from pd_editor.diffusion.core.memory_reuse import WHEN_DRAWING, keep_freed_memory
-from pd_editor.diffusion.defaults import (
-    DEFAULT_WEIGHT,
-    NUM_STEPS,
-    NUM_TRIES,
-    DeviceName,
+from pd_editor.diffusion.checkpoints.model_folder import (
+    TrainedModel,
+    TrainedStage,
+    load_model,
 )
-from pd_editor.diffusion.fused.folded_denoiser import FoldedDenoiser
-from pd_editor.diffusion.fused.folded_pose_denoiser import FoldedPoseDenoiser
+from pd_editor.diffusion.core.devices import drawing_device
+from pd_editor.diffusion.defaults import NUM_TRIES, DeviceName
 from pd_editor.diffusion.initial_state.attribute_report import trait_notes
 from pd_editor.diffusion.initial_state.attributes import TraitWishes
 from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
@@ -56,21 +53,21 @@ from pd_editor.generation import (
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
 
+Preview = Callable[[], tuple[TrafficSample, ...]]
+
 _PLACING_SHARE: Final = 0.5
 """Of the progress of a sample whose states are drawn too."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DenoisingProgress(GenerationProgress):
-    """A denoising step done, with what is believed in so far."""
+    """A denoising step done, with the samples predicted so far."""
 
-    preview: Callable[[], tuple[TrafficSample, ...]] = field(
-        default=tuple, compare=False, repr=False
-    )
+    preview: Preview = field(default=tuple, compare=False, repr=False)
 
 
 class PathDiffuser:
-    """Generates initial states and futures with the weights of a model folder."""
+    """Generates initial states and trajectories with the weights of a model folder."""
 
     def __init__(
         self,
@@ -86,8 +83,6 @@ class PathDiffuser:
         self._folder, self._name = Path(folder), name
         self._device = drawing_device(device)
         self._model: TrainedModel | None = None
-        self._placer: FoldedPoseDenoiser | None = None
-        self._driver: FoldedDenoiser | None = None
         self._lock = threading.Lock()
 
     @property
@@ -103,20 +98,19 @@ class PathDiffuser:
         """
         with self._lock:
             if self._model is None:
-                keep_freed_memory(WHEN_DRAWING)
                 self._model = load_model(self._folder, STAGE_KINDS)
                 for stage in self._model.stages.values():
                     stage.model.to(self._device)
             return self._model
 
     def warm_up(self) -> None:
-        """Read the weights before anybody waits for them.
+        """Read the weights before a user waits for them.
 
         Raises:
             ModelError: they are missing, damaged or foreign.
         """
-        self._folded_placer()
-        self._folded_driver()
+        self._initial_states()
+        self._trajectories()
 
     def generate(
         self, request: GenerationRequest
@@ -136,13 +130,15 @@ class PathDiffuser:
                 "There is nobody to generate; expected at least one agent."
             )
         if request.draws_states:
-            samples, notes = yield from self._placed_and_driven(request)
+            samples, notes = yield from self._sampled_states_and_trajectories(request)
         else:
-            samples, notes = yield from self._driven(
+            label = f"{len(request.agent_ids)} agents"
+            samples, notes = yield from self._sampled_trajectories(
                 request,
                 request.scenario,
                 request.agent_ids,
                 range(request.num_samples),
+                partial(_progress, label, 0.0, 1.0),
             )
         return GeneratedTraffic(
             samples=tuple(samples),
@@ -153,58 +149,45 @@ class PathDiffuser:
             notes=(*notes, *_notes(request)),
         )
 
-    def _folded_placer(self) -> FoldedPoseDenoiser:
-        placer = self.model().stage(INITIAL_STATES.name).model
-        assert isinstance(placer, PoseDenoiser)
-        with self._lock:
-            if self._placer is None:
-                self._placer = FoldedPoseDenoiser(placer)
-            return self._placer
+    def _initial_states(self) -> TrainedStage:
+        return self.model().stage(INITIAL_STATES.name)
 
-    def _folded_driver(self) -> FoldedDenoiser:
-        driver = self.model().stage(TRAJECTORIES.name).model
-        assert isinstance(driver, TrajectoryDenoiser)
-        with self._lock:
-            if self._driver is None:
-                self._driver = FoldedDenoiser(driver)
-            return self._driver
+    def _trajectories(self) -> TrainedStage:
+        return self.model().stage(TRAJECTORIES.name)
 
-    def _placed_and_driven(
+    def _sampled_states_and_trajectories(
         self, request: GenerationRequest
     ) -> Generator[GenerationProgress, None, tuple[list[TrafficSample], list[str]]]:
-        placer = self._folded_placer()
+        stage = self._initial_states()
+        model = stage.model
+        assert isinstance(model, PoseDenoiser)
         samples: list[TrafficSample] = []
         placed: list[tuple[Scenario, tuple[str, ...]]] = []
+        share = _PLACING_SHARE / request.num_samples
         for index in range(request.num_samples):
-            done, label = index / request.num_samples, _label(index, request)
-            share = _PLACING_SHARE / request.num_samples
-            placing = _placing(placer, request, index)
-            scenario = yield from _scaled(
-                place_agents(
-                    placer,
-                    request.scenario,
-                    placing,
-                    sample=index,
-                    seed=request.seed,
-                ),
-                done,
-                share,
-                f"{label}: placing agents",
+            done = index / request.num_samples
+            label = f"Sample {index + 1} of {request.num_samples}"
+            placing = _placing(model, request, index)
+            scenario = yield from place_agents(
+                model,
+                request.scenario,
+                placing,
+                sample=index,
+                seed=request.seed,
+                sampler=stage.sampling["sampler"],
+                guidance=stage.sampling["guidance"],
+                progress=partial(_placing_progress, label, done, share),
             )
             placed.append((scenario, placing.ids))
             ids = request.agent_ids + placing.new_ids
-            driven = self._driven(request, scenario, ids, range(index, index + 1))
-            while True:
-                try:
-                    step = next(driven)
-                except StopIteration as stop:
-                    samples += stop.value[0]
-                    break
-                yield DenoisingProgress(
-                    fraction=done + share + share * step.fraction,
-                    message=label,
-                    preview=step.preview,
-                )
+            driven, _ = yield from self._sampled_trajectories(
+                request,
+                scenario,
+                ids,
+                range(index, index + 1),
+                partial(_progress, label, done + share, share),
+            )
+            samples += driven
         notes = list(trait_notes(placed, _wishes(request)))
         num_empty = sum(not ids for _, ids in placed)
         if num_empty:
@@ -214,29 +197,28 @@ class PathDiffuser:
             )
         return samples, notes
 
-    def _driven(
+    def _sampled_trajectories(
         self,
         request: GenerationRequest,
         scenario: Scenario,
         ids: tuple[str, ...],
         indices: range,
+        progress: Callable[[float, Preview], DenoisingProgress],
     ) -> Generator[DenoisingProgress, None, tuple[list[TrafficSample], list[str]]]:
-        driver = self._folded_driver()
+        stage = self._trajectories()
+        model = stage.model
+        assert isinstance(model, TrajectoryDenoiser)
         rows = scenario.agents.rows(ids)
-        basis = driver.model.way_points.basis
-        task = FutureTask.of(scenario, rows, basis).to(self._device)
-        futures = draw_futures(driver, task, indices, _options(request))
-        while True:
-            try:
-                share, believed = next(futures)
-            except StopIteration as stop:
-                drawn = stop.value
-                break
-            yield DenoisingProgress(
-                fraction=share,
-                message=f"{len(ids)} agents",
-                preview=lambda believed=believed: _samples(task, rows, believed()),
-            )
+        task = FutureTask.of(scenario, rows, model.decoder.basis).to(self._device)
+        drawn = yield from draw_futures(
+            model,
+            task,
+            indices,
+            _options(request, stage),
+            lambda share, predicted: progress(
+                share, lambda: _samples(task, rows, predicted())
+            ),
+        )
         notes: list[str] = []
         if drawn.lane_cost_m[0] > 0:
             before, after = drawn.lane_cost_m
@@ -257,9 +239,23 @@ class PathDiffuser:
         return samples, notes
 
 
-def _placing(
-    placer: FoldedPoseDenoiser, request: GenerationRequest, sample: int
-) -> Placing:
+def _placing_progress(
+    label: str, done: float, share: float, part: float
+) -> GenerationProgress:
+    return GenerationProgress(
+        fraction=done + share * part, message=f"{label}: placing agents"
+    )
+
+
+def _progress(
+    label: str, done: float, share: float, part: float, preview: Preview
+) -> DenoisingProgress:
+    return DenoisingProgress(
+        fraction=done + share * part, message=label, preview=preview
+    )
+
+
+def _placing(model: PoseDenoiser, request: GenerationRequest, sample: int) -> Placing:
     """Whom to place in a sample; the model may choose how many, in each another."""
     placing = Placing(
         redrawn_ids=request.redrawn_state_ids,
@@ -271,7 +267,7 @@ def _placing(
     numbers = dict(request.num_new_agents)
     if request.draws_num_agents:
         random = np.random.default_rng([request.seed, sample])
-        drawn = draw_numbers(placer, request.scenario, placing, random)
+        drawn = draw_numbers(model, request.scenario, placing, random)
         numbers = {kind: max(drawn[kind], numbers.get(kind, 0)) for kind in drawn}
         room = MOST_AGENTS - num_present(request.scenario)
         if sum(numbers.values()) > room:
@@ -298,11 +294,16 @@ def _num_tries(request: GenerationRequest) -> int:
     return max(wanted, 0) if avoids[-1].weight > 0 else 0
 
 
-def _options(request: GenerationRequest) -> FutureOptions:
+def _options(request: GenerationRequest, stage: TrainedStage) -> FutureOptions:
+    sampler, guidance = stage.sampling["sampler"], stage.sampling["guidance"]
+    if request.num_denoising_steps is not None:
+        sampler = replace(sampler, num_steps=request.num_denoising_steps)
     lanes = [term for term in request.guidance if term.name == LANE_GUIDANCE]
+    if lanes:
+        guidance = replace(guidance, weight=lanes[-1].weight)
     return FutureOptions(
-        num_steps=request.num_denoising_steps or NUM_STEPS,
-        lane_weight=lanes[-1].weight if lanes else DEFAULT_WEIGHT,
+        sampler=sampler,
+        guidance=guidance,
         lane_agent_ids=lanes[-1].agent_ids if lanes else (),
         num_tries=max(_num_tries(request), 1),
         seed=request.seed,
@@ -342,21 +343,6 @@ def _samples(
             )
         )
     return tuple(samples)
-
-
-def _scaled(
-    steps: Generator[float, None, Scenario], done: float, share: float, message: str
-) -> Generator[GenerationProgress, None, Scenario]:
-    while True:
-        try:
-            part = next(steps)
-        except StopIteration as stop:
-            return stop.value
-        yield GenerationProgress(fraction=done + share * part, message=message)
-
-
-def _label(index: int, request: GenerationRequest) -> str:
-    return f"Sample {index + 1} of {request.num_samples}"
 
 
 def _notes(request: GenerationRequest) -> list[str]:

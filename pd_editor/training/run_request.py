@@ -85,7 +85,9 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
 
 def fast_precision(*, is_gpu: bool) -> Precision:
     """bf16 where products in it are much faster than others."""
-    return "bf16" if is_gpu or torch.cpu._is_amx_tile_supported() else "32"
+    # Older torch does not tell.
+    capabilities = getattr(torch.cpu, "get_capabilities", dict)()
+    return "bf16" if is_gpu or capabilities.get("amx_tile", False) else "32"
 
 
 def _asked_budget(budget: Budget, request: RunRequest) -> Budget:

@@ -15,7 +15,6 @@ from lightning_fabric.strategies.ddp import DDPStrategy
 
 from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
 from pd_editor.diffusion.checkpoints.tensor_file import config_from_json, write_whole
-from pd_editor.diffusion.core.memory_reuse import WHEN_TRAINING, keep_freed_memory
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import TrainingError
 from pd_editor.training.loss_curves import loss_curves_png
@@ -98,7 +97,6 @@ def _fabric(hardware: Hardware, precision: Precision, *, is_gpu: bool) -> Fabric
     """The devices, ready to compute; from here on one process for each."""
     if hardware.threads is not None:
         torch.set_num_threads(hardware.threads)
-    keep_freed_memory(WHEN_TRAINING)
     # It says at each start which precision it was told to use.
     logging.getLogger("lightning_fabric").setLevel(logging.WARNING)
     fabric = Fabric(

@@ -12,7 +12,6 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from pd_editor.diffusion.fused.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.inputs.scene_batch import batch_of
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.loss import trajectory_loss
@@ -52,22 +51,21 @@ def told(name: str, work: Callable[[], object], repeats: int = REPEATS) -> None:
 
 def print_parts(model: TrajectoryDenoiser, scenario: Scenario) -> None:
     """Features, context, one denoising step."""
-    basis = model.way_points.basis
+    basis = model.decoder.basis
     rows = np.arange(NUM_AGENTS)
     told("features and candidates", lambda: scene_features(scenario))
     told("the same, packed as tensors", lambda: FutureTask.of(scenario, rows, basis))
     scene = FutureTask.of(scenario, rows, basis).scene
     with torch.inference_mode():
-        network = FoldedDenoiser(model)
-        told("context", lambda: network.context(scene))
-        context, nobody = network.context(scene), torch.zeros_like(scene.has_agent)
+        told("context", lambda: model.encode_context(scene))
+        context = model.encode_context(scene)
+        level = model.encode_level(torch.full((1, 1, 1), 0.5))
         for samples, threads in itertools.product((1, 4, 6), (1, 2)):
             torch.set_num_threads(threads)
             noisy = torch.randn(samples, *scene.future.shape)
-            drawing = network.drawing(context, nobody, [0.5], samples)
             told(
                 f"denoising step, {samples} samples, {threads} threads",
-                lambda noisy=noisy, drawing=drawing: drawing.denoise(noisy, 0),
+                lambda noisy=noisy: model.denoise(noisy, level, context),
             )
 
 
@@ -95,7 +93,7 @@ def print_generation(scenario: Scenario) -> None:
 
 def print_training(model: TrajectoryDenoiser, scenarios: list[Scenario]) -> None:
     """A step on 16 real scenes at four noise levels, forward and backward."""
-    basis = model.way_points.basis
+    basis = model.decoder.basis
     scenes = [packed(scene_features(one), basis.encode) for one in scenarios]
     batch = batch_of([one for one in scenes if len(one.agent_pose) <= 24][:16])
     random = torch.Generator().manual_seed(0)

@@ -18,14 +18,13 @@ import torch
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.checkpoints.model_folder import load_model
-from pd_editor.diffusion.fused.folded_pose_denoiser import FoldedPoseDenoiser
 from pd_editor.diffusion.initial_state.attributes import TraitWishes, with_traits
 from pd_editor.diffusion.initial_state.conditioning import TOLD_NO, drawing_task
 from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
-from pd_editor.diffusion.initial_state.guidance import WITHIN_LANES, PoseGuidance
+from pd_editor.diffusion.initial_state.guidance import PoseGuidance
 from pd_editor.diffusion.initial_state.sampler import (
-    NUM_STEPS,
     PoseSamplerConfig,
+    finished_states,
     sample_states,
 )
 from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
@@ -127,7 +126,7 @@ def _real_scene(scenario: Scenario, only_paper_agents: bool) -> RealScene | None
 
 
 def drawn(
-    model: FoldedPoseDenoiser,
+    model: PoseDenoiser,
     scene: RealScene,
     samples: int,
     config: PoseSamplerConfig,
@@ -161,7 +160,7 @@ def drawn(
 
 
 def _drawn_states(
-    model: FoldedPoseDenoiser,
+    model: PoseDenoiser,
     real: RealScene,
     sample: int,
     config: PoseSamplerConfig,
@@ -172,9 +171,7 @@ def _drawn_states(
     scene = real.tensors
     key = zlib.crc32(real.scenario.scenario_id.encode())
     random = np.random.default_rng([key, sample])
-    task = with_traits(
-        drawing_task(scene), scene, model.model.agent_counts, random, wishes
-    )
+    task = with_traits(drawing_task(scene), scene, model.agent_counts, random, wishes)
     steps = sample_states(
         model,
         scene,
@@ -182,14 +179,11 @@ def _drawn_states(
         seed=0,
         task=task,
         config=config,
-        guide=None if guidance is None else guidance.of(scene, task),
+        guide=None if guidance is None else guidance.of(scene, model.schedule, task),
     )
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            states = stop.value[0, 0].double().numpy()
-            return states, task.on_road[0].tolist()
+    *_, last = steps
+    states = finished_states(scene, task, last.clean)[0, 0].double().numpy()
+    return states, task.on_road[0].tolist()
 
 
 def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
@@ -219,11 +213,11 @@ def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
     return replace(drawn, sample=mended_sample)
 
 
-def load_pose_model(folder: Path) -> FoldedPoseDenoiser:
+def load_pose_model(folder: Path) -> PoseDenoiser:
     """The first stage's network."""
     model = load_model(folder, STAGE_KINDS).stage(INITIAL_STATES.name).model
     assert isinstance(model, PoseDenoiser)
-    return FoldedPoseDenoiser(model)
+    return model
 
 
 def state_values(view: TrafficView) -> Values:
@@ -286,7 +280,7 @@ def floor_line(recorded: Sequence[Values]) -> str:
 
 
 def print_table(
-    model: FoldedPoseDenoiser,
+    model: PoseDenoiser,
     scenes: Sequence[RealScene],
     samples: int,
     configs: dict[str, PoseSamplerConfig],
@@ -308,7 +302,10 @@ def print_table(
     print(summary("recorded, slid apart", line, recorded))
     print(floor_line(recorded))
     for name, config in configs.items():
-        for guidance in (None, WITHIN_LANES if wishes.only_on_road else PoseGuidance()):
+        for guidance in (
+            None,
+            PoseGuidance().within_lanes() if wishes.only_on_road else PoseGuidance(),
+        ):
             label = name if guidance is None else f"{name} guided"
             found = [
                 drawn(model, scene, samples, config, guidance, wishes)
@@ -335,7 +332,7 @@ def _measured(
 
 
 def print_times(
-    model: FoldedPoseDenoiser, scenes: Sequence[RealScene], num_steps: int
+    model: PoseDenoiser, scenes: Sequence[RealScene], num_steps: int
 ) -> None:
     """Milliseconds for one sample of 32 agents, as drawn and guided."""
     scene = max(scenes, key=lambda one: len(one.scenario.agents)).tensors
@@ -347,7 +344,7 @@ def print_times(
         spent = []
         for repeat in range(15):
             start = time.perf_counter()
-            guide = None if guidance is None else guidance.of(scene)
+            guide = None if guidance is None else guidance.of(scene, model.schedule)
             for _ in sample_states(
                 model, scene, samples=[repeat], seed=0, config=config, guide=guide
             ):
@@ -367,7 +364,9 @@ def main() -> None:
     parser.add_argument("--model", type=Path, default=models_folder() / SHIPPED_MODEL)
     parser.add_argument("--split", default="train")
     parser.add_argument("--samples", type=int, default=3)
-    parser.add_argument("--steps", type=int, nargs="+", default=[NUM_STEPS])
+    parser.add_argument(
+        "--steps", type=int, nargs="+", default=[PoseSamplerConfig().num_steps]
+    )
     parser.add_argument("--paper-agents", action="store_true")
     parser.add_argument("--no-repair", action="store_true")
     options = parser.parse_args()

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,7 +24,9 @@ from pd_editor.regular_file import read_regular
 
 CONFIG_NAME: Final = "config.json"
 FORMAT: Final = "pd-editor-model"
-FORMAT_VERSION: Final = 1
+FORMAT_VERSION: Final = 2
+UPGRADED_VERSION: Final = 1
+"""Networks had other layers then; their weights are converted when they are read."""
 MAX_CONFIG_BYTES: Final = 2**20
 
 
@@ -37,6 +39,16 @@ class StageKind:
     config_type: type[Any]
     """Flat dataclass of plain values that ``make_model`` takes."""
     make_model: Callable[[Any], nn.Module]
+    sampling_types: Mapping[str, type[Any]] = field(default_factory=dict)
+    """By name, flat dataclasses of plain values with defaults: how it is sampled."""
+    upgraded_tensors: (
+        Callable[[Mapping[str, torch.Tensor], Any], Mapping[str, torch.Tensor]] | None
+    ) = None
+    """From tensors of format version 1 and the configuration to those of today."""
+
+    def default_sampling(self) -> dict[str, Any]:
+        """How it is sampled unless a model says otherwise."""
+        return {name: made() for name, made in self.sampling_types.items()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,6 +58,8 @@ class TrainedStage:
     kind: StageKind
     config: Any
     model: nn.Module
+    sampling: Mapping[str, Any] = field(default_factory=dict)
+    """How it is sampled: an instance of each of the kind's ``sampling_types``."""
     about: Mapping[str, Any] = field(default_factory=dict)
     """How it was trained; plain JSON values."""
     sha256: str = ""
@@ -101,6 +115,12 @@ def save_model(
             "precision": "float16" if half else "float32",
             "parameters": sum(one.numel() for one in stage.model.parameters()),
             "config": asdict(stage.config),
+            "sampling": {
+                part: asdict(one)
+                for part, one in (
+                    stage.kind.default_sampling() | dict(stage.sampling)
+                ).items()
+            },
             "training": dict(stage.about),
         }
     content = {"format": FORMAT, "version": FORMAT_VERSION, "stages": listed}
@@ -125,16 +145,16 @@ def load_model(folder: Path, kinds: Mapping[str, StageKind]) -> TrainedModel:
         raise ModelError(f"{path}: is not valid JSON ({error}).") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise ModelError(f"{path}: does not describe a model of this program.")
-    if content.get("version") != FORMAT_VERSION:
+    version = content.get("version")
+    if version not in (UPGRADED_VERSION, FORMAT_VERSION):
         raise ModelError(
-            f"{path}: has the format version {content.get('version')!r}; expected "
-            f"{FORMAT_VERSION}."
+            f"{path}: has the format version {version!r}; expected {FORMAT_VERSION}."
         )
     listed = content.get("stages")
     if not isinstance(listed, dict) or not listed:
         raise ModelError(f"{path}: lists no stage.")
     stages = {
-        name: _loaded_stage(folder, path, name, entry, kinds)
+        name: _loaded_stage(folder, name, entry, kinds, version)
         for name, entry in listed.items()
     }
     digests = "".join(stages[name].sha256 for name in sorted(stages))
@@ -147,11 +167,12 @@ def load_model(folder: Path, kinds: Mapping[str, StageKind]) -> TrainedModel:
 
 def _loaded_stage(
     folder: Path,
-    path: Path,
     name: str,
     entry: Any,
     kinds: Mapping[str, StageKind],
+    version: int,
 ) -> TrainedStage:
+    path = folder / CONFIG_NAME
     if name not in kinds:
         raise ModelError(
             f"{path}: lists the stage {name!r}; expected {', '.join(sorted(kinds))}."
@@ -168,26 +189,82 @@ def _loaded_stage(
             f"{folder / kind.file_name}: differs from what {CONFIG_NAME} lists "
             "(SHA-256); the folder is damaged or mixed from several models."
         )
-    config = config_from_json(kind.config_type, entry["config"], f"{path}, {name}")
+    source = f"{path}, {name}"
+    given = entry["config"]
+    if version == UPGRADED_VERSION:
+        given = _with_defaults(kind.config_type, given)
+    config = config_from_json(kind.config_type, given, source)
+    tensors = file.tensors
+    if version == UPGRADED_VERSION:
+        tensors = _upgraded(kind, tensors, config, folder / kind.file_name)
     # A network without numbers takes no memory, so sizes that do not fit are refused
     # before anything is allocated.
     with torch.device("meta"):
-        outline = made_model(kind, config, seed=0, source=f"{path}, {name}")
-    check_fit(outline, file.tensors, folder / kind.file_name)
-    model = made_model(kind, config, seed=0, source=f"{path}, {name}")
-    load_into(model, file.tensors, folder / kind.file_name)
+        outline = made_model(kind, config, seed=0, source=source)
+    check_fit(outline, tensors, folder / kind.file_name)
+    model = made_model(kind, config, seed=0, source=source)
+    load_into(model, tensors, folder / kind.file_name)
     model.requires_grad_(requires_grad=False).eval()
-    for layer in model.modules():
-        if isinstance(layer, nn.Linear):
-            # The same numbers, in the order in which few rows are multiplied faster.
-            layer.weight.data = layer.weight.data.t().contiguous().t()
     return TrainedStage(
         kind=kind,
         config=config,
         model=model,
+        sampling=_sampling(kind, entry.get("sampling", {}), source),
         about=about,
         sha256=file.sha256,
     )
+
+
+def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
+    """How a stage is sampled; what a folder does not say is as usual.
+
+    Raises:
+        ModelError: it holds something else.
+    """
+    if not isinstance(given, dict) or not given.keys() <= kind.sampling_types.keys():
+        raise ModelError(
+            f"{source}: 'sampling' must hold "
+            f"{' and '.join(sorted(kind.sampling_types)) or 'nothing'} only."
+        )
+    found = kind.default_sampling()
+    for name, values in given.items():
+        if not isinstance(values, dict):
+            raise ModelError(f"{source}, {name}: holds no fields; expected an object.")
+        part = kind.sampling_types[name]
+        found[name] = config_from_json(
+            part, _with_defaults(part, values), f"{source}, {name}"
+        )
+    return found
+
+
+def _with_defaults(
+    config_type: type[Any], values: Mapping[str, Any]
+) -> Mapping[str, Any]:
+    """A configuration that may have been written before some fields were added."""
+    usual = {
+        one.name: one.default
+        for one in fields(config_type)
+        if one.default is not MISSING
+    }
+    return usual | dict(values)
+
+
+def _upgraded(
+    kind: StageKind,
+    tensors: Mapping[str, torch.Tensor],
+    config: Any,
+    path: Path,
+) -> Mapping[str, torch.Tensor]:
+    if kind.upgraded_tensors is None:
+        return tensors
+    try:
+        return kind.upgraded_tensors(tensors, config)
+    except (KeyError, RuntimeError, IndexError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ModelError(
+            f"{path}: does not fit the model, so it cannot be converted from format "
+            f"version {UPGRADED_VERSION} ({reason})."
+        ) from error
 
 
 def made_model(

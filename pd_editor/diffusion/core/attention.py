@@ -1,59 +1,83 @@
-"""Attention over padded sets: what is masked counts exactly nothing."""
+"""Attention over padded sets: a masked key has a weight of exactly 0."""
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-NORM_EPSILON: Final = 1e-5
+_NORM_EPSILON: Final = 1e-5
 
 
 class Mask(NamedTuple):
-    """What is added to logits and multiplied with weights, so that masked is absent."""
+    """Which keys each query sees, for adding to logits and multiplying results."""
 
-    added: Float[Tensor, "*b #Q K"]
-    """Minus infinity where a key is hidden; 0 in rows that see nothing."""
-    sees_any: Bool[Tensor, "*b #Q 1"] | None
-    """None where every query sees something."""
+    added: Float[Tensor, "*b #Q K"] | None
+    """Minus infinity where a key is hidden, 0 in rows that see nothing; None where
+    no key is hidden."""
+    sees_any: Float[Tensor, "*b #Q 1"] | None
+    """0 where a query sees no key at all; None where every query sees some key."""
 
     @classmethod
     def of(cls, is_visible: Bool[Tensor, "*b #Q K"]) -> "Mask":
         """The mask that leaves some keys visible to each query."""
+        if bool(is_visible.all()):
+            return cls(None, None)
         sees_any = is_visible.any(dim=-1, keepdim=True)
-        # Blind rows stay finite, so that no gradient becomes NaN.
-        hidden = ~is_visible & sees_any
-        added = torch.zeros(hidden.shape, device=hidden.device)
-        added = added.masked_fill_(hidden, -math.inf)
-        return cls(added, None if bool(sees_any.all()) else sees_any)
+        # Rows without a key stay finite, so that no gradient becomes NaN.
+        added = minus_infinity_unless(is_visible | ~sees_any)
+        return cls(added, None if bool(sees_any.all()) else sees_any.to(added))
 
-    def repeated(self, num: int) -> "Mask":
-        """Each of the masks several times in a row."""
-        if num == 1:
-            return self
-        sees_any = self.sees_any
-        if sees_any is not None:
-            sees_any = sees_any.repeat_interleave(num, 0)
-        return Mask(self.added.repeat_interleave(num, 0), sees_any)
+    def weights(self, logits: Float[Tensor, "*b Q K"]) -> Float[Tensor, "*b Q K"]:
+        """Softmax over the visible keys; all 0 where a query sees none."""
+        if self.added is not None:
+            logits = logits + self.added
+        weights = logits.softmax(dim=-1)
+        return weights if self.sees_any is None else weights * self.sees_any
+
+    def mapped(self, change: Callable[[Tensor], Tensor]) -> "Mask":
+        """With a change of shape, the same for both parts."""
+        return Mask(*(None if one is None else change(one) for one in self))
 
 
-def attention_weights(
-    logits: Float[Tensor, "*b Q K"], mask: Mask
-) -> Float[Tensor, "*b Q K"]:
-    """Softmax over the visible keys; all 0 where a query sees none."""
-    weights = (logits + mask.added).softmax(dim=-1)
-    return weights if mask.sees_any is None else weights * mask.sees_any
+def minus_infinity_unless(exists: Bool[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+    """For adding to logits: 0 where there is something, minus infinity elsewhere."""
+    added = torch.zeros(exists.shape, device=exists.device)
+    return added.masked_fill_(~exists, -math.inf)
+
+
+def batched_product(
+    left: Float[Tensor, "A B M K"], right: Float[Tensor, "A B K N"]
+) -> Float[Tensor, "A B M N"]:
+    """``left @ right`` without its broadcasting, which takes as long as small products."""
+    found = torch.bmm(left.flatten(0, 1), right.flatten(0, 1))
+    return found.view(*left.shape[:-1], right.shape[-1])
+
+
+def scale_query_rows(
+    layer: nn.Linear, num_rows: int, channels: int, *, first_row: int = 0
+) -> None:
+    """Begin training with queries of D channels scaled by 1 / sqrt(D).
+
+    The factor is part of the weights, not a further operation.
+    """
+    rows = slice(first_row, first_row + num_rows)
+    with torch.no_grad():
+        layer.weight[rows] *= channels**-0.5
+        if layer.bias is not None:
+            layer.bias[rows] *= channels**-0.5
 
 
 class KeysValues(NamedTuple):
-    """Keys and values of B sets of K tokens, for H maps of weights."""
+    """Keys and values of B sets of K tokens, for H heads with N maps each."""
 
-    keys: Float[Tensor, "B H K C"]
-    values: Float[Tensor, "B H K C"]
-    share: Float[Tensor, ""]
-    """How much of each second map is taken off."""
+    keys: Float[Tensor, "B HN C K"]
+    values: Float[Tensor, "B HN K C"]
+    """Of second maps times minus lambda."""
     mask: Mask
+    """Of shape [B 1 1 K]."""
 
 
 class DifferentialAttention(nn.Module):
@@ -62,7 +86,8 @@ class DifferentialAttention(nn.Module):
     Both maps of a head have the head's full width. ``is_differential`` false makes it
     plain multi-head attention, for comparison.
 
-    Source: Ye et al., Differential Transformer, 2024.
+    Source: Ye et al., Differential Transformer, 2024. The weights of its norm are part
+    of the output layer.
     """
 
     def __init__(
@@ -70,25 +95,33 @@ class DifferentialAttention(nn.Module):
     ) -> None:
         super().__init__()
         assert width % num_heads == 0
+        channels = width // num_heads
         self.num_heads = num_heads
         self.num_maps = 2 if is_differential else 1
-        self.to_queries = nn.Linear(width, self.num_maps * width, bias=False)
-        self.to_keys = nn.Linear(width, self.num_maps * width, bias=False)
+        num_rows = self.num_maps * width
+        self.to_queries = nn.Linear(width, num_rows, bias=False)
+        scale_query_rows(self.to_queries, num_rows, channels)
+        self.to_keys = nn.Linear(width, num_rows, bias=False)
         self.to_values = nn.Linear(width, width, bias=False)
         self.to_output = nn.Linear(width, width, bias=False)
-        self.initial_share = 0.8 - 0.6 * math.exp(-0.3 * depth)
+        self.initial_lambda = initial_lambda(depth)
         if is_differential:
-            channels = width // num_heads
-            self.share_vectors = nn.Parameter(torch.randn(4, channels) * 0.1)
-            self.norm_weight = nn.Parameter(torch.ones(channels))
+            self.lambda_vectors = nn.Parameter(torch.randn(4, channels) * 0.1)
+            self.norm = nn.RMSNorm(channels, _NORM_EPSILON, elementwise_affine=False)
+            with torch.no_grad():
+                self.to_output.weight *= 1 - self.initial_lambda
 
-    def keys_values(self, tokens: Float[Tensor, "B K D"], mask: Mask) -> KeysValues:
+    def encode(self, tokens: Float[Tensor, "B K D"], mask: Mask) -> KeysValues:
         """What does not depend on the queries; the mask is of shape [B 1 1 K]."""
-        values = self._split(self.to_values(tokens), self.num_heads)
+        keys = self.to_keys(tokens).unflatten(-1, (self.num_heads * self.num_maps, -1))
+        values = self.to_values(tokens).unflatten(-1, (self.num_heads, -1))
+        values = values.transpose(1, 2)
+        if self.num_maps == 2:
+            both = torch.stack([values, -self.lambda_() * values], dim=2)
+            values = both.flatten(1, 2)
         return KeysValues(
-            keys=self._split(self.to_keys(tokens), self.num_heads * self.num_maps),
-            values=values.repeat_interleave(self.num_maps, 1),
-            share=self.share(),
+            keys=keys.permute(0, 2, 3, 1).contiguous(),
+            values=values.contiguous(),
             mask=mask,
         )
 
@@ -96,96 +129,83 @@ class DifferentialAttention(nn.Module):
         self, tokens: Float[Tensor, "B Q D"], seen: KeysValues
     ) -> Float[Tensor, "B Q D"]:
         """Attend from Q tokens to a set."""
-        queries = self._split(self.to_queries(tokens), self.num_heads * self.num_maps)
-        parts = (queries, seen.keys, seen.values)
-        if tokens.device.type == "cpu":
-            # Its slope in bfloat16 takes three times as long there.
-            parts = tuple(part.float() for part in parts)
-        with torch.autocast(tokens.device.type, enabled=False):
-            result = nn.functional.scaled_dot_product_attention(
-                *parts, attn_mask=seen.mask.added.to(parts[0].dtype)
-            )
+        queries = self.to_queries(tokens).unflatten(-1, (seen.keys.shape[1], -1))
+        logits = batched_product(queries.transpose(1, 2), seen.keys)
+        weights = seen.mask.weights(logits).to(seen.values.dtype)
+        found = batched_product(weights, seen.values)
         if self.num_maps == 2:
             # The difference of weights on the same values is that of the results.
-            one, two = result.unflatten(1, (self.num_heads, 2)).unbind(2)
-            result = self._normed((one - seen.share * two).float())
-        if seen.mask.sees_any is not None:
-            result = result * seen.mask.sees_any
-        return self.to_output(result.transpose(1, 2).flatten(2))
+            found = found.unflatten(1, (self.num_heads, 2)).sum(dim=2)
+            found = self.norm(found.float()).to(found.dtype)
+        return self.to_output(found.transpose(1, 2).flatten(2))
 
-    def share(self) -> Float[Tensor, ""]:
-        """How much of the second softmax is taken off; 0 for plain attention."""
-        if self.num_maps == 1:
-            return self.to_keys.weight.new_zeros(())
-        one, two, three, four = self.share_vectors
+    def lambda_(self) -> Float[Tensor, ""]:
+        """Weight of the second softmax."""
+        one, two, three, four = self.lambda_vectors
         difference = (one * two).sum().exp() - (three * four).sum().exp()
-        return difference + self.initial_share
-
-    def _normed(self, values: Float[Tensor, "B H Q C"]) -> Float[Tensor, "B H Q C"]:
-        """Each head at root mean square one, times what the first share leaves."""
-        size = values.square().mean(dim=-1, keepdim=True) + NORM_EPSILON
-        return values * size.rsqrt() * (self.norm_weight * (1 - self.initial_share))
-
-    def _split(
-        self, values: Float[Tensor, "B K D"], num_parts: int
-    ) -> Float[Tensor, "B N K C"]:
-        return values.unflatten(-1, (num_parts, -1)).transpose(1, 2)
+        return difference + self.initial_lambda
 
 
-class NeighborAttention(nn.Module):
-    """Attention from each token to neighbours given by embeddings of the relation.
+def initial_lambda(depth: int) -> float:
+    """Weight of the second softmax that a layer at some depth begins with."""
+    return 0.8 - 0.6 * math.exp(-0.3 * depth)
 
-    Keys and values are the embeddings themselves, so nothing has to be gathered;
-    with ``with_tokens`` the neighbours' own tokens count as well.
+
+class EdgeAttention(nn.Module):
+    """Attention from each token along its edges, whose embeddings are keys and values.
+
+    With ``with_tokens`` the tokens at the other ends count as well: then every token
+    has an edge to every other one.
     """
 
     def __init__(
-        self, width: int, relation_width: int, num_heads: int, *, with_tokens: bool
+        self, width: int, edge_width: int, num_heads: int, *, with_tokens: bool
     ) -> None:
         super().__init__()
         self.num_heads = num_heads
-        self.to_queries = nn.Linear(width, num_heads * relation_width, bias=False)
-        self.to_output = nn.Linear(num_heads * relation_width, width, bias=False)
-        self.scale = relation_width**-0.5
-        self.with_tokens = with_tokens
+        to_edges = num_heads * edge_width
+        self.sizes = [to_edges, *([width] * 3 if with_tokens else [])]
+        """Queries of edges; queries, keys and values of tokens."""
+        self.project = nn.Linear(width, sum(self.sizes), bias=False)
+        scale_query_rows(self.project, to_edges, edge_width)
         if with_tokens:
-            self.to_token_parts = nn.Linear(width, 3 * width, bias=False)
-            self.from_values = nn.Linear(width, width, bias=False)
+            scale_query_rows(
+                self.project, width, width // num_heads, first_row=to_edges
+            )
+        self.to_output = nn.Linear(to_edges + width * with_tokens, width)
 
     def forward(
         self,
         tokens: Float[Tensor, "N A D"],
-        relations: Float[Tensor, "N A M R"],
+        edges: Float[Tensor, "N A M R"],
         mask: Mask,
     ) -> Float[Tensor, "N A D"]:
-        """Attend from A tokens to M neighbours each; to all A with ``with_tokens``.
+        """Attend along M edges of each of A tokens; the mask is of shape [N A 1 M].
 
-        The mask is of shape [N A 1 M].
+        The result is 0 for a token without an edge.
         """
-        queries = self.to_queries(tokens).unflatten(-1, (self.num_heads, -1))
-        logits = (queries * self.scale) @ relations.transpose(-1, -2)
-        if self.with_tokens:
-            queries, keys, values = (
+        to_edges, *to_tokens = self.project(tokens).split(self.sizes, dim=-1)
+        logits = batched_product(to_edges.unflatten(-1, (self.num_heads, -1)), edges.mT)
+        values = None
+        if to_tokens:
+            query, keys, values = (
                 part.unflatten(-1, (self.num_heads, -1)).transpose(1, 2)
-                for part in self.to_token_parts(tokens).chunk(3, dim=-1)
+                for part in to_tokens
             )
-            scale = queries.shape[-1] ** -0.5
-            among = (queries * scale) @ keys.transpose(-1, -2)
-            logits = logits + among.transpose(1, 2)
-            weights = attention_weights(logits, mask)
-            taken = weights.transpose(1, 2).to(values.dtype) @ values
-            result = self.from_values(taken.transpose(1, 2).flatten(2))
-        else:
-            weights = attention_weights(logits, mask)
-            result = tokens.new_zeros(())
-        seen = weights.to(relations.dtype) @ relations
-        return result + self.to_output(seen.flatten(2))
+            logits = logits + batched_product(query, keys.mT).transpose(1, 2)
+        weights = mask.weights(logits).to(edges.dtype)
+        seen = batched_product(weights, edges).flatten(2)
+        if values is not None:
+            of_tokens = batched_product(weights.transpose(1, 2), values).transpose(1, 2)
+            seen = torch.cat([seen, of_tokens.flatten(2)], dim=-1)
+        found = self.to_output(seen)
+        return found if mask.sees_any is None else found * mask.sees_any[:, :, 0]
 
 
 def visible_agents(
     has_agent: Bool[Tensor, "B A"], is_central: Bool[Tensor, "B"]
 ) -> Bool[Tensor, "B A A"]:
-    """Whom each agent sees: all others, or nobody in a decentralised scene.
+    """Which agents each agent sees: all others, or none in a decentralised scene.
 
     The paper's Bernoulli mask, with real isolation.
     """

@@ -1,5 +1,6 @@
-"""Sizes that a network's configuration may name."""
+"""Numbers that a model's configuration may hold."""
 
+import math
 from dataclasses import fields
 from typing import TYPE_CHECKING, Final
 
@@ -39,3 +40,20 @@ def check_sizes(config: "DataclassInstance") -> None:
             f"width is {width} and num_heads is {heads}; expected a width that is a "
             "multiple of the number of heads."
         )
+
+
+def check_settings(config: "DataclassInstance") -> None:
+    """Refuse numbers that are no setting of a sampler or of its guidance.
+
+    Whole numbers count something, at least 1; all others are finite and not negative.
+
+    Raises:
+        ModelError: a field is out of range.
+    """
+    for one in fields(config):
+        value = getattr(config, one.name)
+        least = 1 if type(value) is int else 0
+        if type(value) in (int, float) and not least <= value < math.inf:
+            raise ModelError(
+                f"{one.name} is {value:g}; expected a finite number from {least} on."
+            )

@@ -1,13 +1,12 @@
-"""How much signal and noise there is at each noise level from 0 to 1.
+"""Noise schedules: amplitudes of signal and noise at each noise level from 0 to 1.
 
-Variance preserving: x = alpha * clean + sigma * noise, alpha^2 + sigma^2 = 1. At
-level 1 nothing of the signal is left (zero terminal SNR, Lin et al. 2024), so that
-sampling starts from what training has seen there.
+A noisy sample is alpha * clean + sigma * noise. Levels have a last axis of length one,
+along which amplitudes may differ between the parts of a state.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal, assert_never
+from typing import Final, Literal, Protocol, assert_never, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -22,12 +21,36 @@ _LEAST_ALPHA: Final = 1e-3
 """Noise alone says nothing of the signal at level 1; the signal there is cut off."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class NoiseSchedule:
-    """Signal and noise amplitudes, and what a network's output stands for.
+@runtime_checkable
+class NoiseSchedule(Protocol):
+    """What a sampler and a loss need to know of the noise."""
 
-    ``linear`` has linearly growing betas (DDPM, in continuous time), shifted to zero
-    terminal SNR.
+    def alpha(self, level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b #P"]:
+        """Amplitude of the signal."""
+        ...
+
+    def sigma(self, level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b #P"]:
+        """Standard deviation of the noise."""
+        ...
+
+
+def noised(
+    schedule: NoiseSchedule,
+    clean: Float[Tensor, "*#b P"],
+    noise: Float[Tensor, "*#b P"],
+    level: Float[Tensor, "*#b 1"],
+) -> Float[Tensor, "*b P"]:
+    """A clean sample at a noise level."""
+    return schedule.alpha(level) * clean + schedule.sigma(level) * noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariancePreserving:
+    """alpha^2 + sigma^2 = 1, and what a network's output stands for.
+
+    At level 1 nothing of the signal is left (zero terminal SNR, Lin et al. 2024), so
+    that sampling starts from what training has seen there. ``linear`` has linearly
+    growing betas (DDPM, in continuous time), shifted to zero terminal SNR.
     """
 
     kind: ScheduleKind = "cosine"
@@ -55,15 +78,6 @@ class NoiseSchedule:
             case _:
                 assert_never(self.kind)
 
-    def noised(
-        self,
-        clean: Float[Tensor, "..."],
-        noise: Float[Tensor, "..."],
-        level: Float[Tensor, "..."],
-    ) -> Float[Tensor, "..."]:
-        """What ``clean`` has become at ``level``, which is broadcast against it."""
-        return self.alpha(level) * clean + self.sigma(level) * noise
-
     def clean_of(
         self,
         output: Float[Tensor, "..."],
@@ -81,6 +95,65 @@ class NoiseSchedule:
                 return (noisy - self.sigma(level) * output) / alpha
             case _:
                 assert_never(self.prediction)
+
+
+@dataclass(frozen=True)
+class VarianceExploding:
+    """The signal is kept whole; the noise grows exponentially, each part on its own.
+
+    Each step of a sampler resolves the next smaller scale.
+    """
+
+    lowest: tuple[float, ...]
+    """Standard deviation of each part at level 0."""
+    highest: tuple[float, ...]
+    """At level 1."""
+
+    def alpha(self, level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b 1"]:
+        """1 at all levels."""
+        return torch.ones_like(level)
+
+    def sigma(self, level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b P"]:
+        """Standard deviation of the noise; 0 at negative levels."""
+        low = level.new_tensor([math.log(one) for one in self.lowest])
+        high = level.new_tensor([math.log(one) for one in self.highest])
+        return torch.where(level < 0, 0.0, (low + (high - low) * level).exp())
+
+
+def preconditioning(
+    sigma: Float[Tensor, "*b P"], spread: Float[Tensor, "P"]
+) -> tuple[Float[Tensor, "*b P"], Float[Tensor, "*b P"], Float[Tensor, "*b P"]]:
+    """Factors of the input, of the skipped input and of the network's output.
+
+    With them, input and target of the network are of unit size at each level.
+
+    Args:
+        sigma: standard deviation of the noise.
+        spread: standard deviation of clean samples.
+
+    Source: Karras et al., Elucidating the design space of diffusion models, 2022.
+    """
+    total = sigma.square() + spread.square()
+    return total.rsqrt(), spread.square() / total, sigma * spread * total.rsqrt()
+
+
+def even_levels(num_steps: int) -> list[float]:
+    """Levels of the steps from 1 down, evenly spaced; what follows the last is 0."""
+    assert num_steps >= 1, "a sample takes at least one step"
+    return [(num_steps - index) / num_steps for index in range(num_steps)]
+
+
+def centered_levels(num_steps: int, emphasis: float) -> list[float]:
+    """Levels of the steps from 1 to 0, denser in the middle."""
+    assert num_steps >= 1, "a sample takes at least one step"
+    even = torch.linspace(1, 0, num_steps, dtype=torch.float64, device="cpu")
+    # Rounded, so that the last one is 0.
+    return [round(level, 12) for level in centered(even, emphasis).tolist()]
+
+
+def centered(even: Float[Tensor, "*b"], emphasis: float) -> Float[Tensor, "*b"]:
+    """Levels 0..1 moved to the middle, where they become 1 / (1 - emphasis) as dense."""
+    return even + emphasis * (2 * math.pi * even).sin() / (2 * math.pi)
 
 
 def _vp_alpha(level: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

@@ -1,6 +1,7 @@
-"""From noise to a sample, one noise level after another; knows no model."""
+"""The sampler of both stages: from noise to samples, one noise level after another."""
 
-from collections.abc import Callable, Iterator
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -10,8 +11,20 @@ from torch import Tensor
 from pd_editor.diffusion.core.noise_schedule import NoiseSchedule
 from pd_editor.diffusion.core.random_streams import RandomStreams
 
-Denoise = Callable[[Tensor, float], Tensor]
-"""From a noisy sample and its level to the clean sample that is believed in."""
+Denoise = Callable[[Tensor, int], Tensor]
+"""From noisy samples [S ... P] and the index of their level to the predicted clean ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplerConfig:
+    """How a sampler goes from one noise level to the next."""
+
+    eta: float = 0.0
+    """Stochasticity: 0 adds no fresh noise (DDIM), 1 is ancestral sampling."""
+    is_second_order: bool = False
+    """Extrapolate the predicted clean samples of the last two steps."""
+    noise_factors: tuple[float, ...] = (1.0,)
+    """Of the fresh noise on each part of a sample."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,53 +34,67 @@ class SamplerStep:
     index: int
     """From 0."""
     num_steps: int
-    level: float
-    """Noise level of ``sample``; 0 after the last step."""
-    sample: Float[Tensor, "S ..."]
     clean: Float[Tensor, "S ..."]
-    """What the step took for the clean sample."""
+    """Predicted clean samples; after the last step they are the result."""
 
 
-def levels_of(num_steps: int) -> list[float]:
-    """Levels from 1 down to 0, evenly spaced; one more than steps."""
-    assert num_steps >= 1, "a sample takes at least one step"
-    return [(num_steps - i) / num_steps for i in range(num_steps + 1)]
-
-
-def ddim(
+def sample_steps(
     denoise: Denoise,
     start: Float[Tensor, "S ..."],
     schedule: NoiseSchedule,
-    levels: list[float],
-    *,
-    eta: float = 0.0,
-    streams: RandomStreams | None = None,
+    levels: Sequence[float],
+    config: SamplerConfig,
+    streams: RandomStreams,
 ) -> Iterator[SamplerStep]:
-    """Denoise ``start``, which is at ``levels[0]``, a step for each further level.
+    """Denoise ``start``, which is at ``levels[0]``, once at each level.
 
-    Song et al. 2021, equation 12. ``eta`` is the share of fresh noise: 0 draws none,
-    1 is ancestral sampling, for which ``streams`` must be given. A caller stops by
-    not asking for the next step.
+    A caller stops by not asking for the next step. Between steps torch is as the
+    caller set it.
+
+    Source: Song et al., Denoising diffusion implicit models, 2021, equation 12, for
+    any amplitudes of signal and noise.
     """
-    assert eta == 0.0 or streams is not None, "fresh noise needs random streams"
-    table = torch.tensor(levels, dtype=torch.float64, device="cpu")
-    alphas, sigmas = schedule.alpha(table).tolist(), schedule.sigma(table).tolist()
-    sample = start
-    for index in range(len(levels) - 1):
-        clean = denoise(sample, levels[index])
-        alpha, sigma = alphas[index], sigmas[index]
-        next_alpha, next_sigma = alphas[index + 1], sigmas[index + 1]
-        noise = (sample - alpha * clean) / sigma
-        left = max(1 - (alpha / next_alpha) ** 2, 0.0)
-        fresh = eta * next_sigma / sigma * left**0.5
-        kept = max(next_sigma**2 - fresh**2, 0.0) ** 0.5
-        sample = next_alpha * clean + kept * noise
-        if fresh > 0.0 and streams is not None:
-            sample = sample + fresh * streams.normal(*start.shape[1:]).to(sample)
-        yield SamplerStep(
-            index=index,
-            num_steps=len(levels) - 1,
-            level=levels[index + 1],
-            sample=sample,
-            clean=clean,
-        )
+    noisy, last = start, None
+    table = torch.tensor(levels, dtype=torch.float64, device="cpu")[:, None]
+    alphas = schedule.alpha(table).to(start)
+    sigmas = schedule.sigma(table).to(start)
+    factors = start.new_tensor(config.noise_factors)
+    for index in range(len(levels)):
+        with sampling_mode():
+            clean = denoise(noisy, index)
+            if index + 1 < len(levels):
+                better = clean
+                if config.is_second_order and last is not None:
+                    better = 1.5 * clean - 0.5 * last
+                noise = (noisy - alphas[index] * better) / sigmas[index]
+                kept, fresh = _noise_shares(
+                    alphas[index : index + 2], sigmas[index : index + 2], config.eta
+                )
+                noisy = alphas[index + 1] * better + kept * noise
+                if config.eta > 0:
+                    normal = streams.normal(*start.shape[1:]).to(start)
+                    noisy = noisy + factors * fresh * normal
+                last = clean
+        yield SamplerStep(index=index, num_steps=len(levels), clean=clean)
+
+
+def _noise_shares(
+    alphas: Float[Tensor, "2 #P"], sigmas: Float[Tensor, "2 #P"], eta: float
+) -> tuple[Float[Tensor, "#P"], Float[Tensor, "#P"]]:
+    """Amplitudes, at the second of two levels, of the noise kept and of fresh noise."""
+    alpha, next_alpha = alphas
+    sigma, next_sigma = sigmas
+    ratio = alpha * next_sigma / (next_alpha * sigma)
+    fresh = eta * next_sigma * (1 - ratio.square()).clamp_min(0).sqrt()
+    return (next_sigma.square() - fresh.square()).clamp_min(0).sqrt(), fresh
+
+
+@contextlib.contextmanager
+def sampling_mode() -> Iterator[None]:
+    """No gradients, and no autocast of a caller: sines of large angles need float32."""
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(torch.inference_mode())
+        for device in ("cpu", "cuda"):
+            if torch.is_autocast_enabled(device):
+                stack.enter_context(torch.autocast(device, enabled=False))
+        yield

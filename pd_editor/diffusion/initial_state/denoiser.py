@@ -1,4 +1,4 @@
-"""The network of the first stage: clean initial states from noisy ones."""
+"""The initial-state network: from noisy states of all agents to clean ones."""
 
 import math
 from dataclasses import dataclass
@@ -10,12 +10,13 @@ from torch import Tensor, nn
 
 from pd_editor.diffusion.core.attention import (
     DifferentialAttention,
+    EdgeAttention,
     KeysValues,
     Mask,
-    NeighborAttention,
     visible_agents,
 )
 from pd_editor.diffusion.core.config_limits import check_sizes
+from pd_editor.diffusion.core.noise_schedule import VarianceExploding, preconditioning
 from pd_editor.diffusion.initial_state.agent_count_prior import AgentCounts
 from pd_editor.diffusion.initial_state.conditioning import (
     REACH_M,
@@ -24,39 +25,38 @@ from pd_editor.diffusion.initial_state.conditioning import (
     PoseTask,
     pieces_within,
 )
+from pd_editor.diffusion.initial_state.context import EncodedLevel, InitialStateContext
 from pd_editor.diffusion.initial_state.features import (
     NUM_AGENT_FEATURES,
     NUM_PIECE_FEATURES,
-    NUM_PLACE_FEATURES,
-    PLACE_WAVELENGTHS_M,
+    NUM_POSITION_FEATURES,
+    POSITION_WAVELENGTHS_M,
     NoisyPoses,
     agent_relations,
-    nearest_pieces,
-    piece_relations,
-    turned,
+    as_complex,
+    fading,
+    noise_factors,
     waves,
 )
-from pd_editor.diffusion.initial_state.lane_anchored_head import LaneVotes, NearPieces
-from pd_editor.diffusion.initial_state.noise import noise_scale, preconditioning
+from pd_editor.diffusion.initial_state.lane_anchored_head import LaneAnchoredHead
+from pd_editor.diffusion.initial_state.map_tokens import MapTokens
 from pd_editor.diffusion.initial_state.state_encoding import (
     NUM_STATE_PARTS,
     POSITION_UNIT_M,
+    STATE_SPREAD,
     encode_states,
-    unit_vectors,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.windows.lane_pieces import CROSSWALK_KIND
+from pd_editor.errors import ModelError
 from pd_editor.windows.scene_features import (
     AGENT_KINDS,
     NUM_PIECE_KINDS,
-    PEDESTRIAN,
     PIECE_SHAPE,
 )
 
-_NUM_PIECE_FACTS: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
+_NUM_TOKEN_FEATURES: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
 _NUM_LEVEL_WAVES: Final = 8
-PIECE_EXISTS: Final = 4
-"""Place in ``PoseContext.pieces``; what a piece is comes after it."""
+_NUM_POSE_PARTS: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,65 +71,76 @@ class PoseDenoiserConfig:
     is_differential: bool = True
     """Plain attention to the map where false."""
     is_ordered: bool = True
-    """Tell each drawn agent its place among its kind from left to right."""
+    """Encode each sampled agent's place among its kind from left to right."""
+    lowest_noise_m: float = 0.1
+    """Standard deviation of the noise on positions at level 0."""
+    highest_noise_m: float = 80.0
+    """At level 1."""
+    lowest_direction_noise: float = 0.04
+    """The same of headings (unit vectors) and of speed codes; in between it is such that
+    the direction is known when the lane is: 0.4 at 3.5 m."""
+    highest_direction_noise: float = 3.0
 
     def __post_init__(self) -> None:
         check_sizes(self)
+        self.schedule()
 
+    def schedule(self) -> VarianceExploding:
+        """Noise on each part of a state.
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PoseContext:
-    """What the network needs of B scenes at each step; computed once."""
-
-    map_seen: tuple[KeysValues, ...]
-    """Per layer."""
-    pieces: Float[Tensor, "B P F"]
-    """x, y, cos and sin of the direction, whether there is one, then facts."""
-    is_crossing: Bool[Tensor, "B P"]
-    agent_token: Float[Tensor, "B A D"]
-    is_walking: Bool[Tensor, "B A"]
-    is_given: Bool[Tensor, "B A"]
-    given: Float[Tensor, "B A 5"]
-    """Encoded states of the given agents."""
-    pair_facts: Float[Tensor, "B A A 4"]
-    """Sizes of both."""
-    is_visible: Mask
-    """Other agents, of shape [B A 1 A]."""
+        Raises:
+            ModelError: the noise does not grow.
+        """
+        low_m, high_m = self.lowest_noise_m, self.highest_noise_m
+        low, high = self.lowest_direction_noise, self.highest_direction_noise
+        if not (0 < low_m < high_m < math.inf and 0 < low < high < math.inf):
+            raise ModelError(
+                f"The noise goes from {low_m:g} to {high_m:g} m and from {low:g} to "
+                f"{high:g}; expected finite numbers above 0, the second one larger."
+            )
+        return VarianceExploding(
+            lowest=(low_m / POSITION_UNIT_M,) * 2 + (low,) * 3,
+            highest=(high_m / POSITION_UNIT_M,) * 2 + (high,) * 3,
+        )
 
 
 class PoseDenoiser(nn.Module):
     """Denoises states of all agents of a scene together.
 
-    Each step looks from the noisy poses: with differential attention at all pieces of
-    the road, at the nearest pieces in their own frames, and at the other agents.
+    Each step looks from the noisy poses: with differential attention at all map tokens,
+    at the nearest tokens in their own frames, and at the other agents.
     """
 
     def __init__(self, config: PoseDenoiserConfig) -> None:
         super().__init__()
         self.config = config
+        self.schedule = config.schedule()
         width, relation_width = config.width, config.relation_width
-        self.piece_token = _mlp(_NUM_PIECE_FACTS + 2 + NUM_PLACE_FEATURES, width)
+        self.map_token = _mlp(_NUM_TOKEN_FEATURES + 2 + NUM_POSITION_FEATURES, width)
         self.kind_token = nn.Embedding(len(AGENT_KINDS), width)
         self.given_token = nn.Parameter(torch.zeros(width))
-        self.moves_token = _trait_token(width)
-        self.on_road_token = _trait_token(width)
-        self.agent_facts = nn.Linear(4, width)
-        self.state_token = nn.Linear(NUM_STATE_PARTS + NUM_PLACE_FEATURES, width)
+        self.moves_token = _attribute_token(width)
+        self.on_road_token = _attribute_token(width)
+        self.agent_in = nn.Linear(4, width)
+        self.state_in = nn.Linear(NUM_STATE_PARTS + NUM_POSITION_FEATURES, width)
         self.level_token = _mlp(2 * _NUM_LEVEL_WAVES + 1, width)
-        self.pair_relation = _mlp(NUM_AGENT_FEATURES + 4, relation_width)
-        self.piece_relation = _mlp(
-            NUM_PIECE_FEATURES + _NUM_PIECE_FACTS, relation_width
-        )
+        self.pair_in = nn.Linear(NUM_AGENT_FEATURES, relation_width, bias=False)
+        self.pair_sizes_in = nn.Linear(4, relation_width)
+        self.near_in = nn.Linear(NUM_PIECE_FEATURES, relation_width, bias=False)
+        self.near_token_in = nn.Linear(_NUM_TOKEN_FEATURES, relation_width + width)
+        """Of each map token, for relations to it and for the lane-anchored head."""
         self.layers = nn.ModuleList(
             PoseLayer(config, depth) for depth in range(config.num_layers)
         )
         self.register_buffer("counted", AgentCounts.none().as_tensor())
         self.norm = nn.LayerNorm(width)
-        self.to_own_frame = nn.Linear(width, NUM_STATE_PARTS)
-        self.to_scene_frame = nn.Linear(width, 4)
-        self.by_pieces = LaneVotes(
-            width, NUM_PIECE_FEATURES + _NUM_PIECE_FACTS, relation_width
+        self.output = nn.Linear(width, _NUM_POSE_PARTS + NUM_STATE_PARTS + width)
+        """Pose in the agent's own frame and speed, pose in the scene's frame, and what
+        the lane-anchored head reads."""
+        self.lane_anchored_head = LaneAnchoredHead(
+            width, NUM_PIECE_FEATURES + relation_width
         )
+        self.register_buffer("spread", torch.tensor(STATE_SPREAD), persistent=False)
 
     @property
     def agent_counts(self) -> AgentCounts:
@@ -140,17 +151,20 @@ class PoseDenoiser(nn.Module):
         """Keep what was counted beside the weights."""
         self.get_buffer("counted").copy_(counts.as_tensor())
 
-    def context(self, scene: SceneTensors, task: PoseTask) -> PoseContext:
+    def encode_context(
+        self, scene: SceneTensors, task: PoseTask
+    ) -> InitialStateContext:
         """Everything that does not depend on the noisy states."""
         scene = pieces_within(scene, REACH_M)
         has_agent = _agents_that_count(scene, task)
         kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
-        piece_facts = torch.cat([scene.piece_shape, kinds], dim=-1)
+        features = torch.cat([scene.piece_shape, kinds], dim=-1)
         heading = scene.piece_pose[..., 2:]
-        axis = torch.cat([heading.cos(), heading.sin()], dim=-1)
-        place = waves(scene.piece_pose[..., :2], PLACE_WAVELENGTHS_M)
-        pieces = self.piece_token(torch.cat([piece_facts, axis, place], dim=-1))
-        is_piece = Mask.of(scene.has_piece[:, None, None])
+        position = waves(scene.piece_pose[..., :2], POSITION_WAVELENGTHS_M)
+        tokens = self.map_token(
+            torch.cat([features, heading.cos(), heading.sin(), position], dim=-1)
+        )
+        is_token = Mask.of(scene.has_piece[:, None, None])
         num_agents = scene.agent_size.shape[1]
         size = scene.agent_size / 5
         pairs = torch.cat(
@@ -160,145 +174,156 @@ class PoseDenoiser(nn.Module):
             ],
             dim=-1,
         )
-        return PoseContext(
-            map_seen=tuple(
-                layer.map_attention.keys_values(pieces, is_piece)
-                for layer in self.blocks()
+        return InitialStateContext(
+            map_keys_values=tuple(
+                layer.map_attention.encode(tokens, is_token) for layer in self._layers()
             ),
-            pieces=torch.cat(
-                [
-                    scene.piece_pose[..., :2],
-                    axis,
-                    scene.has_piece[..., None].to(axis.dtype),
-                    piece_facts,
-                ],
-                dim=-1,
-            ),
-            is_crossing=scene.piece_kind == CROSSWALK_KIND,
-            agent_token=self._agent_token(scene, task, has_agent),
-            is_walking=scene.agent_kind == PEDESTRIAN,
-            is_given=task.is_given,
-            given=encode_states(scene.agent_pose, scene.agent_speed),
-            pair_facts=pairs,
+            map_tokens=MapTokens.of(scene, self.near_token_in(features)),
+            agent=self._agent_token(scene, task, has_agent),
+            pairs=self.pair_sizes_in(pairs)[:, None],
             is_visible=Mask.of(visible_agents(has_agent, task.is_central)[:, :, None]),
+            is_given=task.is_given if bool(task.is_given.any()) else None,
+            given=encode_states(scene.agent_pose, scene.agent_speed),
+        )
+
+    def encode_level(
+        self, level: Float[Tensor, "*l #S #B"], context: InitialStateContext
+    ) -> EncodedLevel:
+        """All that depends on noise levels 0..1 only; given agents have no noise."""
+        levels = level.transpose(-1, -2)[..., None]
+        if context.is_given is not None:
+            levels = torch.where(context.is_given[:, None], -1.0, levels)
+        sigma = self.schedule.sigma(levels[..., None])
+        noise_m, turn_noise = sigma[..., 0] * POSITION_UNIT_M, sigma[..., 2]
+
+        def of_both(noise: Float[Tensor, "*b #A"]) -> Float[Tensor, "*b #A #A"]:
+            square = noise.square()
+            return (square[..., None] + square[..., None, :]).sqrt()
+
+        return EncodedLevel(
+            self._level_token(levels),
+            *preconditioning(sigma, self.get_buffer("spread")),
+            position_fading=fading(POSITION_WAVELENGTHS_M, noise_m).repeat(
+                *[1] * noise_m.ndim, 2
+            ),
+            near=noise_factors(
+                noise_m[..., None], turn_noise[..., None], num_offsets=2
+            ),
+            pairs=noise_factors(of_both(noise_m), of_both(turn_noise), num_offsets=1),
         )
 
     def denoise(
         self,
-        context: PoseContext,
         noisy: Float[Tensor, "S B A 5"],
-        level: Float[Tensor, "S #B"],
+        level: EncodedLevel,
+        context: InitialStateContext,
     ) -> Float[Tensor, "S B A 5"]:
-        """Clean states that are expected of noisy ones; given agents as they are.
+        """Clean states predicted from encoded noisy ones; given agents as they are."""
+        # Scenes first: all versions of a scene attend to its map together.
+        states = noisy.transpose(0, 1)
+        if context.is_given is not None:
+            is_given = context.is_given[:, None, :, None]
+            states = torch.where(is_given, context.given[:, None], states)
+        found = self._output(states, level, context)
+        clean = torch.addcmul(level.factor_skip * states, level.factor_out, found)
+        if context.is_given is not None:
+            is_given = context.is_given[:, None, :, None]
+            clean = torch.where(is_given, context.given[:, None], clean)
+        return clean.transpose(0, 1)
 
-        Args:
-            context: of the B scenes.
-            noisy: S noisy versions of the encoded states.
-            level: noise level of each, 0..1, for ``noise_scale``.
-        """
-        is_given = context.is_given[None]
-        levels = torch.where(is_given, -1.0, level[..., None])
-        noisy = torch.where(is_given[..., None], context.given, noisy)
-        # Scenes first: the road is looked at by all versions of a scene together.
-        noisy, levels = noisy.transpose(0, 1), levels.transpose(0, 1)
-        scale = noise_scale(levels)
-        factor_in, factor_skip, factor_out = preconditioning(scale)
-        token, near, direction = self._tokens(
-            context, noisy, noisy * factor_in, levels, scale
-        )
-        own, speed = self.to_own_frame(token).float().split([4, 1], dim=-1)
-        own = turned(own.unflatten(-1, (2, 2)), direction[..., None, :]).flatten(-2)
-        by_pieces = self.by_pieces(token.flatten(1, 2), near).view(own.shape)
-        pose = own + self.to_scene_frame(token).float() + by_pieces
-        found = torch.cat([pose, speed], dim=-1)
-        clean = factor_skip * noisy + factor_out * found
-        return torch.where(is_given[..., None], context.given, clean.transpose(0, 1))
-
-    def _tokens(
+    def _output(
         self,
-        context: PoseContext,
-        noisy: Float[Tensor, "B S A 5"],
-        scaled: Float[Tensor, "B S A 5"],
-        levels: Float[Tensor, "B S A"],
-        scale: Float[Tensor, "B S A 5"],
-    ) -> tuple[Float[Tensor, "B S A D"], NearPieces, Float[Tensor, "B S A 2"]]:
-        """What the network makes of each agent, its road, and its frame's direction."""
-        num_scenes, num_versions, num_agents = levels.shape
+        states: Float[Tensor, "B S A 5"],
+        level: EncodedLevel,
+        context: InitialStateContext,
+    ) -> Float[Tensor, "B S A 5"]:
+        """The network's output, of about unit size at each level."""
+        position_m = states[..., :2] * POSITION_UNIT_M
         poses = NoisyPoses(
-            position_m=noisy[..., :2] * POSITION_UNIT_M,
-            direction=unit_vectors(noisy[..., 2:4]),
-            noise_m=scale[..., 0] * POSITION_UNIT_M,
-            turn_noise=scale[..., 2],
+            position_m=as_complex(position_m),
+            direction=torch.sgn(as_complex(states[..., 2:4])),
         )
-        place = waves(poses.position_m, PLACE_WAVELENGTHS_M, poses.noise_m)
-        level_token = self.level_tokens(levels)
-        token = self.state_token(torch.cat([scaled, place], dim=-1)) + level_token
-        token = token + context.agent_token[:, None]
-        near = self._near_pieces(context, poses)
-        pairs = agent_relations(poses.flattened(0, 1))
-        facts = context.pair_facts.repeat_interleave(num_versions, 0)
-        pairs = self.pair_relation(torch.cat([pairs, facts], dim=-1))
-        visible = context.is_visible.repeated(num_versions)
-        for layer, seen in zip(self.blocks(), context.map_seen, strict=True):
-            token = layer(token + level_token, seen, near, pairs, visible)
-        assert token.shape[:3] == (num_scenes, num_versions, num_agents)
-        return self.norm(token), near, poses.direction
-
-    def _near_pieces(self, context: PoseContext, poses: NoisyPoses) -> NearPieces:
-        """The nearest pieces of each noisy pose, as the network sees them."""
-        num_versions = poses.noise_m.shape[1]
-        poses = poses.flattened(1, 2)
-        nearest = nearest_pieces(
-            poses.position_m,
-            context.is_walking.repeat(1, num_versions),
-            context.pieces[..., :2],
-            context.is_crossing,
-            context.pieces[..., PIECE_EXISTS] > 0,
-            self.config.num_near_pieces,
+        position = waves(position_m, POSITION_WAVELENGTHS_M) * level.position_fading
+        token = self.state_in(torch.cat([states * level.factor_in, position], dim=-1))
+        token = token + (context.agent[:, None] + level.token)
+        near = context.map_tokens.near(poses, level.near, self.config.num_near_pieces)
+        of_tokens, for_head = near.encoded.split(
+            [self.config.relation_width, self.config.width], dim=-1
         )
-        scene = torch.arange(len(nearest), device=nearest.device)[:, None, None]
-        near = context.pieces[scene, nearest]
-        relations = piece_relations(poses, near[..., :4])
-        facts = torch.cat([relations, near[..., PIECE_EXISTS + 1 :]], dim=-1)
-        return NearPieces(
-            axis=near[..., 2:4],
-            facts=facts,
-            relations=self.piece_relation(facts),
-            mask=Mask.of(near[:, :, None, :, PIECE_EXISTS] > 0),
+        near_edges = self.near_in(near.relations).add_(of_tokens).relu_()
+        relations = agent_relations(poses, level.pairs)
+        pairs = self.pair_in(relations).add_(context.pairs).relu_()
+        num_versions = token.shape[1]
+        edges = Edges(
+            near=near_edges.flatten(0, 1),
+            near_mask=near.mask.mapped(lambda one: one.flatten(0, 1)),
+            pairs=pairs.flatten(0, 1),
+            pairs_mask=context.is_visible.mapped(
+                lambda one: one.repeat_interleave(num_versions, 0)
+            ),
         )
+        for layer, seen in zip(self._layers(), context.map_keys_values, strict=True):
+            token = layer(token + level.token, seen, edges)
+        in_own_frame, speed, in_scene, for_proposals = self.output(
+            self.norm(token)
+        ).split([_NUM_POSE_PARTS, 1, _NUM_POSE_PARTS, self.config.width], dim=-1)
+        proposed = self.lane_anchored_head(
+            for_proposals,
+            torch.cat([near.relations, near_edges.to(near.relations)], dim=-1),
+            for_head,
+            near.axis,
+            near.mask,
+        )
+        pose = as_complex(in_own_frame.float().unflatten(-1, (2, 2)))
+        pose = pose * poses.direction[..., None] + proposed
+        pose = torch.view_as_real(pose).flatten(-2) + in_scene.float()
+        return torch.cat([pose, speed.float()], dim=-1)
 
     def _agent_token(
         self, scene: SceneTensors, task: PoseTask, has_agent: Bool[Tensor, "B A"]
     ) -> Float[Tensor, "B A D"]:
-        """Kind, size, traits, part of the task, the square's size and number of agents."""
+        """Kind, size, attributes, order, the square's size and number of agents."""
         count = has_agent.sum(dim=-1)
         of_scene = torch.stack(
             [task.half_side_m / POSITION_UNIT_M, (1 + count).log() / 4], dim=-1
         )
         of_scene = of_scene[:, None].expand(-1, scene.agent_size.shape[1], -1)
         facts = torch.cat([scene.agent_size / 5, of_scene], dim=-1)
-        token = self.kind_token(scene.agent_kind) + self.agent_facts(facts)
+        token = self.kind_token(scene.agent_kind) + self.agent_in(facts)
         token = token + task.is_given[..., None] * self.given_token
         token = token + self.moves_token(task.moves) + self.on_road_token(task.on_road)
         if self.config.is_ordered:
-            drawn = task.order[..., None] > 0
-            token = token + sinusoids(task.order, self.config.width) * drawn
+            is_sampled = task.order[..., None] > 0
+            token = token + sinusoids(task.order, self.config.width) * is_sampled
         return token
 
-    def level_tokens(self, levels: Float[Tensor, "*b"]) -> Float[Tensor, "*b D"]:
-        """What each layer is told of noise levels; -1 for agents that are given."""
+    def _level_token(self, levels: Float[Tensor, "*b"]) -> Float[Tensor, "*b D"]:
+        """Noise levels, for each layer; -1 for agents that are given."""
         rates = math.pi * torch.arange(1, _NUM_LEVEL_WAVES + 1, device=levels.device)
         phase = levels.clamp_min(0)[..., None] * rates
         is_clean = (levels < 0)[..., None].to(levels.dtype)
         return self.level_token(torch.cat([phase.sin(), phase.cos(), is_clean], dim=-1))
 
-    def blocks(self) -> list["PoseLayer"]:
-        """The layers in their order."""
+    def _layers(self) -> list["PoseLayer"]:
         return [layer for layer in self.layers if isinstance(layer, PoseLayer)]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Edges:
+    """Embedded edges of the agents of N versions of scenes, the same for all layers."""
+
+    near: Float[Tensor, "N A M R"]
+    """To the nearest map tokens."""
+    near_mask: Mask
+    """Of shape [N A 1 M]."""
+    pairs: Float[Tensor, "N A A R"]
+    """To the other agents."""
+    pairs_mask: Mask
+    """Of shape [N A 1 A]."""
+
+
 class PoseLayer(nn.Module):
-    """Looks at the whole road, at the road nearby, at the others; then thinks."""
+    """Attention to the map, to the nearest map tokens, to the agents; feed-forward."""
 
     def __init__(self, config: PoseDenoiserConfig, depth: int) -> None:
         super().__init__()
@@ -307,38 +332,35 @@ class PoseLayer(nn.Module):
         self.map_attention = DifferentialAttention(
             width, heads, depth=depth, is_differential=config.is_differential
         )
-        self.piece_attention = NeighborAttention(
+        self.near_attention = EdgeAttention(
             width, config.relation_width, heads, with_tokens=False
         )
-        self.agent_attention = NeighborAttention(
+        self.agent_attention = EdgeAttention(
             width, config.relation_width, heads, with_tokens=True
         )
-        self.think = nn.Sequential(
+        self.feed_forward = nn.Sequential(
             nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width)
         )
 
     def forward(
-        self,
-        token: Float[Tensor, "B S A D"],
-        seen: KeysValues,
-        near: NearPieces,
-        pairs: Float[Tensor, "N A A R"],
-        is_visible: Mask,
+        self, token: Float[Tensor, "B S A D"], seen: KeysValues, edges: Edges
     ) -> Float[Tensor, "B S A D"]:
         """Tokens of S versions of B scenes after the layer."""
         shape = token.shape
         token = token.flatten(1, 2)
         token = token + self.map_attention(self.norms[0](token), seen)
-        token = token + self.piece_attention(
-            self.norms[1](token), near.relations, near.mask
-        )
         token = token.view(shape).flatten(0, 1)
-        token = token + self.agent_attention(self.norms[2](token), pairs, is_visible)
-        return (token + self.think(self.norms[3](token))).view(shape)
+        token = token + self.near_attention(
+            self.norms[1](token), edges.near, edges.near_mask
+        )
+        token = token + self.agent_attention(
+            self.norms[2](token), edges.pairs, edges.pairs_mask
+        )
+        return (token + self.feed_forward(self.norms[3](token))).view(shape)
 
 
 def sinusoids(order: Int[Tensor, "*b"], width: int) -> Float[Tensor, "*b D"]:
-    """The usual position code.
+    """The usual position encoding.
 
     Source: Vaswani et al., Attention is all you need, 2017.
     """
@@ -353,8 +375,8 @@ def _agents_that_count(scene: SceneTensors, task: PoseTask) -> Bool[Tensor, "B A
     return scene.has_agent & (is_near | ~task.is_given)
 
 
-def _trait_token(width: int) -> nn.Embedding:
-    """Nothing where a trait is not told; nothing anywhere before training."""
+def _attribute_token(width: int) -> nn.Embedding:
+    """0 where an attribute is not set; 0 everywhere before training."""
     token = nn.Embedding(TOLD_YES + 1, width, padding_idx=UNTOLD)
     nn.init.zeros_(token.weight)
     return token

@@ -1,96 +1,156 @@
-"""How noisy poses lie to each other and to the road, at all scales at once."""
+"""Relative poses of noisy agents and of map tokens as features, at all scales at once."""
 
 import functools
 import math
 from typing import Final, NamedTuple
 
 import torch
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-PLACE_WAVELENGTHS_M: Final = (16.0, 32.0, 64.0, 128.0, 256.0)
-"""Scales at which a place in the square is told."""
-NEIGHBOR_WAVELENGTHS_M: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-NUM_PLACE_FEATURES: Final = 4 * len(PLACE_WAVELENGTHS_M)
-NUM_AGENT_FEATURES: Final = 4 * len(NEIGHBOR_WAVELENGTHS_M) + 8
-"""Waves of both coordinates; both at the scale of a metre and of the noise; distance;
-direction, and its sine at the scale of the noise."""
+POSITION_WAVELENGTHS_M: Final = (16.0, 32.0, 64.0, 128.0, 256.0)
+"""Scales at which a position in the square is encoded."""
+RELATION_WAVELENGTHS_M: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+NUM_POSITION_FEATURES: Final = 4 * len(POSITION_WAVELENGTHS_M)
+NUM_AGENT_FEATURES: Final = 4 * len(RELATION_WAVELENGTHS_M) + 8
+"""Waves of both coordinates; both at the scale of a metre and of the noise, and the sine
+of the direction at the scale of the noise; distance; direction."""
 NUM_PIECE_FEATURES: Final = NUM_AGENT_FEATURES + 4
 
-LEAST_NOISE_M: Final = 0.05
-LEAST_TURN_NOISE: Final = 0.02
-"""Added where something is told at the scale of the noise: given agents have none."""
+_LEAST_NOISE_M: Final = 0.05
+_LEAST_TURN_NOISE: Final = 0.02
+"""Added where something is given at the scale of the noise: given agents have none."""
 
 
 class NoisyPoses(NamedTuple):
-    """Poses that are known up to some noise, given by its standard deviations."""
+    """Poses of A agents in S versions of B scenes, as complex numbers."""
 
-    position_m: Float[Tensor, "*b 2"]
-    direction: Float[Tensor, "*b 2"]
-    """Of unit length."""
-    noise_m: Float[Tensor, "*b"]
-    turn_noise: Float[Tensor, "*b"]
-    """In radians, while small."""
+    position_m: Complex[Tensor, "B S A"]
+    direction: Complex[Tensor, "B S A"]
+    """Of length one."""
 
-    def flattened(self, first: int, last: int) -> "NoisyPoses":
-        """With some dimensions made one."""
-        return NoisyPoses(*(one.flatten(first, last) for one in self))
+
+class NoiseFactors(NamedTuple):
+    """What the noise of poses makes of features."""
+
+    fading: Float[Tensor, "*b F"]
+    """Of sines, and again of cosines."""
+    lengths: Float[Tensor, "*b L"]
+    """1, or one over the noise, of what is given at the scale of the noise."""
 
 
 def waves(
-    points_m: Float[Tensor, "*b 2"],
-    wavelengths_m: tuple[float, ...],
-    noise_m: Float[Tensor, "*#b"] | None = None,
+    points_m: Float[Tensor, "*b 2"], wavelengths_m: tuple[float, ...]
 ) -> Float[Tensor, "*b F"]:
-    """Sines and cosines of both coordinates at some wavelengths.
+    """Sines and then cosines of both coordinates at some wavelengths."""
+    phase = _phase(points_m, wavelengths_m)
+    return torch.cat([phase.sin(), phase.cos()], dim=-1)
 
-    With the standard deviation of the points they are what is expected of the clean
-    points: waves shorter than the noise fade out.
+
+def _phase(
+    points_m: Float[Tensor, "*b 2"], wavelengths_m: tuple[float, ...]
+) -> Float[Tensor, "*b F"]:
+    rates = _rates(wavelengths_m, points_m.device)
+    return (points_m[..., None, :] * rates[:, None]).flatten(-2)
+
+
+def fading(
+    wavelengths_m: tuple[float, ...], noise_m: Float[Tensor, "*b"]
+) -> Float[Tensor, "*b F"]:
+    """Factors of sines, or of cosines, whose points have noise of some deviation.
+
+    They make what is expected of the waves of clean points: waves shorter than the
+    noise fade out.
 
     Source: Barron et al., Mip-NeRF, 2021 (integrated positional encoding).
     """
-    rates = _rates(wavelengths_m, points_m.device)
-    phase = points_m[..., None, :] * rates[:, None]
-    found = torch.stack([phase.sin(), phase.cos()], dim=-1)
-    if noise_m is not None:
-        fading = (noise_m[..., None] * rates).square().mul(-0.5).exp()
-        found = found * fading[..., None, None]
-    return found.flatten(-3)
+    rates = _rates(wavelengths_m, noise_m.device).repeat_interleave(2)
+    return (noise_m[..., None] * rates).square().mul(-0.5).exp()
+
+
+def noise_factors(
+    noise_m: Float[Tensor, "*b"], turn_noise: Float[Tensor, "*b"], *, num_offsets: int
+) -> NoiseFactors:
+    """Factors of relations with one offset and a direction, or with two offsets.
+
+    Args:
+        noise_m: standard deviation of offsets.
+        turn_noise: of directions, in radians while small.
+        num_offsets: 1 or 2.
+    """
+    one, near = torch.ones_like(noise_m), 1 / (noise_m + _LEAST_NOISE_M)
+    lengths = [one, one, near, near, 1 / (turn_noise + _LEAST_TURN_NOISE)]
+    lengths += [one, one, near, near] * (num_offsets - 1)
+    return NoiseFactors(
+        fading(RELATION_WAVELENGTHS_M, noise_m), torch.stack(lengths, dim=-1)
+    )
 
 
 @functools.lru_cache
-def _rates(wavelengths_m: tuple[float, ...], device: torch.device) -> Tensor:
+def _rates(
+    wavelengths_m: tuple[float, ...], device: torch.device
+) -> Float[Tensor, "W"]:
     """Radians for each metre; made once, outside of what is differentiated."""
     with torch.inference_mode(mode=False):
         return torch.tensor([2 * math.pi / one for one in wavelengths_m], device=device)
 
 
-def relation_features(
-    offset_m: Float[Tensor, "*b 2"],
-    direction: Float[Tensor, "*b 2"],
-    noise_m: Float[Tensor, "*#b"],
-    turn_noise: Float[Tensor, "*#b"],
+def agent_relations(
+    poses: NoisyPoses, noise: NoiseFactors
+) -> Float[Tensor, "B S A A F"]:
+    """How each agent sees every other one: offset and direction in its own frame."""
+    back = poses.direction.conj_physical()[..., None]
+    offset = poses.position_m[..., None, :] - poses.position_m[..., None]
+    return _relation_features(
+        offset * back, poses.direction[..., None, :] * back, noise
+    )
+
+
+def piece_relations(
+    poses: NoisyPoses,
+    middle_m: Complex[Tensor, "B S A M"],
+    axis: Complex[Tensor, "B S A M"],
+    noise: NoiseFactors,
+) -> Float[Tensor, "B S A M F"]:
+    """How each agent lies to its M map tokens, in the frame of each token.
+
+    And where the token's middle is in the agent's own frame.
+    """
+    back, own = axis.conj_physical(), poses.direction[..., None]
+    offset = poses.position_m[..., None] - middle_m
+    own_offset = -offset * own.conj_physical()
+    return _relation_features(offset * back, own * back, noise, own_offset)
+
+
+def _relation_features(
+    offset: Complex[Tensor, "*b"],
+    direction: Complex[Tensor, "*b"],
+    noise: NoiseFactors,
+    own_offset: Complex[Tensor, "*b"] | None = None,
 ) -> Float[Tensor, "*b F"]:
-    """An offset and a direction in one's own frame, both known up to some noise.
+    """An offset and a direction in one frame, and perhaps an offset in another one.
 
     Far offsets are dampened.
     """
-    noise = torch.stack([noise_m, noise_m, turn_noise], dim=-1)
-    lies = torch.cat([offset_m, direction[..., 1:]], dim=-1)
-    least = (LEAST_NOISE_M, LEAST_NOISE_M, LEAST_TURN_NOISE)
-    scaled = lies / (noise + noise.new_tensor(least))
+    offset_m = torch.view_as_real(offset)
+    direction_xy = torch.view_as_real(direction)
+    lengths = [offset_m, offset_m, direction_xy[..., 1:]]
+    if own_offset is not None:
+        lengths += [torch.view_as_real(own_offset)] * 2
+    phase = _phase(offset_m, RELATION_WAVELENGTHS_M)
     return torch.cat(
         [
-            waves(offset_m, NEIGHBOR_WAVELENGTHS_M, noise_m),
-            torch.cat([offset_m, scaled], dim=-1).asinh() / 3,
-            offset_m.norm(dim=-1, keepdim=True).log1p() / 3,
-            direction,
+            phase.sin() * noise.fading,
+            phase.cos() * noise.fading,
+            (torch.cat(lengths, dim=-1) * noise.lengths).asinh() / 3,
+            offset.abs().log1p()[..., None] / 3,
+            direction_xy,
         ],
         dim=-1,
     )
 
 
-def turned_back(
+def rotated_back(
     vectors: Float[Tensor, "*#b 2"], direction: Float[Tensor, "*#b 2"]
 ) -> Float[Tensor, "*b 2"]:
     """Vectors in frames whose x axis is a unit direction."""
@@ -99,82 +159,20 @@ def turned_back(
     )
 
 
-def turned(
-    vectors: Float[Tensor, "*#b 2"], direction: Float[Tensor, "*#b 2"]
-) -> Float[Tensor, "*b 2"]:
-    """Inverse of ``turned_back``."""
-    return torch.view_as_real(as_complex(vectors) * as_complex(direction))
-
-
 def as_complex(vectors: Float[Tensor, "*b 2"]) -> Complex[Tensor, "*b"]:
-    """As complex numbers, of which turning takes one operation."""
+    """As complex numbers, which one operation turns."""
     vectors = vectors.contiguous()
     # A part of a row counts as contiguous where there is only one row.
     is_even = vectors.storage_offset() % 2 == 0
     return torch.view_as_complex(vectors if is_even else vectors.clone())
 
 
-def agent_relations(poses: NoisyPoses) -> Float[Tensor, "N A A F"]:
-    """How each of A agents sees every other one: offset and direction in its frame."""
-
-    def of_both(noise: Float[Tensor, "N A"]) -> Float[Tensor, "N A A"]:
-        return (noise[:, None].square() + noise[:, :, None].square()).sqrt()
-
-    position_m, own = poses.position_m, poses.direction[:, :, None]
-    return relation_features(
-        turned_back(position_m[:, None] - position_m[:, :, None], own),
-        turned_back(poses.direction[:, None], own),
-        of_both(poses.noise_m),
-        of_both(poses.turn_noise),
-    )
-
-
-def piece_relations(
-    poses: NoisyPoses, piece: Float[Tensor, "N A M 4"]
-) -> Float[Tensor, "N A M F"]:
-    """How each of A agents lies to its pieces, in the frame of each piece.
-
-    And which way the piece's middle is in the agent's own frame. Pieces are told by x,
-    y, cosine and sine.
-    """
-    middle, axis = piece.split(2, dim=-1)
-    position_m, own, noise_m, turn_noise = (one[:, :, None] for one in poses)
-    offset = position_m - middle
-    middle_m = turned_back(-offset, own)
-    scaled = middle_m / (noise_m[..., None] + LEAST_NOISE_M)
-    return torch.cat(
-        [
-            relation_features(
-                turned_back(offset, axis), turned_back(own, axis), noise_m, turn_noise
-            ),
-            torch.cat([middle_m, scaled], dim=-1).asinh() / 3,
-        ],
-        dim=-1,
-    )
-
-
-def nearest_pieces(
-    position_m: Float[Tensor, "B Q 2"],
-    prefers_crossings: Bool[Tensor, "B Q"],
-    piece_m: Float[Tensor, "B P 2"],
-    is_crossing: Bool[Tensor, "B P"],
-    has_piece: Bool[Tensor, "B P"],
-    num_nearest: int,
-) -> Int[Tensor, "B Q M"]:
-    """The pieces nearest to each position, missing ones last.
+def crossing_factors(
+    prefers_crossings: Bool[Tensor, "B A"], is_crossing: Bool[Tensor, "B P"]
+) -> Float[Tensor, "B A P"]:
+    """By how much further each map token seems to each agent.
 
     To a pedestrian crosswalks seem at half the distance, to others at twice.
     """
-    distance = torch.cdist(position_m, piece_m)
-    distance = distance * crossing_factors(prefers_crossings, is_crossing)
-    distance = distance.masked_fill(~has_piece[:, None], math.inf)
-    num_nearest = min(num_nearest, distance.shape[-1])
-    return distance.topk(num_nearest, dim=-1, largest=False).indices
-
-
-def crossing_factors(
-    prefers_crossings: Bool[Tensor, "B Q"], is_crossing: Bool[Tensor, "B P"]
-) -> Float[Tensor, "B Q P"]:
-    """By how much further each piece seems to each agent."""
     factor = torch.where(prefers_crossings, 0.5, 2.0)[..., None]
     return torch.where(is_crossing[:, None], factor, 1.0)

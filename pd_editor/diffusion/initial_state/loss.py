@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from pd_editor.diffusion.core.noise_schedule import centered, preconditioning
 from pd_editor.diffusion.initial_state.box_overlap import overlap_depth_m
 from pd_editor.diffusion.initial_state.conditioning import (
     REACH_M,
@@ -17,13 +18,8 @@ from pd_editor.diffusion.initial_state.conditioning import (
     told,
 )
 from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
-from pd_editor.diffusion.initial_state.features import turned_back
+from pd_editor.diffusion.initial_state.features import rotated_back
 from pd_editor.diffusion.initial_state.lane_distance import follows_lanes, is_on_road
-from pd_editor.diffusion.initial_state.noise import (
-    denser_levels,
-    noise_scale,
-    preconditioning,
-)
 from pd_editor.diffusion.initial_state.state_encoding import (
     POSITION_UNIT_M,
     STANDING_SPEED_MPS,
@@ -41,6 +37,8 @@ class PoseLossConfig:
 
     num_levels: int = 4
     """Noise levels per scene; they share the scene's context."""
+    level_emphasis: float = 0.3
+    """As of the sampler's levels."""
     decentralized_share: float = 0.1
     """Share of scenes whose agents do not see each other."""
     given_share: float = 0.4
@@ -84,21 +82,24 @@ def pose_loss(
     config = PoseLossConfig() if config is None else config
     scene, task = training_task(scene, random, config)
     clean = encode_states(scene.agent_pose, scene.agent_speed)
-    level = _levels(config.num_levels, scene.num_scenes, random).to(clean)
-    scale = noise_scale(level)[:, :, None]
+    level = _levels(scene.num_scenes, random, config).to(clean)
+    scale = model.schedule.sigma(level[..., None, None])
     shape = (config.num_levels, *clean.shape)
     noise = torch.randn(shape, generator=random).to(clean)
-    found = model.denoise(model.context(scene, task), clean + scale * noise, level)
+    context = model.encode_context(scene, task)
+    found = model.denoise(
+        clean + scale * noise, model.encode_level(level, context), context
+    )
     is_drawn = (scene.has_agent & ~task.is_given).to(clean)
     count = is_drawn.sum().clamp_min(1) * config.num_levels
-    error = (found - clean) / preconditioning(scale)[2]
+    error = (found - clean) / preconditioning(scale, model.get_buffer("spread"))[2]
     noise_m = scale[..., 0] * POSITION_UNIT_M
     squared = squared_error(error, clean[..., 2:4], noise_m, config)
     squared = (squared * is_drawn[..., None]).sum(dim=(0, 1, 2)) / count
     parts = {name: squared[list(where)].mean() for name, where in _PARTS.items()}
     loss = sum(parts.values(), torch.zeros_like(count))
     if config.overlap_weight and progress >= config.overlap_after:
-        parts["overlap"] = _overlap(scene, clean, found, is_drawn > 0, level, config)
+        parts["overlap"] = _overlap(scene, clean, found, is_drawn > 0, noise_m, config)
         loss = loss + config.overlap_weight * parts["overlap"]
     return loss, {name: part.detach() for name, part in parts.items()}
 
@@ -110,7 +111,7 @@ def squared_error(
     config: PoseLossConfig,
 ) -> Float[Tensor, "S B A 5"]:
     """Squares of errors, those of positions along and across the true direction."""
-    along, across = turned_back(error[..., :2], direction[None]).square().unbind(-1)
+    along, across = rotated_back(error[..., :2], direction[None]).square().unbind(-1)
     weight = torch.where(noise_m < config.across_noise_m, config.across_weight, 1.0)
     own = torch.stack([along, weight * across], dim=-1)
     return torch.cat([own, error[..., 2:].square()], dim=-1)
@@ -159,12 +160,13 @@ def training_task(
 
 
 def _levels(
-    num_levels: int, num_scenes: int, random: torch.Generator
+    num_scenes: int, random: torch.Generator, config: PoseLossConfig
 ) -> Float[Tensor, "S B"]:
     """Levels 0..1, spread over the versions of each scene."""
-    offset = torch.rand((num_levels, num_scenes), generator=random)
-    even = (torch.arange(num_levels)[:, None] + offset) / num_levels
-    return denser_levels(even)
+    number = config.num_levels
+    offset = torch.rand((number, num_scenes), generator=random)
+    even = (torch.arange(number)[:, None] + offset) / number
+    return centered(even, config.level_emphasis)
 
 
 def _overlap(
@@ -172,12 +174,11 @@ def _overlap(
     clean: Float[Tensor, "B A 5"],
     found: Float[Tensor, "S B A 5"],
     is_drawn: Bool[Tensor, "B A"],
-    level: Float[Tensor, "S B"],
+    noise_m: Float[Tensor, "S B 1"],
     config: PoseLossConfig,
 ) -> Float[Tensor, ""]:
     """Mean squared depth in metres by which predicted boxes overlap too much."""
     depth = overlap_depth_m(found, scene) - overlap_depth_m(clean, scene)
-    noise_m = noise_scale(level)[..., 0] * POSITION_UNIT_M
-    counts = (noise_m < config.overlap_noise_m)[..., None] & is_drawn
+    counts = (noise_m < config.overlap_noise_m) & is_drawn
     squared = depth.clamp(min=0, max=math.inf).square().sum(dim=-1)
     return (squared * counts).sum() / counts.sum().clamp_min(1)

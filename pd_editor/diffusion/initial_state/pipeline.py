@@ -1,19 +1,23 @@
 """The first stage on a scenario: agents placed by the network, apart and on the road."""
 
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from pd_editor.diffusion.fused.folded_pose_denoiser import FoldedPoseDenoiser
 from pd_editor.diffusion.initial_state.agent_count_prior import cells_of, lane_length_m
 from pd_editor.diffusion.initial_state.attributes import TraitWishes, with_traits
 from pd_editor.diffusion.initial_state.conditioning import TOLD_NO, drawing_task
-from pd_editor.diffusion.initial_state.guidance import WITHIN_LANES, PoseGuidance
-from pd_editor.diffusion.initial_state.sampler import PoseSamplerConfig, sample_states
+from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.initial_state.guidance import PoseGuidance
+from pd_editor.diffusion.initial_state.sampler import (
+    PoseSamplerConfig,
+    finished_states,
+    sample_states,
+)
 from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.errors import GenerationError
@@ -40,6 +44,7 @@ from pd_editor.windows.scene_features import (
 
 _KIND_INDEX: Final = {kind: index for index, kind in enumerate(AGENT_KINDS)}
 _LEAST_HALF_SIDE_M: Final = 5.0
+_Progress = TypeVar("_Progress")
 _TRAITS: Final = 1
 """Sets random numbers for traits apart from those for numbers of agents."""
 
@@ -78,7 +83,7 @@ def new_agents(
 
 
 def draw_numbers(
-    network: FoldedPoseDenoiser,
+    model: PoseDenoiser,
     scenario: Scenario,
     placing: Placing,
     random: np.random.Generator,
@@ -88,7 +93,7 @@ def draw_numbers(
     Raises:
         GenerationError: the model does not know how many there are.
     """
-    counts = network.model.agent_counts
+    counts = model.agent_counts
     if not len(counts.lane_m):
         raise GenerationError(
             "These weights do not tell how many agents a road has; give numbers."
@@ -111,17 +116,20 @@ def draw_numbers(
 
 
 def place_agents(
-    network: FoldedPoseDenoiser,
+    model: PoseDenoiser,
     scenario: Scenario,
     placing: Placing,
     *,
     sample: int,
     seed: int,
-    num_steps: int | None = None,
-) -> Generator[float, None, Scenario]:
+    sampler: PoseSamplerConfig | None = None,
+    guidance: PoseGuidance | None = None,
+    progress: Callable[[float], _Progress] = lambda share: share,
+) -> Generator[_Progress, None, Scenario]:
     """A scenario in which agents stand where the model put them; no futures yet.
 
-    Yields the share that is done. Agents that are placed have the current step only.
+    Yields ``progress`` of the share that is done. Agents that are placed have the
+    current step only.
 
     Raises:
         GenerationError: there is no road where agents are to be placed.
@@ -136,7 +144,6 @@ def place_agents(
         raise GenerationError(
             "There are no lanes where agents are to be placed; expected a road there."
         )
-    model = network.model
     device = model.get_buffer("counted").device
     scene = _scene(features, placed).to(device)
     is_given = torch.zeros_like(scene.has_agent)
@@ -144,23 +151,24 @@ def place_agents(
     task = drawing_task(scene, is_given, scene.agent_speed.new_tensor([half_side]))
     random = np.random.default_rng([seed, sample, _TRAITS])
     task = with_traits(task, scene, model.agent_counts, random, placing.traits)
-    guidance = WITHIN_LANES if placing.traits.only_on_road else PoseGuidance()
+    guidance = PoseGuidance() if guidance is None else guidance
+    if placing.traits.only_on_road:
+        guidance = guidance.within_lanes()
     steps = sample_states(
-        network,
+        model,
         scene,
         samples=[sample],
         seed=seed,
         task=task,
-        config=PoseSamplerConfig()
-        if num_steps is None
-        else PoseSamplerConfig(num_steps=num_steps),
-        guide=guidance.of(scene, task),
+        config=sampler,
+        guide=guidance.of(scene, model.schedule, task),
     )
-    states = None
+    clean = None
     for step in steps:
-        states = step.states
-        yield (step.index + 1) / step.num_steps
-    assert states is not None, "there is at least one step"
+        clean = step.clean
+        yield progress((step.index + 1) / step.num_steps)
+    assert clean is not None, "there is at least one step"
+    states = finished_states(scene, task, clean)
     own = slice(len(features.agent_row), None)
     drawn = states[0, 0, own].double().cpu().numpy()
     tracks = _with_states(placed, drawn, center, scenario.current_step)

@@ -1,101 +1,140 @@
-"""A block of the second stage: agents look at lanes, candidates and neighbours."""
+"""One block of the trajectory network: attention of agents, then a feed-forward part."""
+
+from dataclasses import dataclass
+from typing import Final
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from pd_editor.diffusion.trajectory.context import (
-    BlockMemory,
-    Memory,
-    TrajectoryContext,
+from pd_editor.diffusion.core.attention import batched_product, scale_query_rows
+from pd_editor.diffusion.trajectory.interaction_features import (
+    NUM_INTERACTION_FEATURES,
 )
-from pd_editor.diffusion.trajectory.interaction_features import NUM_WAY_FEATURES
 from pd_editor.windows.packed_scene import LATENT_SIZE
+
+NUM_TOKEN_SETS: Final = 2
+"""Map tokens and candidates, each with heads of its own."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockContext:
+    """What one block attends to; G agents of all scenes in a row, H heads."""
+
+    keys: Float[Tensor, "G H2 D M"]
+    """Of map tokens for the first half of the heads, of candidates for the second."""
+    values: Float[Tensor, "G H2 M D"]
+    edge: Float[Tensor, "R F"]
+    """Of the K neighbours of all G agents in a row, before interaction features."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Masks:
+    """Which tokens and neighbours there are; the same for all blocks."""
+
+    tokens: Float[Tensor, "G H2 1 M"]
+    """Added to logits: minus infinity where there is no token."""
+    neighbors: Float[Tensor, "B 1 A K"]
+    """Added to logits: minus infinity where there is no neighbour."""
+    neighbor: Int[Tensor, "B 1 A K"]
+    """Row of each neighbour in its scene."""
 
 
 class AgentBlock(nn.Module):
-    """Three attentions side by side, a feed-forward part, and a guess at the result.
+    """Attention to map tokens, candidates and neighbours side by side.
 
-    The attentions share their input and output projections, so that a block is few
-    operations: at a few agents it is their number that takes the time.
+    All projections of the three attentions are one linear layer before and one after
+    them. Edges have no keys and values of their own: queries look at their embeddings,
+    and the result takes the weighted sum of those embeddings.
     """
 
     def __init__(self, width: int, num_heads: int, edge_width: int) -> None:
         super().__init__()
-        self.num_heads = num_heads
-        self.width = width
+        self.num_heads, self.edge_width = num_heads, edge_width
+        to_tokens, to_edges = NUM_TOKEN_SETS * width, num_heads * edge_width
+        self.sizes = [to_tokens, width, to_edges, width, width]
+        """Queries of tokens, neighbours and edges; keys and values for neighbours."""
         self.norm = nn.LayerNorm(width)
-        self.queries = nn.Linear(width, 5 * width)
-        """Of pieces, candidates and neighbours; keys and values for neighbours."""
-        self.way_in = nn.Linear(NUM_WAY_FEATURES, edge_width, bias=False)
-        self.edge_out = nn.Linear(edge_width, 2 * width, bias=False)
-        self.attended = nn.Linear(3 * width, width)
+        self.project = nn.Linear(width, sum(self.sizes))
+        scale_query_rows(self.project, to_tokens + width, width // num_heads)
+        scale_query_rows(
+            self.project, to_edges, edge_width, first_row=to_tokens + width
+        )
+        self.interaction_in = nn.Linear(
+            NUM_INTERACTION_FEATURES, edge_width, bias=False
+        )
+        self.attended = nn.Linear(to_tokens + to_edges + width, width)
         self.feed_forward = nn.Sequential(
             nn.LayerNorm(width),
             nn.Linear(width, 4 * width),
             nn.ReLU(),
             nn.Linear(4 * width, width),
         )
-        self.guess = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, LATENT_SIZE))
+        self.output = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, LATENT_SIZE))
 
     def forward(
         self,
-        hidden: Float[Tensor, "S G E"],
-        ways: Float[Tensor, "S G K 24"] | None,
-        memory: BlockMemory,
-        context: TrajectoryContext,
-    ) -> tuple[Float[Tensor, "S G E"], Float[Tensor, "S G 10"]]:
-        """Hidden states after the block, and the network output guessed from them."""
-        queries, own = self.queries(self.norm(hidden)).split(
-            [3 * self.width, 2 * self.width], dim=-1
-        )
-        to_pieces, to_candidates, to_neighbors = queries.chunk(3, dim=-1)
+        hidden: Float[Tensor, "S B A E"],
+        interactions: Float[Tensor, "S R 24"] | None,
+        context: BlockContext,
+        masks: Masks,
+    ) -> tuple[Float[Tensor, "S B A E"], Float[Tensor, "S B A 10"]]:
+        """Hidden states after the block, and the network output read from them.
+
+        Args:
+            hidden: of S samples of B scenes of A agents.
+            interactions: of the neighbours of all agents in a row.
+            context: what the block attends to.
+            masks: which of it there is.
+        """
+        projected = self.project(self.norm(hidden))
+        to_tokens, *to_neighbors = projected.split(self.sizes, dim=-1)
+        edge = context.edge
+        if interactions is not None:
+            edge = edge + self.interaction_in(interactions)
         seen = torch.cat(
             [
-                self._recall(to_pieces, memory.pieces),
-                self._recall(to_candidates, memory.candidates),
-                self._neighbors(to_neighbors, own, ways, memory, context),
+                _attend_to_tokens(to_tokens, context, masks),
+                *self._attend_to_neighbors(to_neighbors, edge.relu(), masks),
             ],
             dim=-1,
         )
         hidden = hidden + self.attended(seen)
         hidden = hidden + self.feed_forward(hidden)
-        return hidden, self.guess(hidden)
+        return hidden, self.output(hidden)
 
-    def _recall(
-        self, query: Float[Tensor, "S G E"], memory: Memory
-    ) -> Float[Tensor, "S G E"]:
-        heads = query.unflatten(-1, (self.num_heads, -1)).permute(1, 2, 0, 3)
-        if torch.is_grad_enabled():
-            # The fused kernel is slow backwards where queries are few.
-            weights = heads * heads.shape[-1] ** -0.5 @ memory.keys.mT
-            weights = weights.masked_fill(~memory.exists, -torch.inf).softmax(dim=-1)
-            found = weights.to(memory.values.dtype) @ memory.values
-        else:
-            found = nn.functional.scaled_dot_product_attention(
-                heads, memory.keys, memory.values, attn_mask=memory.exists
-            )
-        return found.permute(2, 0, 1, 3).flatten(-2)
-
-    def _neighbors(
-        self,
-        query: Float[Tensor, "S G E"],
-        own: Float[Tensor, "S G F"],
-        ways: Float[Tensor, "S G K 24"] | None,
-        memory: BlockMemory,
-        context: TrajectoryContext,
-    ) -> Float[Tensor, "S G E"]:
-        edge = memory.edge if ways is None else memory.edge + self.way_in(ways)
-        near = own.index_select(1, context.neighbor.flatten())
-        seen = near.unflatten(1, context.neighbor.shape) + self.edge_out(
-            nn.functional.relu(edge)
+    def _attend_to_neighbors(
+        self, projected: list[Tensor], edge: Float[Tensor, "*S R F"], masks: Masks
+    ) -> tuple[Float[Tensor, "S B A HF"], Float[Tensor, "S B A E"]]:
+        """Weighted sums of edge embeddings, and of the neighbours' values."""
+        shape = projected[0].shape[:3]
+        num_neighbors = masks.neighbor.shape[-1]
+        query, keys, values = (
+            part.unflatten(-1, (self.num_heads, -1)).transpose(2, 3)
+            for part in (projected[0], *projected[2:])
         )
-        heads = seen.flatten(0, 1).unflatten(-1, (2, self.num_heads, -1))
-        keys, values = heads.permute(2, 0, 3, 1, 4)
-        exists = context.has_neighbor.expand(len(query), *(-1,) * 4).flatten(0, 1)
-        # Fused kernels for GPUs take 65,535 rows only, some of them, and ours are more.
-        queries = query.flatten(0, 1).unflatten(-1, (self.num_heads, 1, -1))
-        weights = queries * queries.shape[-1] ** -0.5 @ keys.mT
-        weights = weights.masked_fill(~exists, -torch.inf).softmax(dim=-1)
-        found = weights.to(values.dtype) @ values
-        return found.flatten(1).unflatten(0, query.shape[:2])
+        edge = edge.view(-1, *shape[1:], num_neighbors, self.edge_width)
+        to_edges = projected[1].unflatten(-1, (self.num_heads, self.edge_width))
+        of_edges = (to_edges @ edge.mT).transpose(2, 3)
+        among = query @ keys.mT
+        row = masks.neighbor.expand(*of_edges.shape)
+        logits = among.gather(-1, row) + of_edges + masks.neighbors
+        weights = logits.softmax(dim=-1).to(among.dtype)
+        by_row = torch.zeros_like(among).scatter_add(-1, row, weights)
+        of_neighbors = (by_row @ values).transpose(2, 3)
+        seen_edges = weights.transpose(2, 3) @ edge
+        return seen_edges.flatten(-2), of_neighbors.flatten(-2)
+
+
+def _attend_to_tokens(
+    query: Float[Tensor, "S B A E2"], context: BlockContext, masks: Masks
+) -> Float[Tensor, "S B A E2"]:
+    """Weighted sums of the values of map tokens and of candidates."""
+    agents, heads = context.keys.shape[:2]
+    # All samples of an agent attend to the same tokens.
+    queries = query.flatten(1, 2).unflatten(-1, (heads, -1)).permute(1, 2, 0, 3)
+    logits = batched_product(queries, context.keys) + masks.tokens
+    weights = logits.softmax(dim=-1).to(context.values.dtype)
+    found = batched_product(weights, context.values)
+    assert len(found) == agents
+    return found.permute(2, 0, 1, 3).reshape(query.shape)

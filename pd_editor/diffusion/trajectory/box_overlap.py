@@ -10,8 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.context import TrajectoryContext
-from pd_editor.diffusion.trajectory.interaction_features import TrajectoryDecoder
+from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
+from pd_editor.diffusion.trajectory.features import Neighbors
 
 _NUM_TIMES: Final = 12
 _DISCS: Final = (-1.0, 0.0, 1.0)
@@ -22,7 +22,7 @@ _HELD_M: Final = 0.2
 def overlap_depth_m(
     decoder: TrajectoryDecoder,
     latent: Float[Tensor, "S B A 10"],
-    context: TrajectoryContext,
+    neighbors: Neighbors,
     scene: SceneTensors,
 ) -> Float[Tensor, "S B A K"]:
     """Largest depth over time of each agent into each of its K neighbours."""
@@ -30,8 +30,8 @@ def overlap_depth_m(
     x, y = _disc_centers(
         decoder, flat, scene.agent_speed.flatten(), scene.agent_size.flatten(0, 1)
     )
-    near = context.neighbor[:, 1:]
-    pose = context.neighbor_pose[:, 1:, None, None, :]
+    near = neighbors.row_of_all()[:, :, 1:].flatten(0, 1)
+    pose = neighbors.pose[:, :, 1:].flatten(0, 1)[..., None, None, :]
     rows = near.flatten()
     their_x = x.index_select(1, rows).unflatten(1, near.shape)
     their_y = y.index_select(1, rows).unflatten(1, near.shape)
@@ -46,7 +46,7 @@ def overlap_depth_m(
     radius = 0.5 * scene.agent_size[..., 1].flatten()
     reach = radius[:, None] + radius[near]
     depth = (reach - distance.amin(dim=(-1, -2, -3))).clamp_min(0)
-    depth = torch.where(context.has_neighbor[:, 0, 0, 1:], depth, 0.0)
+    depth = torch.where(neighbors.exists[:, :, 1:].flatten(0, 1), depth, 0.0)
     return depth.unflatten(1, latent.shape[1:3])
 
 

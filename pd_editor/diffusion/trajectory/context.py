@@ -1,40 +1,39 @@
-"""What the second stage remembers of a scene while futures are denoised."""
+"""The trajectory network's encoded scene and noise levels, for all denoising steps."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Memory:
-    """Keys and values of the N things that each of G agents sees, in H heads."""
-
-    keys: Float[Tensor, "G H N D"]
-    values: Float[Tensor, "G H N D"]
-    exists: Bool[Tensor, "G 1 1 N"]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlockMemory:
-    """What one block of the network sees of the scene."""
-
-    pieces: Memory
-    candidates: Memory
-    edge: Float[Tensor, "G K F"]
-    """Of each neighbour: its place, its kind and so on."""
+from pd_editor.diffusion.trajectory.block import BlockContext, Masks
+from pd_editor.diffusion.trajectory.features import Neighbors
+from pd_editor.diffusion.trajectory.interaction_features import InteractionGeometry
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectoryContext:
-    """G agents, those of all scenes in a row; K neighbours, the first being oneself."""
+    """All that does not depend on noisy trajectories, of B scenes of A agents."""
 
-    agent: Float[Tensor, "G E"]
-    blocks: tuple[BlockMemory, ...]
-    neighbor: Int[Tensor, "G K"]
-    """Rows of the neighbours."""
-    has_neighbor: Bool[Tensor, "G 1 1 K"]
-    neighbor_pose: Float[Tensor, "G K 4"]
-    way_matrix: Float[Tensor, "10 W"]
-    """With the offset, makes way points of latents."""
-    way_offset: Float[Tensor, "G W"]
+    agent: Float[Tensor, "B A E"]
+    blocks: tuple[BlockContext, ...]
+    masks: Masks
+    neighbors: Neighbors
+    interactions: InteractionGeometry | None
+    """None for a network without interaction features."""
+
+
+class EncodedLevel(NamedTuple):
+    """All that depends on noise levels only; of agents, or of all of them alike."""
+
+    hidden: Float[Tensor, "*b NE"]
+    """Added in the first layer and before each block."""
+    alpha: Float[Tensor, "*b 1"]
+    noisy_share: Float[Tensor, "*b 1"]
+    """Of the noisy latents in the predicted clean ones."""
+    output_share: Float[Tensor, "*b 1"]
+    """Of the network's output in them."""
+
+    def at(self, index: int) -> "EncodedLevel":
+        """One of several levels along the first axis."""
+        return EncodedLevel(*(one[index] for one in self))

@@ -1,18 +1,91 @@
-"""From latents of futures to places, headings and velocities in a scene."""
+"""From latents of trajectories to positions, headings and velocities."""
 
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import torch
 from jaxtyping import Float
+from torch import Tensor, nn
 
-from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis, heading_along
+from pd_editor.diffusion.inputs.trajectory_pca import (
+    NUM_ACROSS,
+    NUM_ALONG,
+    TrajectoryBasis,
+    heading_along,
+)
 from pd_editor.geometry.angles import unit_vector
 from pd_editor.scene.time_axis import TimeAxis
+from pd_editor.windows.packed_scene import LATENT_SIZE
 
 _STANDS_MPS: Final = 0.3
 _STAYS_M: Final = 0.5
 """Who stands and would not even move this far stays where it is, exactly."""
+
+
+class TrajectoryDecoder(nn.Module):
+    """A trajectory basis as tensors, stored with the weights."""
+
+    def __init__(self, basis: TrajectoryBasis | None, num_steps: int) -> None:
+        """Without a basis, one is expected to be loaded with the weights."""
+        super().__init__()
+        arrays = _empty(num_steps) if basis is None else basis.arrays()
+        for name, values in arrays.items():
+            self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
+
+    @property
+    def num_steps(self) -> int:
+        """Number of future points."""
+        return len(self.get_buffer("mean_m"))
+
+    @property
+    def basis(self) -> TrajectoryBasis:
+        """The basis in NumPy."""
+        return TrajectoryBasis.of_arrays(
+            {
+                name: values.double().cpu().numpy()
+                for name, values in self.named_buffers()
+            }
+        )
+
+    def matrix(self, steps: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Matrix [10 2T], mean [2T] and times [2T] for x and then y at T steps.
+
+        Points are ``latent @ matrix + mean + speed * times``.
+        """
+        buffers = dict(self.named_buffers())
+        scale = buffers["scale_m"][:, None]
+        along = buffers["along"][:, steps] * scale[:NUM_ALONG]
+        across = buffers["across"][:, steps] * scale[NUM_ALONG:]
+        empty = torch.zeros_like(along)
+        matrix = torch.cat(
+            [torch.cat([along, empty], 1), torch.cat([empty[:NUM_ACROSS], across], 1)]
+        )
+        mean = buffers["mean_m"][steps]
+        times = buffers["step_s"] * (steps + 1)
+        still = torch.zeros_like(mean)
+        return matrix, torch.cat([mean, still]), torch.cat([times, still])
+
+    def still(self, speed: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape 10"]:
+        """Latents of not moving at all."""
+        buffers = dict(self.named_buffers())
+        along = buffers["along"] / buffers["scale_m"][:NUM_ALONG, None]
+        steps = torch.arange(1, self.num_steps + 1, device=speed.device)
+        times = buffers["step_s"] * steps.to(speed)
+        back = -(speed[..., None] * (along @ times) + along @ buffers["mean_m"])
+        return nn.functional.pad(back, (0, NUM_ACROSS))
+
+    def points(
+        self,
+        latent: Float[Tensor, "*shape 10"],
+        speed: Float[Tensor, "*#shape"],
+        steps: Tensor,
+    ) -> tuple[Float[Tensor, "*shape T"], Float[Tensor, "*shape T"]]:
+        """Places at some steps, x and y, in each agent's own frame."""
+        matrix, mean, times = self.matrix(steps)
+        points = latent.to(matrix) @ matrix + mean + speed[..., None] * times
+        x, y = points.chunk(2, dim=-1)
+        return x, y
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,3 +135,13 @@ def _at_steps(
     before = np.minimum(place.astype(int), local.shape[-2] - 2)
     fraction = (place - before)[:, None]
     return local[..., before, :] * (1 - fraction) + local[..., before + 1, :] * fraction
+
+
+def _empty(num_steps: int) -> dict[str, list[float] | list[list[float]]]:
+    return {
+        "step_s": [0.1],
+        "mean_m": [0.0] * num_steps,
+        "along": [[0.0] * num_steps] * NUM_ALONG,
+        "across": [[0.0] * num_steps] * NUM_ACROSS,
+        "scale_m": [1.0] * LATENT_SIZE,
+    }

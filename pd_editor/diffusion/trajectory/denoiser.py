@@ -1,10 +1,9 @@
-"""The second stage's network: from noisy futures of all agents to clean ones.
+"""The trajectory network: from noisy latents of all agents to clean ones.
 
-Each agent attends to the lane pieces around it, to its Frenet candidates and to its
-neighbours (heterogeneous message passing, Path Diffuser section III-E). All places are
-relative, so results do not change when a scene is turned or moved. What does not
-depend on the noisy futures is computed once per scene. Neighbours are also seen where
-they are believed to be going, which is looked at anew in every block.
+Each agent attends to the map tokens around it, to its Frenet candidates and to its
+neighbours (heterogeneous message passing, Path Diffuser section III-E). All poses are
+relative, so results do not change when a scene is turned or moved. Neighbours are also
+seen at the waypoints that were predicted last, which are new in each block.
 """
 
 from dataclasses import dataclass
@@ -12,20 +11,20 @@ from dataclasses import dataclass
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.nn.functional import pad
 
+from pd_editor.diffusion.core.attention import minus_infinity_unless
 from pd_editor.diffusion.core.config_limits import check_sizes
 from pd_editor.diffusion.core.noise_schedule import (
-    NoiseSchedule,
     Prediction,
     ScheduleKind,
+    VariancePreserving,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.diffusion.trajectory.block import AgentBlock
-from pd_editor.diffusion.trajectory.context import (
-    BlockMemory,
-    TrajectoryContext,
-)
+from pd_editor.diffusion.trajectory.block import AgentBlock, BlockContext, Masks
+from pd_editor.diffusion.trajectory.context import EncodedLevel, TrajectoryContext
+from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
 from pd_editor.diffusion.trajectory.features import (
     NUM_AGENT_FEATURES,
     NUM_EDGE_FEATURES,
@@ -37,8 +36,8 @@ from pd_editor.diffusion.trajectory.features import (
     piece_features,
     seen_pieces,
 )
-from pd_editor.diffusion.trajectory.interaction_features import WayPoints
-from pd_editor.diffusion.trajectory.memory_encoder import MemoryEncoder
+from pd_editor.diffusion.trajectory.interaction_features import InteractionGeometry
+from pd_editor.diffusion.trajectory.token_encoder import TokenEncoder
 from pd_editor.windows.packed_scene import LATENT_SIZE
 from pd_editor.windows.scene_features import NUM_FUTURE_STEPS
 
@@ -51,9 +50,9 @@ class TrajectoryConfig:
     num_heads: int = 4
     num_blocks: int = 2
     edge_width: int = 64
-    """Width in which a neighbour's place and way are looked at."""
+    """Width of the embedding of a neighbour's pose and waypoints."""
     sees_way_points: bool = True
-    """Whether neighbours are seen where they are believed to be going."""
+    """Whether neighbours are seen at their predicted waypoints."""
     schedule: ScheduleKind = "cosine"
     prediction: Prediction = "velocity"
 
@@ -62,7 +61,7 @@ class TrajectoryConfig:
 
 
 class TrajectoryDenoiser(nn.Module):
-    """Predicts clean futures, as latents of its trajectory basis."""
+    """Predicts clean latents of its trajectory basis."""
 
     def __init__(
         self, config: TrajectoryConfig, basis: TrajectoryBasis | None = None
@@ -70,86 +69,118 @@ class TrajectoryDenoiser(nn.Module):
         """Without a basis, one is expected to be loaded with the weights."""
         super().__init__()
         self.config = config
-        self.schedule = NoiseSchedule(
+        self.schedule = VariancePreserving(
             kind=config.schedule, prediction=config.prediction
         )
-        self.way_points = WayPoints(basis, NUM_FUTURE_STEPS)
-        width, blocks = config.width, config.num_blocks
+        self.decoder = TrajectoryDecoder(basis, NUM_FUTURE_STEPS)
+        width, blocks, heads = config.width, config.num_blocks, config.num_heads
         self.agent_in = nn.Linear(NUM_AGENT_FEATURES, width)
-        self.noisy_in = nn.Linear(LATENT_SIZE + NUM_LEVEL_FEATURES, width)
-        self.token = nn.Linear(width, width)
-        self.level_bias = nn.Linear(NUM_LEVEL_FEATURES, blocks * width)
-        self.piece_memory = MemoryEncoder(
-            NUM_PIECE_FEATURES, width, blocks, config.num_heads
-        )
-        self.candidate_memory = MemoryEncoder(
-            LATENT_SIZE, width, blocks, config.num_heads
-        )
+        self.noisy_in = nn.Linear(LATENT_SIZE, width, bias=False)
+        self.level_in = nn.Linear(NUM_LEVEL_FEATURES, (1 + blocks) * width)
+        """For the first layer and for each block."""
+        self.embed = nn.Linear(width, width)
+        self.map_tokens = TokenEncoder(NUM_PIECE_FEATURES, width, blocks, heads)
+        self.candidate_tokens = TokenEncoder(LATENT_SIZE, width, blocks, heads)
         self.edge_in = nn.Linear(NUM_EDGE_FEATURES, blocks * config.edge_width)
         self.blocks = nn.ModuleList(
-            AgentBlock(width, config.num_heads, config.edge_width)
-            for _ in range(blocks)
+            AgentBlock(width, heads, config.edge_width) for _ in range(blocks)
         )
 
-    def context(self, scene: SceneTensors) -> TrajectoryContext:
-        """All that does not depend on the noisy futures."""
-        scenes, agents = scene.has_agent.shape
-        features = agent_features(scene)
-        pieces = self.piece_memory(piece_features(scene), seen_pieces(scene))
-        candidates = self.candidate_memory(scene.candidates, scene.has_candidate)
-        neighbors = Neighbors.of(scene)
-        edge = self.edge_in(neighbors.edge_features(features))
-        edges = edge.flatten(0, 1).chunk(self.config.num_blocks, dim=-1)
-        offset = agents * torch.arange(scenes, device=features.device)
-        way_matrix, way_offset = self.way_points.line(scene.agent_speed.flatten())
+    def encode_context(self, scene: SceneTensors) -> TrajectoryContext:
+        """All that does not depend on noisy trajectories."""
+        features, neighbors = agent_features(scene), Neighbors.of(scene)
+        edges = self.edge_in(neighbors.edge_features(features)).flatten(0, 2)
+        keys, values, masks = self._tokens(scene)
+        interactions = None
+        if self.config.sees_way_points:
+            interactions = InteractionGeometry.of(
+                self.decoder, scene.agent_speed, neighbors
+            )
         return TrajectoryContext(
-            agent=self.agent_in(features).flatten(0, 1),
+            agent=self.agent_in(features),
             blocks=tuple(
-                BlockMemory(pieces=one, candidates=two, edge=three)
-                for one, two, three in zip(pieces, candidates, edges, strict=True)
+                BlockContext(keys=one, values=two, edge=three)
+                for one, two, three in zip(
+                    keys, values, edges.chunk(len(self.blocks), dim=-1), strict=True
+                )
             ),
-            neighbor=(neighbors.row + offset[:, None, None]).flatten(0, 1),
-            has_neighbor=neighbors.exists.flatten(0, 1)[:, None, None],
-            neighbor_pose=neighbors.pose.flatten(0, 1),
-            way_matrix=way_matrix,
-            way_offset=way_offset,
+            masks=Masks(
+                tokens=masks,
+                neighbors=minus_infinity_unless(neighbors.exists)[:, None],
+                neighbor=neighbors.row[:, None],
+            ),
+            neighbors=neighbors,
+            interactions=interactions,
+        )
+
+    def encode_level(self, level: Float[Tensor, "*b"]) -> EncodedLevel:
+        """All that depends on noise levels only; given agents are at level 0."""
+        level = level[..., None]
+        alpha, sigma = self.schedule.alpha(level), self.schedule.sigma(level)
+        by_level = self.level_in(level_features(level, alpha, sigma))
+        zero, one = torch.zeros_like(level), torch.ones_like(level)
+        is_noisy = level > 0
+        # The clean sample is linear in the noisy one and in the network's output.
+        noisy_share = self.schedule.clean_of(zero, one, level)
+        output_share = self.schedule.clean_of(one, zero, level)
+        return EncodedLevel(
+            hidden=by_level,
+            alpha=alpha,
+            noisy_share=torch.where(is_noisy, noisy_share, 1.0),
+            output_share=torch.where(is_noisy, output_share, 0.0),
         )
 
     def denoise(
         self,
-        context: TrajectoryContext,
         noisy: Float[Tensor, "S B A 10"],
-        level: Float[Tensor, "S B A"],
+        level: EncodedLevel,
+        context: TrajectoryContext,
     ) -> Float[Tensor, "S B A 10"]:
-        """Clean latents; agents at level 0 are taken as given and come out as is."""
-        return self.guesses(context, noisy, level)[-1]
+        """Predicted clean latents; given agents come out as they go in."""
+        return self.predictions(noisy, level, context)[-1]
 
-    def guesses(
+    def predictions(
         self,
-        context: TrajectoryContext,
         noisy: Float[Tensor, "S B A 10"],
-        level: Float[Tensor, "S B A"],
+        level: EncodedLevel,
+        context: TrajectoryContext,
     ) -> list[Float[Tensor, "S B A 10"]]:
-        """What each block takes for clean; the last one is the result."""
-        flat, flat_level = noisy.flatten(1, 2), level.flatten(1, 2)[..., None]
-        alpha, sigma = self.schedule.alpha(flat_level), self.schedule.sigma(flat_level)
-        levels = level_features(flat_level, alpha, sigma)
-        hidden = self.noisy_in(torch.cat([flat, levels], dim=-1)) + context.agent
-        hidden = self.token(nn.functional.relu(hidden))
-        biases = self.level_bias(levels).chunk(self.config.num_blocks, dim=-1)
-        # The best linear guess at a latent of unit variance.
-        guess = alpha * flat
-        guesses: list[Tensor] = []
-        for block, memory, bias in zip(
-            self.blocks, context.blocks, biases, strict=True
+        """Clean latents predicted by each block; the last one is the result."""
+        first, *biases = level.hidden.chunk(1 + len(self.blocks), dim=-1)
+        hidden = self.noisy_in(noisy) + (context.agent + first)
+        hidden = self.embed(hidden.relu())
+        # The best linear prediction of a latent of unit variance.
+        prediction = level.alpha * noisy
+        kept = level.noisy_share * noisy
+        predictions: list[Tensor] = []
+        for block, bias, of_block in zip(
+            self.blocks, biases, context.blocks, strict=True
         ):
-            ways = (
-                self.way_points(guess.detach(), context)
-                if self.config.sees_way_points
-                else None
-            )
-            hidden, output = block(hidden + bias, ways, memory, context)
-            clean = self.schedule.clean_of(output.to(flat), flat, flat_level)
-            guess = torch.where(flat_level > 0, clean, flat)
-            guesses.append(guess.unflatten(1, noisy.shape[1:3]))
-        return guesses
+            interactions = None
+            if context.interactions is not None:
+                interactions = context.interactions.features(prediction.detach())
+            hidden, output = block(hidden + bias, interactions, of_block, context.masks)
+            prediction = torch.addcmul(kept, level.output_share, output.to(noisy))
+            predictions.append(prediction)
+        return predictions
+
+    def _tokens(
+        self, scene: SceneTensors
+    ) -> tuple[Tensor, Tensor, Float[Tensor, "G H2 1 M"]]:
+        """Keys, values and mask of map tokens and candidates, as many of each."""
+        parts = [
+            (self.map_tokens, piece_features(scene), seen_pieces(scene)),
+            (self.candidate_tokens, scene.candidates, scene.has_candidate),
+        ]
+        most = max(exists.shape[-1] for _, _, exists in parts)
+        encoded: list[tuple[Tensor, Tensor]] = []
+        masks: list[Tensor] = []
+        for encoder, tokens, exists in parts:
+            missing = most - exists.shape[-1]
+            encoded.append(encoder(pad(tokens.flatten(0, 1), (0, 0, 0, missing))))
+            # The null token is always there.
+            visible = pad(exists.flatten(0, 1), (1, 0), value=True)
+            mask = minus_infinity_unless(pad(visible, (0, missing)))[:, None, None]
+            masks.append(mask.expand(-1, self.config.num_heads, -1, -1))
+        keys, values = (torch.cat(both, dim=2) for both in zip(*encoded, strict=True))
+        return keys, values, torch.cat(masks, dim=1)

@@ -51,6 +51,12 @@ class Neighbors:
         )
         return cls(row=near.clamp_min(0), exists=exists, pose=pose)
 
+    def row_of_all(self) -> Int[Tensor, "B A K"]:
+        """Row of each neighbour among the agents of all scenes."""
+        scenes, agents = self.row.shape[:2]
+        first = agents * torch.arange(scenes, device=self.row.device)
+        return self.row + first[:, None, None]
+
     def edge_features(self, agents: Float[Tensor, "B A F"]) -> Float[Tensor, "B A K E"]:
         """Where each neighbour is, what it is and what oneself is."""
         theirs = gathered(agents, self.row)

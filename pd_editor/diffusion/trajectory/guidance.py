@@ -1,42 +1,56 @@
-"""Wishes about believed clean futures: near a Frenet candidate of the agent.
+"""Guidance of predicted clean trajectories to the nearest Frenet candidates.
 
-At each step of the later part of sampling, each agent's belief goes a part of the way
-to the candidate that is nearest to it (Path Diffuser, section III-F, which leaves cost
-and strength open). No gradient is needed: distances are those of latents in metres.
+At each step of the later part of sampling, each agent's prediction goes a part of the
+way to the candidate nearest to it (Path Diffuser, section III-F, which leaves cost and
+strength open). No gradient is needed: distances are those of latents in metres.
 """
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from pd_editor.diffusion.core.config_limits import check_settings
+from pd_editor.diffusion.defaults import DEFAULT_WEIGHT
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.features import STANDING_MPS
 
-_FROM_SHARE: Final = 0.3
-"""Guidance begins when this share of the steps is done."""
-_STANDING_FROM_SHARE: Final = 0.65
-"""The same of those who stand: few of them start, and pulled early on none would."""
-_STAYS_M: Final = 0.4
-"""A future as close to standing still as this counts as standing."""
-_STARTING_SHARE: Final = 0.2
-"""Of the pull on those who stand and are believed to start: the nearest candidate that
-starts may be far. Pulled all the way, 6.1 instead of 4.9 % of the futures overlap as
-drawn, and their error is 0.93 instead of 0.89 of constant velocity's (``train``)."""
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryGuidance:
+    """How strongly predicted clean trajectories are changed, and from which level on."""
+
+    weight: float = DEFAULT_WEIGHT
+    """Share of the way to the candidate, unless a request says otherwise."""
+    first_level: float = 0.7
+    """Above this noise level nothing is changed."""
+    standing_first_level: float = 0.35
+    """The same of standing agents: few of them start, and pulled early on none would."""
+    stays_m: float = 0.4
+    """A trajectory as close to standing still as this counts as standing."""
+    starting_share: float = 0.2
+    """Of the pull on standing agents that are predicted to start: the nearest candidate
+    that starts may be far. Pulled all the way, 6.1 instead of 4.9 % of the trajectories
+    overlap, and their error is 0.93 instead of 0.89 of constant velocity's
+    (``train``)."""
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
 
 @dataclass(kw_only=True, eq=False)
 class NearestCandidateGuide:
     """Pulls the agents of B scenes to their nearest candidates.
 
-    Who stands and is believed to go on standing is pulled to standing candidates
-    only, who is believed to start only a little, and only to others; both late. Agents
-    without candidates are left alone.
+    Standing agents that are predicted to stay are pulled to standing candidates only;
+    those predicted to start are pulled a little, and only to moving candidates; both
+    late. Agents without candidates are left alone.
     """
+
+    config: TrajectoryGuidance = field(default_factory=TrajectoryGuidance)
 
     weight: Float[Tensor, "B A"]
     """Share of the way to the candidate that each step goes."""
@@ -61,14 +75,17 @@ class NearestCandidateGuide:
         model: TrajectoryDenoiser,
         scene: SceneTensors,
         weight: Float[Tensor, "B A"],
+        config: TrajectoryGuidance | None = None,
     ) -> "NearestCandidateGuide":
         """A guide for the agents of a scene; the weight is 0 of those left alone."""
-        decoder = model.way_points
+        config = TrajectoryGuidance() if config is None else config
+        decoder = model.decoder
         scale = decoder.get_buffer("scale_m") / decoder.num_steps**0.5
         candidates = scene.candidates * scale
         still = decoder.still(scene.agent_speed) * scale
-        stays = (candidates - still[:, :, None]).norm(dim=-1) < _STAYS_M
+        stays = (candidates - still[:, :, None]).norm(dim=-1) < config.stays_m
         return cls(
+            config=config,
             weight=weight,
             candidates=candidates,
             allowed=scene.has_candidate,
@@ -79,22 +96,24 @@ class NearestCandidateGuide:
         )
 
     def __call__(
-        self, clean: Float[Tensor, "S B A 10"], share_done: float
+        self, clean: Float[Tensor, "S B A 10"], level: float
     ) -> Float[Tensor, "S B A 10"]:
-        """Believed clean latents, nearer to candidates."""
-        if share_done < _FROM_SHARE:
+        """Predicted clean latents, nearer to candidates."""
+        if level > self.config.first_level:
             return clean
-        belief = clean * self.scale
+        predicted = clean * self.scale
         stays = self.is_standing
         if self._does_anybody_stand:
-            stays = stays & ((belief - self.still).norm(dim=-1) < _STAYS_M)
-        nearest, exists = self._nearest(belief, stays)
+            stays = stays & (
+                (predicted - self.still).norm(dim=-1) < self.config.stays_m
+            )
+        nearest, exists = self._nearest(predicted, stays)
         pull = torch.where(exists, self.weight, 0.0)
         if self._does_anybody_stand:
-            late = share_done >= _STANDING_FROM_SHARE
-            share = torch.where(stays, 1.0, _STARTING_SHARE) * late
+            late = level <= self.config.standing_first_level
+            share = torch.where(stays, 1.0, self.config.starting_share) * late
             pull = torch.where(self.is_standing, share * pull, pull)
-        way = nearest - belief
+        way = nearest - predicted
         self._last = way, pull
         return torch.addcmul(clean, way, pull[..., None] / self.scale)
 
@@ -110,7 +129,7 @@ class NearestCandidateGuide:
         return float(before.sum()) / count, float(after.sum()) / count
 
     def _nearest(
-        self, belief: Float[Tensor, "S B A 10"], stays: Bool[Tensor, "*S B A"]
+        self, predicted: Float[Tensor, "S B A 10"], stays: Bool[Tensor, "*S B A"]
     ) -> tuple[Float[Tensor, "S B A 10"], Bool[Tensor, "S B A"]]:
         """Nearest allowed candidates, and whether there is one."""
         cost, exists = self._of_going
@@ -118,10 +137,10 @@ class NearestCandidateGuide:
             cost = torch.where(stays[..., None], self._of_staying[0], cost)
             exists = torch.where(stays, self._of_staying[1], exists)
         # The square of the distance, but for what is the same for all candidates.
-        product = (self.candidates @ belief[..., None])[..., 0]
+        product = (self.candidates @ predicted[..., None])[..., 0]
         best = torch.sub(cost, product, alpha=2).argmin(dim=-1)
-        index = best[..., None, None].expand(*best.shape, 1, belief.shape[-1])
-        table = self.candidates.expand(len(belief), *self.candidates.shape)
+        index = best[..., None, None].expand(*best.shape, 1, predicted.shape[-1])
+        table = self.candidates.expand(len(predicted), *self.candidates.shape)
         return table.gather(-2, index)[..., 0, :], exists.expand(best.shape)
 
     @cached_property

@@ -1,126 +1,82 @@
-"""Where neighbours are going, as seen by each agent."""
+"""Interaction features: where neighbours are predicted to go, as each agent sees it."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import torch
-from jaxtyping import Float
-from torch import Tensor, nn
+from jaxtyping import Float, Int
+from torch import Tensor
 
-from pd_editor.diffusion.inputs.trajectory_pca import (
-    NUM_ACROSS,
-    NUM_ALONG,
-    TrajectoryBasis,
-)
-from pd_editor.diffusion.trajectory.context import TrajectoryContext
-from pd_editor.windows.packed_scene import LATENT_SIZE
+from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
+from pd_editor.diffusion.trajectory.features import Neighbors
 
-NUM_WAY_POINTS: Final = 8
-NUM_WAY_FEATURES: Final = 3 * NUM_WAY_POINTS
+NUM_WAYPOINTS: Final = 8
+NUM_INTERACTION_FEATURES: Final = 3 * NUM_WAYPOINTS
 
-NEAR_M: Final = 4.0
+_NEAR_M: Final = 4.0
 """Distance at which closeness is one half."""
+_LEAST_SQUARE: Final = 1e-6 / _NEAR_M**2
 
 
-class TrajectoryDecoder(nn.Module):
-    """A trajectory basis as tensors, stored with the weights."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InteractionGeometry:
+    """All that waypoints of G agents against their K neighbours need but latents.
 
-    def __init__(self, basis: TrajectoryBasis | None, num_steps: int) -> None:
-        """Without a basis, one is expected to be loaded with the weights."""
-        super().__init__()
-        arrays = _empty(num_steps) if basis is None else basis.arrays()
-        for name, values in arrays.items():
-            self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
+    Lengths are in units of 4 m; W = 2 * 8 coordinates, all x before all y.
+    """
 
-    @property
-    def num_steps(self) -> int:
-        """Number of future points."""
-        return len(self.get_buffer("mean_m"))
+    matrix: Float[Tensor, "10 W2"]
+    """Latents to waypoints, and to the same turned by 90 degrees."""
+    offset: Float[Tensor, "G W2"]
+    row: Int[Tensor, "R"]
+    """Row of each neighbour among all agents."""
+    cos: Float[Tensor, "R 1"]
+    sin: Float[Tensor, "R 1"]
+    """Of the neighbour's heading in the agent's frame."""
+    position: Float[Tensor, "R W"]
+    """Of the neighbour in the agent's frame."""
 
-    @property
-    def basis(self) -> TrajectoryBasis:
-        """The basis in NumPy."""
-        return TrajectoryBasis.of_arrays(
-            {
-                name: values.double().cpu().numpy()
-                for name, values in self.named_buffers()
-            }
+    @classmethod
+    def of(
+        cls,
+        decoder: TrajectoryDecoder,
+        speed_mps: Float[Tensor, "B A"],
+        neighbors: Neighbors,
+    ) -> "InteractionGeometry":
+        """Waypoints are spread evenly over the trajectory, to its end."""
+        ends = torch.linspace(
+            0, decoder.num_steps, NUM_WAYPOINTS + 1, device=speed_mps.device
+        )
+        matrix, mean, times = decoder.matrix(ends[1:].long() - 1)
+        offset = mean + speed_mps.flatten()[:, None] * times
+        x, y, cos, sin = neighbors.pose.flatten(0, 2)[..., None].unbind(-2)
+        place = [one.expand(-1, NUM_WAYPOINTS) for one in (x, y)]
+        return cls(
+            matrix=_with_quarter_turn(matrix) / _NEAR_M,
+            offset=_with_quarter_turn(offset) / _NEAR_M,
+            row=neighbors.row_of_all().flatten(),
+            cos=cos.contiguous(),
+            sin=sin.contiguous(),
+            position=torch.cat(place, dim=1) / _NEAR_M,
         )
 
-    def matrix(self, steps: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Matrix [10 2T], mean [2T] and times [2T] for x and then y at T steps.
-
-        Points are ``latent @ matrix + mean + speed * times``.
-        """
-        buffers = dict(self.named_buffers())
-        scale = buffers["scale_m"][:, None]
-        along = buffers["along"][:, steps] * scale[:NUM_ALONG]
-        across = buffers["across"][:, steps] * scale[NUM_ALONG:]
-        empty = torch.zeros_like(along)
-        matrix = torch.cat(
-            [torch.cat([along, empty], 1), torch.cat([empty[:NUM_ACROSS], across], 1)]
-        )
-        mean = buffers["mean_m"][steps]
-        times = buffers["step_s"] * (steps + 1)
-        still = torch.zeros_like(mean)
-        return matrix, torch.cat([mean, still]), torch.cat([times, still])
-
-    def still(self, speed: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape 10"]:
-        """Latents of not moving at all."""
-        buffers = dict(self.named_buffers())
-        along = buffers["along"] / buffers["scale_m"][:NUM_ALONG, None]
-        steps = torch.arange(1, self.num_steps + 1, device=speed.device)
-        times = buffers["step_s"] * steps.to(speed)
-        back = -(speed[..., None] * (along @ times) + along @ buffers["mean_m"])
-        return nn.functional.pad(back, (0, NUM_ACROSS))
-
-    def points(
-        self,
-        latent: Float[Tensor, "*shape 10"],
-        speed: Float[Tensor, "*#shape"],
-        steps: Tensor,
-    ) -> tuple[Float[Tensor, "*shape T"], Float[Tensor, "*shape T"]]:
-        """Places at some steps, x and y, in each agent's own frame."""
-        matrix, mean, times = self.matrix(steps)
-        points = latent.to(matrix) @ matrix + mean + speed[..., None] * times
-        x, y = points.chunk(2, dim=-1)
-        return x, y
+    def features(self, latent: Float[Tensor, "S B A 10"]) -> Float[Tensor, "S R 24"]:
+        """Offsets dampened with distance, and closeness, at each waypoint."""
+        num_samples, num_agents = len(latent), len(self.offset)
+        points = latent.flatten(1, 2) @ self.matrix + self.offset
+        own, _ = points.chunk(2, dim=-1)
+        theirs, theirs_turned = points.index_select(1, self.row).chunk(2, dim=-1)
+        theirs = torch.addcmul(self.position, self.cos, theirs)
+        theirs = torch.addcmul(theirs, self.sin, theirs_turned)
+        gap = theirs.view(num_samples, num_agents, -1, own.shape[-1]) - own[:, :, None]
+        x, y = gap.chunk(2, dim=-1)
+        distance = (x.square() + y.square() + _LEAST_SQUARE).sqrt()
+        closeness = 1 / (distance + 1)
+        found = torch.cat([x * closeness, y * closeness, closeness], dim=-1)
+        return found.flatten(1, 2)
 
 
-class WayPoints(TrajectoryDecoder):
-    """Some points of each neighbour's future against one's own at the same times."""
-
-    def __init__(self, basis: TrajectoryBasis | None, num_steps: int) -> None:
-        """Way points are spread evenly over the future, to its end."""
-        super().__init__(basis, num_steps)
-        spread = torch.linspace(0, num_steps, NUM_WAY_POINTS + 1)[1:].long() - 1
-        self.register_buffer("steps", spread, persistent=False)
-
-    def line(
-        self, speed: Float[Tensor, "G"]
-    ) -> tuple[Float[Tensor, "10 W"], Float[Tensor, "G W"]]:
-        """Matrix and offset that make way points of latents."""
-        matrix, mean, times = self.matrix(self.get_buffer("steps"))
-        return matrix, mean + speed[:, None] * times
-
-    def forward(
-        self, latent: Float[Tensor, "S G 10"], context: TrajectoryContext
-    ) -> Float[Tensor, "S G K 24"]:
-        """Directions and closeness of all neighbours at all way points."""
-        points = latent @ context.way_matrix + context.way_offset
-        own_x, own_y = points[:, :, None].chunk(2, dim=-1)
-        their_x, their_y = points[:, context.neighbor].chunk(2, dim=-1)
-        x, y, cos, sin = context.neighbor_pose[..., None, :].unbind(-1)
-        gap_x = cos * their_x - sin * their_y + (x - own_x)
-        gap_y = sin * their_x + cos * their_y + (y - own_y)
-        near = 1 / (torch.sqrt(gap_x.square() + gap_y.square() + 1e-6) + NEAR_M)
-        return torch.cat([gap_x * near, gap_y * near, NEAR_M * near], dim=-1)
-
-
-def _empty(num_steps: int) -> dict[str, list[float] | list[list[float]]]:
-    return {
-        "step_s": [0.1],
-        "mean_m": [0.0] * num_steps,
-        "along": [[0.0] * num_steps] * NUM_ALONG,
-        "across": [[0.0] * num_steps] * NUM_ACROSS,
-        "scale_m": [1.0] * LATENT_SIZE,
-    }
+def _with_quarter_turn(points: Float[Tensor, "N W"]) -> Float[Tensor, "N W2"]:
+    """All x, all y, then both turned by 90 degrees to the left."""
+    x, y = points.chunk(2, dim=1)
+    return torch.cat([points, -y, x], dim=1)

@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from pd_editor.diffusion.core.noise_schedule import noised
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.box_overlap import overlap_depth_m
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
@@ -63,22 +64,22 @@ def trajectory_loss(
     noise = torch.randn(shape, generator=random).to(clean)
     noisy = torch.where(
         scene.has_future[..., None],
-        model.schedule.noised(clean, noise, level[..., None]),
+        noised(model.schedule, clean, noise, level[..., None]),
         noise,
     )
-    context = model.context(scene)
-    guesses = model.guesses(context, noisy, level)
+    context = model.encode_context(scene)
+    guesses = model.predictions(noisy, model.encode_level(level), context)
     weight = is_drawn / model.schedule.sigma(level).square().clamp_min(_LEAST_VARIANCE)
     weight = weight / (is_drawn.sum() * config.num_levels).clamp_min(1)
     weight = torch.where(starts(model, scene), config.starting_weight * weight, weight)
-    scale = model.way_points.get_buffer("scale_m")
+    scale = model.decoder.get_buffer("scale_m")
     mixed = _component_weights(scale, config.metre_share)
 
     def error(guess: Tensor, components: Tensor) -> Tensor:
         squared = (guess - clean).square() @ components
         return (squared * weight).sum()
 
-    metres = scale.square() / model.way_points.num_steps
+    metres = scale.square() / model.decoder.num_steps
     early = [error(guess, mixed) for guess in guesses[:-1]]
     parts = {
         "latent": error(guesses[-1], torch.full_like(scale, 1 / len(scale))),
@@ -89,13 +90,14 @@ def trajectory_loss(
     if config.overlap_weight:
         few = int(config.num_levels * _MOST_OVERLAP_LEVEL) or 1
         error_m = ((guesses[-1][:few] - clean).square() @ metres).detach().sqrt()
-        depth = overlap_depth_m(model.way_points, guesses[-1][:few], context, scene)
-        there = overlap_depth_m(model.way_points, clean[None], context, scene)
+        depth = overlap_depth_m(
+            model.decoder, guesses[-1][:few], context.neighbors, scene
+        )
+        there = overlap_depth_m(model.decoder, clean[None], context.neighbors, scene)
         is_near = (level[:few] < _MOST_OVERLAP_LEVEL) & (error_m < _MOST_ERROR_M)
         # Both of a pair: one who is far off must not push others away.
-        both = is_near.flatten(1)[:, context.neighbor[:, 1:]].unflatten(
-            1, clean.shape[:2]
-        )
+        others = context.neighbors.row_of_all()[:, :, 1:]
+        both = is_near.flatten(1)[:, others]
         squared = ((depth - there).clamp_min(0).square() * both).sum(-1)
         counts = is_drawn * is_near
         parts["overlap"] = (squared * counts).sum() / counts.sum().clamp_min(1)
@@ -105,8 +107,8 @@ def trajectory_loss(
 
 def starts(model: TrajectoryDenoiser, scene: SceneTensors) -> Bool[Tensor, "B A"]:
     """Who stands now, and is elsewhere when its future ends."""
-    last = torch.tensor([model.way_points.num_steps - 1], device=scene.future.device)
-    x, y = model.way_points.points(scene.future, scene.agent_speed, last)
+    last = torch.tensor([model.decoder.num_steps - 1], device=scene.future.device)
+    x, y = model.decoder.points(scene.future, scene.agent_speed, last)
     has_left = torch.hypot(x, y)[..., 0] > _STARTED_M
     return has_left & (scene.agent_speed < STANDING_MPS) & scene.has_future
 

@@ -1,18 +1,21 @@
 """The second stage on a scenario: futures of some agents around the others'."""
 
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Final, TypeVar
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.diffusion.fused.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.trajectory.decoding import Motion, motion_of
-from pd_editor.diffusion.trajectory.guidance import NearestCandidateGuide
+from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.guidance import (
+    NearestCandidateGuide,
+    TrajectoryGuidance,
+)
 from pd_editor.diffusion.trajectory.joint_selection import FutureChoices, choose_futures
 from pd_editor.diffusion.trajectory.sampler import (
     TrajectorySamplerConfig,
@@ -28,15 +31,17 @@ _MOST_AT_ONCE: Final = 24
 """Futures of a scene that are denoised together."""
 
 
+_Progress = TypeVar("_Progress")
+
+
 @dataclass(frozen=True, kw_only=True)
 class FutureOptions:
     """How futures are drawn."""
 
-    num_steps: int
-    lane_weight: float
-    """Strength of the pull to the nearest candidate."""
+    sampler: TrajectorySamplerConfig = field(default_factory=TrajectorySamplerConfig)
+    guidance: TrajectoryGuidance = field(default_factory=TrajectoryGuidance)
     lane_agent_ids: tuple[str, ...] = ()
-    """Whom it pulls; empty means all."""
+    """Agents that are guided to their candidates; empty means all."""
     num_tries: int = 1
     """Futures drawn for each sample, of which those that avoid each other are taken."""
     seed: int = 0
@@ -113,47 +118,48 @@ class DrawnFutures:
 
 
 def draw_futures(
-    network: FoldedDenoiser,
+    model: TrajectoryDenoiser,
     task: FutureTask,
     samples: Sequence[int],
     options: FutureOptions,
-) -> Generator[tuple[float, Callable[[], Motion]], None, DrawnFutures]:
-    """Draw the futures of a task.
+    progress: Callable[[float, Callable[[], Motion]], _Progress],
+) -> Generator[_Progress, None, DrawnFutures]:
+    """Sample the trajectories of a task.
 
-    Yields the share that is done, and how to get the futures believed in so far.
+    Yields ``progress`` of the share that is done and of a function that returns the
+    trajectories predicted so far.
     """
     if not task.is_drawn.any():
         return DrawnFutures(motion=task.no_motion(len(samples)), lane_cost_m=(0.0, 0.0))
-    model = network.model
-    basis = model.way_points.basis
+    basis = model.decoder.basis
     tries = options.num_tries
-    guide = NearestCandidateGuide.of(model, task.scene, _pull(task, options))
+    guide = NearestCandidateGuide.of(
+        model, task.scene, _pull(task, options), options.guidance
+    )
     motions: list[Motion] = []
     at_once = max(1, _MOST_AT_ONCE // tries)
     for first in range(0, len(samples), at_once):
         chunk = samples[first : first + at_once]
         steps = sample_trajectories(
-            network,
+            model,
             task.scene,
             samples=[sample * tries + t for sample in chunk for t in range(tries)],
             seed=options.seed,
             is_given=torch.from_numpy(task.is_given)[None].to(
                 task.scene.has_agent.device
             ),
-            config=TrajectorySamplerConfig(
-                num_steps=options.num_steps,
-                num_tries=tries,
-            ),
-            guide=guide if options.lane_weight > 0 else None,
+            num_tries=tries,
+            config=options.sampler,
+            guide=guide if options.guidance.weight > 0 else None,
         )
         latent = None
         for step in steps:
-            latent = step.latent
+            latent = step.clean
             share = (step.index + 1) / step.num_steps * len(chunk)
-            believed = latent[::tries]
-            yield (
+            predicted = latent[::tries]
+            yield progress(
                 (first + share) / len(samples),
-                lambda believed=believed: task.motion(basis, believed),
+                lambda predicted=predicted: task.motion(basis, predicted),
             )
         assert latent is not None, "there is at least one step"
         drawn = task.motion(basis, latent)
@@ -185,7 +191,7 @@ def _pull(task: FutureTask, options: FutureOptions) -> Float[torch.Tensor, "1 A"
     if options.lane_agent_ids:
         rows = task.scenario.agents.rows(options.lane_agent_ids)
         wanted &= np.isin(task.features.agent_row, rows)
-    weight = torch.from_numpy(wanted * options.lane_weight)[None]
+    weight = torch.from_numpy(wanted * options.guidance.weight)[None]
     return weight.to(task.scene.agent_speed)
 
 

@@ -1,131 +1,108 @@
-"""Drawing futures: from noise to latents of futures."""
+"""Sampling of trajectories: from noise to latents of the trajectory basis."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pd_editor.diffusion.core.drawing_steps import drawing_steps
+from pd_editor.diffusion.core.config_limits import check_settings
+from pd_editor.diffusion.core.noise_schedule import even_levels
 from pd_editor.diffusion.core.random_streams import RandomStreams
-from pd_editor.diffusion.core.sampler import ddim, levels_of
+from pd_editor.diffusion.core.sampler import (
+    SamplerConfig,
+    SamplerStep,
+    sample_steps,
+    sampling_mode,
+)
 from pd_editor.diffusion.defaults import NUM_STEPS
-from pd_editor.diffusion.fused.folded_denoiser import FoldedDenoiser
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.features import STANDING_MPS
 
-_STANDING_SPREAD: Final = 1.08
-"""Of the noise of standing agents: with it 14.4 % come to be more than 2 m away, 11.1
-without; 14.6 recorded (``train``)."""
-
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
-"""From believed clean latents [S B A 10] and the share of steps done to better ones."""
+"""From predicted clean latents [S B A 10] and their noise level to better ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectorySamplerConfig:
-    """How futures are drawn."""
+    """How trajectories are sampled."""
 
     num_steps: int = NUM_STEPS
-    fresh_noise: float = 0.0
-    """Share of the noise that is drawn anew at each step: 0 none, 1 ancestral."""
-    num_tries: int = 1
-    """So many consecutive samples are tries of one."""
+    eta: float = 0.0
+    """Stochasticity: 0 adds no fresh noise (DDIM), 1 is ancestral sampling."""
+    standing_noise: float = 1.08
+    """Factor of the first noise of standing agents: with it 14.4 % come to be more than
+    2 m away, 11.1 without; 14.6 recorded (``train``)."""
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TrajectoryStep:
-    """What is known after a step."""
-
-    index: int
-    num_steps: int
-    latent: Float[Tensor, "S B A 10"]
-    """Futures believed in."""
+    def __post_init__(self) -> None:
+        check_settings(self)
 
 
 def sample_trajectories(
-    model: TrajectoryDenoiser | FoldedDenoiser,
+    model: TrajectoryDenoiser,
     scene: SceneTensors,
     *,
     samples: Sequence[int],
     seed: int,
+    num_tries: int = 1,
     is_given: Bool[Tensor, "B A"] | None = None,
     config: TrajectorySamplerConfig | None = None,
     guide: TrajectoryGuide | None = None,
-) -> Generator[TrajectoryStep, None, Float[Tensor, "S B A 10"]]:
-    """Draw futures of all agents of B scenes that are not given.
+) -> Iterator[SamplerStep]:
+    """Sample trajectories of all agents of B scenes that are not given.
 
-    Yields after each step; a caller cancels by not asking for the next one. Sample k
-    of a seed is the same alone and among others, but for float rounding.
+    Yields after each step; a caller cancels by not asking for the next one. The last
+    step holds the result: latents [S, B, A, 10], those of given agents bit-identical.
+    Sample k of a seed is the same alone and among others, but for float rounding.
 
     Args:
-        model: In evaluation mode; who draws often gives it folded.
+        model: In evaluation mode.
         scene: Futures are read of given agents only.
-        samples: Indices of the S samples to draw.
+        samples: Indices of the S samples.
         seed: Of all samples.
-        is_given: Agents whose future latents stay as they are; None: nobody.
+        num_tries: So many consecutive samples are tries of one.
+        is_given: Agents whose latents stay as they are; None: no agent.
         config: Steps and noise.
-        guide: Changes the believed clean latents of each step.
-
-    Returns:
-        Latents [S, B, A, 10]; those of given agents are bit-identical.
+        guide: Changes the predicted clean latents of each step.
     """
-    network = model if isinstance(model, FoldedDenoiser) else FoldedDenoiser(model)
-    given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
     config = TrajectorySamplerConfig() if config is None else config
     streams = RandomStreams(seed, "futures", samples)
-    steps = _steps(network, scene, streams, given, config, guide)
-    return drawing_steps(steps, len(samples) * scene.has_agent.numel())
+    if is_given is not None and not bool(is_given.any()):
+        is_given = None
+    with sampling_mode():
+        context = model.encode_context(scene)
+        levels = even_levels(config.num_steps)
+        table = scene.future.new_tensor(levels)[:, None, None, None]
+        if is_given is not None:
+            table = torch.where(is_given, 0.0, table)
+        encoded = model.encode_level(table)
+        start = starting_latents(scene, streams, num_tries, config.standing_noise)
 
-
-def _steps(
-    network: FoldedDenoiser,
-    scene: SceneTensors,
-    streams: RandomStreams,
-    given: Bool[Tensor, "B A"],
-    config: TrajectorySamplerConfig,
-    guide: TrajectoryGuide | None,
-) -> Generator[TrajectoryStep, None, Float[Tensor, "S B A 10"]]:
-    levels = levels_of(config.num_steps)
-    context = network.context(scene)
-    start = starting_latents(scene, streams, config.num_tries)
-    drawing = network.drawing(context, given, levels[:-1], len(start))
-    latent = start
-    done = 0
-    is_anybody_given = bool(given.any())
-
-    def held(latent: Tensor) -> Tensor:
-        if not is_anybody_given:
+    def held(latent: Float[Tensor, "S B A 10"]) -> Float[Tensor, "S B A 10"]:
+        if is_given is None:
             return latent
-        return torch.where(given[..., None], scene.future, latent)
+        return torch.where(is_given[..., None], scene.future, latent)
 
-    def denoise(noisy: Tensor, _: float) -> Tensor:
-        clean = drawing.denoise(held(noisy), done)
-        if guide is not None:
-            clean = guide(clean, done / config.num_steps)
-        return held(clean)
+    def denoise(noisy: Tensor, step: int) -> Tensor:
+        clean = model.denoise(held(noisy), encoded.at(step), context)
+        return held(clean if guide is None else guide(clean, levels[step]))
 
-    steps = ddim(
+    return sample_steps(
         denoise,
         start,
-        network.model.schedule,
+        model.schedule,
         levels,
-        eta=config.fresh_noise,
-        streams=streams,
+        SamplerConfig(eta=config.eta),
+        streams,
     )
-    for step in steps:
-        latent, done = step.clean, step.index + 1
-        yield TrajectoryStep(index=step.index, num_steps=step.num_steps, latent=latent)
-    return latent
 
 
 def starting_latents(
-    scene: SceneTensors, streams: RandomStreams, num_tries: int
+    scene: SceneTensors, streams: RandomStreams, num_tries: int, standing_noise: float
 ) -> Float[Tensor, "S B A 10"]:
-    """The noise that denoising begins with."""
+    """The noise that sampling begins with."""
     noise = streams.spread_normal(*scene.future.shape, num_tries=num_tries)
     stands = (scene.agent_speed < STANDING_MPS)[..., None]
-    return noise.to(scene.future) * torch.where(stands, _STANDING_SPREAD, 1.0)
+    return noise.to(scene.future) * torch.where(stands, standing_noise, 1.0)

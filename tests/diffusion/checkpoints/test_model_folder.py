@@ -196,10 +196,10 @@ def test_weights_that_are_not_numbers_are_refused(shipped_copy):
     """NaN weights are refused with the tensor's name (fault 4)."""
     path = shipped_copy / "trajectories.safetensors"
     tensors = dict(read_tensors(path, "traj").tensors)
-    tensors["token.weight"] = torch.full_like(tensors["token.weight"], torch.nan)
+    tensors["embed.weight"] = torch.full_like(tensors["embed.weight"], torch.nan)
     digest = write_tensors(path, "traj", tensors, {})
     changed(shipped_copy, lambda c: c["stages"]["traj"].update(sha256=digest))
-    with pytest.raises(ModelError, match=r"token\.weight holds NaN or infinity"):
+    with pytest.raises(ModelError, match=r"embed\.weight holds NaN or infinity"):
         load_model(shipped_copy, STAGE_KINDS)
 
 
@@ -229,3 +229,34 @@ def test_making_a_network_leaves_global_chance_alone():
 def test_the_real_stages_have_files_of_their_own():
     files = {kind.file_name for kind in STAGE_KINDS.values()}
     assert files == {"initial_states.safetensors", "trajectories.safetensors"}
+
+
+def test_sampling_settings_are_stored_with_the_model(shipped_copy):
+    listed = json.loads((shipped_copy / "config.json").read_text())["stages"]
+    assert listed["traj"]["sampling"]["guidance"]["weight"] == 0.8
+    changed(
+        shipped_copy,
+        lambda c: c["stages"]["traj"].update(sampling={"sampler": {"num_steps": 7}}),
+    )
+    sampling = load_model(shipped_copy, STAGE_KINDS).stage("traj").sampling
+    assert sampling["sampler"].num_steps == 7
+    assert sampling["guidance"].weight == 0.8
+
+
+@pytest.mark.parametrize(
+    ("sampling", "message"),
+    [
+        ([], "must hold guidance and sampler only"),
+        ({"sampler": 3}, "sampler: holds no fields"),
+        ({"strange": {}}, "must hold guidance and sampler only"),
+        ({"sampler": {"steps": 3}}, "field 'steps'"),
+        ({"sampler": {"num_steps": "many"}}, "num_steps is 'many'"),
+        ({"sampler": {"num_steps": 0}}, "num_steps is 0; expected a finite number"),
+        ({"guidance": {"weight": -1.0}}, "weight is -1; expected a finite number"),
+        ({"guidance": {"stays_m": float("nan")}}, "stays_m is nan; expected"),
+    ],
+)
+def test_unknown_sampling_settings_are_refused(shipped_copy, sampling, message):
+    changed(shipped_copy, lambda c: c["stages"]["traj"].update(sampling=sampling))
+    with pytest.raises(ModelError, match=message):
+        load_model(shipped_copy, STAGE_KINDS)

@@ -4,9 +4,19 @@ import pytest
 import torch
 from scipy import stats
 
-from pd_editor.diffusion.core.noise_schedule import NoiseSchedule, ScheduleKind
+from pd_editor.diffusion.core.noise_schedule import (
+    NoiseSchedule,
+    ScheduleKind,
+    VarianceExploding,
+    VariancePreserving,
+    even_levels,
+)
 from pd_editor.diffusion.core.random_streams import RandomStreams
-from pd_editor.diffusion.core.sampler import SamplerStep, ddim, levels_of
+from pd_editor.diffusion.core.sampler import (
+    SamplerConfig,
+    SamplerStep,
+    sample_steps,
+)
 
 MEAN, SPREAD = 2.0, 0.5
 
@@ -16,37 +26,46 @@ def drawn(
 ) -> torch.Tensor:
     """Sampled with the exact denoiser of a Gaussian."""
     streams = RandomStreams(3, "gauss", samples)
+    levels = even_levels(num_steps)
 
-    def denoise(noisy: torch.Tensor, level: float) -> torch.Tensor:
-        at = torch.tensor(level, dtype=torch.float64)
+    def denoise(noisy: torch.Tensor, index: int) -> torch.Tensor:
+        at = torch.tensor([levels[index]], dtype=torch.float64)
         alpha, sigma = float(schedule.alpha(at)), float(schedule.sigma(at))
         gain = SPREAD**2 * alpha / ((alpha * SPREAD) ** 2 + sigma**2)
         return MEAN + gain * (noisy - alpha * MEAN)
 
     last: SamplerStep | None = None
-    start = streams.normal(size)
-    levels = levels_of(num_steps)
-    for step in ddim(denoise, start, schedule, levels, eta=eta, streams=streams):
+    first = torch.ones(1, dtype=torch.float64)
+    start = streams.normal(size, 1) * float(schedule.sigma(first))
+    start = start + MEAN * float(schedule.alpha(first))
+    config = SamplerConfig(eta=eta)
+    for step in sample_steps(denoise, start, schedule, levels, config, streams):
         last = step
     assert last is not None
-    assert last.level == 0.0
-    return last.sample
+    assert last.index == num_steps - 1
+    return last.clean[..., 0]
 
 
-@pytest.mark.parametrize("kind", ["cosine", "linear"])
+def schedule_of(kind: ScheduleKind | None) -> NoiseSchedule:
+    if kind is None:
+        return VarianceExploding((0.01,), (40.0,))
+    return VariancePreserving(kind=kind)
+
+
+@pytest.mark.parametrize("kind", ["cosine", "linear", None])
 @pytest.mark.parametrize("eta", [0.0, 0.5, 1.0])
 def test_ends_in_the_mean_and_variance_of_a_gaussian(
-    kind: ScheduleKind, eta: float
+    kind: ScheduleKind | None, eta: float
 ) -> None:
     count = 20_000
-    found = drawn(NoiseSchedule(kind=kind), eta, range(1), 200, count)
+    found = drawn(schedule_of(kind), eta, range(1), 200, count)
     error = 4 / math.sqrt(count)
     assert abs(found.mean() - MEAN) < error * SPREAD + 0.005
     assert abs(found.std() / SPREAD - 1) < error + 0.03
 
 
 def test_a_sample_is_the_same_alone_and_among_others() -> None:
-    schedule = NoiseSchedule()
+    schedule = VariancePreserving()
     together = drawn(schedule, 1.0, range(6), 10)
     assert torch.equal(drawn(schedule, 1.0, range(4, 5), 10)[0], together[4])
     assert torch.equal(drawn(schedule, 1.0, range(2, 5), 10), together[2:5])
@@ -93,18 +112,43 @@ def test_a_spread_sample_is_the_same_alone_and_tries_are_independent() -> None:
 
 
 def test_nothing_is_computed_after_the_last_step_asked_for() -> None:
-    calls: list[float] = []
+    calls: list[int] = []
 
-    def denoise(noisy: torch.Tensor, level: float) -> torch.Tensor:
-        calls.append(level)
+    def denoise(noisy: torch.Tensor, index: int) -> torch.Tensor:
+        calls.append(index)
         return noisy * 0
 
-    steps = ddim(denoise, torch.ones(1, 2), NoiseSchedule(), levels_of(10))
+    steps = sample_steps(
+        denoise,
+        torch.ones(1, 2),
+        VariancePreserving(),
+        even_levels(10),
+        SamplerConfig(),
+        RandomStreams(0, "a", [0]),
+    )
+    assert next(steps).num_steps == 10
     next(steps)
-    next(steps)
-    steps.close()
-    assert len(calls) == 2
+    assert calls == [0, 1]
 
 
-def test_levels_fall_evenly_to_zero() -> None:
-    assert levels_of(4) == [1.0, 0.75, 0.5, 0.25, 0.0]
+def test_between_steps_torch_is_as_the_caller_set_it() -> None:
+    seen: list[tuple[bool, bool]] = []
+
+    def denoise(noisy: torch.Tensor, _: int) -> torch.Tensor:
+        seen.append(
+            (torch.is_inference_mode_enabled(), torch.is_autocast_enabled("cpu"))
+        )
+        return noisy * 0
+
+    with torch.autocast("cpu", torch.bfloat16):
+        for _ in sample_steps(
+            denoise,
+            torch.ones(1, 2),
+            VariancePreserving(),
+            even_levels(2),
+            SamplerConfig(),
+            RandomStreams(0, "a", [0]),
+        ):
+            assert torch.is_autocast_enabled("cpu")
+            assert not torch.is_inference_mode_enabled()
+    assert seen == [(True, False)] * 2

@@ -30,8 +30,9 @@ def denoised(
 ) -> torch.Tensor:
     task = drawing_task(scene) if task is None else task
     with torch.no_grad():
-        context = model.context(scene, task)
-        return model.denoise(context, noisy, torch.full(noisy.shape[:2], level))
+        context = model.encode_context(scene, task)
+        levels = model.encode_level(torch.full(noisy.shape[:2], level), context)
+        return model.denoise(noisy, levels, context)
 
 
 def only_scene(scene: SceneTensors, row: int) -> SceneTensors:
@@ -131,7 +132,7 @@ def test_given_agents_stay_and_count():
     task = drawing_task(scene, is_given)
     noisy = noisy_states(scene)
     before = denoised(model, scene, noisy, task)
-    context = model.context(scene, task)
+    context = model.encode_context(scene, task)
     assert torch.equal(before[:, 0, :2], context.given[:, :2].expand(2, 2, 5))
     other = noisy.clone()
     other[:, :, :2] = 0.0
@@ -175,3 +176,17 @@ def test_given_agents_far_out_do_not_count():
         found.append(drawn[:, :, 1:])
     assert not torch.equal(found[0], found[1])
     assert torch.equal(found[2], found[3])
+
+
+def test_all_noise_levels_at_once_are_each_of_them_alone():
+    scene, model = scene_batch(5, 7), small_model()
+    is_given = torch.zeros_like(scene.has_agent)
+    is_given[:, 1] = True
+    for given in (None, is_given):
+        task, noisy = drawing_task(scene, given), noisy_states(scene)
+        with torch.no_grad():
+            context = model.encode_context(scene, task)
+            table = model.encode_level(torch.tensor([0.9, 0.4])[:, None, None], context)
+            found = model.denoise(noisy, table.at(1), context)
+        expected = denoised(model, scene, noisy, task, 0.4)
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)

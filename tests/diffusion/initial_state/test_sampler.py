@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from pd_editor.diffusion.fused.folded_pose_denoiser import PoseDrawing
+from pd_editor.diffusion.core.noise_schedule import centered_levels
 from pd_editor.diffusion.initial_state.box_overlap import overlap_depth_m
 from pd_editor.diffusion.initial_state.conditioning import (
     TOLD_NO,
@@ -14,17 +14,25 @@ from pd_editor.diffusion.initial_state.conditioning import (
     PoseTask,
     drawing_task,
 )
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
-from pd_editor.diffusion.initial_state.guidance import WITHIN_LANES, PoseGuidance
+from pd_editor.diffusion.initial_state.denoiser import (
+    PoseDenoiser,
+    PoseDenoiserConfig,
+)
+from pd_editor.diffusion.initial_state.guidance import PoseGuidance
 from pd_editor.diffusion.initial_state.lane_distance import offset_from_lane_m
-from pd_editor.diffusion.initial_state.noise import noise_scale, sampling_levels
-from pd_editor.diffusion.initial_state.sampler import PoseSamplerConfig, sample_states
+from pd_editor.diffusion.initial_state.sampler import (
+    PoseSamplerConfig,
+    finished_states,
+    sample_states,
+)
 from pd_editor.diffusion.initial_state.state_encoding import (
     decode_states,
     encode_states,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from tests.diffusion.initial_state.scenes import scene_batch, small_model
+
+SCHEDULE = PoseDenoiserConfig().schedule()
 
 
 def drawn(
@@ -35,14 +43,12 @@ def drawn(
     config: PoseSamplerConfig | None = None,
 ) -> torch.Tensor:
     config = PoseSamplerConfig(num_steps=4) if config is None else config
+    task = drawing_task(scene) if task is None else task
     steps = sample_states(
         model, scene, samples=samples, seed=5, task=task, config=config
     )
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            return stop.value
+    *_, last = steps
+    return finished_states(scene, task, last.clean)
 
 
 def test_states_are_proper_and_inside_the_square():
@@ -59,10 +65,10 @@ def test_states_are_proper_and_inside_the_square():
     assert (reach <= side + 1e-3).all()
 
 
-@pytest.mark.parametrize("fresh_noise", [0.0, 0.7])
-def test_a_sample_alone_is_the_sample_among_others(fresh_noise: float):
+@pytest.mark.parametrize("eta", [0.0, 0.7])
+def test_a_sample_alone_is_the_sample_among_others(eta: float):
     scene, model = scene_batch(6), small_model()
-    config = PoseSamplerConfig(num_steps=4, fresh_noise=fresh_noise)
+    config = PoseSamplerConfig(num_steps=4, eta=eta)
     together = drawn(model, scene, (0, 1, 2), config=config)
     alone = drawn(model, scene, (2,), config=config)
     torch.testing.assert_close(together[2], alone[0], rtol=1e-4, atol=1e-3)
@@ -84,19 +90,20 @@ def test_given_agents_come_out_bit_identical():
         assert (states[:, 0, row, 4] == scene.agent_speed[0, row]).all()
 
 
-def test_drawing_stops_when_nobody_asks_on(monkeypatch: pytest.MonkeyPatch):
+def test_sampling_stops_when_no_further_step_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+):
     scene, model = scene_batch(4), small_model()
     calls = []
-    denoise = PoseDrawing.denoise
+    denoise = PoseDenoiser.denoise
 
     def counted(*args: Any) -> torch.Tensor:
         calls.append(1)
         return denoise(*args)
 
-    monkeypatch.setattr(PoseDrawing, "denoise", counted)
+    monkeypatch.setattr(PoseDenoiser, "denoise", counted)
     steps = sample_states(model, scene, samples=[0], seed=0)
     first, second = next(steps), next(steps)
-    steps.close()
     assert (first.index, second.index) == (0, 1)
     assert len(calls) == 2
 
@@ -110,14 +117,14 @@ def drawn_from_a_gaussian(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Positions over the square, and speeds, with its exact denoiser."""
     scene, model = scene_batch(30), small_model()
-    levels = torch.tensor(sampling_levels(config.num_steps))
+    levels = iter(centered_levels(config.num_steps, config.level_emphasis))
 
-    def exact(_: object, noisy: torch.Tensor, index: int) -> torch.Tensor:
-        noise = noise_scale(levels[index]).square()
+    def exact(_: object, noisy: torch.Tensor, *_others: object) -> torch.Tensor:
+        noise = model.schedule.sigma(torch.tensor([next(levels)])).square()
         share = SPREAD.square() / (SPREAD.square() + noise)
         return MEAN + share * (noisy - MEAN)
 
-    monkeypatch.setattr(PoseDrawing, "denoise", exact)
+    monkeypatch.setattr(PoseDenoiser, "denoise", exact)
     states = drawn(model, scene, range(200), config=config)
     return states[:, 0, :, :2].flatten(0, 1) / 62.0, states[..., 4]
 
@@ -125,8 +132,8 @@ def drawn_from_a_gaussian(
 @pytest.mark.parametrize(
     "config",
     [
-        PoseSamplerConfig(num_steps=60, is_second_order=False, fresh_noise=0.0),
-        PoseSamplerConfig(num_steps=60, is_second_order=False, fresh_noise=1.0),
+        PoseSamplerConfig(num_steps=60, is_second_order=False, eta=0.0),
+        PoseSamplerConfig(num_steps=60, is_second_order=False, eta=1.0),
         PoseSamplerConfig(num_steps=25),
     ],
     ids=["plain", "fresh", "second order"],
@@ -142,7 +149,7 @@ def test_the_exact_denoiser_of_a_gaussian_ends_in_that_gaussian(
 
 def test_speeds_spread_as_much_as_is_asked(monkeypatch: pytest.MonkeyPatch):
     found = [
-        drawn_from_a_gaussian(PoseSamplerConfig(speed_spread=one), monkeypatch)
+        drawn_from_a_gaussian(PoseSamplerConfig(speed_noise=one), monkeypatch)
         for one in (1.0, 1.3)
     ]
     (place, speed), (same_place, wide_speed) = found
@@ -158,7 +165,9 @@ def test_guidance_lowers_overlap_and_leaves_given_agents():
         is_given = torch.zeros_like(scene.has_agent)
         is_given[:, 0] = True
         codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
-        guide = PoseGuidance(pull=0.0).of(scene, drawing_task(scene, is_given))
+        guide = PoseGuidance(pull=0.0).of(
+            scene, SCHEDULE, drawing_task(scene, is_given)
+        )
         now = codes
         for _ in range(20):
             now = guide(now, 0.0)
@@ -177,7 +186,7 @@ def test_guidance_pulls_movers_towards_lanes():
         scene, agent_pose=away, agent_kind=torch.zeros_like(scene.agent_kind)
     )
     codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
-    guide = PoseGuidance(push=0.0).of(scene)
+    guide = PoseGuidance(push=0.0).of(scene, SCHEDULE)
     reached = decode_states(guide(codes, 0.0))[..., 1]
     assert (reached < 16).all()
     assert (reached > 1.75).all()
@@ -199,7 +208,7 @@ def test_guidance_keeps_those_on_the_road_who_are_told_to_be_there():
     reached = {}
     for code in (UNTOLD, TOLD_NO, TOLD_YES):
         told = replace(task, on_road=torch.full_like(task.on_road, code))
-        guide, now = PoseGuidance(push=0.0).of(scene, told), codes
+        guide, now = PoseGuidance(push=0.0).of(scene, SCHEDULE, told), codes
         for _ in range(20):
             now = guide(now, 0.0)
         reached[code] = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]
@@ -218,7 +227,7 @@ def test_guidance_keeps_all_within_lanes_where_nobody_is_wished_off_the_road():
     task = drawing_task(scene)
     task = replace(task, on_road=torch.full_like(task.on_road, TOLD_YES))
     now = encode_states(scene.agent_pose, scene.agent_speed)[None]
-    guide = replace(WITHIN_LANES, push=0.0).of(scene, task)
+    guide = PoseGuidance(push=0.0).within_lanes().of(scene, SCHEDULE, task)
     for _ in range(20):
         now = guide(now, 0.0)
     offset = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]

@@ -86,7 +86,7 @@ def small_model(seed: int = 0, **changes: object) -> TrajectoryDenoiser:
     values = {"width": 32, "num_heads": 2, "num_blocks": 2, "edge_width": 16}
     config = TrajectoryConfig(**(values | changes))  # type: ignore[arg-type]
     model = TrajectoryDenoiser(config, arc_basis()).eval()
-    # Fresh biases of nothing are zero, which would hide what they do.
-    torch.nn.init.normal_(model.piece_memory.nothing)
-    torch.nn.init.normal_(model.candidate_memory.nothing)
+    # Fresh null tokens are zero, which would hide what they do.
+    torch.nn.init.normal_(model.map_tokens.null_token)
+    torch.nn.init.normal_(model.candidate_tokens.null_token)
     return model

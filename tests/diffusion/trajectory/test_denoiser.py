@@ -16,7 +16,8 @@ def denoised(
 ) -> torch.Tensor:
     each = torch.as_tensor(level).to(noisy).expand(noisy.shape[:-1])
     with torch.inference_mode():
-        return model.denoise(model.context(scene), noisy, each)
+        context = model.encode_context(scene)
+        return model.denoise(noisy, model.encode_level(each), context)
 
 
 def noise(scene: SceneTensors, samples: int = 2) -> torch.Tensor:
@@ -123,7 +124,7 @@ def test_given_agents_come_out_as_they_are_and_are_seen_by_others() -> None:
     )
 
 
-def test_neighbours_ways_are_seen_only_if_wanted() -> None:
+def test_waypoints_of_neighbors_are_seen_only_if_wanted() -> None:
     """With hidden states of neighbours cut off, only way points can tell."""
     scene, noisy = scene_batch(6), noise(scene_batch(6))
     other = noisy.clone()
@@ -132,24 +133,23 @@ def test_neighbours_ways_are_seen_only_if_wanted() -> None:
     for sees in (True, False):
         model = small_model(sees_way_points=sees)
         for block in model.blocks:
-            keys = block.queries  # type: ignore[union-attr]
+            keys = block.project  # type: ignore[union-attr]
             with torch.no_grad():
-                keys.weight[3 * 32 :] = 0  # type: ignore[union-attr,operator,index]
+                keys.weight[-2 * 32 :] = 0  # type: ignore[union-attr,operator,index]
         changed = denoised(model, scene, other) != denoised(model, scene, noisy)
         assert changed[0, 0, near].any() == sees
 
 
 @pytest.mark.parametrize("prediction", ["clean", "velocity"])
-def test_every_block_makes_a_guess(prediction: str) -> None:
+def test_every_block_makes_a_prediction(prediction: str) -> None:
     scene, model = scene_batch(5), small_model(prediction=prediction)
     noisy = noise(scene)
     with torch.inference_mode():
-        guesses = model.guesses(
-            model.context(scene), noisy, torch.full(noisy.shape[:-1], 0.5)
-        )
-    assert len(guesses) == model.config.num_blocks
-    assert all(guess.shape == noisy.shape for guess in guesses)
-    assert all(torch.isfinite(guess).all() for guess in guesses)
+        level = model.encode_level(torch.full(noisy.shape[:-1], 0.5))
+        predictions = model.predictions(noisy, level, model.encode_context(scene))
+    assert len(predictions) == model.config.num_blocks
+    assert all(one.shape == noisy.shape for one in predictions)
+    assert all(torch.isfinite(one).all() for one in predictions)
 
 
 def test_a_scene_without_pieces_candidates_and_neighbours_is_denoised() -> None:
@@ -170,3 +170,12 @@ def test_half_precision_stays_close() -> None:
         found = denoised(model, scene, noisy)
     assert found.dtype == torch.float32
     assert (found - expected).abs().max() < 0.1
+
+
+def test_all_noise_levels_at_once_are_each_of_them_alone() -> None:
+    scene, model = scene_batch(5, 7), small_model()
+    noisy = noise(scene)
+    with torch.inference_mode():
+        table = model.encode_level(torch.tensor([0.9, 0.6])[:, None, None, None])
+        found = model.denoise(noisy, table.at(1), model.encode_context(scene))
+    assert torch.allclose(found, denoised(model, scene, noisy, 0.6), atol=1e-5)

@@ -20,20 +20,20 @@ def guide_of_one(*, is_standing: bool) -> NearestCandidateGuide:
     )
 
 
-def guided(belief: float, share_done: float, *, is_standing: bool) -> float:
+def guided(predicted: float, level: float, *, is_standing: bool) -> float:
     clean = torch.zeros(1, 1, 1, 10)
-    clean[..., 0] = belief
-    return float(guide_of_one(is_standing=is_standing)(clean, share_done)[..., 0])
+    clean[..., 0] = predicted
+    return float(guide_of_one(is_standing=is_standing)(clean, level)[..., 0])
 
 
 def test_who_stands_is_guided_late() -> None:
-    assert guided(5.0, 0.4, is_standing=True) == 5.0
-    assert abs(guided(5.0, 0.4, is_standing=False) - CREEPS) < 1e-6
-    assert guided(5.0, 0.1, is_standing=False) == 5.0
+    assert guided(5.0, 0.6, is_standing=True) == 5.0
+    assert abs(guided(5.0, 0.6, is_standing=False) - CREEPS) < 1e-6
+    assert guided(5.0, 0.9, is_standing=False) == 5.0
 
 
 def test_who_stays_is_held_and_who_starts_is_let_go() -> None:
-    assert guided(0.1, 0.8, is_standing=True) == STILL
-    assert abs(guided(0.35, 0.8, is_standing=True) - CREEPS) < 1e-6
+    assert guided(0.1, 0.2, is_standing=True) == STILL
+    assert abs(guided(0.35, 0.2, is_standing=True) - CREEPS) < 1e-6
     # Only a little of the way: the candidate may start much faster.
-    assert abs(guided(2.0, 0.8, is_standing=True) - (2.0 + 0.2 * (LEAVES - 2.0))) < 1e-5
+    assert abs(guided(2.0, 0.2, is_standing=True) - (2.0 + 0.2 * (LEAVES - 2.0))) < 1e-5

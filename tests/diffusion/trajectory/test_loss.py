@@ -6,6 +6,7 @@ import torch
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.box_overlap import overlap_depth_m
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.features import Neighbors
 from pd_editor.diffusion.trajectory.loss import (
     TrajectoryLossConfig,
     starts,
@@ -69,10 +70,10 @@ def test_given_agents_leave_the_others_to_be_learned() -> None:
 def test_standing_agents_that_leave_have_started() -> None:
     scene, model = scene_batch(4), small_model()
     speed = torch.tensor([[0.0, 0.0, 0.4, 0.0]])
-    stays = model.way_points.still(speed)
+    stays = model.decoder.still(speed)
     leaves = stays.clone()
     leaves[..., 0] += 2.0
-    x, _ = model.way_points.points(leaves, speed, torch.tensor([58]))
+    x, _ = model.decoder.points(leaves, speed, torch.tensor([58]))
     assert (x.abs() > 2).all()
     scene = replace(scene, agent_speed=speed, has_future=torch.ones(1, 4).bool())
     scene.has_future[0, 3] = False
@@ -85,7 +86,7 @@ def test_standing_agents_that_leave_have_started() -> None:
 def test_who_starts_counts_more() -> None:
     scene, model = scene_batch(4), small_model()
     speed = torch.zeros(1, 4)
-    stays = replace(scene, agent_speed=speed, future=model.way_points.still(speed))
+    stays = replace(scene, agent_speed=speed, future=model.decoder.still(speed))
     leaves = replace(stays, future=stays.future.clone())
     leaves.future[..., 0] += 2.0
     latent = {
@@ -119,12 +120,12 @@ def test_overlap_is_that_of_boxes_side_by_side_and_symmetric() -> None:
         near_agents=torch.tensor([[[1] + [-1] * 7, [0] + [-1] * 7]]),
     )
     model = small_model()
-    stays = model.way_points.still(scene.agent_speed)[None]
+    stays = model.decoder.still(scene.agent_speed)[None]
     meets = torch.zeros_like(stays)
     meets[:, :, 1] = stays[:, :, 1]
-    context = model.context(scene)
-    apart = overlap_depth_m(model.way_points, stays, context, scene)
-    together = overlap_depth_m(model.way_points, meets, context, scene)
+    neighbors = Neighbors.of(scene)
+    apart = overlap_depth_m(model.decoder, stays, neighbors, scene)
+    together = overlap_depth_m(model.decoder, meets, neighbors, scene)
     assert (apart == 0).all()
     # Discs of 1 m radius on axes 1 m apart reach 1 m into each other.
     assert torch.allclose(together[..., 0], torch.tensor(1.0), atol=0.15)

@@ -1,1 +1,0 @@
-"""The networks once more, in fewer operations."""
