@@ -12,12 +12,16 @@ from pd_editor.editor.session import SessionState
 from pd_editor.errors import PdEditorError
 from pd_editor.generation import GeneratorOffer
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.interaction.comparison import Comparison
 from pd_editor.viewer.interaction.placing import Placing
 from pd_editor.viewer.interaction.pointer import Pointer
 from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
 from pd_editor.viewer.overlay.agent_list import AgentList
 from pd_editor.viewer.overlay.banner import Banner
+from pd_editor.viewer.overlay.hints import Hints
+from pd_editor.viewer.overlay.key_sheet import KeySheet
+from pd_editor.viewer.overlay.legend import Legend
 from pd_editor.viewer.overlay.measure import Measure
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.side_panel import SidePanel
@@ -141,6 +145,11 @@ class BrowserSession:
             self._ribbons = RibbonsView(client, palette)
             self._marks = MarksView(client, palette)
             self._labels = LabelsView(self._overlay)
+            self._legend, self._hints = Legend(self._overlay), Hints(self._overlay)
+            self._key_sheet = KeySheet(self._overlay)
+            self._comparison = Comparison(
+                self._desk, self._overlay, palette, self._comparison_changed
+            )
             self._candidates = CandidatesView(client, palette, self._ribbons.set_muted)
             self._status = StatusPanel(self._desk)
             self._pointer.set_plain_drag_selects(self._viewpoint.is_top)
@@ -152,6 +161,7 @@ class BrowserSession:
             self._build_panels()
             self._build_toolbar()
             self._add_hotkeys()
+            self._key_sheet.tell(self._desk.hotkeys)
             self._show_panels(workspace.session.state)
         workspace.session.add_listener(self._changed)
         workspace.tell = self._desk.notify
@@ -225,6 +235,7 @@ class BrowserSession:
                 on_theme=self._theme_chosen,
                 on_layer=self._map.set_layer_visible,
                 on_ribbons=self._ribbons.set_visible,
+                on_compare=self._comparison.keep,
             )
         # A search that an earlier connection has ended tells of nothing new.
         self._dataset_panel.show()
@@ -302,6 +313,19 @@ class BrowserSession:
                     hint=lambda: "Agent list (Ctrl+F)",
                     is_active=lambda: agent_list.is_open,
                 ),
+                Tool(
+                    icon="compare",
+                    press=self._comparison.hold,
+                    release=self._comparison.release,
+                    hint=lambda: "Compare with the original (hold O)",
+                    is_active=lambda: self._comparison.is_on,
+                ),
+                Tool(
+                    icon="help",
+                    press=self._key_sheet.open,
+                    hint=lambda: "Keys and mouse (?)",
+                    starts_group=True,
+                ),
             ),
         )
 
@@ -328,6 +352,7 @@ class BrowserSession:
         key("Show the whole map", self._viewpoint.frame_map, "home")
         key("Measure distances", self._measure.toggle, "M")
         key("Turn the view north, or to the heading", self._viewpoint.turn)
+        key("Keys and mouse", self._key_sheet.open)
         key("Clear selection", self._escape, "escape")
         key("Next scenario", lambda: self._dataset_panel.go(+1), "pagedown")
         key("Previous scenario", lambda: self._dataset_panel.go(-1), "pageup")
@@ -409,7 +434,23 @@ class BrowserSession:
             self._status.warned_now(),
             self._pointed_id,
         )
-        self._labels.show(session.scenario, poses, step, selection, {})
+        self._comparison.show()
+        notes = self._comparison.notes()
+        self._labels.show(session.scenario, poses, step, selection, notes)
+
+    def _comparison_changed(self) -> None:
+        with self._client.atomic():
+            self._map.set_compared(self._comparison.is_on)
+            self._show_marks()
+            self._show_legend()
+        if self._is_built:
+            self._toolbar.show()
+
+    def _show_legend(self) -> None:
+        scenario = self._workspace.session.scenario
+        has_original = scenario.applied_warp is not None or self._comparison.is_on
+        palette = DARK if self._workspace.is_dark else LIGHT
+        self._legend.show(scenario, palette, has_original=has_original)
 
     def _follow_camera(self) -> None:
         """Keep what has a least size on the screen at that size."""
@@ -455,6 +496,8 @@ class BrowserSession:
         self._agent_list.show()
         self._toolbar.show()
         self._measure.show()
+        self._show_legend()
+        self._hints.show(self._workspace.session)
 
     def _tick(self) -> float | None:
         if not self._is_built:
@@ -561,7 +604,10 @@ class BrowserSession:
             self._agents.set_palette(palette)
             self._ribbons.set_palette(palette)
             self._marks.set_palette(palette)
+            self._comparison.set_palette(palette)
             self._candidates.set_palette(palette)
+            self._show_marks()
+            self._show_legend()
 
     def _agent_list_opened(self) -> None:
         self._toolbar.show()

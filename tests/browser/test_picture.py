@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from pd_editor.editor.commands import TransformAgents
+from pd_editor.viewer.meshes.palette import DARK, LIGHT
+
 pytestmark = pytest.mark.browser
 
 
@@ -116,3 +119,98 @@ def test_pedestrians_can_be_hit_from_far_above(editor):
     editor.until(
         lambda: set(editor.session.selection) & others, "a pedestrian selected"
     )
+
+
+def test_holding_o_shows_the_original(editor):
+    """Outlines, dashed trajectories and the difference of the selected agent."""
+    session, focal = editor.session, editor.session.scenario.focal_id
+    x, y = centre(editor, focal)
+    session.select((focal,))
+    editor._tab()._desk.post(
+        lambda: session.apply(
+            TransformAgents(agent_ids=(focal,), dx_m=6.0, dy_m=0.0, rotation_rad=0.0)
+        )
+    )
+    editor.until(lambda: session.entries, "the move")
+    comparison = editor._tab()._comparison
+    editor.page.evaluate("document.activeElement?.blur()")
+    editor.page.keyboard.down("o")
+    editor.until(lambda: comparison.is_on, "the original")
+    plate = editor.page.get_by_text("Original: 1 agent differs")
+    plate.wait_for()
+    note = editor.page.get_by_role("note").filter(has_text="original +6.0 m, +0.0 m/s")
+    note.wait_for()
+    editor.settle()
+    outline = "__viserMutable.nodeRefFromName['/original/boxes']?.visible"
+    assert editor.page.evaluate(outline)
+    assert np.allclose(comparison._view._boxes.batched_positions[0, :2], (x, y))
+    editor.page.keyboard.up("o")
+    editor.until(lambda: not comparison.is_on, "the end of it")
+    plate.wait_for(state="hidden")
+    editor.open_tab("View")
+    editor.tick("Compare with the original")
+    editor.until(lambda: comparison.is_on, "the original for longer")
+
+
+def test_the_sheet_lists_every_registered_key_and_escape_only_closes_it(editor):
+    """`?` did nothing (D34)."""
+    session = editor.session
+    session.select((session.scenario.focal_id,))
+    sheet = editor.page.get_by_role("dialog", name="Keys and mouse")
+    editor.key("?")
+    sheet.wait_for()
+    text = sheet.inner_text()
+    missing = [
+        hotkey.label
+        for hotkey in editor._tab()._desk.hotkeys
+        if hotkey.key and hotkey.label.split(" (")[0] not in text
+    ]
+    assert not missing
+    assert "Shift+drag an agent" in text
+    editor.page.keyboard.press("r")
+    editor.page.keyboard.press("Escape")
+    sheet.wait_for(state="hidden")
+    assert session.selection
+    assert not session.entries
+    editor.page.get_by_role("button", name="Keys and mouse").click()
+    sheet.wait_for()
+    editor.page.keyboard.press("F1")
+    sheet.wait_for(state="hidden")
+
+
+def test_the_legend_has_the_colours_of_the_theme_and_stays_folded(editor):
+    def colors() -> dict[str, str]:
+        return dict(
+            editor.page.evaluate(
+                "[...document.querySelectorAll('.pd-legend-list li')].map(item =>"
+                " [item.innerText, item.firstChild.style.color])"
+            )
+        )
+
+    light = colors()
+    assert light["Focal agent"] == f"rgb{LIGHT.focal}"
+    assert light["Problem"] == f"rgb{LIGHT.warning}"
+    editor.open_tab("View")
+    editor.tick("Dark theme")
+    editor.until(lambda: colors()["Focal agent"] == f"rgb{DARK.focal}", "dark colours")
+    chip = editor.page.get_by_role("button", name="Legend", exact=True)
+    chip.click()
+    assert chip.get_attribute("aria-expanded") == "false"
+    editor.reload()
+    chip.wait_for()
+    assert chip.get_attribute("aria-expanded") == "false"
+
+
+def test_hints_leave_one_by_one_and_do_not_come_back(editor):
+    session, page = editor.session, editor.page
+    card = page.get_by_role("status", name="Hint")
+    card.filter(has_text="Click a car").wait_for()
+    editor.click_at(centre(editor, session.scenario.focal_id))
+    card.filter(has_text="Drag it").wait_for()
+    editor.reload()
+    card.filter(has_text="Drag it").wait_for()
+    page.get_by_role("button", name="Close the hints").click()
+    card.wait_for(state="hidden")
+    editor.reload()
+    page.get_by_role("button", name="Legend", exact=True).wait_for()
+    assert not card.is_visible()

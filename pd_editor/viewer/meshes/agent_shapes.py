@@ -218,6 +218,18 @@ def ring(inner: float) -> trimesh.Trimesh:
 
 
 @functools.cache
+def box_outline() -> trimesh.Trimesh:
+    """The edge of a unit footprint, with a notch that points ahead."""
+    edge = shapely.Polygon([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
+    hole = shapely.Polygon(
+        [(-0.46, -0.4), (0.3, -0.4), (0.46, 0.0), (0.3, 0.4), (-0.46, 0.4)]
+    )
+    return trimesh.creation.extrude_polygon(
+        edge.difference(hole), height=0.02, engine="earcut"
+    )
+
+
+@functools.cache
 def pointer() -> trimesh.Trimesh:
     """A pyramid that points down, one high, tip at the origin."""
     corners = [

@@ -29,6 +29,7 @@ class ViewPanel:
         on_theme: Callable[[bool], None],
         on_layer: Callable[[Layer, bool], None],
         on_ribbons: Callable[[bool], None],
+        on_compare: Callable[[bool], None],
     ) -> None:
         """Build it into the current tab."""
         gui = desk.client.gui
@@ -41,6 +42,10 @@ class ViewPanel:
             desk.on_click(button, lambda label=label: on_camera(label))
         theme = gui.add_checkbox("Dark theme", is_dark)
         desk.on_change(theme, on_theme)
+        compare = gui.add_checkbox(
+            "Compare with the original", False, hint="Hold O for a short look"
+        )
+        desk.on_change(compare, on_compare)
         with gui.add_folder("Layers"):
             for layer, title in _LAYER_TITLE.items():
                 box = gui.add_checkbox(title, layer != "centerlines")

@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import viser
@@ -29,6 +30,15 @@ _TONE_COLOR: Final[dict[Tone, Literal["blue", "green", "orange", "red"]]] = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class Hotkey:
+    """An action of the command palette and the key that triggers it, if any."""
+
+    label: str
+    key: str | None
+    modifier: str | None
+
+
 class Desk:
     """A browser's session, its inbox, and how to speak to its user."""
 
@@ -42,6 +52,8 @@ class Desk:
         self.inbox = inbox
         self.on_playhead_moved: Callable[[], None] = lambda: None
         """Called when an edit has moved the playhead; the tab shows it."""
+        self.hotkeys: list[Hotkey] = []
+        """All that ``hotkey`` has registered, in that order."""
         self._gesture: str | None = None
         self._gesture_deadline: float | None = None
         self._failure = _NOT_DONE
@@ -105,6 +117,7 @@ class Desk:
     ) -> None:
         """Offer an action in the command palette, with a hot key."""
         command = self.client.gui.add_command(label, hotkey=key, modifier=modifier)
+        self.hotkeys.append(Hotkey(label=label, key=key, modifier=modifier))
 
         @command.on_trigger
         async def _(_event: Any) -> None:

@@ -41,6 +41,7 @@ class MapView:
         self._ghost: viser.GlbHandle | None = None
         self._ghost_drawn: tuple[RoadMap, RigidMotion, float, Palette] | None = None
         self._wants_ghost = True
+        self._is_compared = False
         self._ground = client.scene.add_glb(
             "/ground", self._ground_glb(), cast_shadow=False, receive_shadow=False
         )
@@ -87,6 +88,11 @@ class MapView:
     def set_ghost_wanted(self, is_wanted: bool) -> None:
         """Whether the original road is outlined while it is warped."""
         self._wants_ghost = is_wanted
+        self._update_ghost_visibility()
+
+    def set_compared(self, is_compared: bool) -> None:
+        """Outline the original road whether or not that is switched off."""
+        self._is_compared = is_compared
         self._update_ghost_visibility()
 
     def _send(self, layers: tuple[Layer, ...]) -> None:
@@ -146,7 +152,8 @@ class MapView:
 
     def _update_ghost_visibility(self) -> None:
         if self._ghost is not None:
-            self._ghost.visible = self._wants_ghost and self._warp is not None
+            is_wanted = self._wants_ghost or self._is_compared
+            self._ghost.visible = is_wanted and self._warp is not None
 
     def _ground_glb(self) -> bytes:
         half = GROUND_SIZE_M / 2

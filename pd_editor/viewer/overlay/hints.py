@@ -1,0 +1,28 @@
+"""Four hints for a first session, each gone once it was followed."""
+
+from pd_editor.editor.commands import ReplaceTraffic, TransformAgents
+from pd_editor.editor.session import EditorSession
+from pd_editor.viewer.overlay.overlay import Overlay
+
+
+class Hints:
+    """One small card over the picture; the browser remembers what was done."""
+
+    def __init__(self, overlay: Overlay) -> None:
+        """Show nothing yet."""
+        self._overlay = overlay
+
+    def show(self, session: EditorSession) -> None:
+        """Tell the page which of the four the session has seen."""
+        commands = [entry.command for entry in session.entries]
+        self._overlay.show(
+            "hints",
+            {
+                "done": {
+                    "select": bool(session.selection),
+                    "drag": any(isinstance(c, TransformAgents) for c in commands),
+                    "bend": session.scenario.applied_warp is not None,
+                    "regenerate": any(isinstance(c, ReplaceTraffic) for c in commands),
+                }
+            },
+        )

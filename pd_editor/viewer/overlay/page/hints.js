@@ -1,0 +1,48 @@
+// Hints for a first session: one at a time, each gone for good once it was followed.
+pdOverlay.define("hints", (api) => {
+  const KEPT = "pd-hints-done";
+  const STEPS = [
+    ["select", "Click a car", "to select it; Ctrl+drag selects several."],
+    ["drag", "Drag it", "to move it; Shift+drag turns it."],
+    ["bend", "Bend the road", "with a slider of the Road tab."],
+    ["regenerate", "Regenerate", "futures with the key R, or in the Drive tab."],
+  ];
+  const done = new Set(JSON.parse(window.localStorage.getItem(KEPT) ?? "[]"));
+  const card = api.make("div", "pd-solid pd-hint", {
+    role: "status", "aria-label": "Hint",
+  });
+  const count = api.make("span", "pd-hint-count");
+  const what = api.make("b");
+  const how = api.make("span");
+  const close = api.make("button", "", {
+    type: "button", "aria-label": "Close the hints", title: "Close the hints",
+  }, "\u00d7");
+  card.append(count, what, how, close);
+  card.hidden = true;
+  api.box.append(card);
+
+  function keep() {
+    window.localStorage.setItem(KEPT, JSON.stringify([...done]));
+  }
+
+  function show() {
+    const index = STEPS.findIndex(([name]) => !done.has(name));
+    card.hidden = index < 0;
+    if (index < 0) return;
+    count.textContent = `${index + 1} / ${STEPS.length}`;
+    what.textContent = STEPS[index][1];
+    how.textContent = STEPS[index][2];
+  }
+
+  close.addEventListener("click", () => {
+    STEPS.forEach(([name]) => done.add(name));
+    keep();
+    show();
+  });
+
+  return (state) => {
+    for (const [name, isDone] of Object.entries(state.done)) if (isDone) done.add(name);
+    keep();
+    show();
+  };
+});

@@ -1,0 +1,34 @@
+// The legend: a chip that unfolds upwards; the page remembers whether it is folded.
+pdOverlay.define("legend", (api) => {
+  const KEPT = "pd-legend-folded";
+  const box = api.make("div", "pd-solid pd-legend-box");
+  const list = api.make("ul", "pd-legend-list", { id: "pd-legend-list" });
+  const chip = api.make("button", "pd-legend-chip", {
+    type: "button", "aria-controls": "pd-legend-list",
+  }, "Legend");
+  box.append(list, chip);
+  api.box.append(box);
+
+  function fold(isFolded) {
+    list.hidden = isFolded;
+    chip.setAttribute("aria-expanded", String(!isFolded));
+  }
+
+  let isFolded = window.localStorage.getItem(KEPT) === "yes";
+  fold(isFolded);
+  chip.addEventListener("click", () => {
+    isFolded = !isFolded;
+    window.localStorage.setItem(KEPT, isFolded ? "yes" : "no");
+    fold(isFolded);
+  });
+
+  return ({ entries }) => {
+    list.replaceChildren(...entries.map(({ text, glyph, color }) => {
+      const item = api.make("li");
+      const mark = api.make("span", `pd-legend-mark pd-legend-${glyph}`);
+      mark.style.color = color;
+      item.append(mark, api.make("span", "", {}, text));
+      return item;
+    }));
+  };
+});
