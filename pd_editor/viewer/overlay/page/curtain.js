@@ -3,7 +3,10 @@
 // frames to read the meshes of a road; in between it would show one with the other.
 pdOverlay.define("curtain", (api) => {
   const LONGEST_MS = 2500;
-  const QUIET_MS = 300;
+  // A layer that is as it was, or has nothing in it, never changes. It is not waited
+  // for once the others have come, or once so much time and so many frames have gone.
+  const REST = { ms: 120, frames: 3 };
+  const NOTHING = { ms: 400, frames: 10 };
   const still = api.make("canvas", "pd-still pd-gone");
   api.box.append(still);
   let number = 0;
@@ -17,6 +20,8 @@ pdOverlay.define("curtain", (api) => {
   }
 
   function raise(canvas) {
+    // Still up for the scenario before: what is under it may be half of either.
+    if (!still.classList.contains("pd-gone")) return;
     still.width = canvas.width;
     still.height = canvas.height;
     still.getContext("2d").drawImage(canvas, 0, 0);
@@ -31,19 +36,23 @@ pdOverlay.define("curtain", (api) => {
     const start = performance.now();
     const former = nodes.map(meshOf);
     const changed = new Set();
-    let lastChange = start;
+    let quietSince = start;
+    let quietFrames = 0;
     raise(canvas);
     function look() {
       if (mine !== number) return;
       const now = performance.now();
+      quietFrames += 1;
       nodes.forEach((name, index) => {
         const mesh = meshOf(name);
         if (changed.has(name) || !mesh || mesh === former[index]) return;
         changed.add(name);
-        lastChange = now;
+        quietSince = now;
+        quietFrames = 0;
       });
-      // A layer without anything in it never changes.
-      const isQuiet = changed.size > 0 && now - lastChange > QUIET_MS;
+      const patience = changed.size > 0 ? REST : NOTHING;
+      const isQuiet = now - quietSince > patience.ms && quietFrames > patience.frames &&
+        !api.viewer()?.messageQueue?.length;
       const isThere = changed.size === nodes.length || isQuiet;
       if (!isThere && now - start < LONGEST_MS) {
         requestAnimationFrame(look);
