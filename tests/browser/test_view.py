@@ -93,9 +93,13 @@ def test_wheel_zooms_to_the_pointer_and_pans_keep_the_ground_under_it(editor, vi
     look = np.subtract(start, editor.client.camera.look_at)
     drag("right")
     drag("middle")
-    editor.page.keyboard.down("h")
-    drag("left")
-    editor.page.keyboard.up("h")
+    for is_placing in (False, True):
+        if is_placing:
+            editor.key("p")
+            editor.until(lambda: editor._tab()._placing.is_active, "placing")
+        editor.page.keyboard.down("h")
+        drag("left")
+        editor.page.keyboard.up("h")
     camera = editor.client.camera
     assert np.allclose(np.subtract(camera.position, camera.look_at), look, atol=1e-2)
     assert not editor.session.selection

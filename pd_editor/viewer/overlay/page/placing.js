@@ -77,6 +77,7 @@ pdOverlay.define("placing", (api) => {
 
   api.listen(window, "pointerdown", (event) => {
     if (!mode.isActive || event.button !== 0 || !isOnPicture(event)) return;
+    if (document.body.classList.contains("pd-can-pan")) return; // H is held: a pan
     take(event);
     at = local(event);
     const point = api.ground(...at);
