@@ -1,0 +1,42 @@
+from dataclasses import replace
+from typing import Any
+
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.viewer.meshes.palette import DARK, LIGHT
+from pd_editor.viewer.overlay.legend import Legend
+from pd_editor.viewer.overlay.overlay import Overlay
+from tests.builders import scenario_with, straight_drivers
+
+
+class Page(Overlay):
+    """Keeps what an overlay would be told."""
+
+    def __init__(self) -> None:
+        self.state: dict = {}
+
+    def show(self, element: str, state: Any) -> None:
+        assert element == "legend"
+        self.state = state
+
+    def entries(self) -> dict[str, str]:
+        return {entry["text"]: entry["color"] for entry in self.state["entries"]}
+
+
+def test_the_legend_lists_what_is_there_in_the_theme_s_colours():
+    kinds = (AgentKind.VEHICLE, AgentKind.PEDESTRIAN)
+    agents = straight_drivers([(0, 0, 0, 8), (9, 0, 0, 1)], kinds=kinds)
+    scenario = scenario_with(agents)
+    page = Page()
+    legend = Legend(page)
+    legend.show(scenario, LIGHT, has_original=False)
+    light = page.entries()
+    assert light["Focal agent"] == f"rgb{LIGHT.focal}"
+    assert light["Pedestrian"] == f"rgb{LIGHT.kinds[AgentKind.PEDESTRIAN]}"
+    assert not {"Ego", "Bus", "Original", "Not there at t = 0"} & set(light)
+    is_valid = agents.is_valid.copy()
+    is_valid[1, : scenario.current_step + 5] = False
+    later = replace(scenario, agents=replace(agents, is_valid=is_valid))
+    legend.show(later, DARK, has_original=True)
+    dark = page.entries()
+    assert dark["Original"] == f"rgb{DARK.ghost}"
+    assert dark["Not there at t = 0"] == f"rgb{DARK.kinds[AgentKind.VEHICLE]}"
