@@ -13,12 +13,15 @@ from pd_editor.errors import PdEditorError
 from pd_editor.generation import GeneratorOffer
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.comparison import Comparison
+from pd_editor.viewer.interaction.hover import Hover
 from pd_editor.viewer.interaction.placing import Placing
 from pd_editor.viewer.interaction.pointer import Pointer
+from pd_editor.viewer.interaction.selecting import Selecting
 from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
 from pd_editor.viewer.overlay.agent_list import AgentList
-from pd_editor.viewer.overlay.banner import Banner
+from pd_editor.viewer.overlay.banner import OFFER, Banner
+from pd_editor.viewer.overlay.context_menu import ContextMenu
 from pd_editor.viewer.overlay.hints import Hints
 from pd_editor.viewer.overlay.key_sheet import KeySheet
 from pd_editor.viewer.overlay.legend import Legend
@@ -38,6 +41,7 @@ from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
 from pd_editor.viewer.panels.status_panel import StatusPanel
 from pd_editor.viewer.panels.unfinished_panel import UnfinishedPanel
 from pd_editor.viewer.panels.view_panel import ViewPanel
+from pd_editor.viewer.picture_menu import PictureMenu
 from pd_editor.viewer.state.desk import Desk
 from pd_editor.viewer.state.inbox import Inbox
 from pd_editor.viewer.state.workspace import Workspace
@@ -142,6 +146,8 @@ class BrowserSession:
             self._placing = Placing(self._desk, self._overlay, self._banner)
             self._placing.on_change(self._placing_changed)
             self._agents = AgentsView(client, palette, self._pointer.attach)
+            self._selecting = Selecting(self._desk, lambda: self._agents.poses)
+            self._hover = Hover(self._desk, self._overlay, lambda: self._agents.poses)
             self._ribbons = RibbonsView(client, palette)
             self._marks = MarksView(client, palette)
             self._labels = LabelsView(self._overlay)
@@ -150,7 +156,7 @@ class BrowserSession:
             self._comparison = Comparison(
                 self._desk, self._overlay, palette, self._comparison_changed
             )
-            self._candidates = CandidatesView(client, palette, self._ribbons.set_muted)
+            self._candidates = CandidatesView(client, palette, self._fan_changed)
             self._status = StatusPanel(self._desk)
             self._pointer.set_plain_drag_selects(self._viewpoint.is_top)
             self._viewpoint.restore()
@@ -160,6 +166,7 @@ class BrowserSession:
         with client.atomic():
             self._build_panels()
             self._build_toolbar()
+            self._build_menu()
             self._add_hotkeys()
             self._key_sheet.tell(self._desk.hotkeys)
             self._show_panels(workspace.session.state)
@@ -239,6 +246,21 @@ class BrowserSession:
             )
         # A search that an earlier connection has ended tells of nothing new.
         self._dataset_panel.show()
+
+    def _build_menu(self) -> None:
+        self._menu = ContextMenu(
+            self._overlay,
+            PictureMenu(
+                desk=self._desk,
+                poses=lambda: self._agents.poses,
+                placing=self._placing,
+                selecting=self._selecting,
+                agent_panel=self._agent_panel,
+                candidates_panel=self._candidates_panel,
+                generation_panel=self._generation_panel,
+                road_panel=self._road_panel,
+            ).at,
+        )
 
     def _build_toolbar(self) -> None:
         session, view = self._workspace.session, self._viewpoint
@@ -341,6 +363,9 @@ class BrowserSession:
         key("Delete selection", self._agent_panel.delete, "delete")
         key("Delete selection (Backspace)", self._agent_panel.delete, "backspace")
         key("Duplicate selection", self._agent_panel.duplicate, "D", "cmd/ctrl")
+        key("Select all agents", self._selecting.select_all, "A", "cmd/ctrl")
+        key("Invert the selection", self._selecting.invert, "I", "cmd/ctrl")
+        key("Select all of the same kind", self._selecting.same_kind)
         key("Snap to lane", self._agent_panel.snap, "L")
         key("Agent list", self._agent_list.toggle, "F", "cmd/ctrl")
         key("Place an agent", self._placing.toggle, "P")
@@ -498,6 +523,23 @@ class BrowserSession:
         self._measure.show()
         self._show_legend()
         self._hints.show(self._workspace.session)
+
+    def _fan_changed(self, is_shown: bool) -> None:
+        """Step back behind possible trajectories, and say what a click does."""
+        self._ribbons.set_muted(is_shown)
+        session = self._workspace.session
+        if not is_shown or len(session.selection) != 1:
+            self._banner.hide("candidates")
+            return
+        agents, (agent_id,) = session.scenario.agents, session.selection
+        kind = str(agents.kinds[agents.row_of[agent_id]]).replace("_", " ")
+        self._banner.show(
+            "candidates",
+            f"Possible trajectories of {kind} {agent_id}: click one to use it.",
+            button="Done (Esc)",
+            on_press=self._candidates_panel.hide_candidates,
+            priority=OFFER,
+        )
 
     def _tick(self) -> float | None:
         if not self._is_built:

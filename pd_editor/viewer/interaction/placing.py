@@ -57,9 +57,7 @@ class Placing:
         self.kind = kind
         self._changed()
 
-    def place(
-        self, point_m: np.ndarray, heading_rad: float | None = None
-    ) -> PlaceAgent:
+    def place(self, point_m: np.ndarray, heading_rad: float | None = None) -> None:
         """Place an agent of the chosen kind; without a heading as its lane suggests."""
         scenario = self._desk.session.scenario
         state = suggested_state(scenario, point_m, self.kind, heading_rad)
@@ -73,7 +71,6 @@ class Placing:
             back_cast=self.with_past,
         )
         self._desk.apply(command)
-        return command
 
     def _changed(self) -> None:
         if self.is_active:

@@ -149,12 +149,14 @@ class GenerationPanel:
 
     def regenerate(self) -> None:
         """Draw new futures for the selection or for all agents."""
+        selection = self._desk.session.selection
+        self.regenerate_agents(selection if self._scope.value == "Selection" else None)
+
+    def regenerate_agents(self, wanted: tuple[str, ...] | None) -> None:
+        """Draw new futures for some agents, or for all that are there."""
         self._desk.commit_gesture()
-        session = self._desk.session
-        wanted = session.selection if self._scope.value == "Selection" else None
-        self._start(
-            session.scenario, agent_ids=drivable_agent_ids(session.scenario, wanted)
-        )
+        scenario = self._desk.session.scenario
+        self._start(scenario, agent_ids=drivable_agent_ids(scenario, wanted))
 
     def resample(self) -> None:
         """Draw new states and futures: of all agents, of some, or of more.

@@ -1,0 +1,130 @@
+"""What a right click on the picture offers, by what was clicked."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.paths.suggested_state import suggested_heading
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.viewer.interaction.picking import PointerRay, agent_under
+from pd_editor.viewer.interaction.placing import Placing
+from pd_editor.viewer.interaction.selecting import Selecting
+from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.overlay.context_menu import Menu, MenuItem
+from pd_editor.viewer.panels.agent_panel import AgentPanel
+from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
+from pd_editor.viewer.panels.generation_panel import GenerationPanel
+from pd_editor.viewer.panels.road_panel import RoadPanel
+from pd_editor.viewer.state.desk import Desk
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PictureMenu:
+    """Menus made of what the panels and modes can do."""
+
+    desk: Desk
+    poses: Callable[[], AgentPoses | None]
+    placing: Placing
+    selecting: Selecting
+    agent_panel: AgentPanel
+    candidates_panel: CandidatesPanel
+    generation_panel: GenerationPanel
+    road_panel: RoadPanel
+
+    def at(self, ray: PointerRay) -> Menu | None:
+        """The menu of an agent or of the road; none while clicks mean something else."""
+        poses = self.poses()
+        if self.placing.is_active or poses is None:
+            return None
+        row = agent_under(self.desk.session.scenario.agents, poses, ray)
+        if row is not None:
+            return self._of_agent(row)
+        point = ray.ground_m
+        return None if point is None else self._of_road(point)
+
+    def _of_agent(self, row: int) -> Menu:
+        """Acts on the selection if the agent is one of it, else on the agent alone."""
+        session = self.desk.session
+        scenario = session.scenario
+        agents, agent_id = scenario.agents, scenario.agents.ids[row]
+        if agent_id not in session.selection:
+            session.select((agent_id,))
+        count = len(session.selection)
+        is_there = bool(agents.is_valid[row, scenario.current_step])
+        kind = str(agents.kinds[row]).replace("_", " ")
+        pose = RigidMotion(
+            x_m=float(agents.position_m[row, scenario.current_step, 0]),
+            y_m=float(agents.position_m[row, scenario.current_step, 1]),
+            rotation_rad=float(agents.heading_rad[row, scenario.current_step]),
+        )
+        is_one = count == 1
+        items = (
+            MenuItem(label="Select all of this kind", act=self.selecting.same_kind),
+            MenuItem(
+                label="Make focal",
+                act=self.agent_panel.make_focal,
+                is_enabled=is_one and agent_id != scenario.focal_id,
+            ),
+            MenuItem(
+                label="Possible trajectories",
+                act=self.candidates_panel.toggle_candidates,
+                is_enabled=is_one and is_there,
+                key="G",
+            ),
+            MenuItem(
+                label="Regenerate trajectory"
+                if is_one
+                else f"Regenerate {count} trajectories",
+                act=lambda: self.generation_panel.regenerate_agents(session.selection),
+                is_enabled=is_there,
+            ),
+            MenuItem(
+                label="Snap to lane",
+                act=self.agent_panel.snap,
+                is_enabled=is_there,
+                key="L",
+            ),
+            MenuItem(
+                label="Duplicate",
+                act=self.agent_panel.duplicate,
+                is_enabled=is_there,
+                key="Ctrl+D",
+            ),
+            MenuItem(label="Delete", act=self.agent_panel.delete, key="Del"),
+            MenuItem(
+                label="Bend the road from here",
+                act=lambda: self.road_panel.bend_from(pose),
+                is_enabled=is_one and is_there,
+            ),
+        )
+        title = f"{kind} {agent_id}" if is_one else f"{count} agents"
+        return Menu(title=title, items=items)
+
+    def _of_road(self, point_m: np.ndarray) -> Menu:
+        road_map = self.desk.session.scenario.road_map
+        pose = RigidMotion(
+            x_m=float(point_m[0]),
+            y_m=float(point_m[1]),
+            rotation_rad=suggested_heading(road_map, point_m, AgentKind.VEHICLE),
+        )
+        kind = str(self.placing.kind).replace("_", " ")
+        return Menu(
+            title="Road",
+            items=(
+                MenuItem(
+                    label=f"Place a {kind} here",
+                    act=lambda: self.placing.place(point_m),
+                ),
+                MenuItem(
+                    label="Bend the road from here",
+                    act=lambda: self.road_panel.bend_from(pose),
+                ),
+                MenuItem(
+                    label="Select all agents",
+                    act=self.selecting.select_all,
+                    key="Ctrl+A",
+                ),
+            ),
+        )
