@@ -10,7 +10,12 @@ from pd_editor.paths.route_choice import ON_LANE_M, lane_kinds_of
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import EGO_ID, Scenario
-from pd_editor.viewer.interaction.picking import PointerRay, agent_under, lane_under
+from pd_editor.viewer.interaction.picking import (
+    PointerRay,
+    agent_under,
+    lane_under,
+    number_of,
+)
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.desk import Desk
@@ -36,15 +41,15 @@ class Hover:
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Say what is there; nothing while the picture runs away under the pointer."""
-        ray = PointerRay.of_event(event)
+        ray, ask = PointerRay.of_event(event), number_of(event.get("ask"))
         playback = self._desk.workspace.playback
-        if ray is None or playback.is_playing:
+        if ray is None or ask is None or playback.is_playing:
             return
         lines = self._lines(ray)
         if lines:
             self._overlay.show(
                 "tooltip",
-                {"at": [ray.x_px, ray.y_px], "lines": lines, "asked": event.get("ask")},
+                {"at": [ray.x_px, ray.y_px], "lines": lines, "asked": int(ask)},
             )
 
     def _lines(self, ray: PointerRay) -> list[str]:
