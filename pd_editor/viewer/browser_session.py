@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import viser
@@ -14,6 +14,7 @@ from pd_editor.generation import GeneratorOffer
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.comparison import Comparison
 from pd_editor.viewer.interaction.hover import Hover
+from pd_editor.viewer.interaction.picking import point_of
 from pd_editor.viewer.interaction.placing import Placing
 from pd_editor.viewer.interaction.pointer import Pointer
 from pd_editor.viewer.interaction.selecting import Selecting
@@ -147,7 +148,13 @@ class BrowserSession:
             self._placing.on_change(self._placing_changed)
             self._agents = AgentsView(client, palette, self._pointer.attach)
             self._selecting = Selecting(self._desk, lambda: self._agents.poses)
-            self._hover = Hover(self._desk, self._overlay, lambda: self._agents.poses)
+            Hover(
+                self._desk,
+                self._overlay,
+                lambda: self._agents.poses,
+                lambda: self._placing.is_active or self._measure.is_active,
+            )
+            self._overlay.on("fan", self._fan_pointed)
             self._ribbons = RibbonsView(client, palette)
             self._marks = MarksView(client, palette)
             self._labels = LabelsView(self._overlay)
@@ -259,6 +266,7 @@ class BrowserSession:
                 candidates_panel=self._candidates_panel,
                 generation_panel=self._generation_panel,
                 road_panel=self._road_panel,
+                measure=self._measure,
             ).at,
         )
 
@@ -527,6 +535,7 @@ class BrowserSession:
     def _fan_changed(self, is_shown: bool) -> None:
         """Step back behind possible trajectories, and say what a click does."""
         self._ribbons.set_muted(is_shown)
+        self._overlay.show("fan", {"isShown": is_shown})
         session = self._workspace.session
         if not is_shown or len(session.selection) != 1:
             self._banner.hide("candidates")
@@ -540,6 +549,10 @@ class BrowserSession:
             on_press=self._candidates_panel.hide_candidates,
             priority=OFFER,
         )
+
+    def _fan_pointed(self, event: Mapping[str, Any]) -> None:
+        """Highlight the possible trajectory under the pointer."""
+        self._candidates_panel.point_at(point_of(event.get("point")))
 
     def _tick(self) -> float | None:
         if not self._is_built:

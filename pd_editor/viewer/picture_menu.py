@@ -13,6 +13,7 @@ from pd_editor.viewer.interaction.placing import Placing
 from pd_editor.viewer.interaction.selecting import Selecting
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.context_menu import Menu, MenuItem
+from pd_editor.viewer.overlay.measure import Measure
 from pd_editor.viewer.panels.agent_panel import AgentPanel
 from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
 from pd_editor.viewer.panels.generation_panel import GenerationPanel
@@ -32,11 +33,12 @@ class PictureMenu:
     candidates_panel: CandidatesPanel
     generation_panel: GenerationPanel
     road_panel: RoadPanel
+    measure: Measure
 
     def at(self, ray: PointerRay) -> Menu | None:
         """The menu of an agent or of the road; none while clicks mean something else."""
         poses = self.poses()
-        if self.placing.is_active or poses is None:
+        if self.placing.is_active or self.measure.is_active or poses is None:
             return None
         row = agent_under(self.desk.session.scenario.agents, poses, ray)
         if row is not None:
@@ -120,6 +122,11 @@ class PictureMenu:
                 MenuItem(
                     label="Bend the road from here",
                     act=lambda: self.road_panel.bend_from(pose),
+                ),
+                MenuItem(
+                    label="Measure from here",
+                    act=lambda: self.measure.begin_at(point_m),
+                    key="M",
                 ),
                 MenuItem(
                     label="Select all agents",

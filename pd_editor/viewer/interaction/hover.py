@@ -7,7 +7,7 @@ import numpy as np
 
 from pd_editor.paths.nearest_lane import nearest_lanes
 from pd_editor.paths.route_choice import ON_LANE_M, lane_kinds_of
-from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.interaction.picking import (
@@ -25,7 +25,11 @@ class Hover:
     """Answers the page, which asks once each time that the pointer comes to rest."""
 
     def __init__(
-        self, desk: Desk, overlay: Overlay, poses: Callable[[], AgentPoses | None]
+        self,
+        desk: Desk,
+        overlay: Overlay,
+        poses: Callable[[], AgentPoses | None],
+        is_quiet: Callable[[], bool],
     ) -> None:
         """Listen.
 
@@ -33,17 +37,19 @@ class Hover:
             desk: the tab's session.
             overlay: the elements over the picture.
             poses: agents as drawn now.
+            is_quiet: whether the pointer is busy with something else.
         """
         self._desk = desk
         self._overlay = overlay
         self._poses = poses
+        self._is_quiet = is_quiet
         overlay.on("tooltip", self._heard)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Say what is there; nothing while the picture runs away under the pointer."""
         ray, ask = PointerRay.of_event(event), number_of(event.get("ask"))
         playback = self._desk.workspace.playback
-        if ray is None or ask is None or playback.is_playing:
+        if ray is None or ask is None or playback.is_playing or self._is_quiet():
             return
         lines = self._lines(ray)
         if lines:
@@ -86,45 +92,20 @@ def agent_lines(scenario: Scenario, base: Scenario, row: int, step: float) -> li
         )
         if match.is_valid[0] and match.distance_m[0] <= ON_LANE_M:
             lines.append(f"lane {match.lane_id[0]}")
+    is_known = agent_id in base.agents.row_of
+    untouched = untouched_agent_ids(scenario, base)
     marks = [
         word
         for word, holds in (
             ("focal agent", agent_id == scenario.focal_id),
             ("ego", agent_id == EGO_ID),
-            ("new", agent_id not in base.agents.row_of),
-            ("edited", _is_edited(scenario, base, agent_id)),
+            ("new", not is_known),
+            ("edited", is_known and agent_id not in untouched),
             ("not there at t = 0", not agents.is_valid[row, scenario.current_step]),
         )
         if holds
     ]
     return [*lines, ", ".join(marks)] if marks else lines
-
-
-def _is_edited(scenario: Scenario, base: Scenario, agent_id: str) -> bool:
-    """Whether an agent of the base moves otherwise than the base and the road say."""
-    if agent_id not in base.agents.row_of:
-        return False
-    warp = scenario.applied_warp
-    if warp is None:
-        return _differ(scenario.agents, base.agents, agent_id)
-    return _differ(scenario.agents, warp.warped_agents, agent_id) or _differ(
-        warp.original_agents, base.agents, agent_id
-    )
-
-
-def _differ(one: AgentTracks, other: AgentTracks, agent_id: str) -> bool:
-    if agent_id not in one.row_of or agent_id not in other.row_of:
-        return True
-    here, there = one.row_of[agent_id], other.row_of[agent_id]
-    return one.kinds[here] != other.kinds[there] or not all(
-        np.array_equal(of_one[here], of_other[there])
-        for of_one, of_other in (
-            (one.position_m, other.position_m),
-            (one.heading_rad, other.heading_rad),
-            (one.is_valid, other.is_valid),
-            (one.size_m, other.size_m),
-        )
-    )
 
 
 def lane_lines(lane: Lane) -> list[str]:

@@ -28,6 +28,7 @@ class Measure:
         self._session = session
         self._on_change = on_change
         self._is_active = False
+        self._start_m: list[float] | None = None
 
     @property
     def is_active(self) -> bool:
@@ -36,7 +37,14 @@ class Measure:
 
     def toggle(self) -> None:
         """Begin to measure, or end it."""
+        self._start_m = None
         self._set_active(not self._is_active)
+
+    def begin_at(self, point_m: np.ndarray) -> None:
+        """Measure from a point of the ground on."""
+        self.stop()
+        self._start_m = [float(point_m[0]), float(point_m[1])]
+        self._set_active(True)
 
     def stop(self) -> None:
         """End measuring, if it is under way."""
@@ -48,7 +56,12 @@ class Measure:
         speed_mps, agent = self._selected_speed() if self._is_active else (None, "")
         self._overlay.show(
             "measure",
-            {"isActive": self._is_active, "speed": speed_mps, "agent": agent},
+            {
+                "isActive": self._is_active,
+                "start": self._start_m,
+                "speed": speed_mps,
+                "agent": agent,
+            },
         )
 
     def _set_active(self, is_active: bool) -> None:

@@ -363,15 +363,12 @@ class RoadPanel:
 
     def bend_from(self, pose: RigidMotion) -> None:
         """Bend ahead of a pose of the road as it is shown from now on."""
-        on_the_map = ANCHORS[-1]
-        set_value(self._anchor, on_the_map)
-        self._anchor_taken = on_the_map
-        self._gizmo.place(pose)
-        if self._desk.session.scenario.applied_warp is not None:
-            self._desk.apply(self._command(pose))
-        else:
+        self._offer((*self._anchor.options, POINT))
+        set_value(self._anchor, POINT)
+        self._take_anchor(POINT, pose)
+        if self._desk.session.scenario.applied_warp is None:
             self._desk.notify(
-                "Bend from here", "Choose how in the Road tab: the sliders bend it."
+                "Bend from here", "Choose how in the Road tab: its sliders bend it."
             )
 
     def _anchor_changed(self) -> None:

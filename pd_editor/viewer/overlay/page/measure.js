@@ -111,7 +111,7 @@ pdOverlay.define("measure", (api) => {
 
   return (next) => {
     if (next.isActive !== state.isActive) {
-      points = [];
+      points = next.start ? [next.start] : [];
       isComplete = false;
       pointer = null;
     }

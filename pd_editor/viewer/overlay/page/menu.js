@@ -1,7 +1,7 @@
 // The menu at the pointer: a right click that is no drag asks for it.
 pdOverlay.define("menu", (api) => {
   const STILL_PX = 4;
-  const list = api.make("div", "pd-solid pd-menu", { role: "menu" });
+  const list = api.make("div", "pd-solid pd-menu-list", { role: "menu" });
   list.hidden = true;
   api.box.appendChild(list);
   let press = null;

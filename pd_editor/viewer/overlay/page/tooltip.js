@@ -3,7 +3,7 @@ pdOverlay.define("tooltip", (api) => {
   const REST_MS = 400;
   const STILL_PX = 3;
   const GAP_PX = 14;
-  const tip = api.make("div", "pd-tooltip", { role: "tooltip" });
+  const tip = api.make("div", "pd-tip", { role: "tooltip" });
   tip.hidden = true;
   api.box.appendChild(tip);
   let at = null;
