@@ -205,6 +205,11 @@ def test_hints_leave_one_by_one_and_do_not_come_back(editor):
     session, page = editor.session, editor.page
     card = page.get_by_role("status", name="Hint")
     card.filter(has_text="Click a car").wait_for()
+    legend = page.locator(".pd-legend-box.pd-solid")
+    left, top, _, bottom = box_of(card)
+    assert bottom - top < 40
+    assert box_of(legend)[0] < 40
+    assert box_of(legend)[3] < top or box_of(legend)[2] < left
     editor.click_at(centre(editor, session.scenario.focal_id))
     card.filter(has_text="Drag it").wait_for()
     editor.reload()
