@@ -16,16 +16,18 @@ from pd_editor.diffusion.checkpoints.model_folder import (
     TrainedStage,
     load_model,
 )
-from pd_editor.diffusion.core.devices import drawing_device
+from pd_editor.diffusion.core.devices import sampling_device
 from pd_editor.diffusion.defaults import NUM_TRIES, DeviceName
-from pd_editor.diffusion.initial_state.attribute_report import trait_notes
-from pd_editor.diffusion.initial_state.attributes import TraitWishes
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.initial_state.attributes import (
+    AttributeRequest,
+    attribute_notes,
+)
+from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.pipeline import (
     Placing,
-    draw_numbers,
     new_agents,
     place_agents,
+    sample_agent_counts,
 )
 from pd_editor.diffusion.request_check import (
     MOST_AGENTS,
@@ -36,11 +38,11 @@ from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
 from pd_editor.diffusion.trajectory.decoding import Motion
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.pipeline import (
-    FutureOptions,
-    FutureTask,
-    draw_futures,
+    TrajectoryOptions,
+    TrajectoryTask,
+    sample_task,
 )
-from pd_editor.diffusion.trajectory.yielding import giving_way
+from pd_editor.diffusion.trajectory.yielding import with_yielding
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     AVOIDANCE,
@@ -81,7 +83,7 @@ class PathDiffuser:
             GenerationError: a GPU is asked for, and there is none.
         """
         self._folder, self._name = Path(folder), name
-        self._device = drawing_device(device)
+        self._device = sampling_device(device)
         self._model: TrainedModel | None = None
         self._lock = threading.Lock()
 
@@ -160,7 +162,7 @@ class PathDiffuser:
     ) -> Generator[GenerationProgress, None, tuple[list[TrafficSample], list[str]]]:
         stage = self._initial_states()
         model = stage.model
-        assert isinstance(model, PoseDenoiser)
+        assert isinstance(model, InitialStateDenoiser)
         samples: list[TrafficSample] = []
         placed: list[tuple[Scenario, tuple[str, ...]]] = []
         share = _PLACING_SHARE / request.num_samples
@@ -188,7 +190,7 @@ class PathDiffuser:
                 partial(_progress, label, done + share, share),
             )
             samples += driven
-        notes = list(trait_notes(placed, _wishes(request)))
+        notes = list(attribute_notes(placed, _wishes(request)))
         num_empty = sum(not ids for _, ids in placed)
         if num_empty:
             notes.append(
@@ -209,8 +211,8 @@ class PathDiffuser:
         model = stage.model
         assert isinstance(model, TrajectoryDenoiser)
         rows = scenario.agents.rows(ids)
-        task = FutureTask.of(scenario, rows, model.decoder.basis).to(self._device)
-        drawn = yield from draw_futures(
+        task = TrajectoryTask.of(scenario, rows, model.decoder.basis).to(self._device)
+        drawn = yield from sample_task(
             model,
             task,
             indices,
@@ -228,7 +230,7 @@ class PathDiffuser:
             )
         samples = list(_samples(task, rows, drawn.motion))
         if _num_tries(request):
-            given = [giving_way(scenario, rows, sample) for sample in samples]
+            given = [with_yielding(scenario, rows, sample) for sample in samples]
             samples = [sample for sample, _ in given]
             num_waiting = sum(len(waiting) for _, waiting in given)
             if num_waiting:
@@ -255,7 +257,9 @@ def _progress(
     )
 
 
-def _placing(model: PoseDenoiser, request: GenerationRequest, sample: int) -> Placing:
+def _placing(
+    model: InitialStateDenoiser, request: GenerationRequest, sample: int
+) -> Placing:
     """Whom to place in a sample; the model may choose how many, in each another."""
     placing = Placing(
         redrawn_ids=request.redrawn_state_ids,
@@ -267,7 +271,7 @@ def _placing(model: PoseDenoiser, request: GenerationRequest, sample: int) -> Pl
     numbers = dict(request.num_new_agents)
     if request.draws_num_agents:
         random = np.random.default_rng([request.seed, sample])
-        drawn = draw_numbers(model, request.scenario, placing, random)
+        drawn = sample_agent_counts(model, request.scenario, placing, random)
         numbers = {kind: max(drawn[kind], numbers.get(kind, 0)) for kind in drawn}
         room = MOST_AGENTS - num_present(request.scenario)
         if sum(numbers.values()) > room:
@@ -279,8 +283,8 @@ def _placing(model: PoseDenoiser, request: GenerationRequest, sample: int) -> Pl
     return replace(placing, new_ids=ids, new_kinds=kinds)
 
 
-def _wishes(request: GenerationRequest) -> TraitWishes:
-    return TraitWishes(
+def _wishes(request: GenerationRequest) -> AttributeRequest:
+    return AttributeRequest(
         moving_share=request.moving_share, only_on_road=request.only_on_road
     )
 
@@ -294,14 +298,14 @@ def _num_tries(request: GenerationRequest) -> int:
     return max(wanted, 0) if avoids[-1].weight > 0 else 0
 
 
-def _options(request: GenerationRequest, stage: TrainedStage) -> FutureOptions:
+def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptions:
     sampler, guidance = stage.sampling["sampler"], stage.sampling["guidance"]
     if request.num_denoising_steps is not None:
         sampler = replace(sampler, num_steps=request.num_denoising_steps)
     lanes = [term for term in request.guidance if term.name == LANE_GUIDANCE]
     if lanes:
         guidance = replace(guidance, weight=lanes[-1].weight)
-    return FutureOptions(
+    return TrajectoryOptions(
         sampler=sampler,
         guidance=guidance,
         lane_agent_ids=lanes[-1].agent_ids if lanes else (),
@@ -311,7 +315,7 @@ def _options(request: GenerationRequest, stage: TrainedStage) -> FutureOptions:
 
 
 def _samples(
-    task: FutureTask, rows: Int[np.ndarray, "G"], motion: Motion
+    task: TrajectoryTask, rows: Int[np.ndarray, "G"], motion: Motion
 ) -> tuple[TrafficSample, ...]:
     """One sample for each of the motion; things go straight on."""
     agents, axis = task.scenario.agents, task.scenario.time_axis

@@ -4,24 +4,30 @@ from collections.abc import Mapping
 from typing import Final
 
 from pd_editor.diffusion.checkpoints.model_folder import StageKind
-from pd_editor.diffusion.initial_state import version_1 as initial_state_version_1
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser, PoseDenoiserConfig
-from pd_editor.diffusion.initial_state.guidance import PoseGuidance
-from pd_editor.diffusion.initial_state.sampler import PoseSamplerConfig
-from pd_editor.diffusion.trajectory import version_1 as trajectory_version_1
+from pd_editor.diffusion.initial_state.denoiser import (
+    InitialStateConfig,
+    InitialStateDenoiser,
+)
+from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
+from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.trajectory.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,
 )
 from pd_editor.diffusion.trajectory.guidance import TrajectoryGuidance
 from pd_editor.diffusion.trajectory.sampler import TrajectorySamplerConfig
+from pd_editor.diffusion.version_1 import initial_state as initial_state_version_1
+from pd_editor.diffusion.version_1 import trajectory as trajectory_version_1
 
 INITIAL_STATES: Final = StageKind(
     name="init",
     file_name="initial_states.safetensors",
-    config_type=PoseDenoiserConfig,
-    make_model=PoseDenoiser,
-    sampling_types={"sampler": PoseSamplerConfig, "guidance": PoseGuidance},
+    config_type=InitialStateConfig,
+    make_model=InitialStateDenoiser,
+    sampling_types={
+        "sampler": InitialStateSamplerConfig,
+        "guidance": InitialStateGuidance,
+    },
     upgraded_tensors=initial_state_version_1.upgraded_tensors,
 )
 TRAJECTORIES: Final = StageKind(

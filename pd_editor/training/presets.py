@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiserConfig
+from pd_editor.diffusion.initial_state.denoiser import InitialStateConfig
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
 from pd_editor.training.run_config import Optimisation
 
@@ -42,17 +42,17 @@ PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
     },
     "init": {
         "default": Preset(
-            model=asdict(PoseDenoiserConfig()),
+            model=asdict(InitialStateConfig()),
             optimisation=Optimisation(batch_size=16, learning_rate=2e-3),
             minutes=30.0,
         ),
         "gpu": Preset(
-            model=asdict(PoseDenoiserConfig(width=192, num_layers=4)),
+            model=asdict(InitialStateConfig(width=192, num_layers=4)),
             optimisation=Optimisation(batch_size=192, learning_rate=1.5e-3),
             minutes=15.0,
         ),
         "tiny": Preset(
-            model=asdict(PoseDenoiserConfig(width=32, num_layers=1, relation_width=16)),
+            model=asdict(InitialStateConfig(width=32, num_layers=1, relation_width=16)),
             optimisation=Optimisation(batch_size=4, warmup_steps=10, ema_decay=0.98),
             minutes=1.0,
         ),

@@ -12,8 +12,8 @@ from pd_editor.diffusion.initial_state.agent_count_prior import (
     MOST_ROWS,
     fit_agent_counts,
 )
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
-from pd_editor.diffusion.initial_state.loss import pose_loss
+from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.loss import initial_state_loss
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
@@ -47,7 +47,7 @@ class Stage:
 
 
 def _count_agents(model: nn.Module, store: FeatureStore) -> None:
-    assert isinstance(model, PoseDenoiser)
+    assert isinstance(model, InitialStateDenoiser)
     step = -(-len(store) // MOST_ROWS)
     scenes = (store[index] for index in range(0, len(store), max(step, 1)))
     model.set_agent_counts(fit_agent_counts(scenes))
@@ -66,7 +66,7 @@ def _trajectory_loss(
 STAGES: Final[Mapping[str, Stage]] = {
     "init": Stage(
         kind=INITIAL_STATES,
-        loss=pose_loss,
+        loss=initial_state_loss,
         with_basis=lambda config, _: INITIAL_STATES.make_model(config),
         take_in=_count_agents,
     ),

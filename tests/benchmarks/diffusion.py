@@ -15,7 +15,7 @@ import torch
 from pd_editor.diffusion.inputs.scene_batch import batch_of
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.loss import trajectory_loss
-from pd_editor.diffusion.trajectory.pipeline import FutureTask
+from pd_editor.diffusion.trajectory.pipeline import TrajectoryTask
 from pd_editor.generation import (
     AVOIDANCE,
     GenerationRequest,
@@ -54,8 +54,10 @@ def print_parts(model: TrajectoryDenoiser, scenario: Scenario) -> None:
     basis = model.decoder.basis
     rows = np.arange(NUM_AGENTS)
     told("features and candidates", lambda: scene_features(scenario))
-    told("the same, packed as tensors", lambda: FutureTask.of(scenario, rows, basis))
-    scene = FutureTask.of(scenario, rows, basis).scene
+    told(
+        "the same, packed as tensors", lambda: TrajectoryTask.of(scenario, rows, basis)
+    )
+    scene = TrajectoryTask.of(scenario, rows, basis).scene
     with torch.inference_mode():
         told("context", lambda: model.encode_context(scene))
         context = model.encode_context(scene)

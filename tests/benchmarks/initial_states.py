@@ -18,14 +18,20 @@ import torch
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.checkpoints.model_folder import load_model
-from pd_editor.diffusion.initial_state.attributes import TraitWishes, with_traits
-from pd_editor.diffusion.initial_state.conditioning import TOLD_NO, drawing_task
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
-from pd_editor.diffusion.initial_state.guidance import PoseGuidance
+from pd_editor.diffusion.initial_state.attributes import (
+    AttributeRequest,
+    with_attributes,
+)
+from pd_editor.diffusion.initial_state.conditioning import (
+    CONDITIONED_NO,
+    sampling_conditioning,
+)
+from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.sampler import (
-    PoseSamplerConfig,
+    InitialStateSamplerConfig,
     finished_states,
-    sample_states,
+    sample_initial_states,
 )
 from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
@@ -126,12 +132,12 @@ def _real_scene(scenario: Scenario, only_paper_agents: bool) -> RealScene | None
 
 
 def drawn(
-    model: PoseDenoiser,
+    model: InitialStateDenoiser,
     scene: RealScene,
     samples: int,
-    config: PoseSamplerConfig,
-    guidance: PoseGuidance | None,
-    wishes: TraitWishes,
+    config: InitialStateSamplerConfig,
+    guidance: InitialStateGuidance | None,
+    wishes: AttributeRequest,
 ) -> list["Drawn"]:
     """Samples of the states of everybody in a scene."""
     found = [
@@ -144,7 +150,7 @@ def drawn(
             may_be_projected=tuple(
                 name
                 for name, code in zip(agents.ids, on_road, strict=True)
-                if code != TOLD_NO
+                if code != CONDITIONED_NO
             ),
             sample=TrafficSample(
                 ids=agents.ids,
@@ -160,19 +166,21 @@ def drawn(
 
 
 def _drawn_states(
-    model: PoseDenoiser,
+    model: InitialStateDenoiser,
     real: RealScene,
     sample: int,
-    config: PoseSamplerConfig,
-    guidance: PoseGuidance | None,
-    wishes: TraitWishes,
+    config: InitialStateSamplerConfig,
+    guidance: InitialStateGuidance | None,
+    wishes: AttributeRequest,
 ) -> tuple[np.ndarray, list[int]]:
     """States, and what was told of being on the road."""
     scene = real.tensors
     key = zlib.crc32(real.scenario.scenario_id.encode())
     random = np.random.default_rng([key, sample])
-    task = with_traits(drawing_task(scene), scene, model.agent_counts, random, wishes)
-    steps = sample_states(
+    task = with_attributes(
+        sampling_conditioning(scene), scene, model.agent_counts, random, wishes
+    )
+    steps = sample_initial_states(
         model,
         scene,
         samples=[sample],
@@ -213,10 +221,10 @@ def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
     return replace(drawn, sample=mended_sample)
 
 
-def load_pose_model(folder: Path) -> PoseDenoiser:
+def load_pose_model(folder: Path) -> InitialStateDenoiser:
     """The first stage's network."""
     model = load_model(folder, STAGE_KINDS).stage(INITIAL_STATES.name).model
-    assert isinstance(model, PoseDenoiser)
+    assert isinstance(model, InitialStateDenoiser)
     return model
 
 
@@ -280,11 +288,11 @@ def floor_line(recorded: Sequence[Values]) -> str:
 
 
 def print_table(
-    model: PoseDenoiser,
+    model: InitialStateDenoiser,
     scenes: Sequence[RealScene],
     samples: int,
-    configs: dict[str, PoseSamplerConfig],
-    wishes: TraitWishes,
+    configs: dict[str, InitialStateSamplerConfig],
+    wishes: AttributeRequest,
     *,
     repairs: bool,
 ) -> None:
@@ -304,7 +312,9 @@ def print_table(
     for name, config in configs.items():
         for guidance in (
             None,
-            PoseGuidance().within_lanes() if wishes.only_on_road else PoseGuidance(),
+            InitialStateGuidance().within_lanes()
+            if wishes.only_on_road
+            else InitialStateGuidance(),
         ):
             label = name if guidance is None else f"{name} guided"
             found = [
@@ -332,20 +342,20 @@ def _measured(
 
 
 def print_times(
-    model: PoseDenoiser, scenes: Sequence[RealScene], num_steps: int
+    model: InitialStateDenoiser, scenes: Sequence[RealScene], num_steps: int
 ) -> None:
     """Milliseconds for one sample of 32 agents, as drawn and guided."""
     scene = max(scenes, key=lambda one: len(one.scenario.agents)).tensors
     rows = torch.arange(32) % scene.has_agent.shape[1]
     names = ("agent_pose", "agent_speed", "agent_size", "agent_kind", "has_agent")
     scene = replace(scene, **{name: getattr(scene, name)[:, rows] for name in names})
-    config = PoseSamplerConfig(num_steps=num_steps)
-    for guidance in (None, PoseGuidance()):
+    config = InitialStateSamplerConfig(num_steps=num_steps)
+    for guidance in (None, InitialStateGuidance()):
         spent = []
         for repeat in range(15):
             start = time.perf_counter()
             guide = None if guidance is None else guidance.of(scene, model.schedule)
-            for _ in sample_states(
+            for _ in sample_initial_states(
                 model, scene, samples=[repeat], seed=0, config=config, guide=guide
             ):
                 pass
@@ -365,7 +375,7 @@ def main() -> None:
     parser.add_argument("--split", default="train")
     parser.add_argument("--samples", type=int, default=3)
     parser.add_argument(
-        "--steps", type=int, nargs="+", default=[PoseSamplerConfig().num_steps]
+        "--steps", type=int, nargs="+", default=[InitialStateSamplerConfig().num_steps]
     )
     parser.add_argument("--paper-agents", action="store_true")
     parser.add_argument("--no-repair", action="store_true")
@@ -373,10 +383,11 @@ def main() -> None:
     model = load_pose_model(options.model)
     scenes = real_scenes(options.split, only_paper_agents=options.paper_agents)
     configs = {
-        f"{steps} steps": PoseSamplerConfig(num_steps=steps) for steps in options.steps
+        f"{steps} steps": InitialStateSamplerConfig(num_steps=steps)
+        for steps in options.steps
     }
     # Whom the paper's filter keeps is on the road.
-    wishes = TraitWishes(only_on_road=options.paper_agents)
+    wishes = AttributeRequest(only_on_road=options.paper_agents)
     repairs = not options.no_repair
     print_table(model, scenes, options.samples, configs, wishes, repairs=repairs)
     for steps in options.steps:

@@ -7,7 +7,10 @@ import pytest
 
 from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
 from pd_editor.diffusion.initial_state.agent_count_prior import AgentCounts
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser, PoseDenoiserConfig
+from pd_editor.diffusion.initial_state.denoiser import (
+    InitialStateConfig,
+    InitialStateDenoiser,
+)
 from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
 from pd_editor.scene.scenario import Scenario
@@ -26,10 +29,10 @@ def model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             3, axis=0
         ),
     )
-    config = PoseDenoiserConfig(
+    config = InitialStateConfig(
         width=32, num_heads=2, num_layers=1, num_near_pieces=4, relation_width=16
     )
-    placer = PoseDenoiser(config)
+    placer = InitialStateDenoiser(config)
     placer.set_agent_counts(counts)
     save_model(
         folder,

@@ -9,7 +9,7 @@ import torch
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion import path_diffuser
-from pd_editor.diffusion.core.devices import drawing_device
+from pd_editor.diffusion.core.devices import sampling_device
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.path_diffuser import DenoisingProgress, PathDiffuser
 from pd_editor.errors import EditError, GenerationError, ModelError
@@ -82,7 +82,7 @@ def test_nobody_waits_only_where_there_are_no_tries(
         asked.append(sample)
         return sample, ("somebody",)
 
-    monkeypatch.setattr(path_diffuser, "giving_way", recorded)
+    monkeypatch.setattr(path_diffuser, "with_yielding", recorded)
     ids, calls = scenario.agents.ids, {}
     for tries in (0, 1, 3):
         asked.clear()
@@ -105,7 +105,7 @@ def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:
     yield {"agent_ids": ids[:1], "redrawn_state_ids": ids[1:]}, "another state"
     yield {"num_new_agents": {AgentKind.VEHICLE: 500}}, "500"
     yield {"num_new_agents": {AgentKind.STATIC: 1}}, "road users"
-    yield {"num_new_agents": {AgentKind.VEHICLE: -1}}, "negative"
+    yield {"num_new_agents": {AgentKind.VEHICLE: -1}}, "expected 0 to 500"
     bare = replace(scenario.road_map, lanes=())
     yield {"scenario": replace(scenario, road_map=bare)}, "no lanes"
     agents, now = scenario.agents, scenario.current_step
@@ -197,7 +197,7 @@ def test_the_device_is_chosen(
     )
     for there, name, device in choices:
         monkeypatch.setattr(torch.cuda, "is_available", lambda there=there: there)
-        assert drawing_device(name).type == device
+        assert sampling_device(name).type == device
     with pytest.raises(GenerationError, match="GPU"):
         PathDiffuser(model_folder, device="cuda")
 

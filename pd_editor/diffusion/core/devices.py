@@ -6,7 +6,7 @@ from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import GenerationError
 
 
-def drawing_device(name: DeviceName) -> torch.device:
+def sampling_device(name: DeviceName) -> torch.device:
     """The device of a name.
 
     Raises:

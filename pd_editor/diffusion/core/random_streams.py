@@ -16,7 +16,7 @@ _SHIFT_KEY: Final = (1 << 31, 1)
 class RandomStreams:
     """One generator for each of S samples of a stage.
 
-    Numbers are drawn on the CPU: they are the same whatever device computes. A
+    Numbers are generated on the CPU: they are the same whatever device computes. A
     sample's numbers depend on the seed, on the stage and on its own index only, so
     sample k alone equals sample k of a batch.
     """

@@ -1,8 +1,10 @@
 """The sampler of both stages: from noise to samples, one noise level after another."""
 
 import contextlib
+import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import torch
 from jaxtyping import Float
@@ -10,6 +12,8 @@ from torch import Tensor
 
 from pd_editor.diffusion.core.noise_schedule import NoiseSchedule
 from pd_editor.diffusion.core.random_streams import RandomStreams
+
+_ROWS_PER_THREAD: Final = 256
 
 Denoise = Callable[[Tensor, int], Tensor]
 """From noisy samples [S ... P] and the index of their level to the predicted clean ones."""
@@ -60,7 +64,7 @@ def sample_steps(
     sigmas = schedule.sigma(table).to(start)
     factors = start.new_tensor(config.noise_factors)
     for index in range(len(levels)):
-        with sampling_mode():
+        with sampling_mode(start[..., 0].numel()):
             clean = denoise(noisy, index)
             if index + 1 < len(levels):
                 better = clean
@@ -90,11 +94,31 @@ def _noise_shares(
 
 
 @contextlib.contextmanager
-def sampling_mode() -> Iterator[None]:
-    """No gradients, and no autocast of a caller: sines of large angles need float32."""
+def sampling_mode(num_rows: int) -> Iterator[None]:
+    """No gradients, no autocast of a caller, and few threads for few rows.
+
+    Sines of large angles need float32, which autocast would not keep. Threads are for
+    many rows: of the many short operations on few rows, each would wait for the thread
+    whose core another program keeps busy.
+
+    Args:
+        num_rows: agents, times samples.
+    """
+    usual = _usual_threads()
+    torch.set_num_threads(min(usual, 1 + num_rows // _ROWS_PER_THREAD))
     with contextlib.ExitStack() as stack:
+        stack.callback(torch.set_num_threads, usual)
         stack.enter_context(torch.inference_mode())
         for device in ("cpu", "cuda"):
             if torch.is_autocast_enabled(device):
                 stack.enter_context(torch.autocast(device, enabled=False))
         yield
+
+
+@functools.cache
+def _usual_threads() -> int:
+    """Threads of torch when the process first sampled.
+
+    Later it may tell what a step has set that runs in another thread meanwhile.
+    """
+    return torch.get_num_threads()

@@ -37,7 +37,7 @@ _ON_ROAD: Final = np.array([[0.0, 1.0], [0.0, 1.0]])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AgentTraits:
+class AgentAttributes:
     """What is known of A agents before they are placed."""
 
     moves: Bool[np.ndarray, "A"]
@@ -102,7 +102,7 @@ class AgentCounts:
         numbers = dict(zip(AGENT_KINDS, whole.tolist(), strict=True))
         return {kind: number for kind, number in numbers.items() if number}
 
-    def draw_traits(
+    def sample_attributes(
         self,
         kinds: Int[np.ndarray, "A"],
         present: Int[np.ndarray, "K 2 2"],
@@ -112,7 +112,7 @@ class AgentCounts:
         *,
         moving_share: float | None = None,
         only_on_road: bool = False,
-    ) -> AgentTraits:
+    ) -> AgentAttributes:
         """Who moves and who is on the road, as in a training square like this one.
 
         Args:
@@ -140,7 +140,7 @@ class AgentCounts:
             share *= np.array([1 - moving_share, moving_share])[:, None]
         share = _normalized(share).reshape(len(AGENT_KINDS), 4).cumsum(axis=1)
         cell = (_spread(kinds, random)[:, None] >= share[kinds, :3]).sum(axis=1)
-        return AgentTraits(moves=cell >= 2, on_road=cell % 2 == 1)
+        return AgentAttributes(moves=cell >= 2, on_road=cell % 2 == 1)
 
     def _like(
         self, lane_m: float, half_side_m: float

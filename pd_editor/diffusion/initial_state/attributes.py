@@ -1,5 +1,6 @@
-"""Deciding, before agents are placed, who of them moves and who is on the road."""
+"""Attributes of agents before they are placed: moving or parked, on the road or not."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,46 +11,55 @@ from pd_editor.diffusion.initial_state.agent_count_prior import (
     cells_of,
     lane_length_m,
 )
-from pd_editor.diffusion.initial_state.conditioning import TOLD_NO, TOLD_YES, PoseTask
+from pd_editor.diffusion.initial_state.conditioning import (
+    CONDITIONED_NO,
+    CONDITIONED_YES,
+    Conditioning,
+)
 from pd_editor.diffusion.initial_state.lane_distance import follows_lanes
+from pd_editor.diffusion.initial_state.state_encoding import STANDING_SPEED_MPS
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.errors import GenerationError
+from pd_editor.metrics.map_points import map_points, nearest_points
+from pd_editor.metrics.off_lane import OFF_LANE_M
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.scenario import Scenario
 
 
 @dataclass(frozen=True, kw_only=True)
-class TraitWishes:
-    """What a user wants of the agents that are placed."""
+class AttributeRequest:
+    """Attributes that a user asks for."""
 
     moving_share: float | None = None
-    """Of those of each kind; None: as many as on roads alike."""
+    """Share of moving agents of each kind; None: as on similar roads."""
     only_on_road: bool = False
     """No vehicles far from lanes, as they are on parking lots."""
 
 
-def with_traits(
-    task: PoseTask,
+def with_attributes(
+    task: Conditioning,
     scene: SceneTensors,
     counts: AgentCounts,
     random: np.random.Generator,
-    wishes: TraitWishes | None = None,
-) -> PoseTask:
-    """The task with the traits of all drawn agents told, if anything is wished.
+    wishes: AttributeRequest | None = None,
+) -> Conditioning:
+    """Conditioning with the attributes of all sampled agents, if any are asked for.
 
-    What no wish decides is drawn as on roads alike. Without wishes the network is left
-    to itself: it judges from the road who parks beside it.
+    Attributes that the request leaves open are sampled as on similar roads. Without a
+    request the network decides from the road which agents park beside it.
 
     Args:
         task: of one scene (B = 1).
         scene: the same one.
         counts: what training squares hold.
         random: random numbers.
-        wishes: instead of what is usual.
+        wishes: what the user asks for.
 
     Raises:
-        GenerationError: there are wishes, but no training squares.
+        GenerationError: attributes are asked for, but there are no training squares.
     """
-    wishes = TraitWishes() if wishes is None else wishes
-    if wishes == TraitWishes():
+    wishes = AttributeRequest() if wishes is None else wishes
+    if wishes == AttributeRequest():
         return task
     if not len(counts.lane_m):
         raise GenerationError(
@@ -64,7 +74,7 @@ def with_traits(
     is_drawn = (scene.has_agent & ~task.is_given)[0].cpu().numpy()
     is_inside = (scene.agent_pose[0, :, :2].abs() <= half_side_m).all(dim=-1)
     is_present = (scene.has_agent & task.is_given)[0] & is_inside
-    drawn = counts.draw_traits(
+    drawn = counts.sample_attributes(
         scene.agent_kind[0].cpu().numpy()[is_drawn],
         cells_of(scene, is_present.cpu().numpy()),
         lane_length_m(pose, shape, kind, half_side_m),
@@ -74,6 +84,47 @@ def with_traits(
         only_on_road=wishes.only_on_road,
     )
     codes = np.zeros((2, *is_drawn.shape), int)
-    codes[:, is_drawn] = np.where([drawn.moves, drawn.on_road], TOLD_YES, TOLD_NO)
+    codes[:, is_drawn] = np.where(
+        [drawn.moves, drawn.on_road], CONDITIONED_YES, CONDITIONED_NO
+    )
     moves, on_road = torch.from_numpy(codes[:, None]).to(task.moves.device)
     return replace(task, moves=moves, on_road=on_road * follows_lanes(scene))
+
+
+def attribute_notes(
+    placed: Sequence[tuple[Scenario, tuple[str, ...]]], wishes: AttributeRequest
+) -> tuple[str, ...]:
+    """A sentence for each attribute asked for of the agents placed in some samples.
+
+    None where no attribute was asked for, or no agent placed.
+    """
+    count = sum(len(ids) for _, ids in placed)
+    notes: list[str] = []
+    if count and wishes.moving_share is not None:
+        moving = sum(_num_moving(*one) for one in placed)
+        notes.append(
+            f"{moving} of {count} placed agents move ({moving / count:.0%}; "
+            f"{wishes.moving_share:.0%} were asked for)."
+        )
+    if count and wishes.only_on_road:
+        off = sum(_num_off_road(*one) for one in placed)
+        notes.append(
+            f"{off or 'None'} of {count} placed agents came to be off the road "
+            f"(over {OFF_LANE_M:g} m from every centre line)."
+        )
+    return tuple(notes)
+
+
+def _num_moving(scenario: Scenario, ids: tuple[str, ...]) -> int:
+    agents = scenario.agents
+    velocity = agents.velocity_mps[agents.rows(ids), scenario.current_step]
+    return int((np.linalg.norm(velocity, axis=-1) >= STANDING_SPEED_MPS).sum())
+
+
+def _num_off_road(scenario: Scenario, ids: tuple[str, ...]) -> int:
+    agents = scenario.agents
+    rows = agents.rows(ids)
+    rows = rows[agents.kind_mask(LANE_FOLLOWER_KINDS)[rows]]
+    points_m = map_points(scenario.road_map).center_m
+    position_m = agents.position_m[rows, scenario.current_step]
+    return int((nearest_points(position_m, points_m)[1] > OFF_LANE_M).sum())

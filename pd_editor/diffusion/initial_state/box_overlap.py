@@ -33,7 +33,7 @@ def overlap_depth_m(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OverlapVectors:
-    """How agents of B scenes have to move to be out of each other.
+    """How agents of B scenes have to move so that their boxes do not overlap.
 
     Corners stick out of the discs: a gap of 0.4 m keeps those of cars apart.
     """

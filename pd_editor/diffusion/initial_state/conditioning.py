@@ -1,4 +1,4 @@
-"""What the states of a scene are drawn for: everything that does not change."""
+"""Conditioning of initial states: what is fixed before they are sampled."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -11,56 +11,58 @@ from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
 REACH_M: Final = POSITION_UNIT_M + 16.0
-"""What is further out, along x or y, is not looked at."""
+"""Agents and map tokens further out, along x or y, are left out."""
 
 
-UNTOLD: Final = 0
-TOLD_NO: Final = 1
-TOLD_YES: Final = 2
-"""What the network is told of a trait of an agent that it draws."""
+UNCONDITIONED: Final = 0
+CONDITIONED_NO: Final = 1
+CONDITIONED_YES: Final = 2
+"""Codes of an attribute of a sampled agent: not set, no, yes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PoseTask:
-    """What is to be drawn in B scenes of A agents."""
+class Conditioning:
+    """What the states of A agents in B scenes are conditioned on."""
 
     is_given: Bool[Tensor, "B A"]
     """Agents whose state of ``agent_pose`` and ``agent_speed`` stays as it is."""
     order: Int[Tensor, "B A"]
-    """Place of each drawn agent among those drawn of its kind, from 1; else 0."""
+    """Rank of each sampled agent among those of its kind, from 1; else 0."""
     moves: Int[Tensor, "B A"]
-    """Whether each drawn agent moves, as far as it is told."""
+    """Attribute of each sampled agent: whether it moves."""
     on_road: Int[Tensor, "B A"]
-    """Whether it is within ``OFF_LANE_M`` of a centre line, as far as it is told."""
+    """Attribute: whether it is within ``OFF_LANE_M`` of a centre line."""
     half_side_m: Float[Tensor, "B"]
-    """Of the square around the middle in which agents are drawn."""
+    """Of the square around the middle in which agents are sampled."""
     is_central: Bool[Tensor, "B"]
     """Whether agents see each other; in generation they always do."""
 
 
-def told(trait: Bool[Tensor, "*b"], is_told: Bool[Tensor, "*b"]) -> Int[Tensor, "*b"]:
-    """What the network is told of a trait, where it is told."""
-    return torch.where(trait, TOLD_YES, TOLD_NO) * is_told
+def attribute_codes(
+    attribute: Bool[Tensor, "*b"], is_set: Bool[Tensor, "*b"]
+) -> Int[Tensor, "*b"]:
+    """Codes of an attribute; ``UNCONDITIONED`` where it is not set."""
+    return torch.where(attribute, CONDITIONED_YES, CONDITIONED_NO) * is_set
 
 
-def drawing_task(
+def sampling_conditioning(
     scene: SceneTensors,
     is_given: Bool[Tensor, "B A"] | None = None,
     half_side_m: Float[Tensor, "B"] | None = None,
-) -> PoseTask:
-    """The task of generation: drawn agents of a kind are in the order of their rows.
+) -> Conditioning:
+    """Conditioning of generation: agents of a kind are in the order of their rows.
 
-    Nothing is told of their traits.
+    Their attributes are not set.
     """
     num_scenes, device = scene.num_scenes, scene.has_agent.device
     given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
     sides = torch.full((num_scenes,), POSITION_UNIT_M, device=device)
     rows = torch.arange(scene.has_agent.shape[1], device=device)
-    return PoseTask(
+    return Conditioning(
         is_given=given,
         order=order_by(rows.expand_as(scene.agent_kind), scene, given),
-        moves=torch.full_like(scene.agent_kind, UNTOLD),
-        on_road=torch.full_like(scene.agent_kind, UNTOLD),
+        moves=torch.full_like(scene.agent_kind, UNCONDITIONED),
+        on_road=torch.full_like(scene.agent_kind, UNCONDITIONED),
         half_side_m=sides if half_side_m is None else half_side_m,
         is_central=torch.ones(num_scenes, dtype=torch.bool, device=device),
     )
@@ -71,7 +73,7 @@ def order_by(
     scene: SceneTensors,
     is_given: Bool[Tensor, "B A"],
 ) -> Int[Tensor, "B A"]:
-    """Place of each drawn agent among those drawn of its kind, by some key."""
+    """Rank of each sampled agent among those of its kind, by some key."""
     is_drawn = scene.has_agent & ~is_given
     same_kind = scene.agent_kind[:, :, None] == scene.agent_kind[:, None]
     counts = same_kind & is_drawn[:, None]
@@ -104,7 +106,7 @@ def pieces_within(scene: SceneTensors, reach_m: float) -> SceneTensors:
 
 
 def only_agents(scene: SceneTensors, is_kept: Bool[Tensor, "B A"]) -> SceneTensors:
-    """The scene without the other agents, padded less; nobody knows neighbours."""
+    """The scene without the other agents, padded less; neighbours are unset."""
     kept = _first(scene, _OF_AGENTS, scene.has_agent & is_kept)
     has_agent = kept.pop("is_kept")
     for name in ("near_pieces", "near_agents"):

@@ -19,10 +19,10 @@ from pd_editor.diffusion.core.config_limits import check_sizes
 from pd_editor.diffusion.core.noise_schedule import VarianceExploding, preconditioning
 from pd_editor.diffusion.initial_state.agent_count_prior import AgentCounts
 from pd_editor.diffusion.initial_state.conditioning import (
+    CONDITIONED_YES,
     REACH_M,
-    TOLD_YES,
-    UNTOLD,
-    PoseTask,
+    UNCONDITIONED,
+    Conditioning,
     pieces_within,
 )
 from pd_editor.diffusion.initial_state.context import EncodedLevel, InitialStateContext
@@ -60,7 +60,7 @@ _NUM_POSE_PARTS: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseDenoiserConfig:
+class InitialStateConfig:
     """Size and switches of the network."""
 
     width: int = 128
@@ -104,14 +104,14 @@ class PoseDenoiserConfig:
         )
 
 
-class PoseDenoiser(nn.Module):
+class InitialStateDenoiser(nn.Module):
     """Denoises states of all agents of a scene together.
 
     Each step looks from the noisy poses: with differential attention at all map tokens,
     at the nearest tokens in their own frames, and at the other agents.
     """
 
-    def __init__(self, config: PoseDenoiserConfig) -> None:
+    def __init__(self, config: InitialStateConfig) -> None:
         super().__init__()
         self.config = config
         self.schedule = config.schedule()
@@ -130,7 +130,7 @@ class PoseDenoiser(nn.Module):
         self.near_token_in = nn.Linear(_NUM_TOKEN_FEATURES, relation_width + width)
         """Of each map token, for relations to it and for the lane-anchored head."""
         self.layers = nn.ModuleList(
-            PoseLayer(config, depth) for depth in range(config.num_layers)
+            InitialStateLayer(config, depth) for depth in range(config.num_layers)
         )
         self.register_buffer("counted", AgentCounts.none().as_tensor())
         self.norm = nn.LayerNorm(width)
@@ -152,7 +152,7 @@ class PoseDenoiser(nn.Module):
         self.get_buffer("counted").copy_(counts.as_tensor())
 
     def encode_context(
-        self, scene: SceneTensors, task: PoseTask
+        self, scene: SceneTensors, task: Conditioning
     ) -> InitialStateContext:
         """Everything that does not depend on the noisy states."""
         scene = pieces_within(scene, REACH_M)
@@ -280,7 +280,7 @@ class PoseDenoiser(nn.Module):
         return torch.cat([pose, speed.float()], dim=-1)
 
     def _agent_token(
-        self, scene: SceneTensors, task: PoseTask, has_agent: Bool[Tensor, "B A"]
+        self, scene: SceneTensors, task: Conditioning, has_agent: Bool[Tensor, "B A"]
     ) -> Float[Tensor, "B A D"]:
         """Kind, size, attributes, order, the square's size and number of agents."""
         count = has_agent.sum(dim=-1)
@@ -304,8 +304,8 @@ class PoseDenoiser(nn.Module):
         is_clean = (levels < 0)[..., None].to(levels.dtype)
         return self.level_token(torch.cat([phase.sin(), phase.cos(), is_clean], dim=-1))
 
-    def _layers(self) -> list["PoseLayer"]:
-        return [layer for layer in self.layers if isinstance(layer, PoseLayer)]
+    def _layers(self) -> list["InitialStateLayer"]:
+        return [layer for layer in self.layers if isinstance(layer, InitialStateLayer)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -322,10 +322,10 @@ class Edges:
     """Of shape [N A 1 A]."""
 
 
-class PoseLayer(nn.Module):
+class InitialStateLayer(nn.Module):
     """Attention to the map, to the nearest map tokens, to the agents; feed-forward."""
 
-    def __init__(self, config: PoseDenoiserConfig, depth: int) -> None:
+    def __init__(self, config: InitialStateConfig, depth: int) -> None:
         super().__init__()
         width, heads = config.width, config.num_heads
         self.norms = nn.ModuleList(nn.LayerNorm(width) for _ in range(4))
@@ -369,7 +369,7 @@ def sinusoids(order: Int[Tensor, "*b"], width: int) -> Float[Tensor, "*b D"]:
     return torch.cat([phase.sin(), phase.cos()], dim=-1)
 
 
-def _agents_that_count(scene: SceneTensors, task: PoseTask) -> Bool[Tensor, "B A"]:
+def _agents_that_count(scene: SceneTensors, task: Conditioning) -> Bool[Tensor, "B A"]:
     """All but given ones too far out to have been in training."""
     is_near = torch.all(scene.agent_pose[..., :2].abs() <= REACH_M, dim=-1)
     return scene.has_agent & (is_near | ~task.is_given)
@@ -377,7 +377,7 @@ def _agents_that_count(scene: SceneTensors, task: PoseTask) -> Bool[Tensor, "B A
 
 def _attribute_token(width: int) -> nn.Embedding:
     """0 where an attribute is not set; 0 everywhere before training."""
-    token = nn.Embedding(TOLD_YES + 1, width, padding_idx=UNTOLD)
+    token = nn.Embedding(CONDITIONED_YES + 1, width, padding_idx=UNCONDITIONED)
     nn.init.zeros_(token.weight)
     return token
 

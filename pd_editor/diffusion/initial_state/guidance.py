@@ -10,14 +10,14 @@ from pd_editor.diffusion.core.config_limits import check_settings
 from pd_editor.diffusion.core.noise_schedule import NoiseSchedule
 from pd_editor.diffusion.initial_state.box_overlap import OverlapVectors
 from pd_editor.diffusion.initial_state.conditioning import (
-    TOLD_NO,
-    TOLD_YES,
-    PoseTask,
-    drawing_task,
+    CONDITIONED_NO,
+    CONDITIONED_YES,
+    Conditioning,
+    sampling_conditioning,
 )
 from pd_editor.diffusion.initial_state.features import as_complex
 from pd_editor.diffusion.initial_state.lane_distance import CenterLines, follows_lanes
-from pd_editor.diffusion.initial_state.sampler import PoseGuide
+from pd_editor.diffusion.initial_state.sampler import InitialStateGuide
 from pd_editor.diffusion.initial_state.state_encoding import (
     POSITION_UNIT_M,
     is_standing,
@@ -27,7 +27,7 @@ from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseGuidance:
+class InitialStateGuidance:
     """How strongly predicted clean states are changed, below some noise."""
 
     push: float = 1.0
@@ -59,7 +59,7 @@ class PoseGuidance:
     def __post_init__(self) -> None:
         check_settings(self)
 
-    def within_lanes(self) -> "PoseGuidance":
+    def within_lanes(self) -> "InitialStateGuidance":
         """Guidance where no agent may be off the road."""
         offset = self.within_lanes_offset_m
         return replace(self, moving_offset_m=offset, on_road_offset_m=offset)
@@ -68,10 +68,10 @@ class PoseGuidance:
         self,
         scene: SceneTensors,
         schedule: NoiseSchedule,
-        task: PoseTask | None = None,
-    ) -> PoseGuide:
+        task: Conditioning | None = None,
+    ) -> InitialStateGuide:
         """A guide for the agents of a scene that are not given."""
-        task = drawing_task(scene) if task is None else task
+        task = sampling_conditioning(scene) if task is None else task
         given = task.is_given
         overlaps = OverlapVectors.of(scene, gap_m=self.gap_m)
         lines, pulled = CenterLines.of(scene), _Pulled.of(scene, task, self)
@@ -139,13 +139,15 @@ class _Pulled:
 
     @classmethod
     def of(
-        cls, scene: SceneTensors, task: PoseTask, guidance: PoseGuidance
+        cls, scene: SceneTensors, task: Conditioning, guidance: InitialStateGuidance
     ) -> "_Pulled":
         """Those that follow lanes, are drawn, and not told to be off the road."""
-        is_pulled = follows_lanes(scene) & (task.on_road != TOLD_NO) & ~task.is_given
+        is_pulled = (
+            follows_lanes(scene) & (task.on_road != CONDITIONED_NO) & ~task.is_given
+        )
         return cls(
             standing_offset_m=torch.where(
-                task.on_road == TOLD_YES,
+                task.on_road == CONDITIONED_YES,
                 guidance.on_road_offset_m,
                 guidance.standing_offset_m,
             ),

@@ -1,4 +1,4 @@
-"""What the first stage is trained to: clean states at every noise level."""
+"""Training loss of initial states: clean states at every noise level."""
 
 import math
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from pd_editor.diffusion.core.noise_schedule import centered, preconditioning
 from pd_editor.diffusion.initial_state.box_overlap import overlap_depth_m
 from pd_editor.diffusion.initial_state.conditioning import (
     REACH_M,
-    PoseTask,
+    Conditioning,
+    attribute_codes,
     only_agents,
     order_by,
-    told,
 )
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.features import rotated_back
 from pd_editor.diffusion.initial_state.lane_distance import follows_lanes, is_on_road
 from pd_editor.diffusion.initial_state.state_encoding import (
@@ -32,8 +32,8 @@ _PARTS: Final = {"position": (0, 1), "heading": (2, 3), "speed": (4,)}
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseLossConfig:
-    """What each training step draws."""
+class InitialStateLossConfig:
+    """What each training step samples, and the weights of the loss."""
 
     num_levels: int = 4
     """Noise levels per scene; they share the scene's context."""
@@ -44,28 +44,29 @@ class PoseLossConfig:
     given_share: float = 0.4
     """Share of scenes with a random part of the agents given."""
     small_square_share: float = 0.3
-    told_share: float = 0.6
-    """Share of scenes in which a trait is told of all or of a random part of agents."""
+    conditioned_share: float = 0.6
+    """Share of scenes in which an attribute of all or some agents is set."""
     across_weight: float = 3.0
     """Of position errors across the heading, against 1 along it: decimetres decide
-    whether a car is in its lane, and metres along it are nobody's to know."""
+    whether a car is in its lane, and metres along it cannot be known."""
     across_noise_m: float = 4.0
-    """Below this noise only: above, headings are not known yet, and who stands along a
-    street would count more than who is parked beside it."""
+    """Below this noise only: above, headings are not known yet, and cars along a street
+    would count more than cars parked beside it."""
     overlap_weight: float = 10.0
     """Depths are small numbers: the weight is large so that they count at all."""
     overlap_after: float = 0.75
-    """Share of the training without it: who cannot place agents learns to spread them."""
+    """Share of the training without it: a network that cannot place agents yet would
+    learn to spread them."""
     overlap_noise_m: float = 2.0
     """Overlap counts below this noise only: above, clean states are blurred means."""
 
 
-def pose_loss(
-    model: PoseDenoiser,
+def initial_state_loss(
+    model: InitialStateDenoiser,
     scene: SceneTensors,
     random: torch.Generator,
     progress: float = 1.0,
-    config: PoseLossConfig | None = None,
+    config: InitialStateLossConfig | None = None,
 ) -> tuple[Float[Tensor, ""], dict[str, Float[Tensor, ""]]]:
     """Mean squared error of the network at random levels, and its parts.
 
@@ -79,7 +80,7 @@ def pose_loss(
     Returns:
         The loss, and its terms before weighting: position, heading, speed, overlap.
     """
-    config = PoseLossConfig() if config is None else config
+    config = InitialStateLossConfig() if config is None else config
     scene, task = training_task(scene, random, config)
     clean = encode_states(scene.agent_pose, scene.agent_speed)
     level = _levels(scene.num_scenes, random, config).to(clean)
@@ -108,7 +109,7 @@ def squared_error(
     error: Float[Tensor, "S B A 5"],
     direction: Float[Tensor, "B A 2"],
     noise_m: Float[Tensor, "S B #A"],
-    config: PoseLossConfig,
+    config: InitialStateLossConfig,
 ) -> Float[Tensor, "S B A 5"]:
     """Squares of errors, those of positions along and across the true direction."""
     along, across = rotated_back(error[..., :2], direction[None]).square().unbind(-1)
@@ -118,9 +119,9 @@ def squared_error(
 
 
 def training_task(
-    scene: SceneTensors, random: torch.Generator, config: PoseLossConfig
-) -> tuple[SceneTensors, PoseTask]:
-    """A random task on real scenes, and the scenes with those who play a part.
+    scene: SceneTensors, random: torch.Generator, config: InitialStateLossConfig
+) -> tuple[SceneTensors, Conditioning]:
+    """Random conditioning of real scenes, and the scenes with the agents that count.
 
     Agents outside the square are given in half of the scenes, absent in the others.
     """
@@ -142,25 +143,27 @@ def training_task(
     is_given = has_agent & (~is_inside | (chance(*has_agent.shape) < part[:, None]))
 
     def some() -> Bool[Tensor, "B A"]:
-        """All, a random part, or nobody, in each scene."""
+        """All agents, a random part of them, or none, in each scene."""
         part = torch.where(
-            chance(num_scenes) < config.told_share, 2 * chance(num_scenes), 0.0
+            chance(num_scenes) < config.conditioned_share, 2 * chance(num_scenes), 0.0
         )
         return chance(*has_agent.shape) < part[:, None]
 
     drawn = has_agent & ~is_given
-    return scene, PoseTask(
+    return scene, Conditioning(
         is_given=is_given,
         order=order_by(scene.agent_pose[..., 0], scene, is_given),
-        moves=told(scene.agent_speed >= STANDING_SPEED_MPS, drawn & some()),
-        on_road=told(is_on_road(scene), drawn & some() & follows_lanes(scene)),
+        moves=attribute_codes(scene.agent_speed >= STANDING_SPEED_MPS, drawn & some()),
+        on_road=attribute_codes(
+            is_on_road(scene), drawn & some() & follows_lanes(scene)
+        ),
         half_side_m=side,
         is_central=chance(num_scenes) >= config.decentralized_share,
     )
 
 
 def _levels(
-    num_scenes: int, random: torch.Generator, config: PoseLossConfig
+    num_scenes: int, random: torch.Generator, config: InitialStateLossConfig
 ) -> Float[Tensor, "S B"]:
     """Levels 0..1, spread over the versions of each scene."""
     number = config.num_levels
@@ -175,7 +178,7 @@ def _overlap(
     found: Float[Tensor, "S B A 5"],
     is_drawn: Bool[Tensor, "B A"],
     noise_m: Float[Tensor, "S B 1"],
-    config: PoseLossConfig,
+    config: InitialStateLossConfig,
 ) -> Float[Tensor, ""]:
     """Mean squared depth in metres by which predicted boxes overlap too much."""
     depth = overlap_depth_m(found, scene) - overlap_depth_m(clean, scene)

@@ -9,14 +9,20 @@ import torch
 from jaxtyping import Float, Int
 
 from pd_editor.diffusion.initial_state.agent_count_prior import cells_of, lane_length_m
-from pd_editor.diffusion.initial_state.attributes import TraitWishes, with_traits
-from pd_editor.diffusion.initial_state.conditioning import TOLD_NO, drawing_task
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
-from pd_editor.diffusion.initial_state.guidance import PoseGuidance
+from pd_editor.diffusion.initial_state.attributes import (
+    AttributeRequest,
+    with_attributes,
+)
+from pd_editor.diffusion.initial_state.conditioning import (
+    CONDITIONED_NO,
+    sampling_conditioning,
+)
+from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.sampler import (
-    PoseSamplerConfig,
+    InitialStateSamplerConfig,
     finished_states,
-    sample_states,
+    sample_initial_states,
 )
 from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
@@ -58,7 +64,7 @@ class Placing:
     new_kinds: tuple[AgentKind, ...]
     new_ids: tuple[str, ...]
     region: Region | None = None
-    traits: TraitWishes = field(default_factory=TraitWishes)
+    traits: AttributeRequest = field(default_factory=AttributeRequest)
     repairs: bool = True
     """Whether what is drawn is put on its lane and slid apart afterwards."""
 
@@ -82,8 +88,8 @@ def new_agents(
     return tuple(ids), tuple(kinds)
 
 
-def draw_numbers(
-    model: PoseDenoiser,
+def sample_agent_counts(
+    model: InitialStateDenoiser,
     scenario: Scenario,
     placing: Placing,
     random: np.random.Generator,
@@ -116,14 +122,14 @@ def draw_numbers(
 
 
 def place_agents(
-    model: PoseDenoiser,
+    model: InitialStateDenoiser,
     scenario: Scenario,
     placing: Placing,
     *,
     sample: int,
     seed: int,
-    sampler: PoseSamplerConfig | None = None,
-    guidance: PoseGuidance | None = None,
+    sampler: InitialStateSamplerConfig | None = None,
+    guidance: InitialStateGuidance | None = None,
     progress: Callable[[float], _Progress] = lambda share: share,
 ) -> Generator[_Progress, None, Scenario]:
     """A scenario in which agents stand where the model put them; no futures yet.
@@ -148,13 +154,15 @@ def place_agents(
     scene = _scene(features, placed).to(device)
     is_given = torch.zeros_like(scene.has_agent)
     is_given[:, : len(features.agent_row)] = True
-    task = drawing_task(scene, is_given, scene.agent_speed.new_tensor([half_side]))
+    task = sampling_conditioning(
+        scene, is_given, scene.agent_speed.new_tensor([half_side])
+    )
     random = np.random.default_rng([seed, sample, _TRAITS])
-    task = with_traits(task, scene, model.agent_counts, random, placing.traits)
-    guidance = PoseGuidance() if guidance is None else guidance
+    task = with_attributes(task, scene, model.agent_counts, random, placing.traits)
+    guidance = InitialStateGuidance() if guidance is None else guidance
     if placing.traits.only_on_road:
         guidance = guidance.within_lanes()
-    steps = sample_states(
+    steps = sample_initial_states(
         model,
         scene,
         samples=[sample],
@@ -187,7 +195,9 @@ def _repaired(
     """
     keep = [name for name in scenario.agents.ids if name not in placing.ids]
     follows = [
-        name for name, code in zip(placing.ids, on_road, strict=True) if code != TOLD_NO
+        name
+        for name, code in zip(placing.ids, on_road, strict=True)
+        if code != CONDITIONED_NO
     ]
     on_lanes, _ = project_to_lanes(scenario, follows, keep_ids=keep)
     left = _outside(on_lanes, placing) - _outside(scenario, placing)

@@ -16,8 +16,11 @@ from pd_editor.diffusion.core.sampler import (
     sample_steps,
     sampling_mode,
 )
-from pd_editor.diffusion.initial_state.conditioning import PoseTask, drawing_task
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.initial_state.conditioning import (
+    Conditioning,
+    sampling_conditioning,
+)
+from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.state_encoding import (
     NUM_STATE_PARTS,
     POSITION_UNIT_M,
@@ -25,12 +28,12 @@ from pd_editor.diffusion.initial_state.state_encoding import (
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
-PoseGuide = Callable[[Tensor, float], Tensor]
+InitialStateGuide = Callable[[Tensor, float], Tensor]
 """From predicted clean states [S B A 5], encoded, and the level, to better ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseSamplerConfig:
+class InitialStateSamplerConfig:
     """How initial states are sampled."""
 
     num_steps: int = 10
@@ -53,15 +56,15 @@ class PoseSamplerConfig:
         check_settings(self)
 
 
-def sample_states(
-    model: PoseDenoiser,
+def sample_initial_states(
+    model: InitialStateDenoiser,
     scene: SceneTensors,
     *,
     samples: Sequence[int],
     seed: int,
-    task: PoseTask | None = None,
-    config: PoseSamplerConfig | None = None,
-    guide: PoseGuide | None = None,
+    task: Conditioning | None = None,
+    config: InitialStateSamplerConfig | None = None,
+    guide: InitialStateGuide | None = None,
 ) -> Iterator[SamplerStep]:
     """Sample initial states of all agents of B scenes that are not given.
 
@@ -80,10 +83,10 @@ def sample_states(
         config: steps and noise.
         guide: changes the predicted clean states of each step.
     """
-    config = PoseSamplerConfig() if config is None else config
-    task = drawing_task(scene) if task is None else task
+    config = InitialStateSamplerConfig() if config is None else config
+    task = sampling_conditioning(scene) if task is None else task
     streams = RandomStreams(seed, "states", samples)
-    with sampling_mode():
+    with sampling_mode(len(samples) * scene.has_agent.numel()):
         context = model.encode_context(scene, task)
         levels = centered_levels(config.num_steps, config.level_emphasis)
         encoded = model.encode_level(
@@ -115,7 +118,7 @@ def sample_states(
 
 
 def finished_states(
-    scene: SceneTensors, task: PoseTask, clean: Float[Tensor, "S B A 5"]
+    scene: SceneTensors, task: Conditioning, clean: Float[Tensor, "S B A 5"]
 ) -> Float[Tensor, "S B A 5"]:
     """Sampled states decoded, with those of the given agents put back bit-identical.
 

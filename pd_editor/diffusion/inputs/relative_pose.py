@@ -1,4 +1,4 @@
-"""Where one thing is, seen from another: all that the models know of places.
+"""Relative poses: all that the trajectory network knows of positions.
 
 Nothing here changes when a whole scene is turned or moved.
 """

@@ -1,4 +1,4 @@
-"""Scenes as padded batches of tensors: what both stages are fed."""
+"""Scenes as padded batches of tensors: the input of both stages."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace

@@ -1,4 +1,4 @@
-"""Futures as ten numbers: principal components of what constant velocity leaves over."""
+"""Trajectories as ten latents: principal components of the constant-velocity residual."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

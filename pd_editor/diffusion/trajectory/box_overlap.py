@@ -1,4 +1,4 @@
-"""How deep the boxes of neighbours reach into each other on their futures.
+"""Overlap depth of the boxes of neighbours along their trajectories.
 
 Boxes are rows of discs, so that the depth can be differentiated.
 """

@@ -20,7 +20,7 @@ from pd_editor.windows.packed_scene import LATENT_SIZE
 
 _STANDS_MPS: Final = 0.3
 _STAYS_M: Final = 0.5
-"""Who stands and would not even move this far stays where it is, exactly."""
+"""A standing agent that would not even move this far stays exactly where it is."""
 
 
 class TrajectoryDecoder(nn.Module):
@@ -105,7 +105,7 @@ def motion_of(
     velocity_mps: Float[np.ndarray, "A 2"],
     axis: TimeAxis,
 ) -> Motion:
-    """Futures that begin exactly at the given states.
+    """Trajectories that begin exactly at the given states.
 
     Beyond the basis' last step agents keep their last velocity.
     """

@@ -1,4 +1,4 @@
-"""What the second stage's network is told of agents, lane pieces and noise levels."""
+"""Input features of the trajectory network: agents, map tokens and noise levels."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -39,7 +39,7 @@ class Neighbors:
 
     @classmethod
     def of(cls, scene: SceneTensors) -> "Neighbors":
-        """Oneself and the nearest others."""
+        """The agent itself and the nearest others."""
         scenes, agents = scene.has_agent.shape
         own = torch.arange(agents, device=scene.has_agent.device)
         own = own.expand(scenes, agents)[..., None]
@@ -58,7 +58,7 @@ class Neighbors:
         return self.row + first[:, None, None]
 
     def edge_features(self, agents: Float[Tensor, "B A F"]) -> Float[Tensor, "B A K E"]:
-        """Where each neighbour is, what it is and what oneself is."""
+        """Pose and features of each neighbour, and features of the agent itself."""
         theirs = gathered(agents, self.row)
         is_self = torch.zeros_like(theirs[..., :1])
         is_self[:, :, 0] = 1
@@ -83,7 +83,7 @@ def piece_features(scene: SceneTensors) -> Float[Tensor, "B A M E"]:
 
 
 def agent_features(scene: SceneTensors) -> Float[Tensor, "B A F"]:
-    """What an agent is, wherever it is."""
+    """Features of an agent, apart from its pose."""
     speed = scene.agent_speed
     numbers = torch.stack(
         [

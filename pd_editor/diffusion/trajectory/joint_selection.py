@@ -1,4 +1,4 @@
-"""Choosing, among several drawn futures of each agent, those that avoid each other."""
+"""Joint selection: among several trajectories of each agent, those that collide least."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -14,10 +14,10 @@ _MAX_ROUNDS: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FutureChoices:
-    """K futures of each of A agents at F + 1 steps; the first is the current state.
+class TrajectoryChoices:
+    """K trajectories of A agents at F + 1 steps; the first is the current state.
 
-    Agents whose future is fixed have K equal ones.
+    Agents with a fixed trajectory have K equal ones.
     """
 
     position_m: Float[np.ndarray, "K A S 2"]
@@ -26,14 +26,14 @@ class FutureChoices:
     size_m: Float[np.ndarray, "A 2"]
 
 
-def choose_futures(
-    choices: FutureChoices, is_drawn: Bool[np.ndarray, "A"]
+def select_jointly(
+    choices: TrajectoryChoices, is_drawn: Bool[np.ndarray, "A"]
 ) -> Int[np.ndarray, "A"]:
-    """Which future each agent takes, so that few boxes come to overlap.
+    """Index of the trajectory selected for each agent, so that few boxes collide.
 
-    Starts from the first one of everybody; then agents in conflict take, one after
-    another, the future that conflicts least with what the others do. So whoever is in
-    nobody's way drives as drawn, and several samples differ as much as their noise.
+    Starts from the first one of every agent; then agents in conflict take, one after
+    another, the trajectory that conflicts least with those of the others. Agents
+    without conflicts keep their first one, so samples differ as much as their noise.
     """
     num_choices = len(choices.position_m)
     pairs, conflicts = _conflicts(choices, is_drawn)
@@ -57,9 +57,9 @@ def choose_futures(
 
 
 def _conflicts(
-    choices: FutureChoices, is_drawn: Bool[np.ndarray, "A"]
+    choices: TrajectoryChoices, is_drawn: Bool[np.ndarray, "A"]
 ) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P K K"]]:
-    """Pairs of agents that can meet, and at how many steps each of their futures do.
+    """Pairs of agents that can meet, and at how many steps each of their trajectories do.
 
     Pairs that overlap at the current step already are left out.
     """
@@ -89,7 +89,7 @@ def _conflicts(
 
 
 def _corners(
-    choices: FutureChoices,
+    choices: TrajectoryChoices,
     choice: Int[np.ndarray, "N"],
     row: Int[np.ndarray, "N"],
     strided: Int[np.ndarray, "N"],

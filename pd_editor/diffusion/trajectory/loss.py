@@ -1,4 +1,4 @@
-"""What the second stage is trained to: clean futures at every noise level."""
+"""Training loss of trajectories: clean latents at every noise level."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,17 +16,17 @@ from pd_editor.diffusion.trajectory.features import STANDING_MPS
 _LEAST_VARIANCE: Final = 0.2
 """Of the noise, when errors are weighed by it: near level 0 all errors are small."""
 _MOST_OVERLAP_LEVEL: Final = 0.5
-"""Above it the clean futures believed in are blurred means, which may well overlap."""
+"""Above it predicted trajectories are blurred means, which may well overlap."""
 _MOST_ERROR_M: Final = 1.5
 """Futures further off the truth are not yet asked to avoid others: at the beginning of
 training that would keep them from being learnt at all."""
 _STARTED_M: Final = 2.0
-"""Who stands now and is so far away at the end has started."""
+"""A standing agent that is so far away at the end has started."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryLossConfig:
-    """What each training step draws, and what counts how much."""
+    """What each training step samples, and the weights of the loss."""
 
     num_levels: int = 4
     """Noise levels per scene; they share the scene's context."""
@@ -34,8 +34,8 @@ class TrajectoryLossConfig:
     """Share of scenes with a random part of the agents given clean."""
     metre_share: float = 0.5
     """Weight of errors in metres against errors of the latent numbers."""
-    early_guess_weight: float = 0.2
-    """Of what the blocks before the last one take for clean."""
+    early_prediction_weight: float = 0.2
+    """Of the predictions of the blocks before the last one."""
     overlap_weight: float = 2.0
     starting_weight: float = 2.2
     """Of standing agents that start, which makes them as much likelier: scenarios are
@@ -68,30 +68,32 @@ def trajectory_loss(
         noise,
     )
     context = model.encode_context(scene)
-    guesses = model.predictions(noisy, model.encode_level(level), context)
+    predictions = model.predictions(noisy, model.encode_level(level), context)
     weight = is_drawn / model.schedule.sigma(level).square().clamp_min(_LEAST_VARIANCE)
     weight = weight / (is_drawn.sum() * config.num_levels).clamp_min(1)
     weight = torch.where(starts(model, scene), config.starting_weight * weight, weight)
     scale = model.decoder.get_buffer("scale_m")
     mixed = _component_weights(scale, config.metre_share)
 
-    def error(guess: Tensor, components: Tensor) -> Tensor:
-        squared = (guess - clean).square() @ components
+    def error(prediction: Tensor, components: Tensor) -> Tensor:
+        squared = (prediction - clean).square() @ components
         return (squared * weight).sum()
 
     metres = scale.square() / model.decoder.num_steps
-    early = [error(guess, mixed) for guess in guesses[:-1]]
+    early = [error(one, mixed) for one in predictions[:-1]]
     parts = {
-        "latent": error(guesses[-1], torch.full_like(scale, 1 / len(scale))),
-        "metres": error(guesses[-1], metres),
+        "latent": error(predictions[-1], torch.full_like(scale, 1 / len(scale))),
+        "metres": error(predictions[-1], metres),
         "early": torch.stack(early).mean() if early else weight.new_zeros(()),
     }
-    loss = error(guesses[-1], mixed) + config.early_guess_weight * parts["early"]
+    loss = (
+        error(predictions[-1], mixed) + config.early_prediction_weight * parts["early"]
+    )
     if config.overlap_weight:
         few = int(config.num_levels * _MOST_OVERLAP_LEVEL) or 1
-        error_m = ((guesses[-1][:few] - clean).square() @ metres).detach().sqrt()
+        error_m = ((predictions[-1][:few] - clean).square() @ metres).detach().sqrt()
         depth = overlap_depth_m(
-            model.decoder, guesses[-1][:few], context.neighbors, scene
+            model.decoder, predictions[-1][:few], context.neighbors, scene
         )
         there = overlap_depth_m(model.decoder, clean[None], context.neighbors, scene)
         is_near = (level[:few] < _MOST_OVERLAP_LEVEL) & (error_m < _MOST_ERROR_M)
@@ -106,7 +108,7 @@ def trajectory_loss(
 
 
 def starts(model: TrajectoryDenoiser, scene: SceneTensors) -> Bool[Tensor, "B A"]:
-    """Who stands now, and is elsewhere when its future ends."""
+    """Agents that stand now, and are elsewhere when their trajectory ends."""
     last = torch.tensor([model.decoder.num_steps - 1], device=scene.future.device)
     x, y = model.decoder.points(scene.future, scene.agent_speed, last)
     has_left = torch.hypot(x, y)[..., 0] > _STARTED_M

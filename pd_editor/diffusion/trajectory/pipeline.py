@@ -1,4 +1,4 @@
-"""The second stage on a scenario: futures of some agents around the others'."""
+"""The trajectory stage on a scenario: some agents are sampled around the others."""
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +16,10 @@ from pd_editor.diffusion.trajectory.guidance import (
     NearestCandidateGuide,
     TrajectoryGuidance,
 )
-from pd_editor.diffusion.trajectory.joint_selection import FutureChoices, choose_futures
+from pd_editor.diffusion.trajectory.joint_selection import (
+    TrajectoryChoices,
+    select_jointly,
+)
 from pd_editor.diffusion.trajectory.sampler import (
     TrajectorySamplerConfig,
     sample_trajectories,
@@ -26,7 +29,7 @@ from pd_editor.windows.packed_scene import packed
 from pd_editor.windows.scene_features import SceneFeatures, scene_features
 
 _LEAST_KNOWN_STEPS: Final = 10
-"""A kept agent with fewer future steps is imagined like the others, and kept."""
+"""A context agent with fewer future steps is sampled like the others, and kept."""
 _MOST_AT_ONCE: Final = 24
 """Futures of a scene that are denoised together."""
 
@@ -35,21 +38,21 @@ _Progress = TypeVar("_Progress")
 
 
 @dataclass(frozen=True, kw_only=True)
-class FutureOptions:
-    """How futures are drawn."""
+class TrajectoryOptions:
+    """How trajectories are sampled."""
 
     sampler: TrajectorySamplerConfig = field(default_factory=TrajectorySamplerConfig)
     guidance: TrajectoryGuidance = field(default_factory=TrajectoryGuidance)
     lane_agent_ids: tuple[str, ...] = ()
     """Agents that are guided to their candidates; empty means all."""
     num_tries: int = 1
-    """Futures drawn for each sample, of which those that avoid each other are taken."""
+    """Trajectories sampled for each sample, of which those that collide least are taken."""
     seed: int = 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FutureTask:
-    """A scenario made ready for the network; G rows of it are drawn."""
+class TrajectoryTask:
+    """A scenario as the network's input; G rows of it are sampled."""
 
     scenario: Scenario
     features: SceneFeatures
@@ -60,8 +63,8 @@ class FutureTask:
     @classmethod
     def of(
         cls, scenario: Scenario, rows: Int[np.ndarray, "G"], basis: TrajectoryBasis
-    ) -> "FutureTask":
-        """All road users that are there now; those not drawn are given if known."""
+    ) -> "TrajectoryTask":
+        """All road users that are there now; those not sampled are given if known."""
         features = scene_features(scenario)
         scene = _without_gaps(batch_of([packed(features, basis.encode)]))
         is_drawn = np.isin(features.agent_row, rows)
@@ -78,12 +81,12 @@ class FutureTask:
             is_drawn=is_drawn,
         )
 
-    def to(self, device: torch.device) -> "FutureTask":
+    def to(self, device: torch.device) -> "TrajectoryTask":
         """With the tensors on a device."""
         return replace(self, scene=self.scene.to(device))
 
     def no_motion(self, num_samples: int) -> Motion:
-        """Zeros, for whoever draws nobody."""
+        """Zeros, where no agent is sampled."""
         steps = self.scenario.time_axis.num_future_steps + 1
         shape = (num_samples, len(self.features.agent_row), steps)
         return Motion(
@@ -109,28 +112,30 @@ class FutureTask:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DrawnFutures:
-    """Motion of all A agents of the task, of which the drawn ones count."""
+class SampledTrajectories:
+    """Motion of all A agents of the task, of which the sampled ones count."""
 
     motion: Motion
     lane_cost_m: tuple[float, float]
     """Mean distance to the nearest candidate before and after the last pull."""
 
 
-def draw_futures(
+def sample_task(
     model: TrajectoryDenoiser,
-    task: FutureTask,
+    task: TrajectoryTask,
     samples: Sequence[int],
-    options: FutureOptions,
+    options: TrajectoryOptions,
     progress: Callable[[float, Callable[[], Motion]], _Progress],
-) -> Generator[_Progress, None, DrawnFutures]:
+) -> Generator[_Progress, None, SampledTrajectories]:
     """Sample the trajectories of a task.
 
     Yields ``progress`` of the share that is done and of a function that returns the
     trajectories predicted so far.
     """
     if not task.is_drawn.any():
-        return DrawnFutures(motion=task.no_motion(len(samples)), lane_cost_m=(0.0, 0.0))
+        return SampledTrajectories(
+            motion=task.no_motion(len(samples)), lane_cost_m=(0.0, 0.0)
+        )
     basis = model.decoder.basis
     tries = options.num_tries
     guide = NearestCandidateGuide.of(
@@ -166,7 +171,7 @@ def draw_futures(
         for index in range(len(chunk)):
             part = slice(index * tries, (index + 1) * tries)
             motions.append(_chosen(task, drawn, part))
-    return DrawnFutures(
+    return SampledTrajectories(
         motion=Motion(
             position_m=np.stack([one.position_m[0] for one in motions]),
             heading_rad=np.stack([one.heading_rad[0] for one in motions]),
@@ -186,7 +191,9 @@ def _without_gaps(scene: SceneTensors) -> SceneTensors:
     )
 
 
-def _pull(task: FutureTask, options: FutureOptions) -> Float[torch.Tensor, "1 A"]:
+def _pull(
+    task: TrajectoryTask, options: TrajectoryOptions
+) -> Float[torch.Tensor, "1 A"]:
     wanted = task.is_drawn.copy()
     if options.lane_agent_ids:
         rows = task.scenario.agents.rows(options.lane_agent_ids)
@@ -195,14 +202,14 @@ def _pull(task: FutureTask, options: FutureOptions) -> Float[torch.Tensor, "1 A"
     return weight.to(task.scene.agent_speed)
 
 
-def _chosen(task: FutureTask, drawn: Motion, part: slice) -> Motion:
-    """One of several tries, mixed so that few agents come to overlap."""
+def _chosen(task: TrajectoryTask, drawn: Motion, part: slice) -> Motion:
+    """One of several tries, mixed so that few agents collide."""
     position, heading = drawn.position_m[part], drawn.heading_rad[part]
     velocity = drawn.velocity_mps[part]
     choice = np.zeros(position.shape[1], int)
     if len(position) > 1:
         choices, is_drawn = _with_the_rest(task, position, heading)
-        choice = choose_futures(choices, is_drawn)[: len(choice)]
+        choice = select_jointly(choices, is_drawn)[: len(choice)]
     agent = np.arange(len(choice))
     return Motion(
         position_m=position[choice, agent][None],
@@ -212,17 +219,17 @@ def _chosen(task: FutureTask, drawn: Motion, part: slice) -> Motion:
 
 
 def _with_the_rest(
-    task: FutureTask,
+    task: TrajectoryTask,
     position: Float[np.ndarray, "K A S 2"],
     heading: Float[np.ndarray, "K A S"],
-) -> tuple[FutureChoices, Bool[np.ndarray, "B"]]:
-    """Drawn agents, then everything else in the scenario as it is recorded."""
+) -> tuple[TrajectoryChoices, Bool[np.ndarray, "B"]]:
+    """Sampled agents, then everything else in the scenario as it is recorded."""
     agents, now = task.scenario.agents, task.scenario.current_step
     rows, is_drawn = task.features.agent_row, task.is_drawn
     rest = np.setdiff1d(np.arange(len(agents)), rows[is_drawn])
     rest = rest[agents.is_valid[rest, now:].any(axis=1)]
     shape = (len(position), len(rest), *position.shape[2:])
-    return FutureChoices(
+    return TrajectoryChoices(
         position_m=np.concatenate(
             [position, np.broadcast_to(agents.position_m[rest, now:], shape)], axis=1
         ),
@@ -246,7 +253,7 @@ def _completed(
     partly: Int[np.ndarray, "N"],
     basis: TrajectoryBasis,
 ) -> tuple[Float[np.ndarray, "M 10"], Bool[np.ndarray, "N"]]:
-    """Latents of kept agents whose future is known in part, and who they are."""
+    """Latents of context agents whose future is known in part, and which they are."""
     agents, axis = scenario.agents, scenario.time_axis
     is_known = np.zeros(len(partly), bool)
     if abs(axis.step_s - basis.step_s) > 1e-6 or not len(partly):

@@ -71,7 +71,7 @@ def sample_trajectories(
     streams = RandomStreams(seed, "futures", samples)
     if is_given is not None and not bool(is_given.any()):
         is_given = None
-    with sampling_mode():
+    with sampling_mode(len(samples) * scene.has_agent.numel()):
         context = model.encode_context(scene)
         levels = even_levels(config.num_steps)
         table = scene.future.new_tensor(levels)[:, None, None, None]

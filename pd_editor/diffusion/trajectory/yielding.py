@@ -1,4 +1,4 @@
-"""After the futures are drawn: who would still run into somebody waits."""
+"""Yielding: agents that would still collide slow down on their own paths."""
 
 from dataclasses import replace
 
@@ -10,13 +10,13 @@ from pd_editor.repair import wait_for_others
 from pd_editor.scene.scenario import Scenario
 
 
-def giving_way(
+def with_yielding(
     scenario: Scenario, rows: Int[np.ndarray, "G"], sample: TrafficSample
 ) -> tuple[TrafficSample, tuple[str, ...]]:
-    """The sample with those slowed who overlap somebody later, on their own paths.
+    """The sample with agents that collide later slowed on their own paths.
 
     ``rows`` are the sample's agents in the scenario; the others go on as recorded.
-    States at the current step stay. Also returns the ids of those who wait.
+    States at the current step stay. Also returns the ids of the agents that yield.
     """
     now, agents = scenario.current_step, scenario.agents
     driven = agents.with_rows(

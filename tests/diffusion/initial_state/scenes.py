@@ -3,7 +3,10 @@
 import numpy as np
 import torch
 
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser, PoseDenoiserConfig
+from pd_editor.diffusion.initial_state.denoiser import (
+    InitialStateConfig,
+    InitialStateDenoiser,
+)
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.windows.lane_pieces import PIECE_SHAPE
 from pd_editor.windows.packed_scene import PackedScene
@@ -57,10 +60,10 @@ def scene_batch(*counts: int, seed: int = 0) -> SceneTensors:
 
 def small_model(
     *, is_ordered: bool = False, is_differential: bool = True, seed: int = 0
-) -> PoseDenoiser:
+) -> InitialStateDenoiser:
     """A tiny network with random weights."""
     torch.manual_seed(seed)
-    config = PoseDenoiserConfig(
+    config = InitialStateConfig(
         width=32,
         num_heads=2,
         num_layers=2,
@@ -69,4 +72,4 @@ def small_model(
         is_ordered=is_ordered,
         is_differential=is_differential,
     )
-    return PoseDenoiser(config).eval()
+    return InitialStateDenoiser(config).eval()

@@ -91,11 +91,11 @@ def crowded_and_empty_squares() -> AgentCounts:
 def test_traits_are_those_of_squares_as_full():
     squares, random = crowded_and_empty_squares(), np.random.default_rng(0)
     few = [
-        squares.draw_traits(np.zeros(11, int), NOBODY, 1000, 62, random)
+        squares.sample_attributes(np.zeros(11, int), NOBODY, 1000, 62, random)
         for _ in range(99)
     ]
     many = [
-        squares.draw_traits(np.zeros(41, int), NOBODY, 1000, 62, random)
+        squares.sample_attributes(np.zeros(41, int), NOBODY, 1000, 62, random)
         for _ in range(99)
     ]
     assert np.mean([one.moves for one in few]) > 0.85
@@ -109,7 +109,7 @@ def test_those_present_are_taken_off():
     present = NOBODY.copy()
     present[0, 1, 1] = 10
     found = [
-        squares.draw_traits(np.zeros(30, int), present, 1000, 62, random)
+        squares.sample_attributes(np.zeros(30, int), present, 1000, 62, random)
         for _ in range(99)
     ]
     assert np.mean([one.moves for one in found]) < 0.1
@@ -127,11 +127,11 @@ def test_wishes_about_traits_are_kept():
     squares, random = crowded_and_empty_squares(), np.random.default_rng(0)
     kinds = np.repeat([0, 2, 4], 1000)
     for share in (0.0, 0.3, 1.0):
-        found = squares.draw_traits(
+        found = squares.sample_attributes(
             kinds, NOBODY, 1000, 62, random, moving_share=share, only_on_road=True
         )
         assert found.on_road.all()
         for kind in (0, 2, 4):
             assert abs(found.moves[kinds == kind].mean() - share) < 1e-3
-    found = squares.draw_traits(kinds, NOBODY, 1000, 62, random, moving_share=0.5)
+    found = squares.sample_attributes(kinds, NOBODY, 1000, 62, random, moving_share=0.5)
     assert not found.on_road[(kinds == 0) & ~found.moves].any()

@@ -6,12 +6,15 @@ from pd_editor.diffusion.initial_state.agent_count_prior import (
     AgentCounts,
     fit_agent_counts,
 )
-from pd_editor.diffusion.initial_state.attributes import TraitWishes, with_traits
+from pd_editor.diffusion.initial_state.attributes import (
+    AttributeRequest,
+    with_attributes,
+)
 from pd_editor.diffusion.initial_state.conditioning import (
-    TOLD_NO,
-    TOLD_YES,
-    UNTOLD,
-    drawing_task,
+    CONDITIONED_NO,
+    CONDITIONED_YES,
+    UNCONDITIONED,
+    sampling_conditioning,
 )
 from pd_editor.errors import GenerationError
 from tests.diffusion.initial_state.scenes import packed_scene, scene_batch
@@ -23,31 +26,31 @@ def test_with_a_wish_all_is_told_but_where_pedestrians_are():
     scene = scene_batch(30)
     is_given = torch.zeros_like(scene.has_agent)
     is_given[:, :10] = True
-    task = drawing_task(scene, is_given)
+    task = sampling_conditioning(scene, is_given)
     random = np.random.default_rng(0)
-    assert with_traits(task, scene, COUNTS, random) is task
-    wishes = TraitWishes(moving_share=0.5)
-    found = with_traits(task, scene, COUNTS, random, wishes)
-    assert ((found.moves != UNTOLD) == ~is_given).all()
+    assert with_attributes(task, scene, COUNTS, random) is task
+    wishes = AttributeRequest(moving_share=0.5)
+    found = with_attributes(task, scene, COUNTS, random, wishes)
+    assert ((found.moves != UNCONDITIONED) == ~is_given).all()
     drives = scene.agent_kind != 4
-    assert ((found.on_road != UNTOLD) == (~is_given & drives)).all()
-    assert {TOLD_NO, TOLD_YES} <= set(found.moves.unique().tolist())
+    assert ((found.on_road != UNCONDITIONED) == (~is_given & drives)).all()
+    assert {CONDITIONED_NO, CONDITIONED_YES} <= set(found.moves.unique().tolist())
 
 
 def test_wishes_are_told():
     scene = scene_batch(30)
-    wishes = TraitWishes(moving_share=1.0, only_on_road=True)
+    wishes = AttributeRequest(moving_share=1.0, only_on_road=True)
     random = np.random.default_rng(0)
-    found = with_traits(drawing_task(scene), scene, COUNTS, random, wishes)
-    assert (found.moves == TOLD_YES).all()
-    assert (found.on_road[scene.agent_kind != 4] == TOLD_YES).all()
+    found = with_attributes(sampling_conditioning(scene), scene, COUNTS, random, wishes)
+    assert (found.moves == CONDITIONED_YES).all()
+    assert (found.on_road[scene.agent_kind != 4] == CONDITIONED_YES).all()
 
 
 def test_weights_that_counted_nobody_take_no_wishes():
     scene, random = scene_batch(3), np.random.default_rng(0)
-    task = drawing_task(scene)
-    assert with_traits(task, scene, AgentCounts.none(), random) is task
+    task = sampling_conditioning(scene)
+    assert with_attributes(task, scene, AgentCounts.none(), random) is task
     with pytest.raises(GenerationError, match="share that moves"):
-        with_traits(
-            task, scene, AgentCounts.none(), random, TraitWishes(only_on_road=True)
+        with_attributes(
+            task, scene, AgentCounts.none(), random, AttributeRequest(only_on_road=True)
         )

@@ -4,12 +4,12 @@ import pytest
 import torch
 
 from pd_editor.diffusion.initial_state.conditioning import (
-    TOLD_YES,
-    PoseTask,
-    drawing_task,
+    CONDITIONED_YES,
+    Conditioning,
     order_by,
+    sampling_conditioning,
 )
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser
+from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from tests.diffusion.initial_state.scenes import scene_batch, small_model
 
@@ -22,13 +22,13 @@ def noisy_states(scene: SceneTensors, num: int = 2, seed: int = 0) -> torch.Tens
 
 
 def denoised(
-    model: PoseDenoiser,
+    model: InitialStateDenoiser,
     scene: SceneTensors,
     noisy: torch.Tensor,
-    task: PoseTask | None = None,
+    task: Conditioning | None = None,
     level: float = 0.4,
 ) -> torch.Tensor:
-    task = drawing_task(scene) if task is None else task
+    task = sampling_conditioning(scene) if task is None else task
     with torch.no_grad():
         context = model.encode_context(scene, task)
         levels = model.encode_level(torch.full(noisy.shape[:2], level), context)
@@ -72,7 +72,9 @@ def test_decentralised_agents_do_not_influence_others():
     shifted = noisy.clone()
     shifted[:, :, 0] += 1.0
     for is_central in (False, True):
-        task = replace(drawing_task(scene), is_central=torch.tensor([is_central]))
+        task = replace(
+            sampling_conditioning(scene), is_central=torch.tensor([is_central])
+        )
         before, after = (denoised(model, scene, one, task) for one in (noisy, shifted))
         assert torch.equal(before[:, :, 1:], after[:, :, 1:]) is not is_central
 
@@ -87,7 +89,7 @@ def permuted(scene: SceneTensors, order: torch.Tensor) -> SceneTensors:
 def test_agents_come_out_in_the_order_they_go_in(is_ordered: bool):
     scene, model = scene_batch(7), small_model(is_ordered=is_ordered)
     order = torch.randperm(7, generator=torch.Generator().manual_seed(0))
-    task = drawing_task(scene)
+    task = sampling_conditioning(scene)
     moved = replace(task, order=task.order[:, order])
     noisy = noisy_states(scene)
     before = denoised(model, scene, noisy, task)
@@ -97,7 +99,7 @@ def test_agents_come_out_in_the_order_they_go_in(is_ordered: bool):
 
 def test_the_place_in_the_order_counts_only_if_it_is_told():
     scene = scene_batch(7)
-    task = drawing_task(scene)
+    task = sampling_conditioning(scene)
     other = replace(task, order=task.order.flip(1))
     noisy = noisy_states(scene)
     for is_ordered in (False, True):
@@ -108,13 +110,13 @@ def test_the_place_in_the_order_counts_only_if_it_is_told():
 
 def test_traits_count_once_they_are_learnt():
     scene, noisy = scene_batch(7), noisy_states(scene_batch(7))
-    task = drawing_task(scene)
+    task = sampling_conditioning(scene)
     for name in ("moves", "on_road"):
         model = small_model()
-        told = replace(task, **{name: torch.full_like(task.moves, TOLD_YES)})
+        told = replace(task, **{name: torch.full_like(task.moves, CONDITIONED_YES)})
         before, same = (denoised(model, scene, noisy, one) for one in (task, told))
         assert torch.equal(before, same)
-        torch.nn.init.normal_(getattr(model, f"{name}_token").weight[TOLD_YES])
+        torch.nn.init.normal_(getattr(model, f"{name}_token").weight[CONDITIONED_YES])
         assert torch.equal(denoised(model, scene, noisy, task), before)
         assert not torch.equal(denoised(model, scene, noisy, told), before)
 
@@ -129,7 +131,7 @@ def test_order_counts_those_drawn_of_a_kind_from_left_to_right():
 def test_given_agents_stay_and_count():
     scene, model = scene_batch(6), small_model()
     is_given = torch.tensor([[True, True, False, False, False, False]])
-    task = drawing_task(scene, is_given)
+    task = sampling_conditioning(scene, is_given)
     noisy = noisy_states(scene)
     before = denoised(model, scene, noisy, task)
     context = model.encode_context(scene, task)
@@ -167,7 +169,7 @@ def test_at_the_lowest_level_the_noisy_state_is_nearly_believed():
 def test_given_agents_far_out_do_not_count():
     scene, model = scene_batch(6), small_model()
     is_given = torch.tensor([[True, False, False, False, False, False]])
-    task, noisy = drawing_task(scene, is_given), noisy_states(scene)
+    task, noisy = sampling_conditioning(scene, is_given), noisy_states(scene)
     found = []
     for x in (20.0, 30.0, 120.0, 150.0):
         pose = scene.agent_pose.clone()
@@ -183,7 +185,7 @@ def test_all_noise_levels_at_once_are_each_of_them_alone():
     is_given = torch.zeros_like(scene.has_agent)
     is_given[:, 1] = True
     for given in (None, is_given):
-        task, noisy = drawing_task(scene, given), noisy_states(scene)
+        task, noisy = sampling_conditioning(scene, given), noisy_states(scene)
         with torch.no_grad():
             context = model.encode_context(scene, task)
             table = model.encode_level(torch.tensor([0.9, 0.4])[:, None, None], context)

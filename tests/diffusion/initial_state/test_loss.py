@@ -1,25 +1,35 @@
 import pytest
 import torch
 
-from pd_editor.diffusion.initial_state.conditioning import TOLD_NO, TOLD_YES, UNTOLD
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiser, PoseDenoiserConfig
+from pd_editor.diffusion.initial_state.conditioning import (
+    CONDITIONED_NO,
+    CONDITIONED_YES,
+    UNCONDITIONED,
+)
+from pd_editor.diffusion.initial_state.denoiser import (
+    InitialStateConfig,
+    InitialStateDenoiser,
+)
 from pd_editor.diffusion.initial_state.lane_distance import (
     follows_lanes,
     offset_from_lane_m,
 )
 from pd_editor.diffusion.initial_state.loss import (
-    PoseLossConfig,
-    pose_loss,
+    InitialStateLossConfig,
+    initial_state_loss,
     squared_error,
     training_task,
 )
-from pd_editor.diffusion.initial_state.sampler import PoseSamplerConfig, sample_states
+from pd_editor.diffusion.initial_state.sampler import (
+    InitialStateSamplerConfig,
+    sample_initial_states,
+)
 from tests.diffusion.initial_state.scenes import scene_batch, small_model
 
 
 @pytest.mark.parametrize(("noise_m", "weight"), [(3.9, 5.0), (4.1, 1.0)])
 def test_errors_across_a_known_heading_count_more(noise_m: float, weight: float):
-    config = PoseLossConfig(across_weight=5.0)
+    config = InitialStateLossConfig(across_weight=5.0)
     north = torch.tensor([[[0.0, 1.0]]])
     others = torch.tensor([[0.1, 0.3, -0.4]])
     for shift, expected in (([[0.2, 0.0]], weight), ([[0.0, 0.2]], 1.0)):
@@ -31,14 +41,16 @@ def test_errors_across_a_known_heading_count_more(noise_m: float, weight: float)
 
 def test_the_loss_says_what_it_is_made_of():
     model, scene = small_model(is_ordered=True), scene_batch(4, 9, 13)
-    config = PoseLossConfig(overlap_weight=0.5)
-    loss, parts = pose_loss(
+    config = InitialStateLossConfig(overlap_weight=0.5)
+    loss, parts = initial_state_loss(
         model, scene, torch.Generator().manual_seed(0), config=config
     )
     assert set(parts) == {"position", "heading", "speed", "overlap"}
     plain = parts["position"] + parts["heading"] + parts["speed"]
     torch.testing.assert_close(loss.detach(), plain + 0.5 * parts["overlap"])
-    again, _ = pose_loss(model, scene, torch.Generator().manual_seed(0), config=config)
+    again, _ = initial_state_loss(
+        model, scene, torch.Generator().manual_seed(0), config=config
+    )
     assert torch.equal(loss, again)
     loss.backward()
     slopes = {
@@ -50,17 +62,17 @@ def test_the_loss_says_what_it_is_made_of():
 
 def test_overlap_counts_late_in_training_only():
     model, scene = small_model(is_ordered=True), scene_batch(4, 9)
-    config = PoseLossConfig(overlap_after=0.6)
+    config = InitialStateLossConfig(overlap_after=0.6)
     for progress, counts in ((0.0, False), (0.59, False), (0.6, True), (1.0, True)):
         random = torch.Generator().manual_seed(0)
-        _, parts = pose_loss(model, scene, random, progress, config)
+        _, parts = initial_state_loss(model, scene, random, progress, config)
         assert ("overlap" in parts) == counts
 
 
 def test_tasks_are_as_asked_for():
     scene = scene_batch(*[20] * 40)
     random = torch.Generator().manual_seed(0)
-    config = PoseLossConfig(decentralized_share=0.3, given_share=0.5)
+    config = InitialStateLossConfig(decentralized_share=0.3, given_share=0.5)
     shown, task = training_task(scene, random, config)
     inside = (shown.agent_pose[..., :2].abs() <= task.half_side_m[:, None, None]).all(
         -1
@@ -78,7 +90,9 @@ def test_tasks_are_as_asked_for():
 def test_traits_are_told_of_all_of_some_or_of_nobody_and_are_true():
     scene = scene_batch(*[20] * 60)
     random = torch.Generator().manual_seed(0)
-    shown, task = training_task(scene, random, PoseLossConfig(told_share=0.6))
+    shown, task = training_task(
+        scene, random, InitialStateLossConfig(conditioned_share=0.6)
+    )
     drawn = shown.has_agent & ~task.is_given
     distance = offset_from_lane_m(shown.agent_pose[..., :2], shown)[1]
     traits = {
@@ -86,42 +100,42 @@ def test_traits_are_told_of_all_of_some_or_of_nobody_and_are_true():
         "on_road": (task.on_road, distance <= 4, drawn & follows_lanes(shown)),
     }
     for code, trait, may_be_told in traits.values():
-        assert not (code != UNTOLD)[~may_be_told].any()
-        assert trait[code == TOLD_YES].all()
-        assert not trait[code == TOLD_NO].any()
-        share = (code != UNTOLD).sum(-1) / may_be_told.sum(-1)
+        assert not (code != UNCONDITIONED)[~may_be_told].any()
+        assert trait[code == CONDITIONED_YES].all()
+        assert not trait[code == CONDITIONED_NO].any()
+        share = (code != UNCONDITIONED).sum(-1) / may_be_told.sum(-1)
         for kind in (share == 0, share == 1, (share > 0) & (share < 1)):
             assert 0.1 < kind.float().mean() < 0.6
-        assert {TOLD_NO, TOLD_YES} <= set(code.unique().tolist())
+        assert {CONDITIONED_NO, CONDITIONED_YES} <= set(code.unique().tolist())
 
 
 @pytest.mark.slow
 def test_a_small_model_learns_one_scene_by_heart():
     torch.manual_seed(0)
-    config = PoseDenoiserConfig(
+    config = InitialStateConfig(
         width=64, num_heads=2, num_layers=2, num_near_pieces=6, relation_width=16
     )
-    model, scene = PoseDenoiser(config), scene_batch(6)
+    model, scene = InitialStateDenoiser(config), scene_batch(6)
     random = torch.Generator().manual_seed(0)
     optimizer = torch.optim.AdamW(model.parameters(), lr=3e-3)
-    options = PoseLossConfig(
+    options = InitialStateLossConfig(
         num_levels=16, given_share=0, decentralized_share=0, small_square_share=0
     )
     num_steps = 400
     rates = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, num_steps)
     for _ in range(num_steps):
-        loss, _ = pose_loss(model, scene, random, config=options)
+        loss, _ = initial_state_loss(model, scene, random, config=options)
         optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
         optimizer.step()
         rates.step()
-    steps = sample_states(
+    steps = sample_initial_states(
         model.eval(),
         scene,
         samples=range(4),
         seed=0,
-        config=PoseSamplerConfig(num_steps=20),
+        config=InitialStateSamplerConfig(num_steps=20),
     )
     states = [step.states for step in steps][-1][:, 0]
     found = states[..., :2]

@@ -7,12 +7,12 @@ import pytest
 from pd_editor.diffusion import path_diffuser
 from pd_editor.diffusion.initial_state import pipeline
 from pd_editor.diffusion.initial_state.conditioning import (
-    TOLD_NO,
-    TOLD_YES,
-    UNTOLD,
-    PoseTask,
+    CONDITIONED_NO,
+    CONDITIONED_YES,
+    UNCONDITIONED,
+    Conditioning,
 )
-from pd_editor.diffusion.initial_state.sampler import sample_states
+from pd_editor.diffusion.initial_state.sampler import sample_initial_states
 from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.generation import (
     Region,
@@ -94,13 +94,13 @@ def test_the_model_chooses_how_many_so_that_there_are_as_many_as_in_training(
 def test_wishes_about_those_placed_are_answered(
     diffuser: PathDiffuser, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tasks: list[PoseTask] = []
+    tasks: list[Conditioning] = []
 
-    def spied(*given: Any, task: PoseTask, **more: Any) -> Any:
+    def spied(*given: Any, task: Conditioning, **more: Any) -> Any:
         tasks.append(task)
-        return sample_states(*given, task=task, **more)
+        return sample_initial_states(*given, task=task, **more)
 
-    monkeypatch.setattr(pipeline, "sample_states", spied)
+    monkeypatch.setattr(pipeline, "sample_initial_states", spied)
     asked = {
         "num_new_agents": {AgentKind.VEHICLE: 6, AgentKind.PEDESTRIAN: 1},
         "num_samples": 2,
@@ -110,11 +110,13 @@ def test_wishes_about_those_placed_are_answered(
     traffic = generated(diffuser, scenario, (), **asked, **wishes)
     for task in tasks:
         kept, drives, walks = task.moves[0].split([2, 6, 1])
-        assert (kept == UNTOLD).all()
-        assert 4 <= (drives == TOLD_YES).sum() <= 5
-        assert (drives == TOLD_NO).sum() + (drives == TOLD_YES).sum() == 6
-        assert walks != UNTOLD
-        assert task.on_road[0].tolist() == [UNTOLD] * 2 + [TOLD_YES] * 6 + [UNTOLD]
+        assert (kept == UNCONDITIONED).all()
+        assert 4 <= (drives == CONDITIONED_YES).sum() <= 5
+        assert (drives == CONDITIONED_NO).sum() + (drives == CONDITIONED_YES).sum() == 6
+        assert walks != UNCONDITIONED
+        assert task.on_road[0].tolist() == [UNCONDITIONED] * 2 + [
+            CONDITIONED_YES
+        ] * 6 + [UNCONDITIONED]
     numbers = []
     points = map_points(scenario.road_map).center_m
     for sample in traffic.samples:

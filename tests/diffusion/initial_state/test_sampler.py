@@ -8,22 +8,22 @@ import torch
 from pd_editor.diffusion.core.noise_schedule import centered_levels
 from pd_editor.diffusion.initial_state.box_overlap import overlap_depth_m
 from pd_editor.diffusion.initial_state.conditioning import (
-    TOLD_NO,
-    TOLD_YES,
-    UNTOLD,
-    PoseTask,
-    drawing_task,
+    CONDITIONED_NO,
+    CONDITIONED_YES,
+    UNCONDITIONED,
+    Conditioning,
+    sampling_conditioning,
 )
 from pd_editor.diffusion.initial_state.denoiser import (
-    PoseDenoiser,
-    PoseDenoiserConfig,
+    InitialStateConfig,
+    InitialStateDenoiser,
 )
-from pd_editor.diffusion.initial_state.guidance import PoseGuidance
+from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.lane_distance import offset_from_lane_m
 from pd_editor.diffusion.initial_state.sampler import (
-    PoseSamplerConfig,
+    InitialStateSamplerConfig,
     finished_states,
-    sample_states,
+    sample_initial_states,
 )
 from pd_editor.diffusion.initial_state.state_encoding import (
     decode_states,
@@ -32,19 +32,19 @@ from pd_editor.diffusion.initial_state.state_encoding import (
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from tests.diffusion.initial_state.scenes import scene_batch, small_model
 
-SCHEDULE = PoseDenoiserConfig().schedule()
+SCHEDULE = InitialStateConfig().schedule()
 
 
 def drawn(
-    model: PoseDenoiser,
+    model: InitialStateDenoiser,
     scene: SceneTensors,
     samples: Sequence[int] = (0, 1, 2),
-    task: PoseTask | None = None,
-    config: PoseSamplerConfig | None = None,
+    task: Conditioning | None = None,
+    config: InitialStateSamplerConfig | None = None,
 ) -> torch.Tensor:
-    config = PoseSamplerConfig(num_steps=4) if config is None else config
-    task = drawing_task(scene) if task is None else task
-    steps = sample_states(
+    config = InitialStateSamplerConfig(num_steps=4) if config is None else config
+    task = sampling_conditioning(scene) if task is None else task
+    steps = sample_initial_states(
         model, scene, samples=samples, seed=5, task=task, config=config
     )
     *_, last = steps
@@ -54,7 +54,9 @@ def drawn(
 def test_states_are_proper_and_inside_the_square():
     scene = scene_batch(5, 9)
     side = torch.tensor([62.0, 30.0])
-    states = drawn(small_model(), scene, task=drawing_task(scene, half_side_m=side))
+    states = drawn(
+        small_model(), scene, task=sampling_conditioning(scene, half_side_m=side)
+    )
     assert states.shape == (3, 2, *scene.has_agent.shape[1:], 5)
     assert states.isfinite().all()
     torch.testing.assert_close(
@@ -68,7 +70,7 @@ def test_states_are_proper_and_inside_the_square():
 @pytest.mark.parametrize("eta", [0.0, 0.7])
 def test_a_sample_alone_is_the_sample_among_others(eta: float):
     scene, model = scene_batch(6), small_model()
-    config = PoseSamplerConfig(num_steps=4, eta=eta)
+    config = InitialStateSamplerConfig(num_steps=4, eta=eta)
     together = drawn(model, scene, (0, 1, 2), config=config)
     alone = drawn(model, scene, (2,), config=config)
     torch.testing.assert_close(together[2], alone[0], rtol=1e-4, atol=1e-3)
@@ -81,7 +83,7 @@ def test_given_agents_come_out_bit_identical():
     speed[0, 0] = 0.3
     scene = replace(scene, agent_speed=speed)
     is_given = torch.tensor([[True, False, True, False, False, False]])
-    states = drawn(small_model(), scene, task=drawing_task(scene, is_given))
+    states = drawn(small_model(), scene, task=sampling_conditioning(scene, is_given))
     for row in (0, 2):
         heading = scene.agent_pose[0, row, 2]
         assert (states[:, 0, row, :2] == scene.agent_pose[0, row, :2]).all()
@@ -95,14 +97,14 @@ def test_sampling_stops_when_no_further_step_is_asked_for(
 ):
     scene, model = scene_batch(4), small_model()
     calls = []
-    denoise = PoseDenoiser.denoise
+    denoise = InitialStateDenoiser.denoise
 
     def counted(*args: Any) -> torch.Tensor:
         calls.append(1)
         return denoise(*args)
 
-    monkeypatch.setattr(PoseDenoiser, "denoise", counted)
-    steps = sample_states(model, scene, samples=[0], seed=0)
+    monkeypatch.setattr(InitialStateDenoiser, "denoise", counted)
+    steps = sample_initial_states(model, scene, samples=[0], seed=0)
     first, second = next(steps), next(steps)
     assert (first.index, second.index) == (0, 1)
     assert len(calls) == 2
@@ -113,7 +115,7 @@ SPREAD = torch.tensor([0.2, 0.05, 0.1, 0.1, 0.1])
 
 
 def drawn_from_a_gaussian(
-    config: PoseSamplerConfig, monkeypatch: pytest.MonkeyPatch
+    config: InitialStateSamplerConfig, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Positions over the square, and speeds, with its exact denoiser."""
     scene, model = scene_batch(30), small_model()
@@ -124,7 +126,7 @@ def drawn_from_a_gaussian(
         share = SPREAD.square() / (SPREAD.square() + noise)
         return MEAN + share * (noisy - MEAN)
 
-    monkeypatch.setattr(PoseDenoiser, "denoise", exact)
+    monkeypatch.setattr(InitialStateDenoiser, "denoise", exact)
     states = drawn(model, scene, range(200), config=config)
     return states[:, 0, :, :2].flatten(0, 1) / 62.0, states[..., 4]
 
@@ -132,14 +134,14 @@ def drawn_from_a_gaussian(
 @pytest.mark.parametrize(
     "config",
     [
-        PoseSamplerConfig(num_steps=60, is_second_order=False, eta=0.0),
-        PoseSamplerConfig(num_steps=60, is_second_order=False, eta=1.0),
-        PoseSamplerConfig(num_steps=25),
+        InitialStateSamplerConfig(num_steps=60, is_second_order=False, eta=0.0),
+        InitialStateSamplerConfig(num_steps=60, is_second_order=False, eta=1.0),
+        InitialStateSamplerConfig(num_steps=25),
     ],
     ids=["plain", "fresh", "second order"],
 )
 def test_the_exact_denoiser_of_a_gaussian_ends_in_that_gaussian(
-    config: PoseSamplerConfig, monkeypatch: pytest.MonkeyPatch
+    config: InitialStateSamplerConfig, monkeypatch: pytest.MonkeyPatch
 ):
     """Positions only: headings and speeds are no Gaussians when decoded."""
     position, _ = drawn_from_a_gaussian(config, monkeypatch)
@@ -149,7 +151,7 @@ def test_the_exact_denoiser_of_a_gaussian_ends_in_that_gaussian(
 
 def test_speeds_spread_as_much_as_is_asked(monkeypatch: pytest.MonkeyPatch):
     found = [
-        drawn_from_a_gaussian(PoseSamplerConfig(speed_noise=one), monkeypatch)
+        drawn_from_a_gaussian(InitialStateSamplerConfig(speed_noise=one), monkeypatch)
         for one in (1.0, 1.3)
     ]
     (place, speed), (same_place, wide_speed) = found
@@ -165,8 +167,8 @@ def test_guidance_lowers_overlap_and_leaves_given_agents():
         is_given = torch.zeros_like(scene.has_agent)
         is_given[:, 0] = True
         codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
-        guide = PoseGuidance(pull=0.0).of(
-            scene, SCHEDULE, drawing_task(scene, is_given)
+        guide = InitialStateGuidance(pull=0.0).of(
+            scene, SCHEDULE, sampling_conditioning(scene, is_given)
         )
         now = codes
         for _ in range(20):
@@ -186,7 +188,7 @@ def test_guidance_pulls_movers_towards_lanes():
         scene, agent_pose=away, agent_kind=torch.zeros_like(scene.agent_kind)
     )
     codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
-    guide = PoseGuidance(push=0.0).of(scene, SCHEDULE)
+    guide = InitialStateGuidance(push=0.0).of(scene, SCHEDULE)
     reached = decode_states(guide(codes, 0.0))[..., 1]
     assert (reached < 16).all()
     assert (reached > 1.75).all()
@@ -204,17 +206,17 @@ def test_guidance_keeps_those_on_the_road_who_are_told_to_be_there():
         agent_kind=torch.zeros_like(scene.agent_kind),
     )
     codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
-    task = drawing_task(scene)
+    task = sampling_conditioning(scene)
     reached = {}
-    for code in (UNTOLD, TOLD_NO, TOLD_YES):
+    for code in (UNCONDITIONED, CONDITIONED_NO, CONDITIONED_YES):
         told = replace(task, on_road=torch.full_like(task.on_road, code))
-        guide, now = PoseGuidance(push=0.0).of(scene, SCHEDULE, told), codes
+        guide, now = InitialStateGuidance(push=0.0).of(scene, SCHEDULE, told), codes
         for _ in range(20):
             now = guide(now, 0.0)
         reached[code] = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]
-    assert (reached[TOLD_YES] <= 3.6).all()
-    assert torch.equal(reached[UNTOLD], reached[TOLD_NO])
-    assert (reached[UNTOLD] > 5).all()
+    assert (reached[CONDITIONED_YES] <= 3.6).all()
+    assert torch.equal(reached[UNCONDITIONED], reached[CONDITIONED_NO])
+    assert (reached[UNCONDITIONED] > 5).all()
 
 
 def test_guidance_keeps_all_within_lanes_where_nobody_is_wished_off_the_road():
@@ -224,10 +226,10 @@ def test_guidance_keeps_all_within_lanes_where_nobody_is_wished_off_the_road():
     vehicles = torch.zeros_like(scene.agent_kind)
     scene = replace(scene, agent_pose=away, agent_kind=vehicles)
     assert 0 < (scene.agent_speed > 0).sum() < scene.agent_speed.numel()
-    task = drawing_task(scene)
-    task = replace(task, on_road=torch.full_like(task.on_road, TOLD_YES))
+    task = sampling_conditioning(scene)
+    task = replace(task, on_road=torch.full_like(task.on_road, CONDITIONED_YES))
     now = encode_states(scene.agent_pose, scene.agent_speed)[None]
-    guide = PoseGuidance(push=0.0).within_lanes().of(scene, SCHEDULE, task)
+    guide = InitialStateGuidance(push=0.0).within_lanes().of(scene, SCHEDULE, task)
     for _ in range(20):
         now = guide(now, 0.0)
     offset = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]

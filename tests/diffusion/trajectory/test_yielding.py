@@ -2,7 +2,7 @@ import numpy as np
 import shapely
 from hypothesis import given, settings
 
-from pd_editor.diffusion.trajectory.yielding import giving_way
+from pd_editor.diffusion.trajectory.yielding import with_yielding
 from pd_editor.generation import TrafficSample
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
@@ -37,7 +37,7 @@ def with_sample(
 def test_a_drawn_follower_waits_behind_a_recorded_standing_car():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (40, 0, 0, 0)]))
     rows = np.array([0])
-    sample, waiting = giving_way(scenario, rows, straight_on(scenario, rows))
+    sample, waiting = with_yielding(scenario, rows, straight_on(scenario, rows))
     assert waiting == (scenario.agents.ids[0],)
     assert overlaps_later(scenario) == {(0, 1)}
     assert overlaps_later(with_sample(scenario, rows, sample)) == set()
@@ -49,7 +49,7 @@ def test_the_recorded_do_not_wait_for_the_drawn():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (40, 0, 0, 0)]))
     rows = np.array([1])
     drawn = straight_on(scenario, rows)
-    sample, waiting = giving_way(scenario, rows, drawn)
+    sample, waiting = with_yielding(scenario, rows, drawn)
     assert sample is drawn
     assert waiting == ()
 
@@ -60,7 +60,7 @@ def test_nobody_leaves_his_path_and_no_more_overlap(crowd):
     scenario = crowded_road(crowd)
     rows = np.arange(len(scenario.agents))[::-1]
     drawn = straight_on(scenario, rows)
-    sample, waiting = giving_way(scenario, rows, drawn)
+    sample, waiting = with_yielding(scenario, rows, drawn)
     after = with_sample(scenario, rows, sample)
     assert len(overlaps_later(after)) <= len(overlaps_later(scenario))
     for index, name in enumerate(drawn.ids):

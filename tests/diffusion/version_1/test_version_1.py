@@ -12,18 +12,18 @@ from safetensors.torch import load_file
 
 from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.checkpoints.tensor_file import load_into, write_tensors
-from pd_editor.diffusion.initial_state import version_1 as initial_state_version_1
-from pd_editor.diffusion.initial_state.conditioning import drawing_task
+from pd_editor.diffusion.initial_state.conditioning import sampling_conditioning
 from pd_editor.diffusion.initial_state.denoiser import (
-    PoseDenoiser,
-    PoseDenoiserConfig,
+    InitialStateConfig,
+    InitialStateDenoiser,
 )
 from pd_editor.diffusion.stages import STAGE_KINDS
-from pd_editor.diffusion.trajectory import version_1 as trajectory_version_1
 from pd_editor.diffusion.trajectory.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,
 )
+from pd_editor.diffusion.version_1 import initial_state as initial_state_version_1
+from pd_editor.diffusion.version_1 import trajectory as trajectory_version_1
 from pd_editor.errors import ModelError
 from tests.diffusion.initial_state.scenes import scene_batch as initial_state_scenes
 from tests.diffusion.trajectory.scenes import scene_batch as trajectory_scenes
@@ -45,10 +45,10 @@ def stored(name: str) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]
 
 def test_converted_initial_state_weights_compute_the_same():
     weights, reference = stored("version_1_initial_states.safetensors")
-    config = PoseDenoiserConfig(
+    config = InitialStateConfig(
         width=16, num_heads=2, num_layers=2, num_near_pieces=5, relation_width=8
     )
-    model = PoseDenoiser(config).eval()
+    model = InitialStateDenoiser(config).eval()
     weights["counted"] = torch.zeros_like(model.get_buffer("counted"))
     tensors = initial_state_version_1.upgraded_tensors(weights, config)
     load_into(model, tensors, "test")
@@ -56,7 +56,7 @@ def test_converted_initial_state_weights_compute_the_same():
     is_given = torch.zeros_like(scene.has_agent)
     is_given[:, 1] = True
     with torch.no_grad():
-        context = model.encode_context(scene, drawing_task(scene, is_given))
+        context = model.encode_context(scene, sampling_conditioning(scene, is_given))
         level = model.encode_level(reference["level"], context)
         found = model.denoise(reference["noisy"], level, context)
     torch.testing.assert_close(found, reference["clean"], rtol=1e-4, atol=1e-4)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from pd_editor.diffusion.core.attention import initial_lambda
-from pd_editor.diffusion.initial_state.denoiser import PoseDenoiserConfig
+from pd_editor.diffusion.initial_state.denoiser import InitialStateConfig
 from pd_editor.diffusion.initial_state.features import (
     NUM_AGENT_FEATURES,
     NUM_PIECE_FEATURES,
@@ -34,7 +34,7 @@ _NUM_LENGTHS: Final = 5
 
 
 def upgraded_tensors(
-    old: Mapping[str, Tensor], config: PoseDenoiserConfig
+    old: Mapping[str, Tensor], config: InitialStateConfig
 ) -> dict[str, Tensor]:
     """Tensors for today's network that computes the same.
 
@@ -85,7 +85,7 @@ def _inputs(old: Mapping[str, Tensor]) -> dict[str, Tensor]:
 
 
 def _relations(
-    old: Mapping[str, Tensor], config: PoseDenoiserConfig
+    old: Mapping[str, Tensor], config: InitialStateConfig
 ) -> dict[str, Tensor]:
     """Embeddings of relations without their second layer, and the lane-anchored head."""
     pair, near = old["pair_relation.0.weight"], old["piece_relation.0.weight"]
@@ -117,7 +117,7 @@ def _relations(
 def _layer(
     layer: Mapping[str, Tensor],
     old: Mapping[str, Tensor],
-    config: PoseDenoiserConfig,
+    config: InitialStateConfig,
     depth: int,
 ) -> dict[str, Tensor]:
     width, heads = config.width, config.num_heads
@@ -160,7 +160,7 @@ def _edges(
     attention: str,
     old: Mapping[str, Tensor],
     relation: str,
-    config: PoseDenoiserConfig,
+    config: InitialStateConfig,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Queries, results and their bias, for relations without their second layer.
 
