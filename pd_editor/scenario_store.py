@@ -1,22 +1,31 @@
 """Opens scenarios by the names users give, and writes them with their recipes."""
 
 import dataclasses
+import logging
 import os
 from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from pd_editor.av2_io.file_names import map_name, tracks_name
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.recipe import Recipe
-from pd_editor.errors import ExportError, InputError
+from pd_editor.errors import ExportError, InputError, PdEditorError, RecipeError
 from pd_editor.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.installed_files import demo_folder, demo_names
-from pd_editor.regular_file import check_path
+from pd_editor.regular_file import check_path, read_regular
 from pd_editor.scene.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
 
 DEMO_PREFIX: Final = "demo:"
+MAX_RECIPE_BYTES: Final = 256 * 2**20
+MAX_LABELS: Final = 8
+"""Edits that a note names; more are counted."""
+SAME_M: Final = 0.02
+"""Track files keep positions exactly, map files to the centimetre."""
+_LOG: Final = logging.getLogger(__name__)
 
 
 def open_scenario(reference: str | Path) -> Scenario:
@@ -41,11 +50,71 @@ def open_scenario(reference: str | Path) -> Scenario:
             f"{text}: is neither a scenario folder nor a demo "
             f"({', '.join(demo_names())})."
         )
-    return read_scenario(Path(folder))
+    scenario = read_scenario(Path(folder))
+    recipe = recipe_of_export(Path(folder))
+    return scenario if recipe is None else made_by(scenario, recipe)
+
+
+def recipe_of_export(folder: Path) -> Recipe | None:
+    """The recipe of a folder that the editor wrote; None of any other."""
+    path = folder / RECIPE_NAME
+    if not path.is_file():
+        return None
+    try:
+        return Recipe.from_text(
+            read_regular(path, max_bytes=MAX_RECIPE_BYTES, error=RecipeError)
+        )
+    except PdEditorError as error:
+        _LOG.info("%s is passed over: %s", path, error)
+        return None
+
+
+def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
+    """An opened export that knows from its recipe what in it was made up.
+
+    A recipe that belongs to another scenario is passed over.
+    """
+    if recipe.result_id != scenario.scenario_id or not recipe.commands:
+        return scenario
+    root = recipe.base.root
+    labels = "; ".join(command.label for command in recipe.commands[:MAX_LABELS])
+    more = len(recipe.commands) - MAX_LABELS
+    note = f"Exported from {root.scenario_id} with these edits: {labels}" + (
+        f"; and {more} more." if more > 0 else "."
+    )
+    provenance = dataclasses.replace(
+        scenario.provenance,
+        notes=(*scenario.provenance.notes, *recipe.notes, note),
+        base=recipe.base,
+        is_bent=recipe.is_bent,
+        edited_ids=recipe.edited_ids,
+    )
+    return dataclasses.replace(scenario, provenance=provenance)
+
+
+def has_same_content(one: Scenario, other: Scenario) -> bool:
+    """Whether two scenarios would be written alike, but for rounding and their ids."""
+    mine, theirs = one.agents, other.agents
+    if (mine.ids, mine.kinds, one.focal_id) != (
+        theirs.ids,
+        theirs.kinds,
+        other.focal_id,
+    ) or not np.array_equal(mine.is_valid, theirs.is_valid):
+        return False
+    shift = one.origin_city_m - other.origin_city_m
+    gap = np.where(mine.is_valid[..., None], mine.position_m + shift, 0.0)
+    gap -= np.where(theirs.is_valid[..., None], theirs.position_m, 0.0)
+    lines = one.road_map.polylines, other.road_map.polylines
+    if [line.shape for line in lines[0]] != [line.shape for line in lines[1]]:
+        return False
+    road = np.concatenate(lines[0])[:, :2] + shift - np.concatenate(lines[1])[:, :2]
+    return bool(max(np.abs(gap).max(initial=0.0), np.abs(road).max()) < SAME_M)
 
 
 def exported_files(scenario: Scenario, recipe: Recipe) -> dict[str, bytes]:
     """The scenario as an Argoverse 2 folder's files, with the recipe that made it.
+
+    Its id is the one that the recipe gives to the result.
 
     Raises:
         ExportError: the scenario cannot be written, for example without a focal agent.
@@ -57,7 +126,11 @@ def exported_files(scenario: Scenario, recipe: Recipe) -> dict[str, bytes]:
             f"Scenario {scenario.scenario_id} has no focal agent ({focal_id or 'none'} is"
             " not there); make an agent the focal one first."
         )
-    scenario = scenario.with_agents(with_focal_category(agents, focal_id))
+    scenario = dataclasses.replace(
+        scenario,
+        agents=with_focal_category(agents, focal_id),
+        scenario_id=recipe.result_id,
+    )
     return {**scenario_files(scenario), RECIPE_NAME: recipe.to_text().encode()}
 
 
@@ -69,7 +142,7 @@ def check_free(
     Raises:
         ExportError: the folder holds something, or is the one that was read.
     """
-    files = tracks_name(scenario.scenario_id), map_name(scenario.scenario_id)
+    files = tracks_name(name), map_name(name)
     check_place(
         Path(out) / name,
         (*files, RECIPE_NAME),
@@ -79,19 +152,14 @@ def check_free(
 
 
 def export_into(
-    out: str | Path,
-    name: str,
-    scenario: Scenario,
-    recipe: Recipe,
-    *,
-    overwrite: bool = False,
+    out: str | Path, scenario: Scenario, recipe: Recipe, *, overwrite: bool = False
 ) -> Path:
-    """Write ``out/name`` with the exported files; the input is never overwritten.
+    """Write ``out/<id of the result>``; the input is never overwritten.
 
     Raises:
         ExportError: the folder cannot be written, or holds something else.
     """
-    folder = Path(out) / name
+    folder = Path(out) / recipe.result_id
     write_files(
         exported_files(scenario, recipe),
         folder,

@@ -8,6 +8,7 @@ from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.editor.commands import DeleteAgents
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession
+from pd_editor.editor.variant import Variant
 from pd_editor.errors import ExportError, InputError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.installed_files import demo_folder, demo_names
@@ -21,6 +22,10 @@ from pd_editor.scene.agent_kind import AgentCategory
 from tests.builders import two_agents_that_pass
 
 JUNCTION = "signalised-junction"
+
+
+def named(recipe: Recipe, name: str) -> Recipe:
+    return replace(recipe, variant=Variant(name=name))
 
 
 def edited_session() -> EditorSession:
@@ -43,7 +48,7 @@ def test_a_folder_remembers_its_whole_path(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     session = edited_session()
-    folder = export_into(tmp_path, "x", session.scenario, session.recipe())
+    folder = export_into(tmp_path, session.scenario, named(session.recipe(), "x"))
     monkeypatch.chdir(tmp_path)
     for name in ("x", Path("x"), folder):
         assert open_scenario(name).provenance.source == str(folder.resolve())
@@ -55,7 +60,7 @@ def test_a_folder_goes_before_a_demo_of_the_same_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     session = edited_session()
-    export_into(tmp_path, JUNCTION, session.scenario, session.recipe())
+    export_into(tmp_path, session.scenario, named(session.recipe(), JUNCTION))
     monkeypatch.chdir(tmp_path)
     opened = open_scenario(JUNCTION)
     assert len(opened.agents) == len(session.base.agents) - 1
@@ -88,12 +93,14 @@ def test_a_place_is_judged_before_as_when_it_is_written(
         (tmp_path / name).mkdir()
     (tmp_path / "mine" / "recipe.json").write_text("{}")
     (tmp_path / "strange" / "thesis.txt").write_text("")
-    places = [(tmp_path, name) for name in ("new", "mine", "strange", "file", "..")]
+    places = [(tmp_path, name) for name in ("new", "mine", "strange", "file")]
     for out, name in [*places, (demos, JUNCTION), (demos / JUNCTION, "inside")]:
         verdicts = []
         for judge in (
             lambda o, n: check_free(o, n, scenario, overwrite=overwrite),
-            lambda o, n: export_into(o, n, scenario, recipe, overwrite=overwrite),
+            lambda o, n: export_into(
+                o, scenario, named(recipe, n), overwrite=overwrite
+            ),
         ):
             try:
                 judge(out, name)
@@ -109,7 +116,7 @@ def test_an_upload_has_no_folder_to_protect(tmp_path: Path):
     session = edited_session()
     provenance = replace(session.scenario.provenance, source="")
     uploaded = replace(session.scenario, provenance=provenance)
-    folder = export_into(tmp_path, "x", uploaded, session.recipe())
+    folder = export_into(tmp_path, uploaded, named(session.recipe(), "x"))
     assert len(list(folder.iterdir())) == 3
 
 

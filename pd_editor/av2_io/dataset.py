@@ -234,7 +234,10 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
         yield folder
         return
     files = [name for name, is_folder in listed if not is_folder]
-    folders = sorted(name for name, is_folder in listed if is_folder)
+    # Hidden folders are exports that are being written.
+    folders = sorted(
+        name for name, is_folder in listed if is_folder and not name.startswith(".")
+    )
     tracks = [name for name in files if is_tracks_name(name)]
     if tracks:
         scenario_id = tracks[0].removeprefix(TRACKS_PREFIX).removesuffix(".parquet")

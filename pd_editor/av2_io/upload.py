@@ -70,6 +70,34 @@ def scenario_from_upload(files: Mapping[str, bytes]) -> Scenario:
     return _read(tracks, files[tracks], road_map, files[road_map])
 
 
+def file_in_upload(files: Mapping[str, bytes], wanted: str, limit: int) -> bytes | None:
+    """The one file of this name in an upload that was read; None if there is none.
+
+    Raises:
+        ArchiveError: it unpacks to more than ``limit`` bytes, or is damaged.
+    """
+    for name, data in files.items():
+        if _base(name) == wanted:
+            return data if len(data) <= limit else None
+        if not _is_zip(name, data):
+            continue
+        label = _shown(name)
+        try:
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                found = [
+                    member
+                    for member in archive.infolist()
+                    if _base(member.filename) == wanted
+                ]
+                if len(found) == 1:
+                    return _unpacked(archive, found[0], label, limit)
+        except _ZIP_ERRORS as error:
+            raise ArchiveError(
+                f"{label}: this is not a readable zip; it may be cut off or damaged."
+            ) from error
+    return None
+
+
 def _is_zip(name: str, data: bytes) -> bool:
     return name.lower().endswith(".zip") or data.startswith(_ZIP_STARTS)
 

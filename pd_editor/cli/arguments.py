@@ -21,6 +21,13 @@ OptionalFolders = Annotated[
     str | Path | tuple[str | Path, ...],
     tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(optional)"),
 ]
+NameOption = Annotated[
+    str, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: says the edits)")
+]
+TagsOption = Annotated[
+    tuple[str, ...], tyro.conf.arg(metavar="TAG [TAG ...]", help_behavior_hint="")
+]
+NoteOption = Annotated[str, tyro.conf.arg(metavar="TEXT", help_behavior_hint="")]
 Switch = Annotated[
     bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")
 ]

@@ -1,40 +1,131 @@
-"""``pd-editor export``: write a scenario in another format."""
+"""``pd-editor export``: write scenarios, with a name, tags and a note."""
 
-from typing import Literal
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import tyro
 
 from pd_editor.av2_io.official import check_with_official_loaders
-from pd_editor.cli.arguments import FolderOption, ScenarioArgument, Switch
-from pd_editor.cli.outcome import Outcome, write_session
+from pd_editor.basket.index_table import INDEX_NAME, index_csv, index_row
+from pd_editor.cli.arguments import (
+    FolderOption,
+    NameOption,
+    NoteOption,
+    Switch,
+    TagsOption,
+)
+from pd_editor.cli.outcome import Outcome, described, undated_recipe, write_session
+from pd_editor.cli.replay import open_base, read_recipe
 from pd_editor.editor.session import EditorSession
-from pd_editor.scenario_store import open_scenario
+from pd_editor.editor.variant import Variant, free_name
+from pd_editor.errors import EditError, ExportError
+from pd_editor.exporters.bundle import zip_folders
+from pd_editor.scenario_store import exported_files, open_scenario
 
+ZIP_NAME: Final = "scenarios.zip"
 Format = Literal["av2"]
 
 
 def export(
-    scenario: ScenarioArgument,
+    scenarios: Annotated[
+        str | Path | tuple[str | Path, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="SCENARIO|RECIPE [...]"),
+    ],
     /,
     *,
     out: FolderOption,
     format: Format = "av2",
+    name: NameOption = "",
+    tags: TagsOption = (),
+    note: NoteOption = "",
+    zip: Switch = False,
     verify: Switch = False,
     overwrite: Switch = False,
 ) -> Outcome:
-    """Write a scenario as a new folder, with a recipe.json.
+    """Write scenarios as new folders, or all in one zip, each with a recipe.json.
 
     Args:
-        scenario: A demo's name or an Argoverse 2 scenario folder.
-        out: Folder that receives DIR/<scenario id>/.
+        scenarios: Demos' names, Argoverse 2 scenario folders, or recipe.json files.
+        out: Folder that receives DIR/<name>/, or the zip.
         format: The form to write: av2 is parquet tracks and a map JSON, all steps.
+        name: Id of the written scenario, for one scenario only.
+        tags: Words to find it by, kept in its recipe.
+        note: A sentence about it, kept in its recipe.
+        zip: Write DIR/scenarios.zip with a folder for each scenario and an index.csv.
         verify: Load the result with av2's own loaders, too.
         overwrite: Replace what an earlier run wrote.
     """
     assert format == "av2"
-    session = EditorSession(open_scenario(scenario))
-    opened = session.scenario
-    folder = write_session(out, opened.scenario_id, session, overwrite=overwrite)
-    remarks: tuple[str, ...] = ()
-    if verify:
-        check_with_official_loaders(folder)
-        remarks = ("Loaded again with av2's own loaders.",)
-    return Outcome(folders=(folder,), scenarios=(opened,), remarks=remarks)
+    several = scenarios if isinstance(scenarios, tuple) else (scenarios,)
+    references = tuple(map(str, several))
+    if not references:
+        raise EditError("No scenario was given; name at least one.")
+    if name and len(references) > 1:
+        raise EditError(
+            f"--name is for one scenario; {len(references)} were given, which are named "
+            "by their edits."
+        )
+    if zip and verify:
+        raise ExportError("--verify looks at folders; give --zip or --verify.")
+    sessions = [_session(one, described(name, tags, note)) for one in references]
+    opened = tuple(session.scenario for session in sessions)
+    if zip:
+        return Outcome(
+            folders=(_zipped(Path(out), sessions, overwrite),), scenarios=opened
+        )
+    written = []
+    for session in sessions:
+        folder = write_session(out, session, overwrite=overwrite)
+        if verify:
+            check_with_official_loaders(folder)
+        written.append(folder)
+    remarks = ("Loaded again with av2's own loaders.",) if verify else ()
+    return Outcome(folders=tuple(written), scenarios=opened, remarks=remarks)
+
+
+def _session(reference: str, variant: Variant) -> EditorSession:
+    """The session of a scenario, or of what a recipe makes."""
+    if not reference.endswith(".json"):
+        session = EditorSession(open_scenario(reference))
+        session.describe(variant)
+        return session
+    recipe, where = read_recipe(Path(reference))
+    session = EditorSession.from_recipe(recipe, open_base(recipe, where, None))
+    own = session.variant
+    session.describe(
+        Variant(
+            name=variant.name or own.name,
+            tags=variant.tags or own.tags,
+            note=variant.note or own.note,
+        )
+    )
+    return session
+
+
+def _zipped(out: Path, sessions: list[EditorSession], overwrite: bool) -> Path:
+    """Write one zip; of two scenarios of the same name the second gets -2."""
+    target = out / ZIP_NAME
+    if target.exists() and not overwrite:
+        raise ExportError(f"{target}: is there already; add --overwrite to replace it.")
+    made: dict[str, dict[str, bytes]] = {}
+    rows = []
+    for session in sessions:
+        recipe = undated_recipe(session)
+        name = free_name(recipe.result_id, made.__contains__)
+        if name != recipe.result_id:
+            session.describe(
+                described(name, session.variant.tags, session.variant.note)
+            )
+            recipe = undated_recipe(session)
+        made[name] = exported_files(session.scenario, recipe)
+        rows.append(index_row(session.scenario, session.base, recipe))
+    content = zip_folders(made, {INDEX_NAME: index_csv(rows)})
+    hidden = out / f".{ZIP_NAME}.new"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        hidden.write_bytes(content)
+        hidden.replace(target)
+    except OSError as error:
+        raise ExportError(f"{out}: cannot be written ({error.strerror}).") from error
+    return target

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, ScenarioArgument, Switch
-from pd_editor.cli.outcome import Outcome, write_session
+from pd_editor.cli.arguments import FolderOption, NameOption, ScenarioArgument, Switch
+from pd_editor.cli.outcome import Outcome, described, write_session
 from pd_editor.cli.progress import run_showing_progress
 from pd_editor.diffusion.defaults import (
     DEFAULT_WEIGHT,
@@ -16,6 +16,7 @@ from pd_editor.diffusion.defaults import (
 )
 from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.session import EditorSession
+from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     GenerationRequest,
@@ -78,13 +79,14 @@ def generate(
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
     device: DeviceName = "auto",
+    name: NameOption = "",
     overwrite: Switch = False,
 ) -> Outcome:
     """Redraw futures; or whole traffic, states and all, where the model can.
 
     Args:
         scenario: A demo's name or an Argoverse 2 scenario folder.
-        out: Folder that receives DIR/<scenario id>/; several samples get _s00, _s01.
+        out: Folder that receives DIR/<name>/; several samples get -1, -2, ...
         agents: Ids of the agents to drive; the others keep their futures.
         redraw_states: Draw the states of these agents anew too.
         num_agents: Put new agents in the place of all: 20 (vehicles), vehicle=12 pedestrian=4, or fit (as many as suit the road).
@@ -99,6 +101,7 @@ def generate(
         seed: Seed of the draw; the same seed gives the same files.
         model: path-diffuser, lane-follower (futures only), or the folder of a trained model.
         device: Where a model computes; auto takes a GPU if there is one.
+        name: Id of the new scenario, such as 000c4929-s3.
         overwrite: Replace what earlier runs wrote.
     """
     generator, opened = make_generator(model, device=device), open_scenario(scenario)
@@ -118,7 +121,8 @@ def generate(
         guidance=_guidance(keep_to_lanes, tries),
         seed=seed,
     )
-    return _written(out, opened, request, removed, generator, overwrite, wanted)
+    names = _names(opened, name, request)
+    return _written(out, opened, request, removed, generator, overwrite, wanted, names)
 
 
 def _written(
@@ -129,25 +133,32 @@ def _written(
     generator: ScenarioGenerator,
     overwrite: bool,
     wanted: Sequence[str],
+    names: Sequence[str],
 ) -> Outcome:
     """Let the generator draw, and write each sample as a folder of its own."""
-    count = request.num_samples
-    ending = [""] if count == 1 else [f"_s{index:02d}" for index in range(count)]
-    names = [f"{opened.scenario_id}{end}" for end in ending]
     for name in names:
         check_free(out, name, opened, overwrite=overwrite)
     traffic = run_showing_progress(generator.generate(request))
     sessions = [EditorSession(opened) for _ in names]
     for index, session in enumerate(sessions):
+        session.describe(described(names[index]))
         session.apply(traffic_command(request, traffic, index, removed_ids=removed))
     return Outcome(
         folders=tuple(
-            write_session(out, name, session, overwrite=overwrite)
-            for name, session in zip(names, sessions, strict=True)
+            write_session(out, session, overwrite=overwrite) for session in sessions
         ),
         scenarios=tuple(session.scenario for session in sessions),
         remarks=(*_left_out(opened, wanted, request.agent_ids), *traffic.notes),
     )
+
+
+def _names(opened: Scenario, name: str, request: GenerationRequest) -> tuple[str, ...]:
+    """A name for each sample."""
+    count = request.num_samples
+    name = name or name_from_text(f"{short_id(opened.scenario_id)} s{request.seed}")
+    if count == 1:
+        return (name,)
+    return tuple(f"{name}-{number}" for number in range(1, count + 1))
 
 
 def _wanted_counts(texts: Sequence[str]) -> tuple[dict[AgentKind, int], bool]:

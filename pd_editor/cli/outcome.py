@@ -4,7 +4,9 @@ import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
+from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.session import EditorSession
+from pd_editor.editor.variant import Variant
 from pd_editor.scenario_store import export_into
 from pd_editor.scene.scenario import Scenario
 
@@ -34,15 +36,28 @@ class Outcome:
         return "\n".join([*map(str, self.folders), *self.remarks])
 
 
-def write_session(
-    out: str | Path, name: str, session: EditorSession, *, overwrite: bool
-) -> Path:
-    """Write ``out/name``: a session's scenario, and the recipe that leads to it.
+def write_session(out: str | Path, session: EditorSession, *, overwrite: bool) -> Path:
+    """Write a session's scenario under its name, and the recipe that leads to it.
 
     The recipe carries no date, so equal work gives equal files.
 
     Raises:
         ExportError: the folder cannot be written, or holds something else.
     """
-    recipe = dataclasses.replace(session.recipe(), created_at="")
-    return export_into(out, name, session.scenario, recipe, overwrite=overwrite)
+    return export_into(
+        out, session.scenario, undated_recipe(session), overwrite=overwrite
+    )
+
+
+def undated_recipe(session: EditorSession) -> Recipe:
+    """The recipe of a session, without the date."""
+    return dataclasses.replace(session.recipe(), created_at="")
+
+
+def described(name: str, tags: tuple[str, ...] = (), note: str = "") -> Variant:
+    """Name, tags and note from the shell.
+
+    Raises:
+        EditError: the name does not fit, or a text is too long.
+    """
+    return Variant(name=name, tags=tuple(tags), note=note)

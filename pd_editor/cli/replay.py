@@ -35,25 +35,23 @@ def replay(
 
     Args:
         recipe: A recipe.json, or an exported folder that holds one.
-        out: Folder that receives DIR/<scenario id>/.
+        out: Folder that receives DIR/<name>/.
         base: Where the base scenario is, if not where the recipe says.
         regenerate: Draw generated traffic anew, and say whether it is equal.
         overwrite: Replace what an earlier run wrote.
     """
-    parsed, where = _read_recipe(Path(recipe))
-    opened = _open_base(parsed, where, base)
+    parsed, where = read_recipe(Path(recipe))
+    opened = open_base(parsed, where, base)
     remarks: tuple[str, ...] = ()
     if regenerate:
         scenario, parsed, remarks = _regenerated(parsed, opened)
     else:
         scenario = replay_recipe(parsed, opened)
-    folder = export_into(
-        out, scenario.scenario_id, scenario, parsed, overwrite=overwrite
-    )
+    folder = export_into(out, scenario, parsed, overwrite=overwrite)
     return Outcome(folders=(folder,), scenarios=(scenario,), remarks=remarks)
 
 
-def _read_recipe(path: Path) -> tuple[Recipe, Path]:
+def read_recipe(path: Path) -> tuple[Recipe, Path]:
     """The recipe, and the file that it was read from."""
     check_path(path, RecipeError)
     file = path / RECIPE_NAME if path.is_dir() else path
@@ -64,7 +62,13 @@ def _read_recipe(path: Path) -> tuple[Recipe, Path]:
         raise RecipeError(f"{file}: {error}") from error
 
 
-def _open_base(recipe: Recipe, where: Path, base: str | Path | None) -> Scenario:
+def open_base(recipe: Recipe, where: Path, base: str | Path | None) -> Scenario:
+    """The scenario that a recipe starts from, or the one named in its place.
+
+    Raises:
+        InputError: it cannot be opened.
+        RecipeError: the recipe does not say where it is.
+    """
     if base is not None:
         return open_scenario(base)
     if not recipe.base.source:

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, ScenarioArgument, Switch
-from pd_editor.cli.outcome import Outcome, write_session
+from pd_editor.cli.arguments import FolderOption, NameOption, ScenarioArgument, Switch
+from pd_editor.cli.outcome import Outcome, described, write_session
 from pd_editor.editor.commands import SetRoadWarp
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import EditError
@@ -45,6 +45,7 @@ def warp(
     friction: Annotated[
         float | None, tyro.conf.arg(metavar="MU", help_behavior_hint="(optional)")
     ] = None,
+    name: NameOption = "",
     overwrite: Switch = False,
 ) -> Outcome:
     """Bend the road ahead of an anchor; several kinds add up.
@@ -53,12 +54,13 @@ def warp(
         scenario: A demo's name or an Argoverse 2 scenario folder.
         kind: smooth-turn, double-turn or ripple-road; several are added.
         power: Strength of each kind, -10..10; positive bends to the left.
-        out: Folder that receives DIR/<scenario id>/.
+        out: Folder that receives DIR/<name>/.
         length: Turn length, distance between two turns, or wave length, metres.
         border: Distance ahead of the anchor where the bends begin, metres.
         exponent: Exponent of the turns, 2..8.
         anchor: focal, ego, an agent's id, or a pose x,y,heading in metres and degrees.
         friction: Slow agents to the speed that this friction coefficient allows.
+        name: Id of the bent scenario, such as 000c4929-double-turn-p6.
         overwrite: Replace what an earlier run wrote.
     """
     # Numbers are judged before files are read: the cheap answers first.
@@ -69,8 +71,9 @@ def warp(
         friction_coefficient=None if friction is None else float(friction),
     )
     session = EditorSession(opened)
+    session.describe(described(name))
     session.apply(command)
-    folder = write_session(out, opened.scenario_id, session, overwrite=overwrite)
+    folder = write_session(out, session, overwrite=overwrite)
     return Outcome(
         folders=(folder,),
         scenarios=(session.scenario,),

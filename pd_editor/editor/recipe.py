@@ -10,6 +10,8 @@ import numpy as np
 from pd_editor.editor.commands import (
     Command,
     ReplaceTraffic,
+    SetFocalAgent,
+    SetRoadWarp,
     command_from_json,
     command_to_json,
     traffic_command,
@@ -39,6 +41,25 @@ class Recipe:
     """What in the result was made up, in sentences; replaying makes them anew."""
     variant: Variant = field(default_factory=Variant)
     """Name of the result, which is its scenario id; empty: the base's id. Tags, note."""
+
+    @property
+    def edited_ids(self) -> frozenset[str]:
+        """Agents that the commands make or change, and those the base had changed."""
+        found = set(self.base.edited_ids)
+        for command in self.commands:
+            if isinstance(command, ReplaceTraffic):
+                found.update(command.sample.ids)
+            for name in ("agent_ids", "new_ids"):
+                found.update(getattr(command, name, ()))
+            if not isinstance(command, SetFocalAgent):
+                found.update(filter(None, (getattr(command, "agent_id", ""),)))
+        return frozenset(found)
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether the result's road is bent."""
+        bends = [one for one in self.commands if isinstance(one, SetRoadWarp)]
+        return self.base.is_bent or bool(bends and bends[-1].warp is not None)
 
     @property
     def result_id(self) -> str:

@@ -9,9 +9,9 @@ from typing import Protocol, runtime_checkable
 
 from pd_editor.editor.command import Command
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
-from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.recipe import Recipe, check_base
 from pd_editor.editor.variant import Variant, proposed_name
-from pd_editor.errors import EditError
+from pd_editor.errors import EditError, PdEditorError, RecipeError
 from pd_editor.scene.scenario import Scenario
 
 
@@ -112,6 +112,35 @@ class EditorSession:
         self._variant = Variant()
         if journal is not None:
             journal.start(scenario, base_files)
+
+    @classmethod
+    def from_recipe(
+        cls, recipe: Recipe, base: Scenario, *, journal: EditRecorder | None = None
+    ) -> "EditorSession":
+        """The session in which a recipe's commands were just applied to its base.
+
+        Raises:
+            RecipeError: the base is another one, or a command does not apply.
+        """
+        check_base(recipe.base, base)
+        session = cls(base, journal=journal)
+        try:
+            for number, command in enumerate(recipe.commands, start=1):
+                try:
+                    session.apply(command)
+                except PdEditorError as error:
+                    raise RecipeError(
+                        f"Entry {number} ({command.label}): {error}"
+                    ) from error
+        except RecipeError:
+            session.close(discard=True)
+            raise
+        variant = recipe.variant
+        if variant.name == session.name:
+            # A proposed name goes on following the edits.
+            variant = replace(variant, name="")
+        session.describe(variant)
+        return session
 
     @property
     def state(self) -> SessionState:

@@ -1,19 +1,26 @@
 """Files in memory as a zip, or as a new folder on disk."""
 
+import contextlib
 import io
 import os
 import re
 import secrets
 import shutil
+import time
 import zipfile
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Final
 
 from pd_editor.errors import ExportError
+from pd_editor.exporters.folder_exchange import exchange
 
 RECIPE_NAME: Final = "recipe.json"
 """The file that every export of ours holds."""
+LEFT_OVER_S: Final = 600.0
+"""Hidden folders older than this were left by a run that was killed."""
+_NEW: Final = ".new"
+_OLD: Final = ".old"
 _ZIP_TIME: Final = (1980, 1, 1, 0, 0, 0)
 _FILE_MODE: Final = 0o644 << 16
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
@@ -25,15 +32,36 @@ def zip_files(files: Mapping[str, bytes], folder_name: str) -> bytes:
     Raises:
         ExportError: a name is not fit for a file.
     """
-    _check_names([folder_name, *files])
+    return zip_folders({folder_name: files})
+
+
+def zip_folders(
+    folders: Mapping[str, Mapping[str, bytes]],
+    beside: Mapping[str, bytes] | None = None,
+) -> bytes:
+    """Several folders in a zip, and files beside them; equal files give equal bytes.
+
+    Raises:
+        ExportError: a name is not fit for a file.
+    """
+    beside = beside or {}
+    _check_names([*folders, *beside])
     sink = io.BytesIO()
     with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in files.items():
-            member = zipfile.ZipInfo(f"{folder_name}/{name}", _ZIP_TIME)
-            member.compress_type = zipfile.ZIP_DEFLATED
-            member.external_attr = _FILE_MODE
-            archive.writestr(member, data)
+        for name, data in beside.items():
+            _add(archive, name, data)
+        for folder, files in folders.items():
+            _check_names(list(files))
+            for name, data in files.items():
+                _add(archive, f"{folder}/{name}", data)
     return sink.getvalue()
+
+
+def _add(archive: zipfile.ZipFile, path: str, data: bytes) -> None:
+    member = zipfile.ZipInfo(path, _ZIP_TIME)
+    member.compress_type = zipfile.ZIP_DEFLATED
+    member.external_attr = _FILE_MODE
+    archive.writestr(member, data)
 
 
 def write_files(
@@ -128,22 +156,45 @@ def _check_target(
 
 
 def _replace_folder(files: Mapping[str, bytes], target: Path) -> None:
-    """Write beside the target, then swap by renaming."""
+    """Write beside the target under a hidden name, then put it in place in one step.
+
+    A reader finds the old folder or the new one, whole. Where the system cannot swap
+    two folders, the old one is renamed first, and a reader in between finds none.
+    """
+    _clear_left_overs(target)
     token = secrets.token_hex(4)
-    new = target.parent / f".{target.name}.{token}.new"
-    old = target.parent / f".{target.name}.{token}.old"
+    new = target.parent / f".{target.name}.{token}{_NEW}"
+    old = target.parent / f".{target.name}.{token}{_OLD}"
     new.mkdir()
     try:
         for name, data in files.items():
             (new / name).write_bytes(data)
-        if target.exists():
-            target.rename(old)
-        try:
+        if not target.exists():
             new.rename(target)
-        except OSError:
-            if old.exists():
+        elif not exchange(new, target):
+            target.rename(old)
+            try:
+                new.rename(target)
+            except OSError:
                 old.rename(target)
-            raise
+                raise
     finally:
         shutil.rmtree(new, ignore_errors=True)
     shutil.rmtree(old, ignore_errors=True)
+
+
+def _clear_left_overs(target: Path) -> None:
+    """Remove what a killed run has left of this target long ago."""
+    with os.scandir(target.parent) as entries:
+        found = [
+            entry
+            for entry in entries
+            if entry.name.startswith(f".{target.name}.")
+            and entry.name.endswith((_NEW, _OLD))
+        ]
+    for entry in found:
+        with contextlib.suppress(OSError):
+            if entry.name.endswith(_OLD) and not target.exists():
+                os.rename(entry.path, target)
+            elif time.time() - entry.stat().st_mtime > LEFT_OVER_S:
+                shutil.rmtree(entry.path, ignore_errors=True)

@@ -55,12 +55,14 @@ def checked(
 ) -> SceneCheck:
     """The problems of a scenario that was made from ``base`` by edits.
 
-    ``recorded`` are the problems of ``base``, which a session keeps.
+    ``recorded`` are the problems of ``base``, which a session keeps. Where ``base`` is
+    an earlier export, those that its edits have caused count as new ones.
     """
+    provenance = base.provenance
     now = scenario.current_step
     return split(
         scene_problems(scenario, with_future=with_future),
-        recorded,
+        [one for one in recorded if provenance.is_recorded(one.agent_ids)],
         unmoved=untouched_agent_ids(scenario, base, slice(now, now + 1)),
         untouched=untouched_agent_ids(scenario, base),
     )

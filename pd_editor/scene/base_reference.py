@@ -16,6 +16,10 @@ class BaseReference:
     """Hash of the source's bytes."""
     base: "BaseReference | None" = None
     """What that scenario was itself made from, where it is an earlier export."""
+    is_bent: bool = False
+    """Whether its road was bent already."""
+    edited_ids: tuple[str, ...] = ()
+    """Its agents that were made or changed already."""
 
     @property
     def root(self) -> "BaseReference":

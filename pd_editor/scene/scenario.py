@@ -32,7 +32,11 @@ class Provenance:
     is_bent: bool = False
     """Whether the source's road was bent already when it was exported."""
     edited_ids: frozenset[str] = frozenset()
-    """Agents whose motion was made or changed before the source was exported."""
+    """Agents that were made or changed before the source was exported."""
+
+    def is_recorded(self, agent_ids: Collection[str]) -> bool:
+        """Whether these agents, and the road, are as in the recording."""
+        return not self.is_bent and self.edited_ids.isdisjoint(agent_ids)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,6 +92,8 @@ class Scenario:
             source=self.provenance.source,
             content_sha256=self.provenance.content_sha256,
             base=self.provenance.base,
+            is_bent=self.provenance.is_bent,
+            edited_ids=tuple(sorted(self.provenance.edited_ids)),
         )
 
     @property

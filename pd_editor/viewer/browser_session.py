@@ -32,8 +32,10 @@ from pd_editor.viewer.overlay.side_panel import SidePanel
 from pd_editor.viewer.overlay.timeline import Timeline
 from pd_editor.viewer.overlay.toolbar import Tool, Toolbar
 from pd_editor.viewer.panels.agent_panel import AgentPanel
+from pd_editor.viewer.panels.basket_panel import BasketPanel
 from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
 from pd_editor.viewer.panels.dataset_panel import DatasetPanel
+from pd_editor.viewer.panels.export_panel import ExportPanel
 from pd_editor.viewer.panels.generation_panel import GenerationPanel
 from pd_editor.viewer.panels.history_panel import HistoryPanel
 from pd_editor.viewer.panels.panel_style import PanelStyle
@@ -219,8 +221,14 @@ class BrowserSession:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Scene"):
             self._scenario_panel = ScenarioPanel(desk)
-            self._dataset_panel = DatasetPanel(desk)
+            self._export_panel = ExportPanel(
+                desk,
+                lambda: self._status.num_problems,
+                self._star,
+            )
             self._unfinished_panel = UnfinishedPanel(desk)
+            self._dataset_panel = DatasetPanel(desk)
+            self._basket_panel = BasketPanel(desk)
         with tabs.add_tab("Road"):
             self._road_panel = RoadPanel(
                 desk,
@@ -387,6 +395,7 @@ class BrowserSession:
         key("Turn the view north, or to the heading", self._viewpoint.turn)
         key("Keys and mouse", self._key_sheet.open)
         key("Clear selection", self._escape, "escape")
+        key("Star: into the basket", self._basket_panel.star, "S")
         key("Next scenario", lambda: self._dataset_panel.go(+1), "pagedown")
         key("Previous scenario", lambda: self._dataset_panel.go(-1), "pageup")
 
@@ -423,6 +432,9 @@ class BrowserSession:
             self._request_check()
             if not is_other_scene:
                 self._tell_of_focal(before.scenario, after.scenario)
+
+    def _star(self) -> None:
+        self._basket_panel.star()
 
     def _tell_of_focal(self, before: Scenario, after: Scenario) -> None:
         """Say which agent is the focal one where the former was removed."""
@@ -519,6 +531,7 @@ class BrowserSession:
         scenario, selection = state.scenario, state.selection
         self._show_page()
         self._scenario_panel.show(scenario)
+        self._export_panel.show(scenario)
         self._road_panel.show(scenario, selection)
         self._agent_panel.show(scenario, selection)
         self._candidates_panel.show(scenario, selection)
@@ -568,6 +581,7 @@ class BrowserSession:
             with self._client.atomic():
                 self._draw_frame()
                 self._status.show()
+                self._export_panel.show_preflight(self._workspace.session.scenario)
         if now >= self._retries_journal_at:
             self._retries_journal_at = now + JOURNAL_RETRY_S
             self._workspace.retry_journals()

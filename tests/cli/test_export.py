@@ -1,3 +1,5 @@
+import csv
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -108,15 +110,60 @@ def test_a_real_scenario_makes_the_whole_journey(
 ):
     source = av2_scenario_folders[0]
     before = files_of(source)
+    bent = f"{source.name[:8]}-double-turn-p4"
     steps = (
         ("warp", source, "--kind", "double-turn", "--power", 4, "--friction", 0.7),
-        ("generate", tmp_path / "warp" / source.name, "--seed", 2),
-        ("export", tmp_path / "generate" / source.name),
-        ("replay", tmp_path / "warp" / source.name / "recipe.json"),
+        ("generate", tmp_path / "warp" / bent, "--seed", 2),
+        ("export", tmp_path / "generate" / f"{bent}-s2"),
+        ("replay", tmp_path / "warp" / bent / "recipe.json"),
     )
     for command, *rest in steps:
         result = shell.run(command, *rest, "--out", tmp_path / command)
         assert result.code == 0, result.err
     assert files_of(source) == before
-    folders = [tmp_path / name / source.name for name in ("warp", "replay")]
+    folders = [tmp_path / name / bent for name in ("warp", "replay")]
     assert files_of(folders[0]) == files_of(folders[1])
+
+
+def test_name_tags_and_note_are_written_and_a_zip_has_a_table(
+    shell: Shell, tmp_path: Path
+):
+    """(D6): every export has an id of its own, and says what it was made from."""
+    bent = warp(JUNCTION, kind="ripple-road", power=3, out=tmp_path / "bent").folder
+    result = shell.run(
+        *("export", bent / "recipe.json", "--out", tmp_path, "--verify"),
+        *("--name", "mine", "--tags", "hard", "night", "--note", "=1+1"),
+    )
+    assert (result.code, result.err) == (0, "")
+    assert result.lines[0] == str(tmp_path / "mine")
+    opened = open_scenario(tmp_path / "mine")
+    assert opened.scenario_id == "mine"
+    base = opened.provenance.base
+    assert base is not None
+    assert base.scenario_id == JUNCTION
+    sources = (JUNCTION, bent / "recipe.json", tmp_path / "mine" / "recipe.json", bent)
+    result = shell.run("export", *sources, "--out", tmp_path, "--zip")
+    assert (result.code, result.err) == (0, "")
+    with zipfile.ZipFile(tmp_path / "scenarios.zip") as archive:
+        lines = list(csv.DictReader(archive.read("index.csv").decode().splitlines()))
+        names = {name.split("/")[0] for name in archive.namelist()} - {"index.csv"}
+    ids = [JUNCTION, bent.name, "mine", f"{bent.name}-2"]
+    assert [line["id"] for line in lines] == ids
+    assert names == set(ids)
+    assert [line["base_id"] for line in lines] == [
+        JUNCTION,
+        JUNCTION,
+        JUNCTION,
+        bent.name,
+    ]
+    assert (lines[2]["tags"], lines[2]["note"]) == ("hard; night", "'=1+1")
+    assert lines[1]["edits"] == "Warp: ripple road +3"
+    assert "add --overwrite" in shell.refused(
+        "export", JUNCTION, "--out", tmp_path, "--zip"
+    )
+    assert "is for one scenario" in shell.refused(
+        "export", JUNCTION, bent, "--out", tmp_path, "--name", "x"
+    )
+    assert "expected up to 80 letters" in shell.refused(
+        "export", JUNCTION, "--out", tmp_path, "--name", "a/b"
+    )

@@ -40,7 +40,7 @@ def test_states_and_pasts_are_kept(tmp_path: Path):
 
 def test_samples_get_folders_of_their_own(shell: Shell, tmp_path: Path):
     result = shell.run("generate", JUNCTION, "--samples", 2, "--out", tmp_path)
-    folders = [tmp_path / f"{JUNCTION}_s00", tmp_path / f"{JUNCTION}_s01"]
+    folders = [tmp_path / f"{JUNCTION}-s0-1", tmp_path / f"{JUNCTION}-s0-2"]
     assert result.lines[:2] == [str(folder) for folder in folders]
     assert sorted(tmp_path.iterdir()) == folders
     one, two = (open_scenario(folder).agents.position_m for folder in folders)
@@ -54,12 +54,12 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
     options = ("--agents", "AV", "AV", "--model", "lane-follower")
     result = shell.run("generate", JUNCTION, *options, "--out", tmp_path)
     assert result.code == 0
-    after = open_scenario(tmp_path / JUNCTION)
+    after = open_scenario(tmp_path / f"{JUNCTION}-s0")
     others = [row for row, name in enumerate(before.agents.ids) if name != "AV"]
     np.testing.assert_allclose(
         after.agents.position_m[others], before.agents.position_m[others], atol=1e-3
     )
-    recipe = json.loads((tmp_path / JUNCTION / "recipe.json").read_text())
+    recipe = json.loads((tmp_path / f"{JUNCTION}-s0" / "recipe.json").read_text())
     (entry,) = recipe["commands"]
     assert (entry["seed"], entry["generator"]) == (0, "lane-follower")
     assert entry["request"]["agent_ids"] == ["AV"]
@@ -106,7 +106,7 @@ def test_impossible_requests_are_refused(
 def test_a_taken_place_is_refused_before_anything_is_written(
     shell: Shell, tmp_path: Path
 ):
-    taken = tmp_path / f"{JUNCTION}_s01"
+    taken = tmp_path / f"{JUNCTION}-s0-2"
     taken.mkdir()
     (taken / "recipe.json").write_text("{}")
     (taken / "thesis.txt").write_text("precious")

@@ -20,8 +20,8 @@ def test_a_warp_is_replayed_to_the_same_arrays(shell: Shell, tmp_path: Path):
         "replay", first.folder / "recipe.json", "--out", tmp_path / "again"
     )
     assert (result.code, result.err) == (0, "")
-    assert result.lines == [str(tmp_path / "again" / JUNCTION)]
-    again = tmp_path / "again" / JUNCTION
+    again = tmp_path / "again" / first.folder.name
+    assert result.lines == [str(again)]
     assert files_of(again) == files_of(first.folder)
     one, other = open_scenario(first.folder), open_scenario(again)
     np.testing.assert_array_equal(one.agents.position_m, other.agents.position_m)
@@ -35,7 +35,7 @@ def test_generated_traffic_is_replayed_and_drawn_again(shell: Shell, tmp_path: P
         assert stored.code == 0
         drawn = shell.run("replay", folder, "--out", out, "--regenerate", "--overwrite")
         assert drawn.lines[1:] == ["Entry 1: drawn again, equal."]
-        assert files_of(out / JUNCTION) == files_of(folder)
+        assert files_of(out / folder.name) == files_of(folder)
 
 
 def test_unequal_traffic_is_said_and_its_recipe_written(shell: Shell, tmp_path: Path):
@@ -46,10 +46,10 @@ def test_unequal_traffic_is_said_and_its_recipe_written(shell: Shell, tmp_path: 
     command = ("replay", recipe_file, "--out", tmp_path / "again")
     result = shell.run(*command, "--regenerate")
     assert result.lines[1].startswith("Entry 1: drawn again, NOT equal, positions up")
-    again = tmp_path / "again" / JUNCTION
+    again = tmp_path / "again" / recipe_file.parent.name
     stored = shell.run("replay", again, "--out", tmp_path / "third")
     assert stored.code == 0
-    assert files_of(tmp_path / "third" / JUNCTION) == files_of(again)
+    assert files_of(tmp_path / "third" / again.name) == files_of(again)
 
 
 def test_the_session_of_a_browser_is_replayed(shell: Shell, tmp_path: Path):
@@ -57,11 +57,9 @@ def test_the_session_of_a_browser_is_replayed(shell: Shell, tmp_path: Path):
     for name in session.scenario.agents.ids[-2:]:
         session.apply(DeleteAgents(agent_ids=(name,)))
     session.undo()
-    folder = export_into(
-        tmp_path / "browser", JUNCTION, session.scenario, session.recipe()
-    )
+    folder = export_into(tmp_path / "browser", session.scenario, session.recipe())
     assert shell.run("replay", folder, "--out", tmp_path / "shell").code == 0
-    ours, theirs = files_of(folder), files_of(tmp_path / "shell" / JUNCTION)
+    ours, theirs = files_of(folder), files_of(tmp_path / "shell" / folder.name)
     assert ours == theirs
 
 
@@ -72,10 +70,12 @@ def test_a_moved_base_is_named(shell: Shell, tmp_path: Path):
     command = ("replay", bent, "--out", tmp_path / "again")
     assert "name its folder with --base" in shell.refused(*command)
     assert shell.run(*command, "--base", moved).code == 0
-    refused = shell.refused(*command, "--base", JUNCTION, "--overwrite")
+    out = tmp_path / "other"
+    other = warp(JUNCTION, kind="smooth-turn", power=3, name=here.name, out=out).folder
+    refused = shell.refused(*command, "--base", other, "--overwrite")
     assert "has other contents than when this was recorded" in refused
     refused = shell.refused(*command, "--base", "winding-street", "--overwrite")
-    assert "belongs to scenario signalised-junction, not to winding-street" in refused
+    assert f"belongs to scenario {here.name}, not to winding-street" in refused
 
 
 def test_an_upload_needs_its_base(shell: Shell, tmp_path: Path):

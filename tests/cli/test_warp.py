@@ -16,10 +16,11 @@ def test_the_road_bends_to_the_left_ahead_of_the_focal_agent(
         "warp", JUNCTION, "--kind", "smooth-turn", "--power", 6, "--out", tmp_path
     )
     assert (result.code, result.err) == (0, "")
-    assert result.lines[0] == str(tmp_path / JUNCTION)
+    bent = tmp_path / f"{JUNCTION}-smooth-turn-p6"
+    assert result.lines[0] == str(bent)
     assert "Curvature up to" in result.lines[1]
     assert "at mu = 0.7." in result.lines[1]
-    before, after = open_scenario(JUNCTION), open_scenario(tmp_path / JUNCTION)
+    before, after = open_scenario(JUNCTION), open_scenario(bent)
     row, step = before.agents.row_of[before.focal_id], before.current_step
     heading = before.agents.heading_rad[row, step]
     ahead = np.array([np.cos(heading), np.sin(heading)])
@@ -40,7 +41,7 @@ def test_one_kind_is_given_bare_or_in_a_tuple(tmp_path: Path):
         length=(DEFAULT_LENGTH_M["ripple-road"],),
         out=str(tmp_path / "b"),
     )
-    for name in ("recipe.json", f"scenario_{JUNCTION}.parquet"):
+    for name in ("recipe.json", f"scenario_{bare.folder.name}.parquet"):
         assert (bare.folder / name).read_bytes() == (several.folder / name).read_bytes()
 
 
@@ -49,7 +50,7 @@ def test_kinds_add_up(shell: Shell, tmp_path: Path):
     result = shell.run("warp", JUNCTION, *common, 20, 40, "--out", tmp_path / "both")
     assert result.code == 0
     base = open_scenario(JUNCTION).agents.position_m
-    both = open_scenario(tmp_path / "both" / JUNCTION).agents.position_m
+    both = open_scenario(Path(result.lines[0])).agents.position_m
     parts = [
         warp(JUNCTION, kind=kind, power=power, length=length, out=tmp_path / kind)
         for kind, power, length in (("smooth-turn", -6, 20), ("ripple-road", 2, 40))

@@ -1,5 +1,6 @@
-"""The scenario panel: open a demo, a folder, an upload; export the result."""
+"""The scenario panel: what is open; open a demo, a folder, an upload."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -8,9 +9,10 @@ import viser
 from pd_editor.av2_io.upload import MAX_UPLOAD_BYTES
 from pd_editor.errors import ArchiveError, InputError
 from pd_editor.installed_files import demo_names, demo_sentence
+from pd_editor.scenario_store import DEMO_PREFIX
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.server.server_guard import limit_uploads
-from pd_editor.viewer.state.desk import Desk, set_property
+from pd_editor.viewer.state.desk import Desk, set_property, set_value
 from pd_editor.viewer.state.page_text import plain
 
 MAX_NOTES: Final = 3
@@ -18,13 +20,15 @@ UPLOAD_TYPES: Final = ".zip,.parquet,.json,application/zip,application/json"
 
 
 class ScenarioPanel:
-    """What is open, what else could be, and where it goes."""
+    """What is open, and what else could be."""
 
     def __init__(self, desk: Desk) -> None:
         """Build it into the current tab."""
         self._desk = desk
         self._workspace = desk.workspace
         self._uploads: dict[str, bytes] = {}
+        self._base: Scenario | None = None
+        self._dialog: Any = None
         gui = desk.client.gui
         self._card = gui.add_markdown("")
         with gui.add_folder("Open"):
@@ -41,21 +45,9 @@ class ScenarioPanel:
                 color="gray",
                 icon=viser.Icon.UPLOAD,
             )
-        with gui.add_folder("Export"):
-            download = gui.add_button(
-                "Download zip",
-                icon=viser.Icon.DOWNLOAD,
-                hint="Argoverse 2 parquet and map, with recipe.json",
-            )
-            self._out = gui.add_text(
-                "Into folder", "", hint="A folder on the server's machine."
-            )
-            write = gui.add_button("Write to folder", color="gray")
         desk.on_change(self._demo, self._tell_demo)
         desk.on_click(open_demo, self._open_demo)
         desk.on_click(open_folder, self._open_folder)
-        desk.on_click(download, self._download)
-        desk.on_click(write, self._write)
 
         limit_uploads(desk.client, MAX_UPLOAD_BYTES, self._upload_refused)
 
@@ -65,7 +57,14 @@ class ScenarioPanel:
             desk.post(lambda: self._uploaded(uploaded.name, uploaded.content))
 
     def show(self, scenario: Scenario) -> None:
-        """Show what is open."""
+        """Show what is open; the menu of demos follows it."""
+        if self._base is not self._desk.session.base:
+            self._base = self._desk.session.base
+            name = self._base.provenance.source.removeprefix(DEMO_PREFIX)
+            if name in self._demo.options:
+                set_value(self._demo, name)
+                self._tell_demo(name)
+            self._desk.post(self._offer_continuation)
         agents, road = scenario.agents, scenario.road_map
         has_future = bool(agents.is_valid[:, scenario.current_step + 1 :].any())
         lines = [
@@ -76,6 +75,39 @@ class ScenarioPanel:
         notes = scenario.provenance.notes[-MAX_NOTES:]
         lines += [f"*{plain(note)}*" for note in notes]
         set_property(self._card, "content", "  \n".join(lines))
+
+    def _offer_continuation(self) -> None:
+        """Where an export was opened whose base is here, let the user choose."""
+        offered = self._workspace.continuation
+        if self._dialog is not None:
+            self._dialog.close()
+            self._dialog = None
+        if offered is None:
+            return
+        gui = self._desk.client.gui
+        count = len(offered.recipe.commands)
+        edits = "its edit" if count == 1 else f"its {count} edits"
+        self._dialog = gui.add_modal("This is an export of the editor")
+        with self._dialog:
+            gui.add_markdown(
+                f"{plain(offered.recipe.result_id)} was made from "
+                f"{plain(offered.recipe.base.scenario_id)}, which is here as well."
+            )
+            go_on = gui.add_button(f"Continue with {edits}")
+            as_it_is = gui.add_button("Open as it is", color="gray")
+        self._desk.on_click(
+            go_on, lambda: self._answered(self._workspace.continue_export)
+        )
+        self._desk.on_click(as_it_is, lambda: self._answered(self._decline))
+
+    def _answered(self, action: Callable[[], None]) -> None:
+        if self._dialog is not None:
+            self._dialog.close()
+            self._dialog = None
+        action()
+
+    def _decline(self) -> None:
+        self._workspace.continuation = None
 
     def _tell_demo(self, name: str) -> None:
         set_property(self._shows, "content", _shows(name))
@@ -123,20 +155,6 @@ class ScenarioPanel:
             f"{name} has {size:.0f} MiB; at most {limit} MiB are taken."
         )
         self._desk.post(lambda: self._desk.report(error))
-
-    def _download(self) -> None:
-        self._desk.commit_gesture()
-        name, content = self._workspace.exported_zip()
-        self._desk.client.send_file_download(name, content, save_immediately=True)
-
-    def _write(self) -> None:
-        path = str(self._out.value).strip()
-        if not path:
-            raise InputError("Type the folder to write into first.")
-        self._workspace.refuse_remote()
-        self._desk.commit_gesture()
-        written = self._workspace.export_into(Path(path).expanduser())
-        self._desk.notify("Exported", str(written), "success")
 
 
 def _shows(name: str) -> str:

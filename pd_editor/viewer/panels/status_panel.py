@@ -20,7 +20,6 @@ class StatusPanel:
         self._warnings: tuple[SceneProblem, ...] = ()
         self._recorded: tuple[SceneProblem, ...] = ()
         self._base: Scenario | None = None
-        self._journal_problem: str | None = None
         gui = desk.client.gui
         self._text = gui.add_markdown("")
         self._select = gui.add_button(
@@ -60,13 +59,13 @@ class StatusPanel:
         later = frozenset().union(*(ids for is_later, ids in named if is_later))
         return everywhere, later
 
+    @property
+    def num_problems(self) -> int:
+        """How many warnings edits have caused."""
+        return len(self._warnings)
+
     def show(self) -> None:
         """Show the warnings found last."""
-        problem = self._desk.session.journal_problem
-        if problem != self._journal_problem:
-            self._journal_problem = problem
-            if problem is not None:
-                self._desk.notify("Autosave failed", problem, "error", stays=True)
         count = len(self._warnings)
         set_property(self._select, "visible", count > 0)
         if not count:

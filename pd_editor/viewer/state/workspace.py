@@ -1,24 +1,39 @@
 """What one browser tab works on; it outlives the tab's connection."""
 
+import os
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from pd_editor.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
-from pd_editor.av2_io.upload import scenario_from_upload
+from pd_editor.av2_io.upload import file_in_upload, scenario_from_upload
+from pd_editor.basket.basket import Basket, BasketEntry
+from pd_editor.basket.index_table import index_row
 from pd_editor.editor.journal import (
     Journal,
     UnfinishedWork,
     find_unfinished,
     restore,
 )
+from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.session import EditorSession
-from pd_editor.editor.variant import short_id
-from pd_editor.errors import InputError
+from pd_editor.editor.variant import free_name, name_from_text, short_id
+from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import zip_files
-from pd_editor.scenario_store import export_into, exported_files, open_scenario
+from pd_editor.installed_files import demo_names
+from pd_editor.scenario_store import (
+    DEMO_PREFIX,
+    MAX_RECIPE_BYTES,
+    RECIPE_NAME,
+    export_into,
+    exported_files,
+    has_same_content,
+    made_by,
+    open_scenario,
+    recipe_of_export,
+)
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.playback import Playback
 from pd_editor.viewer.state.session_shelf import (
@@ -73,6 +88,14 @@ class KeptWork:
     """Where it is: in this workspace, or in a journal on disk."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Continuation:
+    """The edits of an export, and where their base is."""
+
+    recipe: Recipe
+    source: str
+
+
 class Workspace:
     """An editing session, its playhead, and where scenarios come from and go to."""
 
@@ -91,6 +114,13 @@ class Workspace:
         self.tell: Callable[[str, str], None] = lambda _title, _body: None
         """Shows the user a few words and a sentence; set by the tab that is open."""
         self._shelf = SessionShelf(journals)
+        self.basket = Basket(journals.parent / "basket")
+        self._given: dict[str, Scenario] = {}
+        """States that were exported or starred, by the names they got."""
+        self.unticked: set[str] = set()
+        """Scenarios of the basket that are not to be downloaded."""
+        self.continuation: Continuation | None = None
+        """Edits to go on with, where what is open is an export of the editor."""
         self.session = EditorSession(scenario, journal=Journal(journals))
         self.playback = Playback()
         self.playback.open(scenario.time_axis)
@@ -119,7 +149,12 @@ class Workspace:
         Raises:
             InputError: it cannot be read; what was open stays open.
         """
-        self._open(open_scenario(reference))
+        scenario = open_scenario(reference)
+        recipe = None
+        if scenario.provenance.base is not None:
+            recipe = recipe_of_export(Path(scenario.provenance.source))
+        self._open(scenario)
+        self._offer(recipe)
 
     def open_upload(self, files: Mapping[str, bytes]) -> None:
         """Open uploaded files; their bytes are kept beside the journal.
@@ -127,7 +162,56 @@ class Workspace:
         Raises:
             InputError: they cannot be read; what was open stays open.
         """
-        self._open(scenario_from_upload(files), files)
+        scenario, recipe = _from_upload(files)
+        self._open(scenario, files)
+        self._offer(recipe)
+
+    def _offer(self, recipe: Recipe | None) -> None:
+        """Offer to go on with the edits of an export that was opened as it is."""
+        self.continuation = None
+        if recipe is None or not recipe.commands or self.session.entries:
+            return
+        source = self._base_source(recipe)
+        if source is not None:
+            self.continuation = Continuation(recipe=recipe, source=source)
+
+    def _base_source(self, recipe: Recipe) -> str | None:
+        """How to open a recipe's base; None if it is not to be found here."""
+        source = recipe.base.source
+        if source.removeprefix(DEMO_PREFIX) in demo_names():
+            return source
+        if self.is_local and source and os.path.isdir(source):
+            return source
+        for card in () if self.search is None else self.search.cards:
+            if card.scenario_id == recipe.base.scenario_id:
+                return str(card.folder)
+        return None
+
+    def continue_export(self) -> None:
+        """Replay the edits of the export that is open, as a history of its base.
+
+        Raises:
+            InputError: the base cannot be opened.
+            RecipeError: the base is another one by now, or an edit does not apply.
+        """
+        offered, self.continuation = self.continuation, None
+        if offered is None:
+            return
+        exported = self.session.base
+        base = open_scenario(offered.source)
+        session = EditorSession.from_recipe(
+            offered.recipe, base, journal=Journal(self._journals)
+        )
+        is_same = has_same_content(session.scenario, exported)
+        self._exchange(ShelvedSession(session=session, exported=None))
+        if is_same:
+            self._exported = self.session.scenario
+        else:
+            self.tell(
+                "The result differs from the export",
+                "The edits were replayed on the base, and lead to other tracks or roads "
+                "than the exported files hold.",
+            )
 
     def _open(
         self, scenario: Scenario, base_files: Mapping[str, bytes] | None = None
@@ -214,23 +298,86 @@ class Workspace:
         self.open_reference(str(card.folder))
 
     def exported_zip(self) -> tuple[str, bytes]:
-        """Name and bytes of a zip with the scenario and its recipe."""
-        self.session.commit_gesture()
-        scenario = self.session.scenario
-        files = exported_files(scenario, self.session.recipe())
-        self._exported = scenario
-        name = scenario.scenario_id
-        return f"{name}.zip", zip_files(files, name)
+        """Name and bytes of a zip with the scenario and its recipe.
 
-    def export_into(self, out: Path) -> Path:
-        """Write the scenario and its recipe as a new folder in ``out``."""
+        Its id is one that nothing else of this workspace was given.
+        """
+        recipe = self._named_recipe(self._is_given)
+        files = exported_files(self.session.scenario, recipe)
+        self._exported = self._given[recipe.result_id] = self.session.scenario
+        return f"{recipe.result_id}.zip", zip_files(files, recipe.result_id)
+
+    def recipe_text(self) -> tuple[str, bytes]:
+        """Name and bytes of the edits alone."""
         self.session.commit_gesture()
-        scenario = self.session.scenario
-        folder = export_into(
-            out, scenario.scenario_id, scenario, self.session.recipe(), overwrite=True
-        )
-        self._exported = scenario
+        recipe = self.session.recipe()
+        return f"{recipe.result_id}.recipe.json", recipe.to_text().encode()
+
+    def earlier_export(self, out: Path) -> float | None:
+        """When an export of the present name was written there; None if never."""
+        try:
+            return (out / self.session.name / RECIPE_NAME).stat().st_mtime
+        except (OSError, ValueError):
+            return None
+
+    def free_name_in(self, out: Path) -> str:
+        """The name that a new export gets in a folder."""
+        return self._named_recipe(lambda name: (out / name).exists()).result_id
+
+    def export_into(self, out: Path, *, replaces: bool = False) -> Path:
+        """Write the scenario and its recipe as a folder in ``out``.
+
+        Unless ``replaces``, it is a new one, named ``-2`` where the name is taken.
+
+        Raises:
+            ExportError: it cannot be written there.
+        """
+        recipe = self._named_recipe(lambda name: not replaces and (out / name).exists())
+        folder = export_into(out, self.session.scenario, recipe, overwrite=replaces)
+        self._exported = self._given[recipe.result_id] = self.session.scenario
         return folder
+
+    def star(self) -> BasketEntry:
+        """Put the state at hand into the basket.
+
+        Raises:
+            ExportError: it cannot be written.
+        """
+        recipe = self._named_recipe(
+            lambda name: self.basket.has(name) or self._is_given(name)
+        )
+        session = self.session
+        entry = self.basket.add(
+            index_row(session.scenario, session.base, recipe),
+            exported_files(session.scenario, recipe),
+            starred_at=time.time(),
+        )
+        self._exported = self._given[recipe.result_id] = session.scenario
+        return entry
+
+    def is_starred(self) -> bool:
+        """Whether the state at hand is in the basket, under whatever name."""
+        scenario = self.session.scenario
+        return any(
+            given is scenario and self.basket.has(name)
+            for name, given in self._given.items()
+        )
+
+    def _is_given(self, name: str) -> bool:
+        """Whether another state was exported under the name."""
+        given = self._given.get(name)
+        if given is None:
+            return self.basket.has(name)
+        return given is not self.session.scenario
+
+    def _named_recipe(self, is_taken: Callable[[str], bool]) -> Recipe:
+        """The recipe of the state at hand, under a name that is free."""
+        self.session.commit_gesture()
+        recipe = self.session.recipe()
+        if not is_taken(recipe.result_id):
+            return recipe
+        name = free_name(name_from_text(recipe.result_id), is_taken)
+        return replace(recipe, variant=replace(recipe.variant, name=name))
 
     def unfinished_work(self) -> list[KeptWork]:
         """Edited scenarios that are not open and not exported, the newest first."""
@@ -301,7 +448,7 @@ class Workspace:
                 raise InputError(
                     f"The uploaded files of {work.scenario_id} are gone."
                 ) from error
-            base = scenario_from_upload(files)
+            base, _ = _from_upload(files)
         else:
             base = open_scenario(work.base.source)
         session = restore(work, base)
@@ -312,6 +459,20 @@ class Workspace:
         self.session.commit_gesture()
         self.session.close(discard=self._is_exported)
         self._shelf.close()
+
+
+def _from_upload(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | None]:
+    """The scenario in an upload, and the recipe that made it if it is an export."""
+    scenario = scenario_from_upload(files)
+    content = file_in_upload(files, RECIPE_NAME, MAX_RECIPE_BYTES)
+    if content is None:
+        return scenario, None
+    try:
+        recipe = Recipe.from_text(content)
+    except RecipeError:
+        return scenario, None
+    made = made_by(scenario, recipe)
+    return made, None if made is scenario else recipe
 
 
 def _edits(count: int) -> str:

@@ -1,0 +1,1 @@
+"""Edited scenarios that were collected, to be written together."""

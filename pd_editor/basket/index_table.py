@@ -1,0 +1,104 @@
+"""One line per scenario of a collection, as a CSV table."""
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from pd_editor.editor.commands import ReplaceTraffic
+from pd_editor.editor.recipe import Recipe
+from pd_editor.problems.check import checked, scene_problems
+from pd_editor.scene.scenario import Scenario
+
+INDEX_NAME: Final = "index.csv"
+_COLUMNS: Final = (
+    "id",
+    "name",
+    "base_id",
+    "city",
+    "num_edits",
+    "edits",
+    "seed",
+    "generator",
+    "num_problems",
+    "problems",
+    "tags",
+    "note",
+)
+_FORMULA_STARTS: Final = ("=", "+", "-", "@", "\t", "\r")
+
+
+@dataclass(frozen=True, kw_only=True)
+class IndexRow:
+    """What the table says of a scenario."""
+
+    scenario_id: str
+    base_id: str
+    """Id of the recording or demo that it was first made from."""
+    city: str
+    edits: tuple[str, ...] = ()
+    """A few words for each edit in force."""
+    seeds: tuple[int, ...] = ()
+    generators: tuple[str, ...] = ()
+    problems: Mapping[str, int] = field(default_factory=dict)
+    """Number of problems that edits caused, of each kind."""
+    tags: tuple[str, ...] = ()
+    note: str = ""
+
+    @property
+    def num_problems(self) -> int:
+        """Number of problems of all kinds."""
+        return sum(self.problems.values())
+
+
+def index_row(scenario: Scenario, base: Scenario, recipe: Recipe) -> IndexRow:
+    """The line of a scenario that a recipe makes from ``base``."""
+    drawn = [one for one in recipe.commands if isinstance(one, ReplaceTraffic)]
+    return IndexRow(
+        scenario_id=recipe.result_id,
+        base_id=recipe.base.root.scenario_id,
+        city=scenario.city,
+        edits=tuple(command.label for command in recipe.commands),
+        seeds=tuple(dict.fromkeys(one.seed for one in drawn)),
+        generators=tuple(dict.fromkeys(one.generator for one in drawn)),
+        problems=problem_counts(scenario, base),
+        tags=recipe.variant.tags,
+        note=recipe.variant.note,
+    )
+
+
+def problem_counts(scenario: Scenario, base: Scenario) -> dict[str, int]:
+    """How many problems of each kind edits have caused."""
+    found = checked(scenario, base, scene_problems(base)).new
+    return dict(sorted(Counter(one.kind for one in found).items()))
+
+
+def index_csv(rows: Iterable[IndexRow]) -> bytes:
+    """The table, UTF-8; cells that a spreadsheet would compute are quoted."""
+    sink = io.StringIO(newline="")
+    writer = csv.writer(sink)
+    writer.writerow(_COLUMNS)
+    for row in rows:
+        kinds = "; ".join(f"{kind} {count}" for kind, count in row.problems.items())
+        cells = (
+            row.scenario_id,
+            row.scenario_id,
+            row.base_id,
+            row.city,
+            str(len(row.edits)),
+            "; ".join(row.edits),
+            " ".join(map(str, row.seeds)),
+            " ".join(row.generators),
+            str(row.num_problems),
+            kinds,
+            "; ".join(row.tags),
+            row.note,
+        )
+        writer.writerow([_harmless(cell) for cell in cells])
+    return sink.getvalue().encode("utf-8", "replace")
+
+
+def _harmless(cell: str) -> str:
+    return f"'{cell}" if cell.startswith(_FORMULA_STARTS) else cell

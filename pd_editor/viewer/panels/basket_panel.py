@@ -1,0 +1,107 @@
+"""The basket: starred scenarios, listed at the end of the tab, downloaded together."""
+
+import viser
+
+from pd_editor.basket.basket import BasketEntry
+from pd_editor.viewer.state.desk import Desk, set_property
+
+ZIP_NAME = "scenarios.zip"
+
+
+class BasketPanel:
+    """Buttons on top, which stay in place; below them the list, which grows."""
+
+    def __init__(self, desk: Desk) -> None:
+        """Build it into the current container, as the last thing in it."""
+        self._desk = desk
+        self._workspace = desk.workspace
+        self._entries: list[BasketEntry] = []
+        self._rows: dict[str, viser.GuiButtonHandle] = {}
+        gui = desk.client.gui
+        self._folder = gui.add_folder("Basket")
+        with self._folder:
+            self._download = gui.add_button(
+                "Download 0 scenarios",
+                icon=viser.Icon.DOWNLOAD,
+                disabled=True,
+                hint="One zip: a folder for each ticked scenario, and index.csv",
+            )
+            self._remove = gui.add_button(
+                "Remove the ticked", color="gray", disabled=True
+            )
+            self._hint = gui.add_markdown("")
+        desk.on_click(self._download, self.download)
+        desk.on_click(self._remove, self._remove_ticked)
+        self.refresh()
+
+    def star(self) -> None:
+        """Put the state at hand into the basket; again takes nothing twice."""
+        self._desk.commit_gesture()
+        if self._workspace.is_starred():
+            self._desk.notify("This state is in the basket already")
+            return
+        entry = self._workspace.star()
+        self.refresh()
+        count = entry.row.num_problems
+        problems = f"{count} open problem{'s' if count != 1 else ''}"
+        self._desk.notify(f"Starred: {entry.name}", f"With {problems}.", "success")
+
+    def refresh(self) -> None:
+        """Show what is in the basket by now."""
+        self._entries = self._workspace.basket.entries()
+        names = {entry.name for entry in self._entries}
+        for name in [one for one in self._rows if one not in names]:
+            self._rows.pop(name).remove()
+        self._workspace.unticked &= names
+        with self._folder:
+            for entry in self._entries:
+                if entry.name not in self._rows:
+                    self._add_row(entry)
+        self._show_count()
+
+    def download(self) -> None:
+        """Hand the ticked scenarios to the browser as one zip.
+
+        Raises:
+            InputError: none is ticked, or one cannot be read.
+        """
+        content = self._workspace.basket.zipped(self._ticked())
+        self._desk.client.send_file_download(ZIP_NAME, content, save_immediately=True)
+
+    def _add_row(self, entry: BasketEntry) -> None:
+        count = entry.row.num_problems
+        problems = f" ({count} problem{'s' if count != 1 else ''})" if count else ""
+        row = self._desk.client.gui.add_button(
+            f"{entry.name}{problems}",
+            color="gray",
+            hint="; ".join(entry.row.edits)[:500] or "without edits",
+        )
+        self._rows[entry.name] = row
+        self._desk.on_click(row, lambda: self._toggle(entry.name))
+
+    def _toggle(self, name: str) -> None:
+        """Tick a scenario for the download, or take its tick away."""
+        self._workspace.unticked ^= {name}
+        self._show_count()
+
+    def _remove_ticked(self) -> None:
+        for name in self._ticked():
+            self._workspace.basket.remove(name)
+        self.refresh()
+
+    def _ticked(self) -> list[str]:
+        unticked = self._workspace.unticked
+        return [one.name for one in self._entries if one.name not in unticked]
+
+    def _show_count(self) -> None:
+        for name, row in self._rows.items():
+            is_ticked = name not in self._workspace.unticked
+            icon = viser.Icon.SQUARE_CHECK if is_ticked else viser.Icon.SQUARE
+            set_property(row, "icon", icon)
+        count = len(self._ticked())
+        label = f"Download {count} scenario{'s' if count != 1 else ''}"
+        set_property(self._download, "label", label)
+        for button in (self._download, self._remove):
+            set_property(button, "disabled", count == 0)
+        hint = "" if self._entries else "*Empty: S puts the scenario at hand in here.*"
+        set_property(self._hint, "content", hint)

@@ -1,0 +1,188 @@
+"""The export panel: name, tags and note of the result, and where it goes."""
+
+import datetime
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from pd_editor.editor.variant import Variant, name_from_text, tags_from_text
+from pd_editor.errors import InputError
+from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.viewer.state.desk import Desk, set_property, set_value
+
+
+class ExportPanel:
+    """Names the scenario at hand, tells what it lacks, and writes it."""
+
+    def __init__(
+        self, desk: Desk, num_problems: Callable[[], int], on_star: Callable[[], None]
+    ) -> None:
+        """Build it into the current container.
+
+        Args:
+            desk: the session and its page.
+            num_problems: how many problems edits have caused.
+            on_star: puts the state at hand into the basket.
+        """
+        self._desk = desk
+        self._workspace = desk.workspace
+        self._num_problems = num_problems
+        self._typed: str | None = None
+        self._dialog: Any = None
+        self._journal_problem: str | None = None
+        gui = desk.client.gui
+        with gui.add_folder("Export"):
+            self._preflight = gui.add_markdown("")
+            download = gui.add_button(
+                "Download zip",
+                icon=viser.Icon.DOWNLOAD,
+                hint="Argoverse 2 parquet and map, with recipe.json",
+            )
+            self._star = gui.add_button(
+                "Star: into the basket",
+                icon=viser.Icon.STAR,
+                color="gray",
+                hint="S: keeps this state in the list at the end of this tab",
+            )
+            self._name = gui.add_text(
+                "Name", "", hint="Id of the exported scenario: letters, digits, hyphens"
+            )
+            self._tags = gui.add_text("Tags", "", hint="Separated by commas")
+            self._note = gui.add_text("Note", "")
+            self._out = gui.add_text(
+                "Into folder", "", hint="A folder on the server's machine."
+            )
+            write = gui.add_button("Write to folder", color="gray")
+            edits = gui.add_button(
+                "Download the edits alone",
+                color="gray",
+                hint="recipe.json, which pd-editor replay applies again",
+            )
+        desk.on_click(download, self.download)
+        desk.on_click(self._star, on_star)
+        desk.on_click(write, self._write)
+        desk.on_click(edits, self._download_edits)
+        desk.on_change(self._name, self._name_typed, merge_key="variant name")
+        for handle in (self._tags, self._note):
+            desk.on_change(handle, lambda _text: self._describe(), merge_key="variant")
+
+    def show(self, scenario: Scenario) -> None:
+        """Show what is called how, and what the result lacks."""
+        session = self._desk.session
+        variant = session.variant
+        if self._typed is None or name_from_text(self._typed) != variant.name:
+            self._typed = None
+            set_value(self._name, session.name)
+        if tags_from_text(str(self._tags.value)) != variant.tags:
+            set_value(self._tags, ", ".join(variant.tags))
+        set_value(self._note, variant.note)
+        self.show_preflight(scenario)
+        self._show_journal_problem()
+
+    def show_preflight(self, scenario: Scenario) -> None:
+        """One line: focal agent, ego, open problems."""
+        agents = scenario.agents
+        focal = (
+            "focal agent ok"
+            if scenario.focal_id in agents.row_of
+            else "**no focal agent**"
+        )
+        ego = "ego ok" if EGO_ID in agents.row_of else "ego missing"
+        count = self._num_problems()
+        problems = (
+            "no open problems"
+            if not count
+            else f"**{count} open problem{'s' if count > 1 else ''}**"
+        )
+        set_property(self._preflight, "content", f"{focal} · {ego} · {problems}")
+
+    def download(self) -> None:
+        """Hand the scenario to the browser as a zip."""
+        self._desk.commit_gesture()
+        name, content = self._workspace.exported_zip()
+        self._desk.client.send_file_download(name, content, save_immediately=True)
+
+    def _download_edits(self) -> None:
+        self._desk.commit_gesture()
+        name, content = self._workspace.recipe_text()
+        self._desk.client.send_file_download(name, content, save_immediately=True)
+
+    def _name_typed(self, text: str) -> None:
+        self._typed = text
+        self._describe()
+
+    def _describe(self) -> None:
+        session = self._desk.session
+        typed = session.variant.name if self._typed is None else self._typed
+        session.describe(
+            Variant(
+                name=name_from_text(typed),
+                tags=tags_from_text(str(self._tags.value)),
+                note=str(self._note.value).strip(),
+            )
+        )
+
+    def _write(self) -> None:
+        path = str(self._out.value).strip()
+        if not path:
+            raise InputError("Type the folder to write into first.")
+        self._workspace.refuse_remote()
+        self._desk.commit_gesture()
+        out = Path(path).expanduser()
+        earlier = self._workspace.earlier_export(out)
+        if earlier is None:
+            self._write_into(out)
+        else:
+            self._ask(out, earlier)
+
+    def _ask(self, out: Path, earlier: float) -> None:
+        """Let the user choose between a new name and replacing."""
+        self._close_dialog()
+        free = self._workspace.free_name_in(out)
+        gui = self._desk.client.gui
+        self._dialog = gui.add_modal("There is an export of this name")
+        with self._dialog:
+            beside = gui.add_button(f"Write as {free}")
+            replace = gui.add_button(
+                f"Replace the export of {_moment(earlier)}", color="red"
+            )
+            cancel = gui.add_button("Cancel", color="gray")
+        self._desk.on_click(beside, lambda: self._write_into(out))
+        self._desk.on_click(replace, lambda: self._write_into(out, replaces=True))
+        self._desk.on_click(cancel, self._close_dialog)
+
+    def _write_into(self, out: Path, *, replaces: bool = False) -> None:
+        self._close_dialog()
+        written = self._workspace.export_into(out, replaces=replaces)
+        title = "Replaced the earlier export" if replaces else "Exported"
+        self._desk.notify(title, str(written), "success")
+
+    def _close_dialog(self) -> None:
+        if self._dialog is not None:
+            self._dialog.close()
+            self._dialog = None
+
+    def _show_journal_problem(self) -> None:
+        """Say at once that edits are not kept, how to save them, and when it is over."""
+        problem = self._desk.session.journal_problem
+        if problem == self._journal_problem:
+            return
+        self._journal_problem = problem
+        if problem is None:
+            self._desk.notify("Edits are kept on disk again", tone="success")
+        else:
+            self._desk.notify(
+                "Edits are not kept on disk",
+                f"{problem} The scenario and its edits can be downloaded in the Scene"
+                " tab; writing is tried again every few seconds.",
+                "error",
+                stays=True,
+            )
+
+
+def _moment(time_s: float) -> str:
+    moment = datetime.datetime.fromtimestamp(time_s)
+    is_today = moment.date() == datetime.datetime.now().date()
+    return f"{moment:%H:%M}" if is_today else f"{moment:%d %b %H:%M}"
