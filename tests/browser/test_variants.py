@@ -114,6 +114,7 @@ def test_an_export_is_never_replaced_silently_and_opens_again(open_editor, tmp_p
     check_with_official_loaders(out / name)
     first = {path.name: path.read_bytes() for path in (out / name).iterdir()}
     slow_down(editor, 5.0)
+    editor.until(lambda: value(editor, "Name").endswith("2-edits"), "a name")
     editor.fill("Name", name)
     editor.until(lambda: editor.session.variant.name == name, "the name")
     editor.press("Write to folder")

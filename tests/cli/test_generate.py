@@ -16,13 +16,20 @@ from tests.editor.fake_generators import PlacingGenerator
 def test_the_same_seed_gives_the_same_files(shell: Shell, tmp_path: Path):
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         result = shell.run(
-            "generate", JUNCTION, "--seed", seed, "--out", tmp_path / name
+            "generate",
+            JUNCTION,
+            "--seed",
+            seed,
+            "--name",
+            "x",
+            "--out",
+            tmp_path / name,
         )
         assert (result.code, result.err) == (0, "")
-        assert result.lines[0] == str(tmp_path / name / JUNCTION)
-    first, again, other = (files_of(tmp_path / name / JUNCTION) for name in "abc")
+        assert result.lines[0] == str(tmp_path / name / "x")
+    first, again, other = (files_of(tmp_path / name / "x") for name in "abc")
     assert first == again
-    tracks = f"scenario_{JUNCTION}.parquet"
+    tracks = "scenario_x.parquet"
     assert first[tracks] != other[tracks]
 
 

@@ -1,0 +1,90 @@
+"""The basket on disk, and its table."""
+
+import csv
+import io
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pd_editor.basket.basket import Basket
+from pd_editor.basket.index_table import index_csv, index_row, problem_counts
+from pd_editor.editor.commands import TransformAgents
+from pd_editor.editor.session import EditorSession
+from pd_editor.editor.variant import Variant
+from pd_editor.errors import ExportError, InputError
+from pd_editor.scenario_store import exported_files
+from tests.builders import two_agents_that_pass
+
+
+def starred(basket: Basket, name: str, moment: float, note: str = "") -> None:
+    session = EditorSession(two_agents_that_pass())
+    session.apply(TransformAgents(agent_ids=("101",), dy_m=-3.5))
+    session.describe(Variant(name=name, tags=("a",), note=note))
+    recipe = session.recipe()
+    basket.add(
+        index_row(session.scenario, session.base, recipe),
+        exported_files(session.scenario, recipe),
+        starred_at=moment,
+    )
+
+
+def test_entries_outlive_the_process_and_are_zipped_with_a_table(tmp_path: Path):
+    """(D6): only one scenario could be downloaded, under the original's id."""
+    basket = Basket(tmp_path / "basket")
+    assert basket.entries() == []
+    starred(basket, "second", 2.0, note="=cmd()")
+    starred(basket, "first", 1.0)
+    again = Basket(tmp_path / "basket")
+    assert [entry.name for entry in again.entries()] == ["first", "second"]
+    assert again.entries()[0].row.num_problems >= 1
+    assert again.entries() == basket.entries()
+    with zipfile.ZipFile(io.BytesIO(again.zipped({"second", "gone"}))) as archive:
+        assert sorted(archive.namelist()) == [
+            "index.csv",
+            "second/log_map_archive_second.json",
+            "second/recipe.json",
+            "second/scenario_second.parquet",
+        ]
+        (row,) = csv.DictReader(io.StringIO(archive.read("index.csv").decode()))
+    assert row["problems"].startswith("collision")
+    assert (row["base_id"], row["num_edits"]) == ("two-lane-road", "1")
+    assert row["note"] == "'=cmd()"
+    with pytest.raises(InputError, match="holds none of these"):
+        again.zipped(["gone"])
+
+
+def test_nothing_is_replaced_and_what_is_removed_is_gone(tmp_path: Path):
+    basket = Basket(tmp_path)
+    starred(basket, "one", 1.0)
+    with pytest.raises(ExportError, match="already holds files"):
+        starred(basket, "one", 2.0)
+    basket.remove("one")
+    basket.remove("../elsewhere")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_half_written_or_damaged_is_not_listed(tmp_path: Path, caplog):
+    basket = Basket(tmp_path)
+    starred(basket, "one", 1.0)
+    (tmp_path / "one").rename(tmp_path / ".one.12345678.new")
+    starred(basket, "two", 1.0)
+    (tmp_path / "two" / "entry.json").write_text('{"row": {')
+    assert basket.entries() == []
+    assert "two in the basket cannot be read" in caplog.text
+
+
+def test_problems_of_an_earlier_export_are_not_the_recordings():
+    """(D5): overlaps that edits had caused counted as the recording's own."""
+    session = EditorSession(two_agents_that_pass())
+    session.apply(TransformAgents(agent_ids=("101",), dy_m=-3.5))
+    export = session.scenario
+    assert problem_counts(export, export) == {}
+    provenance = replace(export.provenance, edited_ids=session.recipe().edited_ids)
+    export = replace(export, provenance=provenance)
+    assert sum(problem_counts(export, export).values()) >= 1
+
+
+def test_a_table_of_nothing_has_its_head():
+    assert index_csv([]).startswith(b"id,name,base_id,city")
