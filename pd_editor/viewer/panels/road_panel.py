@@ -521,7 +521,7 @@ class RoadPanel:
 
 def recorded_road_in_words(base: Scenario) -> str:
     """What a road without a warp of this session is."""
-    if any("bent" in note or "warp" in note.lower() for note in base.provenance.notes):
+    if base.provenance.is_bent:
         return "This scenario was exported bent (see its recipe)."
     return "The road is as recorded."
 
