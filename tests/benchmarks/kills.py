@@ -197,7 +197,7 @@ def play(
         kind = one["kind"]
         if "Button" in kind:
             send(one["uuid"], True)
-        elif "Slider" in kind and isinstance(one["low"], int | float):
+        elif kind == "GuiSliderHandle" and isinstance(one["low"], int | float):
             send(one["uuid"], round(dice.uniform(one["low"], one["high"]), 1))
         elif "Checkbox" in kind:
             send(one["uuid"], dice.random() < 0.5)
