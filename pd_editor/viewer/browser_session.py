@@ -585,6 +585,7 @@ class BrowserSession:
         if now >= self._retries_journal_at:
             self._retries_journal_at = now + JOURNAL_RETRY_S
             self._workspace.retry_journals()
+            self._export_panel.show_preflight(self._workspace.session.scenario)
         is_searching = self._workspace.search_on()
         if is_searching:
             self._dataset_panel.show()

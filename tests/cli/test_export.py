@@ -83,7 +83,7 @@ def test_damaged_folders_get_one_sentence(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("name", ["nowhere", "~nobody-here/x", "", "demo:x", "a\0b"])
+@pytest.mark.parametrize("name", ["nowhere", "~nobody-here/x", "", "demo:x"])
 def test_a_wrong_name_lists_the_demos(shell: Shell, tmp_path: Path, name: str):
     refused = shell.refused("export", name, "--out", tmp_path / "out")
     assert "is neither a scenario folder nor a demo (bus-stop, " in refused

@@ -11,6 +11,7 @@ from pd_editor.editor.variant import Variant, name_from_text, tags_from_text
 from pd_editor.errors import InputError
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.page_text import plain
 
 
 class ExportPanel:
@@ -79,10 +80,15 @@ class ExportPanel:
             set_value(self._tags, ", ".join(variant.tags))
         set_value(self._note, variant.note)
         self.show_preflight(scenario)
-        self._show_journal_problem()
 
     def show_preflight(self, scenario: Scenario) -> None:
-        """One line: focal agent, ego, open problems."""
+        """One line: focal agent, ego, open problems; first of all a failing disk."""
+        self._tell_journal_problem()
+        if self._journal_problem is not None:
+            set_property(
+                self._preflight, "content", f"**{plain(self._journal_problem)}**"
+            )
+            return
         agents = scenario.agents
         focal = (
             "focal agent ok"
@@ -164,7 +170,7 @@ class ExportPanel:
             self._dialog.close()
             self._dialog = None
 
-    def _show_journal_problem(self) -> None:
+    def _tell_journal_problem(self) -> None:
         """Say at once that edits are not kept, how to save them, and when it is over."""
         problem = self._desk.session.journal_problem
         if problem == self._journal_problem:

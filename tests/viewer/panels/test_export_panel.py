@@ -1,0 +1,43 @@
+"""What the export panel tells before anything is exported."""
+
+import time
+from pathlib import Path
+
+from pd_editor.editor.commands import DeleteAgents, RemoveAllAgents, SetAgentSpeed
+from tests.viewer.fake_browser import connected_tab, running_app
+
+
+def test_a_disk_that_fails_is_told_until_it_works_again(tmp_path: Path):
+    """(Reliability 6): the page learnt it late, and the journal was not tried again."""
+    library = tmp_path / "library"
+    library.write_text("in the way")
+    with running_app(library, "crosswalk") as app, connected_tab(app) as tab:
+        panel, session = tab.tab._export_panel, tab.session
+        assert "focal agent ok" in panel._preflight.content
+        command = SetAgentSpeed(agent_ids=(session.scenario.focal_id,), speed_mps=3.0)
+        tab.run(lambda: session.apply(command))
+        assert "Edits are not kept on disk" in panel._preflight.content
+        name, content = tab.run(tab.tab._workspace.recipe_text)
+        assert name == "crosswalk-1-edit.recipe.json"
+        assert b"SetAgentSpeed" in content
+        library.unlink()
+        end = time.monotonic() + 20
+        while "not kept" in panel._preflight.content:
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        assert "focal agent ok" in panel._preflight.content
+        assert session.journal_path is not None
+
+
+def test_an_ego_and_a_focal_agent_that_are_missing_are_told(tmp_path: Path):
+    """(D6): an export lacked both, and nothing said so."""
+    with (
+        running_app(tmp_path / "library", "signalised-junction") as app,
+        connected_tab(app) as tab,
+    ):
+        text = tab.tab._export_panel._preflight
+        assert text.content.startswith("focal agent ok · ego ok · ")
+        tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=("AV",))))
+        assert "ego missing" in text.content
+        tab.run(lambda: tab.session.apply(RemoveAllAgents()))
+        assert "**no focal agent**" in text.content
