@@ -147,5 +147,6 @@ def test_an_export_is_never_replaced_silently_and_opens_again(open_editor, tmp_p
     editor.press("Continue with its 3 edits")
     editor.until(lambda: len(editor.session.entries) == 3, "its history")
     assert editor.session.base.scenario_id == "signalised-junction"
-    assert value(editor, "Demo") == "signalised-junction"
+    # (D33): the menu follows what is open.
+    editor.until(lambda: value(editor, "Demo") == "signalised-junction", "the menu")
     assert editor.page.get_by_text("The result differs").count() == 0

@@ -84,7 +84,7 @@ class FakeTab:
         return result.get("value")
 
 
-def _until(condition: Callable[[], object], seconds: float = 8.0) -> None:
+def _until(condition: Callable[[], object], seconds: float = 30.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "waited in vain"
