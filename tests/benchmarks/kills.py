@@ -195,14 +195,14 @@ def play(
     while time.monotonic() < end:
         one = dice.choice(often if often and dice.random() < 0.6 else usable)
         kind = one["kind"]
-        if "Button" in kind:
+        if one["options"]:
+            send(one["uuid"], dice.choice(one["options"]))
+        elif "Button" in kind:
             send(one["uuid"], True)
         elif kind == "GuiSliderHandle" and isinstance(one["low"], int | float):
             send(one["uuid"], round(dice.uniform(one["low"], one["high"]), 1))
         elif "Checkbox" in kind:
             send(one["uuid"], dice.random() < 0.5)
-        elif "Dropdown" in kind and one["options"]:
-            send(one["uuid"], dice.choice(one["options"]))
         # A slider that rests for a second is an edit.
         time.sleep(dice.choice((0.02, 0.05, 0.05, 1.1)))
 
