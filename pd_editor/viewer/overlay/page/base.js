@@ -105,6 +105,21 @@
       // Called with the camera once per drawn frame in which the view has changed.
       onView: (listener) => frameListeners.add(listener),
       onDispose: (cleanup) => cleanups.push(cleanup),
+      // What the browser keeps for later visits; null where it keeps nothing.
+      recall(key) {
+        try {
+          return JSON.parse(window.localStorage.getItem(key));
+        } catch {
+          return null;
+        }
+      },
+      remember(key, value) {
+        try {
+          window.localStorage.setItem(key, JSON.stringify(value));
+        } catch {
+          // A browser that keeps nothing shows the element as on the first visit.
+        }
+      },
       // make("button", "pd-key", {type: "button", title: "Undo"}, "Undo")
       make(tag, className = "", attributes = {}, text = "") {
         const element = document.createElement(tag);

@@ -7,7 +7,8 @@ pdOverlay.define("hints", (api) => {
     ["bend", "Bend the road", "with a slider of the Road tab."],
     ["regenerate", "Regenerate", "futures with the key R, or in the Drive tab."],
   ];
-  const done = new Set(JSON.parse(window.localStorage.getItem(KEPT) ?? "[]"));
+  const kept = api.recall(KEPT);
+  const done = new Set(Array.isArray(kept) ? kept : []);
   const card = api.make("div", "pd-solid pd-hint", {
     role: "status", "aria-label": "Hint",
   });
@@ -21,10 +22,6 @@ pdOverlay.define("hints", (api) => {
   card.hidden = true;
   api.box.append(card);
 
-  function keep() {
-    window.localStorage.setItem(KEPT, JSON.stringify([...done]));
-  }
-
   function show() {
     const index = STEPS.findIndex(([name]) => !done.has(name));
     card.hidden = index < 0;
@@ -36,13 +33,13 @@ pdOverlay.define("hints", (api) => {
 
   close.addEventListener("click", () => {
     STEPS.forEach(([name]) => done.add(name));
-    keep();
+    api.remember(KEPT, [...done]);
     show();
   });
 
   return (state) => {
     for (const [name, isDone] of Object.entries(state.done)) if (isDone) done.add(name);
-    keep();
+    api.remember(KEPT, [...done]);
     show();
   };
 });

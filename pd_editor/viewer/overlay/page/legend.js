@@ -14,11 +14,11 @@ pdOverlay.define("legend", (api) => {
     chip.setAttribute("aria-expanded", String(!isFolded));
   }
 
-  let isFolded = window.localStorage.getItem(KEPT) === "yes";
+  let isFolded = api.recall(KEPT) === true;
   fold(isFolded);
   chip.addEventListener("click", () => {
     isFolded = !isFolded;
-    window.localStorage.setItem(KEPT, isFolded ? "yes" : "no");
+    api.remember(KEPT, isFolded);
     fold(isFolded);
   });
 
