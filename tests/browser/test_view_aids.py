@@ -109,7 +109,7 @@ def test_measuring_by_clicks(editor):
     for pixel in pixels:
         page.mouse.move(*pixel)
         page.mouse.click(*pixel)
-    page.keyboard.press("Enter")
+    page.mouse.dblclick(*pixels[-1])
     stretches = [np.linalg.norm(b - a) for a, b in pairwise(points)]
     total = page.locator(".pd-measure-total")
     parts = page.locator(".pd-measure-part")
@@ -274,3 +274,16 @@ def test_visers_own_settings_are_for_developers(open_editor, debug):
     near = editor.page.evaluate("__viserMutable.camera.near")
     assert near < 0.5
     assert distance_m(editor) < 4.2
+    # From far above, near and far enclose the road: its layers are 1 cm apart.
+    tool(editor, "Top view").click()
+    editor.key("Home")
+    camera_rests(editor)
+    distance = distance_m(editor)
+
+    def depth() -> list[float]:
+        return editor.page.evaluate(
+            "[__viserMutable.camera.near, __viserMutable.camera.far]"
+        )
+
+    editor.until(lambda: depth()[0] > 0.4 * distance, "the near plane to follow")
+    assert distance < depth()[1] < 2 * distance

@@ -69,8 +69,7 @@ class Measure:
         if is_active:
             self._banner.show(
                 "measure",
-                "Measuring: click points on the ground; a double click ends the way; "
-                "drag to pan.",
+                "Measuring: click points; a double click ends the way; drag pans.",
                 button="Done (Esc)",
                 on_press=self.stop,
                 priority=MODE,

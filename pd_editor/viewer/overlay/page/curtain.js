@@ -2,11 +2,11 @@
 // there. The camera and the agents of the page change at once, while it takes a few
 // frames to read the meshes of a road; in between it would show one with the other.
 pdOverlay.define("curtain", (api) => {
-  const LONGEST_MS = 2500;
+  const LONGEST_MS = 2000;
   // A layer that is as it was, or has nothing in it, never changes. It is not waited
   // for once the others have come, or once so much time and so many frames have gone.
   const REST = { ms: 120, frames: 3 };
-  const NOTHING = { ms: 400, frames: 10 };
+  const NOTHING = { ms: 300, frames: 4 };
   const still = api.make("canvas", "pd-still pd-gone");
   api.box.append(still);
   let number = 0;

@@ -1,5 +1,6 @@
 // Distances on the ground: click points; each stretch and the whole way have a label.
 pdOverlay.define("measure", (api) => {
+  const SAME_PX = 4;
   const SVG = "http://www.w3.org/2000/svg";
   const layer = api.make("div", "pd-picture pd-measure-layer pd-gone");
   const drawing = document.createElementNS(SVG, "svg");
@@ -82,6 +83,10 @@ pdOverlay.define("measure", (api) => {
     if (!point) return;
     if (isComplete) points = [];
     isComplete = false;
+    // A second click on the last point adds nothing.
+    const last = points.length ? api.project([...points.at(-1), 0]) : null;
+    const [x, y] = here(event);
+    if (last && Math.hypot(x - last[0], y - last[1]) < SAME_PX) return;
     points.push(point);
     draw();
   });
