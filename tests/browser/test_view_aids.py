@@ -138,9 +138,14 @@ def test_measuring_by_clicks(editor):
     page.mouse.up()
     camera_rests(editor)
     assert parts.count() == 2, "a drag sets no point"
-    expected = page.evaluate(f"pdOverlay.project([{points[1][0]}, {points[1][1]}, 0])")
-    found = [float(dot.get_attribute(name)) for name in ("cx", "cy")]
-    assert np.allclose(found, expected, atol=1.5)
+
+    def is_on_its_point() -> bool:
+        x, y = points[1]
+        expected = page.evaluate(f"pdOverlay.project([{x}, {y}, 0])")
+        found = [float(dot.get_attribute(name)) for name in ("cx", "cy")]
+        return np.allclose(found, expected, atol=1.5)
+
+    editor.until(is_on_its_point, "the point to follow the road")
 
     page.keyboard.press("Backspace")
     dots = page.locator(".pd-measure-layer circle")
