@@ -45,6 +45,8 @@ MOUSE: Final[tuple[Row, ...]] = (
     Row(keys="Drag", does="Top view: select the agents in a box; 3-D view: turn"),
     Row(keys="Drag an agent", does="Move the selected agents"),
     Row(keys="Shift+drag an agent", does="Turn the selected agents"),
+    Row(keys="Press and drag, placing", does="Place an agent and turn it"),
+    Row(keys="Right click", does="Menu of the agent or of the road"),
     Row(keys="Right button, drag", does="Pan"),
     Row(keys="Wheel", does="Zoom to the pointer"),
 )
@@ -52,6 +54,7 @@ PAGE_KEYS: Final[tuple[Row, ...]] = (
     Row(keys="\u2190 \u2192", does="Step one frame; with Shift, ten"),
     Row(keys="H, hold", does="Drag to pan"),
     Row(keys="O, hold", does="Compare with the original"),
+    Row(keys="1 to 5, placing", does="Choose the kind of agent"),
     Row(keys="?, F1", does="This sheet"),
     Row(keys="Ctrl+K", does="All commands, to search"),
 )
