@@ -37,7 +37,7 @@ def usage_error(box: str, arguments: Sequence[str], commands: Sequence[str]) -> 
             body.append(inside)
         elif body:
             break
-    missing = [line.split()[0] for line in body[1:] if re.match(r" {4,5}\S", line)]
+    missing = [line.split()[0] for line in body[1:] if re.match(r" {4,6}\S", line)]
     if body and body[0].strip().startswith("Missing from") and missing:
         sentence = f"missing {', '.join(missing)}"
     else:

@@ -1,46 +1,80 @@
-"""What viser leaves open: foreign origins, the public share tunnel, its banner."""
+"""Which requests the editor answers, and what of viser is taken away.
 
-import contextlib
+Foreign origins and hosts are refused; the public share tunnel and the banner go.
+"""
+
 import functools
-import http
-import io
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Callable
 from typing import Any
-from unittest import mock
 from urllib.parse import urlsplit
 
 import viser
-import websockets.asyncio.server
 from viser import _messages
-from websockets.asyncio.server import ServerConnection
-from websockets.http11 import Request, Response
+from websockets.http11 import Request
+
+from pd_editor.viewer.server.viser_adapter import GuardedServer
 
 LOOPBACK_HOSTS = frozenset({"127.0.0.1", "localhost", "::1"})
+
+
+def is_host_allowed(host_header: str | None, bound_host: str) -> bool:
+    """Whether a request that names this host is meant for this server.
+
+    Bound to loopback, only loopback names are: a foreign name that resolves to this
+    machine (DNS rebinding) is refused, for pages and connections alike.
+    """
+    if bound_host not in LOOPBACK_HOSTS:
+        return True
+    return host_header is not None and _host_name(f"//{host_header}") in LOOPBACK_HOSTS
 
 
 def is_origin_allowed(origin: str | None, host_header: str, bound_host: str) -> bool:
     """Whether a page from ``origin`` may open a connection.
 
     A browser always sends the origin. It must be the page that this server itself
-    served; bound to loopback, it must also be a loopback name, so that a foreign name
-    which resolves to this machine (DNS rebinding) is refused. Programs that are no
+    served; bound to loopback, it must also be a loopback name. Programs that are no
     browser send none and are let in.
     """
     if origin is None:
         return True
-    page = urlsplit(origin)
-    if page.netloc.lower() != host_header.lower():
+    try:
+        place = urlsplit(origin).netloc
+    except ValueError:
         return False
-    return bound_host not in LOOPBACK_HOSTS or page.hostname in LOOPBACK_HOSTS
+    if place.lower() != host_header.lower():
+        return False
+    return bound_host not in LOOPBACK_HOSTS or _host_name(origin) in LOOPBACK_HOSTS
 
 
 def guarded_server(host: str, port: int) -> viser.ViserServer:
     """A viser server that refuses foreign origins and cannot be shared publicly."""
-    with _origin_check(host), contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host=host, port=port, verbose=False)
+    server = GuardedServer(
+        host=host, port=port, admission=functools.partial(_refusal, host)
+    )
     server.gui.configure_theme(show_share_button=False, show_logo=False)
     server._websock_server.unregister_handler(_messages.ShareUrlRequest)
     return server
+
+
+def _refusal(bound_host: str, request: Request) -> str | None:
+    """Why a request is refused; None if it is not."""
+    hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+    if len(hosts) > 1 or len(origins) > 1:
+        return "A request names one host and one origin."
+    host = hosts[0] if hosts else None
+    if not is_host_allowed(host, bound_host):
+        return "This host name is not the editor's."
+    if not is_origin_allowed(origins[0] if origins else None, host or "", bound_host):
+        return "This origin may not use the editor."
+    return None
+
+
+def _host_name(address: str) -> str | None:
+    """The host in an address; None where there is none."""
+    try:
+        return urlsplit(address).hostname
+    except ValueError:
+        return None
 
 
 def limit_uploads(
@@ -85,37 +119,3 @@ def limit_uploads(
     connection.register_handler(_messages.FileTransferStartUpload, guarded)
     connection.unregister_handler(_messages.FileTransferPart, take_part)
     connection.register_handler(_messages.FileTransferPart, guarded_part)
-
-
-@contextlib.contextmanager
-def _origin_check(bound_host: str) -> Iterator[None]:
-    """Add the check to the websocket server that viser is about to start."""
-    serve = websockets.asyncio.server.serve
-
-    def serve_guarded(*args: Any, process_request: Any = None, **options: Any) -> Any:
-        return serve(
-            *args,
-            process_request=functools.partial(
-                _refuse_foreign, bound_host, process_request
-            ),
-            **options,
-        )
-
-    with mock.patch.object(websockets.asyncio.server, "serve", serve_guarded):
-        yield
-
-
-async def _refuse_foreign(
-    bound_host: str,
-    inner: Callable[[ServerConnection, Request], Awaitable[Response | None]] | None,
-    connection: ServerConnection,
-    request: Request,
-) -> Response | None:
-    origin = request.headers.get("Origin")
-    host = request.headers.get("Host", "")
-    if not is_origin_allowed(origin, host, bound_host):
-        return connection.respond(
-            http.HTTPStatus.FORBIDDEN, "This origin may not use the editor.\n"
-        )
-    answer = None if inner is None else inner(connection, request)
-    return await answer if isinstance(answer, Awaitable) else answer

@@ -1,0 +1,179 @@
+"""viser's server with guards where it has no options for them.
+
+viser makes its websocket server itself and reads what browsers send without checks. The
+classes here run viser's own code with some names standing for guarded versions; viser's
+modules stay as they are. They fit the versions named in ``KNOWN_VERSIONS`` only.
+"""
+
+import contextlib
+import http
+import io
+import logging
+import types
+from collections.abc import Awaitable, Callable
+from typing import Any, Final
+
+import viser
+import websockets.asyncio.server
+import websockets.datastructures
+import websockets.exceptions
+from viser import _viser
+from viser.infra import Message, WebsockServer
+from viser.infra import _infra as infra_module
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+KNOWN_VERSIONS: Final = ("1.1.",)
+MAX_FRAME_BYTES: Final = 8 * 2**20
+"""Largest message of a browser; parts of uploads have 1 MiB."""
+
+Admission = Callable[[Request], str | None]
+"""Why a request is refused, in a sentence; None lets it in."""
+
+_LOG: Final = logging.getLogger(__name__)
+_HANDSHAKE_NOISE: Final = ("opening handshake failed", "connection rejected")
+
+
+class GuardedServer(viser.ViserServer):
+    """A viser server that admits requests by a rule and drops what it cannot read."""
+
+    def __init__(self, *, host: str, port: int, admission: Admission) -> None:
+        """Start it.
+
+        Raises:
+            RuntimeError: viser is of a version that this module does not know.
+        """
+        if not viser.__version__.startswith(KNOWN_VERSIONS):
+            raise RuntimeError(
+                f"viser {viser.__version__} is not known to the server's guards; "
+                f"expected {', '.join(f'{one}x' for one in KNOWN_VERSIONS)}."
+            )
+
+        def guarded(*args: Any, **options: Any) -> "_GuardedWebsockServer":
+            return _GuardedWebsockServer(*args, admission=admission, **options)
+
+        infra = types.SimpleNamespace(
+            **{**vars(_viser.infra), "WebsockServer": guarded}
+        )
+        start = _with_names(viser.ViserServer.__init__, infra=infra)
+        with contextlib.redirect_stdout(io.StringIO()):
+            start(self, host=host, port=port, verbose=False)
+
+
+class _GuardedConnection(infra_module.WebsockClientConnection):
+    async def _handle_incoming_message(self, client_id: Any, message: Message) -> None:
+        await _quietly(super()._handle_incoming_message(client_id, message), message)
+
+
+class _GuardedWebsockServer(WebsockServer):
+    def __init__(self, *args: Any, admission: Admission, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._admission = admission
+
+    async def _handle_incoming_message(self, client_id: Any, message: Message) -> None:
+        await _quietly(super()._handle_incoming_message(client_id, message), message)
+
+    def _background_worker(self, ready_sem: Any) -> None:
+        def serve(handler: Any, *args: Any, **options: Any) -> Any:
+            inner = options.pop("process_request", None)
+            return websockets.asyncio.server.serve(
+                handler,
+                *args,
+                **{
+                    **options,
+                    "process_request": _admitting(self._admission, inner),
+                    "max_size": MAX_FRAME_BYTES,
+                    "logger": _connection_log(),
+                },
+            )
+
+        server = types.SimpleNamespace(
+            **{**vars(websockets.asyncio.server), "serve": serve}
+        )
+        names = types.SimpleNamespace(
+            asyncio=types.SimpleNamespace(server=server),
+            exceptions=websockets.exceptions,
+            datastructures=websockets.datastructures,
+        )
+        work = _with_names(
+            WebsockServer._background_worker,
+            websockets=names,
+            WebsockClientConnection=_GuardedConnection,
+            _message_consumer=_consume,
+        )
+        work(self, ready_sem)
+
+
+def _with_names(function: Any, **names: Any) -> Callable[..., Any]:
+    """The same function, in which some global names stand for other things."""
+    assert isinstance(function, types.FunctionType)
+    missing = names.keys() - function.__globals__.keys()
+    assert not missing, f"viser has no {missing} any more"
+    same = types.FunctionType(
+        function.__code__,
+        {**function.__globals__, **names},
+        function.__name__,
+        function.__defaults__,
+        function.__closure__,
+    )
+    same.__kwdefaults__ = function.__kwdefaults__
+    return same
+
+
+def _admitting(
+    admission: Admission,
+    inner: Callable[[ServerConnection, Request], Any] | None,
+) -> Callable[[ServerConnection, Request], Awaitable[Response | None]]:
+    async def process(
+        connection: ServerConnection, request: Request
+    ) -> Response | None:
+        refusal = admission(request)
+        if refusal is not None:
+            return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
+        try:
+            answer = None if inner is None else inner(connection, request)
+            return await answer if isinstance(answer, Awaitable) else answer
+        # A path with NUL, for example: whatever the address is, it is not there.
+        except (OSError, ValueError):
+            return connection.respond(http.HTTPStatus.NOT_FOUND, "NOT FOUND\n")
+
+    return process
+
+
+async def _consume(
+    connection: ServerConnection,
+    handle_message: Callable[[Message], None],
+    message_class: type[Message],
+) -> None:
+    """Hand over each message of a connection; what is no message is dropped."""
+    while True:
+        raw = await connection.recv()
+        if not isinstance(raw, bytes):
+            _LOG.info("A text frame was dropped.")
+            continue
+        try:
+            message = message_class.deserialize(raw)
+        # viser names no errors for bytes that are no message of its own.
+        except Exception as error:  # noqa: BLE001
+            _LOG.info("A frame that is no message was dropped: %r", error)
+            continue
+        handle_message(message)
+
+
+async def _quietly(handling: Awaitable[None], message: Message) -> None:
+    """Drop a message on which a handler of viser fails."""
+    try:
+        await handling
+    # Handlers of ours only post to a queue, so this is about what the message holds.
+    except Exception as error:  # noqa: BLE001
+        _LOG.info("A %s was dropped: %r", type(message).__name__, error)
+
+
+def _connection_log() -> logging.Logger:
+    """A log without the tracebacks of handshakes that are none."""
+    log = logging.getLogger(f"{__name__}.connections")
+    if not log.filters:
+        log.addFilter(
+            lambda record: not record.getMessage().startswith(_HANDSHAKE_NOISE)
+        )
+    return log
