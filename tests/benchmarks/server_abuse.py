@@ -1,0 +1,175 @@
+"""What foreign pages, garbage, huge frames and many tabs do to a server of its own.
+
+Only addresses of this machine are used. Foreign origins and hosts must be refused,
+garbage must be dropped without a traceback while another tab works, and after 50 tabs
+the memory must be back within 10 % of what it was after the first five.
+"""
+
+import http.client
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import viser
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from tests.bad_inputs.inputs import odd_frame
+from tests.benchmarks.figures import load_in_words
+from tests.viewer.fake_browser import CAMERA
+
+NUM_FRAMES = 400
+NUM_TABS = 50
+NUM_FIRST_TABS = 5
+MOST_GROWTH = 0.10
+PROTOCOLS: list[Any] = [f"viser-v{viser.__version__}"]
+HELLO = msgspec.msgpack.encode(CAMERA)
+
+
+class Server:
+    """The editor in a process of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        self.log = folder / "log"
+        words = ["edit", "roundabout", "--port", str(self.port)]
+        with self.log.open("w") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "pd_editor.cli", *words, "--library", folder],
+                stdout=log,
+                stderr=log,
+            )
+        while b"editor is at" not in self.log.read_bytes().lower():
+            assert self._process.poll() is None, self.log.read_text()
+            time.sleep(0.1)
+
+    def memory_mib(self) -> float:
+        """Resident memory."""
+        text = Path(f"/proc/{self._process.pid}/status").read_text()
+        (line,) = (line for line in text.splitlines() if line.startswith("VmRSS"))
+        return int(line.split()[1]) / 1024
+
+    def tab(self, **headers: str) -> ClientConnection:
+        """A connection that has not said anything yet."""
+        return connect(
+            f"ws://127.0.0.1:{self.port}",
+            subprotocols=PROTOCOLS,
+            max_size=None,
+            additional_headers=headers,
+            open_timeout=30,
+        )
+
+    def page_status(self, host: str) -> int:
+        """What a browser is answered that came under a name."""
+        client = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        client.request("GET", "/", headers={"Host": host})
+        status = client.getresponse().status
+        client.close()
+        return status
+
+    def works(self) -> bool:
+        """Whether a tab is built."""
+        with self.tab() as tab:
+            return received(tab) > 10_000
+
+    def stop(self) -> None:
+        """End it."""
+        self._process.terminate()
+        self._process.wait(30)
+
+
+def received(tab: ClientConnection) -> int:
+    """Bytes of a page that is built, until nothing comes for two seconds."""
+    tab.send(HELLO)
+    total = 0
+    try:
+        while True:
+            total += len(tab.recv(timeout=2.0))
+            if total > 5_000_000:
+                return total
+    except TimeoutError:
+        return total
+
+
+def refuses_foreign(server: Server) -> bool:
+    """Whether foreign origins and hosts are refused, and the own ones served."""
+    own = f"127.0.0.1:{server.port}"
+    try:
+        server.tab(Origin="http://evil.example").close()
+    except InvalidStatus as error:
+        is_refused = error.response.status_code == 403
+    else:
+        is_refused = False
+    server.tab(Origin=f"http://{own}").close()
+    statuses = [server.page_status(host) for host in (own, "rebound.example", "[")]
+    return is_refused and statuses == [200, 403, 403]
+
+
+def survives_garbage(server: Server) -> bool:
+    """Whether odd frames, huge ones and bytes that are no HTTP leave it at work."""
+    random = np.random.default_rng(0)
+    tab = server.tab()
+    tab.send(HELLO)
+    for _ in range(NUM_FRAMES):
+        try:
+            tab.send(odd_frame(random))
+        except ConnectionClosed:
+            tab = server.tab()
+    for size in (2**20, 2**24, 2**26):
+        with server.tab() as huge:
+            try:
+                huge.send(b"\x90" * size)
+                received(huge)
+            except (ConnectionClosed, OSError):
+                pass
+    for junk in (b"\0" * 4096, b"GET / HTTP/9.9\r\n\r\n", random.bytes(4096)):
+        with socket.create_connection(("127.0.0.1", server.port)) as raw:
+            raw.sendall(junk)
+    tab.close()
+    return server.works()
+
+
+def main() -> int:
+    """Print the table; the exit code is 1 if something was not as it must be."""
+    with tempfile.TemporaryDirectory() as name:
+        server = Server(Path(name))
+        try:
+            foreign = refuses_foreign(server)
+            garbage = survives_garbage(server)
+            for _ in range(NUM_FIRST_TABS):
+                server.works()
+            time.sleep(5)
+            before = server.memory_mib()
+            for _ in range(NUM_TABS):
+                server.works()
+            time.sleep(5)
+            after = server.memory_mib()
+        finally:
+            server.stop()
+        said = server.log.read_text()
+    num_tracebacks = said.count("Traceback") + said.count("never retrieved")
+    growth = after / before - 1
+    print(f"foreign origins and hosts refused: {foreign}")
+    print(f"at work after {NUM_FRAMES} odd frames and 3 huge ones: {garbage}")
+    print(f"tracebacks in the log: {num_tracebacks}")
+    print(
+        f"memory after {NUM_FIRST_TABS} tabs {before:.0f} MiB, after {NUM_TABS} more "
+        f"{after:.0f} MiB ({100 * growth:+.1f} %)"
+    )
+    print(load_in_words())
+    if num_tracebacks:
+        print(said[-3000:])
+    is_good = foreign and garbage and not num_tracebacks and growth <= MOST_GROWTH
+    return int(not is_good)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
