@@ -26,6 +26,7 @@ from pd_editor.editor.recipe import check_base, check_version, parsed_json
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
 from pd_editor.errors import PdEditorError, RecipeError
+from pd_editor.regular_file import read_regular
 from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.scenario import Scenario
 
@@ -33,6 +34,7 @@ __all__ = ["Journal", "UnfinishedWork", "find_unfinished", "restore"]
 
 _logger: Final = logging.getLogger(__name__)
 _DOINGS: Final = ("commit", "go", "describe")
+MAX_JOURNAL_BYTES: Final = 256 * 2**20
 _looking: Final = threading.Lock()
 
 
@@ -212,7 +214,8 @@ def _read(path: Path) -> tuple[_Header, list[_Entry]]:
     Raises:
         RecipeError: a line is not what a journal holds.
     """
-    lines = whole_lines(path.read_bytes()).splitlines()
+    content = read_regular(path, max_bytes=MAX_JOURNAL_BYTES, error=RecipeError)
+    lines = whole_lines(content).splitlines()
     if not lines:
         raise RecipeError("The journal ends within its first line.")
     head = parsed_json(lines[0], "The journal's first line")

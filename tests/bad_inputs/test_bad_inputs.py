@@ -7,7 +7,7 @@ import pytest
 from tests.bad_inputs.inputs import bad_input
 from tests.bad_inputs.isolation import ending_of
 
-NUM_OF_EACH = 20
+NUM_OF_EACH = 12
 SEED = 7
 
 
