@@ -2,7 +2,7 @@
 
 Only addresses of this machine are used. Foreign origins and hosts must be refused,
 garbage must be dropped without a traceback while another tab works, and after 50 tabs
-the memory must be back within 10 % of what it was after the first ten.
+the memory must be back within 10 % of what it was after the first forty.
 """
 
 import contextlib
@@ -28,6 +28,8 @@ from tests.viewer.fake_browser import CAMERA
 
 NUM_FRAMES = 400
 NUM_TABS = 50
+NUM_FIRST_TABS = 40
+"""By then as many sessions are kept for a reload as ever, and the weights are read."""
 NUM_AT_ONCE = 10
 MOST_GROWTH = 0.10
 BUILD_S = 40.0
@@ -160,7 +162,8 @@ def main() -> int:
                 f"at work after {NUM_FRAMES} odd frames and 3 huge ones: {garbage}",
                 flush=True,
             )
-            open_and_close(server, NUM_AT_ONCE)
+            for _ in range(0, NUM_FIRST_TABS, NUM_AT_ONCE):
+                open_and_close(server, NUM_AT_ONCE)
             time.sleep(5)
             before = server.memory_mib()
             for _ in range(0, NUM_TABS, NUM_AT_ONCE):
@@ -174,7 +177,7 @@ def main() -> int:
     growth = after / before - 1
     print(f"tracebacks in the log: {num_tracebacks}")
     print(
-        f"memory after {NUM_AT_ONCE} tabs {before:.0f} MiB, after {NUM_TABS} more "
+        f"memory after {NUM_FIRST_TABS} tabs {before:.0f} MiB, after {NUM_TABS} more "
         f"{after:.0f} MiB ({100 * growth:+.1f} %)"
     )
     print(load_in_words())
