@@ -60,7 +60,7 @@ def export(
     several = scenarios if isinstance(scenarios, tuple) else (scenarios,)
     references = tuple(map(str, several))
     if not references:
-        raise EditError("No scenario was given; name at least one.")
+        raise EditError("Missing SCENARIO; see pd-editor export --help.")
     if name and len(references) > 1:
         raise EditError(
             f"--name is for one scenario; {len(references)} were given, which are named "

@@ -52,8 +52,12 @@ def test_the_format_is_plain_and_stays():
             "scenario_id": "two-lane-road",
             "source": "demo:two-lanes",
             "content_sha256": "c0ffee",
+            "base": None,
+            "is_bent": False,
+            "edited_ids": [],
         },
         "notes": [],
+        "variant": {"name": "", "tags": [], "note": ""},
         "commands": [
             {
                 "command": "TransformAgents",
