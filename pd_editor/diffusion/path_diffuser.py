@@ -225,8 +225,7 @@ class PathDiffuser:
         if drawn.lane_cost_m[0] > 0:
             before, after = drawn.lane_cost_m
             notes.append(
-                f"Guidance brought the futures from {before:.1f} to {after:.1f} m of "
-                "the nearest way along the lanes, on average."
+                f"Distance to lanes: {before:.1f} -> {after:.1f} m by guidance."
             )
         samples = list(_samples(task, rows, drawn.motion))
         if _num_tries(request):
@@ -235,8 +234,8 @@ class PathDiffuser:
             num_waiting = sum(len(waiting) for _, waiting in given)
             if num_waiting:
                 notes.append(
-                    f"{num_waiting} drawn futures were slowed on their own paths, so "
-                    "that nobody is run into."
+                    f"{num_waiting} agent{'s' if num_waiting > 1 else ''} slowed down "
+                    "to avoid a collision."
                 )
         return samples, notes
 

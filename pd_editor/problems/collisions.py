@@ -75,6 +75,7 @@ def collisions(scenario: Scenario, steps: Int[np.ndarray, "S"]) -> list[ScenePro
                 spans=spans_of(hit),
                 worst_step=int(steps[at[worst]]),
                 severity=float(area[worst]),
+                headline=f"{agents.ids[one]} and {agents.ids[two]} collide",
                 message=f"{capitalised(names[0])} and {names[1]} collide{time}.",
                 place_m=(float(middle[0]), float(middle[1])),
             )

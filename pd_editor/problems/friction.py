@@ -123,6 +123,7 @@ def friction_problems(scenario: Scenario) -> list[SceneProblem]:
         lateral = float(motion.lateral_mps2[index, worst])
         speed = float(motion.speed_mps[index, worst])
         place = agents.position_m[row, steps[0] + now]
+        held = speed * float(np.sqrt(limit / lateral))
         found.append(
             SceneProblem(
                 kind="friction",
@@ -130,10 +131,11 @@ def friction_problems(scenario: Scenario) -> list[SceneProblem]:
                 spans=spans_of(steps + now),
                 worst_step=worst + now,
                 severity=lateral / limit,
+                headline=f"{agents.ids[row]}: {speed:.1f} m/s, friction holds {held:.1f}",
                 message=(
                     f"{capitalised(agent_name(agents, row))} is too fast for its curve"
                     f" {at_time(scenario, worst + now)}: {speed:.1f} m/s, where"
-                    f" friction holds {speed * np.sqrt(limit / lateral):.1f} m/s"
+                    f" friction holds {held:.1f} m/s"
                     f" (mu {mu:.2f})."
                 ),
                 place_m=(float(place[0]), float(place[1])),

@@ -55,6 +55,7 @@ def road_departures(
                 spans=spans_of(off),
                 worst_step=worst,
                 severity=distance,
+                headline=f"{agents.ids[one]} off the road, {distance:.1f} m",
                 message=message,
                 place_m=(float(place[0]), float(place[1])),
             )

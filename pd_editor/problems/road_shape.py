@@ -41,6 +41,10 @@ def road_problems(scenario: Scenario) -> list[SceneProblem]:
             spans=((0, scenario.time_axis.num_steps - 1),),
             worst_step=scenario.current_step,
             severity=MIN_RADIUS_M / radius,
+            headline=(
+                "Road folded into spikes" if is_folded else "Road bends too sharply"
+            )
+            + f", radius {radius:.1f} m",
             message=message,
             place_m=_sharpest_place(applied.warp),
         )

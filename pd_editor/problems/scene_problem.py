@@ -51,6 +51,8 @@ class SceneProblem:
     severity: float
     """Shared area (m^2), distance from the road (m), acceleration over its limit, or
     radius wanted over radius; comparable within a kind."""
+    headline: str
+    """A few words for a list."""
     message: str
     """One sentence for the user."""
     place_m: tuple[float, float]

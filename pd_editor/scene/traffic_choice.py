@@ -48,6 +48,7 @@ def drivable_agent_ids(
         rows = chosen[drives[chosen]]
     if not len(rows):
         raise GenerationError(
-            "No road user to drive: choose agents that are there at the current step."
+            "None of these agents is a road user that is there at t = 0, so there is no "
+            "future to generate."
         )
     return tuple(agents.ids[row] for row in rows)

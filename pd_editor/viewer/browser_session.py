@@ -29,6 +29,7 @@ from pd_editor.viewer.overlay.legend import Legend
 from pd_editor.viewer.overlay.measure import Measure
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.side_panel import SidePanel
+from pd_editor.viewer.overlay.status_chip import ChipActions, StatusChip
 from pd_editor.viewer.overlay.timeline import Timeline
 from pd_editor.viewer.overlay.toolbar import Tool, Toolbar
 from pd_editor.viewer.panels.agent_panel import AgentPanel
@@ -41,12 +42,12 @@ from pd_editor.viewer.panels.history_panel import HistoryPanel
 from pd_editor.viewer.panels.panel_style import PanelStyle
 from pd_editor.viewer.panels.road_panel import RoadPanel
 from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
-from pd_editor.viewer.panels.status_panel import StatusPanel
 from pd_editor.viewer.panels.unfinished_panel import UnfinishedPanel
 from pd_editor.viewer.panels.view_panel import ViewPanel
 from pd_editor.viewer.picture_menu import PictureMenu
 from pd_editor.viewer.state.desk import Desk
 from pd_editor.viewer.state.inbox import Inbox
+from pd_editor.viewer.state.problem_watch import ProblemWatch
 from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.views.agents_view import AgentsView
 from pd_editor.viewer.views.anchor_view import AnchorView
@@ -93,6 +94,7 @@ class BrowserSession:
         self._generators = generators
         self._inbox = Inbox(tick=self._tick, on_error=self._report)
         self._desk = Desk(client, workspace, self._inbox)
+        self._problems = ProblemWatch(workspace)
         self._checks_future_at: float | None = None
         self._timeline_shown_at = 0.0
         self._retries_journal_at = 0.0
@@ -166,7 +168,6 @@ class BrowserSession:
                 self._desk, self._overlay, palette, self._comparison_changed
             )
             self._candidates = CandidatesView(client, palette, self._fan_changed)
-            self._status = StatusPanel(self._desk)
             self._pointer.set_plain_drag_selects(self._viewpoint.is_top)
             self._viewpoint.restore()
             self._size_for_view()
@@ -175,6 +176,7 @@ class BrowserSession:
         with client.atomic():
             self._build_panels()
             self._build_toolbar()
+            self._build_status_chip()
             self._build_menu()
             self._add_hotkeys()
             self._key_sheet.tell(self._desk.hotkeys)
@@ -214,7 +216,7 @@ class BrowserSession:
         self._agent_list = AgentList(
             desk,
             self._overlay,
-            problems=self._status.problem_ids,
+            problems=self._problems.problem_ids,
             on_pointed=self._agent_pointed,
             on_opened=self._agent_list_opened,
         )
@@ -223,7 +225,7 @@ class BrowserSession:
             self._scenario_panel = ScenarioPanel(desk)
             self._export_panel = ExportPanel(
                 desk,
-                lambda: self._status.num_problems,
+                lambda: len(self._problems.new),
                 self._star,
             )
             self._unfinished_panel = UnfinishedPanel(desk)
@@ -246,6 +248,7 @@ class BrowserSession:
                 self._generators,
                 next(iter(self._generators)),
                 lambda: np.asarray(self._client.camera.look_at)[:2],
+                self._run_changed,
             )
         with tabs.add_tab("History"):
             self._history_panel = HistoryPanel(desk, style)
@@ -367,6 +370,29 @@ class BrowserSession:
             ),
         )
 
+    def _build_status_chip(self) -> None:
+        generation = self._generation_panel
+        self._chip = StatusChip(
+            self._desk,
+            self._overlay,
+            self._timeline,
+            self._problems,
+            lambda: generation.run_state,
+            ChipActions(
+                apply=self._desk.apply,
+                regenerate=generation.regenerate_agents,
+                cancel=generation.cancel,
+                use_result=generation.use_result,
+                download=self._export_panel.download,
+                frame=lambda problem: self._viewpoint.frame_place(problem.place_m),
+                redraw=self._draw_frame,
+            ),
+        )
+
+    def _run_changed(self) -> None:
+        if self._is_built:
+            self._chip.show()
+
     def _add_hotkeys(self) -> None:
         key = self._desk.hotkey
         key("Play or pause", self._timeline.toggle_play, "space")
@@ -387,6 +413,7 @@ class BrowserSession:
         key("Place an agent", self._placing.toggle, "P")
         key("Show possible trajectories", self._candidates_panel.toggle_candidates, "G")
         key("Regenerate futures", self._generation_panel.regenerate, "R")
+        key("Cancel the generation", self._generation_panel.cancel)
         key("Reset road", self._road_panel.reset)
         key("Switch 3-D and top view", self._switch_view, "V")
         key("Frame selection", self._viewpoint.frame_selection, "F")
@@ -421,7 +448,7 @@ class BrowserSession:
         # The picture goes out before the words: a slider is judged by it.
         self._send_now()
         if after.scenario is not before.scenario:
-            self._status.check(with_future=False)
+            self._problems.check(with_future=False)
         with self._client.atomic():
             self._show_marks()
             self._show_panels(after)
@@ -471,14 +498,8 @@ class BrowserSession:
         session, step = self._workspace.session, self._workspace.playback.step
         poses = self._agents.poses
         assert poses is not None
-        selection = session.selection
-        self._marks.show(
-            session.scenario,
-            poses,
-            selection,
-            self._status.warned_now(),
-            self._pointed_id,
-        )
+        selection, warned = session.selection, self._problems.agents_at(step)
+        self._marks.show(session.scenario, poses, selection, warned, self._pointed_id)
         self._comparison.show()
         notes = self._comparison.notes()
         self._labels.show(session.scenario, poses, step, selection, notes)
@@ -538,7 +559,7 @@ class BrowserSession:
         self._generation_panel.show(scenario)
         self._history_panel.show()
         self._timeline.show()
-        self._status.show()
+        self._chip.show()
         self._agent_list.show()
         self._toolbar.show()
         self._measure.show()
@@ -576,11 +597,11 @@ class BrowserSession:
         now = time.monotonic()
         if self._checks_future_at is not None and now >= self._checks_future_at:
             self._checks_future_at = None
-            self._status.check(with_future=True)
+            self._problems.check(with_future=True)
             self._agent_list.show()
             with self._client.atomic():
                 self._draw_frame()
-                self._status.show()
+                self._chip.after_check()
                 self._export_panel.show_preflight(self._workspace.session.scenario)
         if now >= self._retries_journal_at:
             self._retries_journal_at = now + JOURNAL_RETRY_S

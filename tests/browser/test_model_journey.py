@@ -30,7 +30,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     editor.fill("Pedestrians", 2)
     for label in ("Buses", "Cyclists", "Motorcyclists"):
         editor.fill(label, 0)
-    editor.fill("Samples", 2)
+    editor.fill("Alternatives", 2)
     editor.press("Resample")
     editor.until(lambda: len(session.scenario.agents) == 11, "agents", 90)
     editor.screenshot("30_resampled")
@@ -42,7 +42,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     assert drawn.focal_id in drawn.agents.ids
 
     # The other sample takes the place of the first, as one undo step.
-    editor.fill("Sample", 2)
+    editor.fill("Alternative shown", 2)
     editor.until(lambda: session.scenario is not drawn, "the second sample")
     assert [one.label.split(" (")[0] for one in session.entries] == [
         "Remove all agents",
@@ -62,13 +62,12 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
 def test_as_many_as_suit_the_road_on_the_road_only(editor):
     session = editor.session
     editor.open_tab("Drive")
-    editor.tick("As many as suit the road")
-    editor.choose("Moving", "Half")
-    editor.tick("Only on the road")
+    editor.tick("Let the model choose how many")
+    editor.choose("Share that moves", "Half")
     editor.press("Resample")
     editor.until(lambda: len(session.entries) == 1, "agents", 90)
     editor.page.get_by_text("50% were asked for").wait_for(timeout=10_000)
-    editor.page.get_by_text("came to be off the road").wait_for(timeout=10_000)
+    editor.page.get_by_text("off the road.").wait_for(timeout=10_000)
     editor.screenshot("31_on_the_road")
     request = session.entries[0].command.request
     assert (request.moving_share, request.only_on_road) == (0.5, True)
@@ -86,7 +85,7 @@ def test_only_the_selected_agent_is_drawn_anew(editor):
     session.select((one,))
     before = session.scenario.agents
     editor.open_tab("Drive")
-    editor.choose("Draw anew", REDRAW_SELECTION)
+    editor.choose("Replace", REDRAW_SELECTION)
     editor.press("Resample")
     editor.until(lambda: len(session.entries) == 1, "a new state", 90)
     after = session.scenario.agents
@@ -98,7 +97,7 @@ def test_only_the_selected_agent_is_drawn_anew(editor):
 
 def test_playback_goes_on_while_the_model_draws(editor):
     editor.open_tab("Drive")
-    editor.fill("Samples", 8)
+    editor.fill("Alternatives", 8)
     playback = editor.workspace.playback
     playback.play()
     editor.press("Regenerate")

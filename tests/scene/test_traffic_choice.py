@@ -41,9 +41,9 @@ def test_of_those_wanted_only_such_are_driven_in_their_order():
 
 def test_nobody_to_drive_is_said():
     scenario = every_kind()
-    with pytest.raises(GenerationError, match="No road user to drive"):
+    with pytest.raises(GenerationError, match="None of these agents"):
         drivable_agent_ids(scenario, scenario.agents.ids[:1])
-    with pytest.raises(GenerationError, match="No road user to drive"):
+    with pytest.raises(GenerationError, match="None of these agents"):
         drivable_agent_ids(scenario, ())
     with pytest.raises(EditError, match="There is no agent 'ghost' here"):
         drivable_agent_ids(scenario, ("ghost",))

@@ -7,7 +7,7 @@ import pytest
 
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, SetFocalAgent
-from pd_editor.errors import EditError, GenerationError, InputError
+from pd_editor.errors import EditError, InputError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.state.desk import GESTURE_PAUSE_S
@@ -111,8 +111,9 @@ def test_overlaps_that_edits_cause_are_told_and_marked(tab):
     first, second = tab.session.scenario.agents.ids
     x, y = tab.session.scenario.agents.position_m[0, 50]
     drag(tab, second, (x + 1.0, y))
-    assert tab.tab._status.warned_now() == {first, second}
-    assert "collide" in tab.tab._status._text.content
+    assert tab.tab._problems.agents_at(50) == {first, second}
+    (problem,) = tab.tab._problems.new
+    assert "collide" in problem.message
 
 
 def test_clicks_select_toggle_and_clear(tab):
@@ -171,11 +172,15 @@ def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
         time.sleep(0.05)
     tab.run(lambda: None)
     assert len(labels(tab)) == 2
-    assert panel._result._take.visible
-    # The edit changed the state it was made for: taking it would undo the edit.
-    with pytest.raises(GenerationError, match="no longer fits"):
-        tab.run(panel._result.take_offered)
-    assert len(labels(tab)) == 2
+    assert not panel._result._take.disabled
+    # (D12) It does not fit the new state, so using it goes back to its own.
+    assert panel.run_state.action == "Go back, use result"
+    tab.run(panel.use_result)
+    assert [label.split(" (")[0] for label in labels(tab)] == [
+        "Regenerate 2 agents",
+        "Regenerate 2 agents",
+    ]
+    assert panel._result._take.disabled
 
 
 def test_an_offered_result_that_still_fits_is_applied(tab):
@@ -190,7 +195,8 @@ def test_an_offered_result_that_still_fits_is_applied(tab):
     while panel._result.is_running and time.monotonic() < deadline:
         time.sleep(0.05)
     tab.run(lambda: None)
-    tab.run(panel._result.take_offered)
+    assert panel.run_state.action == "Use result"
+    tab.run(panel.use_result)
     assert len(labels(tab)) == 2
 
 

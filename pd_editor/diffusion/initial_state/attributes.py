@@ -20,8 +20,7 @@ from pd_editor.diffusion.initial_state.lane_distance import follows_lanes
 from pd_editor.diffusion.initial_state.state_encoding import STANDING_SPEED_MPS
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.errors import GenerationError
-from pd_editor.metrics.map_points import map_points, nearest_points
-from pd_editor.metrics.off_lane import OFF_LANE_M
+from pd_editor.metrics.off_road import is_off_road
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.scenario import Scenario
 
@@ -109,8 +108,8 @@ def attribute_notes(
     if count and wishes.only_on_road:
         off = sum(_num_off_road(*one) for one in placed)
         notes.append(
-            f"{off or 'None'} of {count} placed agents came to be off the road "
-            f"(over {OFF_LANE_M:g} m from every centre line)."
+            f"{off or 'None'} of {count} placed agents {'is' if off < 2 else 'are'} "
+            "off the road."
         )
     return tuple(notes)
 
@@ -125,6 +124,5 @@ def _num_off_road(scenario: Scenario, ids: tuple[str, ...]) -> int:
     agents = scenario.agents
     rows = agents.rows(ids)
     rows = rows[agents.kind_mask(LANE_FOLLOWER_KINDS)[rows]]
-    points_m = map_points(scenario.road_map).center_m
     position_m = agents.position_m[rows, scenario.current_step]
-    return int((nearest_points(position_m, points_m)[1] > OFF_LANE_M).sum())
+    return int(is_off_road(scenario, position_m).sum())

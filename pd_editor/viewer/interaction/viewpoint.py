@@ -29,6 +29,8 @@ from pd_editor.viewer.state.view_memory import ViewPose, vector
 NORTH_RAD: Final = float(np.pi / 2)
 AHEAD_M: Final = 70.0
 """How much of the road ahead of a pose is framed with it."""
+PLACE_HALF_SIDE_M: Final = 18.0
+"""Of what is shown around a place."""
 UP: Final = (0.0, 0.0, 1.0)
 TOP_TO_3D: Final = TOP_VIEW_HALF_HEIGHT_M / from_behind(np.zeros(2), 0.0).half_height_m
 """The top view shows so much more than a 3-D view of the same place, which has depth."""
@@ -108,6 +110,11 @@ class Viewpoint:
         """Show the road about a pose and ahead of it."""
         corners = np.array([[x, y] for x in (-10.0, AHEAD_M) for y in (-15.0, 15.0)])
         self._fit(np.column_stack([pose.apply(corners), np.zeros(len(corners))]))
+
+    def frame_place(self, place_m: tuple[float, float]) -> None:
+        """Show a place and its surroundings."""
+        corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+        self._fit(np.array([*place_m, 0.0]) + PLACE_HALF_SIDE_M * corners)
 
     def show_3d(self) -> None:
         """Go to the 3-D view, framed anew."""

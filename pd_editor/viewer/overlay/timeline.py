@@ -1,6 +1,7 @@
 """The timeline under the picture: play, scrub, step, speed, loop."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 from pd_editor.viewer.overlay.banner import STATE, Banner
@@ -9,6 +10,15 @@ from pd_editor.viewer.state.playback import Playback
 
 MIN_TOLD_S: Final = 0.005
 """Nearer to t = 0 the picture shows the state that edits act on."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mark:
+    """A place on the track where something is wrong."""
+
+    step: int
+    text: str
+    """Shown when the pointer is over it; lines are kept."""
 
 
 class Timeline:
@@ -37,6 +47,9 @@ class Timeline:
         self._banner = banner
         self._playback = playback
         self._on_seek = on_seek
+        self._marks: tuple[Mark, ...] = ()
+        self.on_mark: Callable[[int], None] = lambda _step: None
+        """Called with the step of a mark that the user has clicked."""
         overlay.on("timeline", self._heard)
 
     def toggle_play(self) -> None:
@@ -62,6 +75,12 @@ class Timeline:
         """Stop some whole steps further on, or back."""
         self.seek(round(self._playback.step) + steps)
 
+    def set_marks(self, marks: tuple[Mark, ...]) -> None:
+        """Mark problems on the track."""
+        if marks != self._marks:
+            self._marks = marks
+            self.show()
+
     def show(self) -> None:
         """Show the axis and the playhead as they are."""
         playback = self._playback
@@ -73,6 +92,10 @@ class Timeline:
                 "lastStep": axis.num_steps - 1 - axis.current_step,
                 "endStep": playback.last_step - axis.current_step,
                 "stepS": axis.step_s,
+                "marks": [
+                    {"step": mark.step - axis.current_step, "text": mark.text}
+                    for mark in self._marks
+                ],
             },
         )
         self._overlay.show(
@@ -114,6 +137,8 @@ class Timeline:
             self.seek(float(_within(playback.axis.current_step + value, playback)))
         elif kind == "step" and isinstance(value, int):
             self.step_by(_within(value, playback))
+        elif kind == "mark" and isinstance(value, int):
+            self.on_mark(_within(playback.axis.current_step + value, playback))
         elif kind == "speed":
             playback.next_speed()
             self.show()

@@ -16,16 +16,22 @@ from pd_editor.generation import (
 )
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids, replaceable_agent_ids
+from pd_editor.scene.traffic_choice import (
+    drivable_agent_ids,
+    replaceable_agent_ids,
+    road_user_ids,
+)
 from pd_editor.viewer.panels.generation_run import Draw, GenerationRun
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.run_state import RunState
 
-SCOPES: Final = ("All agents", "Selection")
+SCOPE_ALL: Final = "All agents"
+SCOPE_SELECTION: Final = "The selection"
 REPLACE_ALL: Final = "All agents"
-REDRAW_SELECTION: Final = "Selection"
-ADD_AGENTS: Final = "Add to the scene"
-AROUND_TRAFFIC: Final = "Around the traffic"
-AROUND_VIEW: Final = "Where I look"
+REDRAW_SELECTION: Final = "The selection"
+ADD_AGENTS: Final = "None (add)"
+AROUND_TRAFFIC: Final = "Where the traffic was"
+AROUND_VIEW: Final = "In the middle of my view (125 m square)"
 KIND_LABELS: Final[Mapping[AgentKind, str]] = {
     AgentKind.VEHICLE: "Vehicles",
     AgentKind.BUS: "Buses",
@@ -34,12 +40,12 @@ KIND_LABELS: Final[Mapping[AgentKind, str]] = {
     AgentKind.PEDESTRIAN: "Pedestrians",
 }
 MOVING_SHARES: Final[Mapping[str, float | None]] = {
-    "As on such roads": None,
-    "Nobody": 0.0,
+    "As usual on such roads": None,
+    "None": 0.0,
     "A quarter": 0.25,
     "Half": 0.5,
     "Three quarters": 0.75,
-    "Everybody": 1.0,
+    "All": 1.0,
 }
 MAX_SAMPLES: Final = 16
 MAX_STEPS: Final = 50
@@ -57,6 +63,7 @@ class GenerationPanel:
         generators: Mapping[str, GeneratorOffer],
         default: str,
         looked_at_m: Callable[[], np.ndarray],
+        on_run: Callable[[], None] = lambda: None,
     ) -> None:
         """Build it into the current tab.
 
@@ -65,6 +72,7 @@ class GenerationPanel:
             generators: what may be chosen.
             default: name of what is chosen at first.
             looked_at_m: the point of the ground in the middle of the view.
+            on_run: called when ``run_state`` has changed.
         """
         self._desk = desk
         self._generators = generators
@@ -77,7 +85,9 @@ class GenerationPanel:
             )
             self._seed = gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
             self._renews = gui.add_checkbox("New seed after each run", True)
-            self._samples = gui.add_slider("Samples", 1, MAX_SAMPLES, 1, 1)
+            self._samples = gui.add_slider(
+                "Alternatives", 1, MAX_SAMPLES, 1, 1, hint="To choose among"
+            )
             self._steps = gui.add_slider(
                 "Denoising steps", 1, MAX_STEPS, 1, 4, hint="More are slower"
             )
@@ -85,48 +95,51 @@ class GenerationPanel:
                 "Keep to lanes", 0.0, 1.0, 0.05, 0.3, hint="Strength of the guidance"
             )
             self._tries = gui.add_slider(
-                "Tries",
+                "Attempts to avoid collisions",
                 0,
                 MAX_TRIES,
                 1,
                 4,
-                hint="Overlaps are avoided: the best of these, then waiting. 0: as drawn",
+                hint="The best of so many is taken; an agent that still collides waits. "
+                "0: raw model",
             )
-        self._result = GenerationRun(desk, self._set_running)
         with gui.add_folder("Regenerate futures"):
-            self._scope = gui.add_dropdown("Agents", SCOPES)
+            self._scope = gui.add_dropdown("Agents", (SCOPE_ALL, SCOPE_SELECTION))
             self._run = gui.add_button(
                 "Regenerate", icon=viser.Icon.PLAYER_PLAY, hint="R"
             )
         self._build_resample(gui)
+        # Last, since its report is of any length.
+        with gui.add_folder("Last run"):
+            self._result = GenerationRun(desk, self._set_running, on_run)
         desk.on_click(self._run, self.regenerate)
-        desk.on_change(self._model, lambda _name: self._show_options())
+        desk.on_change(self._model, lambda _name: self._model_chosen())
         self._show_options()
 
     def _build_resample(self, gui: viser.GuiApi) -> None:
         self._resample_folder = gui.add_folder("Resample agents")
         with self._resample_folder:
             self._which = gui.add_dropdown(
-                "Draw anew", (REPLACE_ALL, REDRAW_SELECTION, ADD_AGENTS)
+                "Replace", (REPLACE_ALL, REDRAW_SELECTION, ADD_AGENTS)
             )
             self._fits = gui.add_checkbox(
-                "As many as suit the road", False, hint="The model chooses how many"
+                "Let the model choose how many", False, hint="As many as suit the road"
             )
             self._counts = {
                 kind: gui.add_number(label, 0, min=0, max=MAX_AGENTS_OF_A_KIND, step=1)
                 for kind, label in KIND_LABELS.items()
             }
             self._moving = gui.add_dropdown(
-                "Moving", tuple(MOVING_SHARES), hint="How many of those drawn move"
+                "Share that moves", tuple(MOVING_SHARES), hint="Of the agents placed"
             )
             self._only_on_road = gui.add_checkbox(
-                "Only on the road", False, hint="No parked cars far from lanes"
+                "Only on the road", True, hint="No parked cars far from lanes"
             )
             self._keeps_focal = gui.add_checkbox(
-                "Keep the focal agent", True, hint="With its recorded motion"
+                "Keep focal agent", True, hint="With its recorded motion"
             )
             self._keeps_ego = gui.add_checkbox(
-                "Keep the ego", True, hint="With its recorded motion"
+                "Keep ego", True, hint="With its recorded motion"
             )
             self._where = gui.add_dropdown("Where", (AROUND_TRAFFIC, AROUND_VIEW))
             self._resample = gui.add_button("Resample", icon=viser.Icon.ARROWS_SHUFFLE)
@@ -147,29 +160,62 @@ class GenerationPanel:
         """Stop what runs."""
         self._result.close()
 
+    @property
+    def run_state(self) -> RunState | None:
+        """What a generation has to say at the moment."""
+        return self._result.state
+
+    def cancel(self) -> None:
+        """Stop what runs; nothing changes."""
+        self._result.cancel()
+
+    def use_result(self) -> None:
+        """Apply a result that came after an edit."""
+        self._result.use_result()
+
     def regenerate(self) -> None:
-        """Draw new futures for the selection or for all agents."""
-        selection = self._desk.session.selection
-        self.regenerate_agents(selection if self._scope.value == "Selection" else None)
+        """Draw new futures for the selection or for all agents.
+
+        Raises:
+            GenerationError: there is no agent to draw for, or a run is under way.
+        """
+        wanted = None
+        if self._scope.value == SCOPE_SELECTION:
+            wanted = self._desk.session.selection
+            if not wanted:
+                raise GenerationError(
+                    f"Nothing is selected. Select agents, or choose '{SCOPE_ALL}'."
+                )
+        self.regenerate_agents(wanted)
 
     def regenerate_agents(self, wanted: tuple[str, ...] | None) -> None:
-        """Draw new futures for some agents, or for all that are there."""
+        """Draw new futures for some agents, or for all that are there.
+
+        Raises:
+            GenerationError: there is no agent to draw for, or a run is under way.
+        """
         self._desk.commit_gesture()
         scenario = self._desk.session.scenario
+        if not road_user_ids(scenario):
+            raise GenerationError(
+                "There are no agents on this road. Add some under 'Resample agents'."
+            )
         self._start(scenario, agent_ids=drivable_agent_ids(scenario, wanted))
 
     def resample(self) -> None:
         """Draw new states and futures: of all agents, of some, or of more.
 
         Raises:
-            GenerationError: nobody is to be drawn.
+            GenerationError: no agent is to be placed.
         """
         self._desk.commit_gesture()
         session = self._desk.session
         scenario = session.scenario
         if self._which.value == REDRAW_SELECTION:
             if not session.selection:
-                raise GenerationError("Select the agents to draw anew.")
+                raise GenerationError(
+                    f"Nothing is selected. Select agents, or choose '{REPLACE_ALL}'."
+                )
             ids = drivable_agent_ids(scenario, session.selection)
             self._start(scenario, agent_ids=ids, redrawn_state_ids=ids)
             return
@@ -179,7 +225,9 @@ class GenerationPanel:
             if count.value and not self._fits.value
         }
         if not counts and not self._fits.value:
-            raise GenerationError("Say how many agents of which kind to draw.")
+            raise GenerationError(
+                "Enter how many agents of which kind to place, or let the model choose."
+            )
         removed: tuple[str, ...] = ()
         if self._which.value == REPLACE_ALL:
             removed = self._replaced(scenario)
@@ -233,13 +281,18 @@ class GenerationPanel:
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)
 
+    def _model_chosen(self) -> None:
+        self._result.forget()
+        self._show_options()
+
     def _show_options(self) -> None:
         """Offer what the chosen generator understands."""
         offer = self._generators[self._model.value]
-        set_property(self._steps, "visible", offer.default_num_steps is not None)
-        set_property(self._guidance, "visible", offer.default_guidance is not None)
-        set_property(self._tries, "visible", offer.default_num_tries is not None)
-        set_property(self._resample_folder, "visible", offer.draws_states)
+        # Disabled, not hidden: what stands below must not move.
+        set_property(self._steps, "disabled", offer.default_num_steps is None)
+        set_property(self._guidance, "disabled", offer.default_guidance is None)
+        set_property(self._tries, "disabled", offer.default_num_tries is None)
+        self._show_counts()
         if offer.default_num_tries is not None:
             set_value(self._tries, offer.default_num_tries)
         if offer.default_num_steps is not None:
@@ -248,12 +301,18 @@ class GenerationPanel:
             set_value(self._guidance, offer.default_guidance)
 
     def _show_counts(self) -> None:
-        is_selection = self._which.value == REDRAW_SELECTION
+        places = self._generators[self._model.value].draws_states
+        which = self._which.value
+        for handle in (self._which, self._moving, self._only_on_road, self._where):
+            set_property(handle, "disabled", not places)
         for handle in (self._keeps_focal, self._keeps_ego):
-            set_property(handle, "disabled", self._which.value != REPLACE_ALL)
-        set_property(self._fits, "visible", not is_selection)
+            set_property(handle, "disabled", not places or which != REPLACE_ALL)
+        takes_counts = places and which != REDRAW_SELECTION
+        set_property(self._fits, "disabled", not takes_counts)
+        is_running = self._result.is_running
+        set_property(self._resample, "disabled", is_running or not places)
         for count in self._counts.values():
-            set_property(count, "visible", not is_selection and not self._fits.value)
+            set_property(count, "disabled", not takes_counts or self._fits.value)
             if self._which.value == ADD_AGENTS:
                 set_value(count, 0)
         if self._which.value == REPLACE_ALL:
@@ -280,5 +339,6 @@ class GenerationPanel:
         )
 
     def _set_running(self, is_running: bool) -> None:
+        places = self._generators[self._model.value].draws_states
         set_property(self._run, "disabled", is_running)
-        set_property(self._resample, "disabled", is_running)
+        set_property(self._resample, "disabled", is_running or not places)

@@ -1,8 +1,9 @@
 """One generation at a time: its progress, its samples, what becomes of them."""
 
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
+from typing import Final, Literal
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from pd_editor.generation import (
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
 from pd_editor.viewer.state.page_text import plain
+from pd_editor.viewer.state.run_state import RunState
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,33 +52,70 @@ class MadeWhenAsked:
 
 
 class GenerationRun:
-    """Runs a generator off the session's thread and applies what it draws."""
+    """Runs a generator off the session's thread and applies what it draws.
 
-    def __init__(self, desk: Desk, on_running: Callable[[bool], None]) -> None:
-        """Build progress, cancel and the choice of a sample into the container."""
+    Its controls are always there and only enabled and disabled; what is longer, the
+    report, stands below all of them, so that nothing ever moves.
+    """
+
+    def __init__(
+        self,
+        desk: Desk,
+        on_running: Callable[[bool], None],
+        on_change: Callable[[], None],
+    ) -> None:
+        """Build cancel, the choice of an alternative and the report.
+
+        Args:
+            desk: the session and its page.
+            on_running: told when a run begins and ends.
+            on_change: called when ``state`` has changed.
+        """
         self._desk = desk
         self._on_running = on_running
+        self._on_change = on_change
         self._job: GenerationJob | None = None
+        self._state: RunState | None = None
         self._drawn: tuple[Draw, GeneratedTraffic] | None = None
-        self._offered = False
+        self._waits = False
         self._applied: Scenario | None = None
-        self._session_base = desk.session.base
+        self._took_s = 0.0
         gui = desk.client.gui
-        self._progress = gui.add_progress_bar(0.0, visible=False, animated=True)
-        self._status = gui.add_markdown("")
-        self._cancel = gui.add_button("Cancel", color="red", visible=False)
         self._sample = gui.add_slider(
-            "Sample", 1, 2, 1, 1, visible=False, hint="Which of the drawn samples"
+            "Alternative shown",
+            1,
+            2,
+            1,
+            1,
+            disabled=True,
+            hint="Which of the alternatives of the last run",
         )
-        self._take = gui.add_button("Apply the offered result", visible=False)
+        self._take = gui.add_button(
+            "Use the result",
+            color="gray",
+            disabled=True,
+            hint="Of a run during which the scenario was edited",
+        )
+        self._cancel = gui.add_button("Cancel", color="gray", disabled=True)
+        self._report = gui.add_markdown("")
         desk.on_click(self._cancel, self.cancel)
-        desk.on_click(self._take, self.take_offered)
+        desk.on_click(self._take, self.use_result)
         desk.on_change(self._sample, self._sample_chosen, merge_key="sample")
 
     @property
     def is_running(self) -> bool:
         """Whether a generator is at work."""
         return self._job is not None
+
+    @property
+    def state(self) -> RunState | None:
+        """What the page should say about it; None if there is nothing to say."""
+        if self._state is not None:
+            return self._state
+        use = self._use()
+        if use is None:
+            return None
+        return RunState(action="Use result" if use == "here" else "Go back, use result")
 
     def start(
         self, name: str, make: Callable[[], ScenarioGenerator], draw: Draw
@@ -88,7 +127,7 @@ class GenerationRun:
         """
         if self._job is not None:
             raise GenerationError("A generation is running already; cancel it first.")
-        self._forget()
+        self.forget()
         self._set_running(True)
         started = time.monotonic()
         post = self._desk.post
@@ -100,7 +139,7 @@ class GenerationRun:
             generator=MadeWhenAsked(name=name, make=make),
             request=draw.request,
             on_progress=lambda p: post(
-                only_if_current(lambda: self._progressed(p)), "progress"
+                only_if_current(lambda: self._progressed(draw, p)), "progress"
             ),
             on_done=lambda t: post(
                 only_if_current(lambda: self._finished(draw, t, started))
@@ -108,19 +147,25 @@ class GenerationRun:
             on_error=lambda e: post(only_if_current(lambda: self._failed(e))),
         )
         self._job = job
+        self._progressed(draw, GenerationProgress(fraction=0.0, message=""))
         job.start()
 
     def show(self) -> None:
-        """Follow the session: samples of another scenario are of no use."""
-        session = self._desk.session
-        if session.base is not self._session_base:
-            self._session_base = session.base
-            self._forget()
-        elif self._applied is not None and session.scenario is not self._applied:
-            set_property(self._sample, "visible", False)
+        """Follow the session: what was said about another state is taken back."""
+        is_shown = (
+            self._applied is not None and self._desk.session.scenario is self._applied
+        )
+        count = 0 if self._drawn is None else len(self._drawn[1].samples)
+        set_property(self._sample, "disabled", not (is_shown and count > 1))
+        if self._applied is not None and not is_shown:
+            self._say("")
+        use = self._use()
+        if self._waits:
+            self._say(_WORDS_OF_USE[use])
+        set_property(self._take, "disabled", use is None)
 
     def close(self) -> None:
-        """Stop what runs; nobody is there to take it."""
+        """Stop what runs; its page is gone."""
         if self._job is not None:
             self._job.cancel()
 
@@ -130,47 +175,76 @@ class GenerationRun:
             self._job.cancel()
             self._job = None
             self._set_running(False)
-            set_property(self._status, "content", "Cancelled.")
+            self._say("Cancelled.")
 
-    def take_offered(self) -> None:
-        """Apply a result that came after an edit, if it still fits.
+    def use_result(self) -> None:
+        """Apply a result that came after an edit, at the state that it was made for.
 
-        Raises:
-            GenerationError: the road or an agent's state is another by now.
+        Where the road and the agents' states are still the same it is applied to the
+        scenario as it is; otherwise later edits are undone first.
         """
-        if self._drawn is None or not self._offered:
+        use = self._use()
+        if use is None or self._drawn is None:
             return
-        made_for, now = self._drawn[0].base, self._desk.session.scenario
-        self._offered = False
-        set_property(self._take, "visible", False)
-        if now.road_map is not made_for.road_map or not _same_states(made_for, now):
-            raise GenerationError(
-                "The road or agents have changed since that was generated, so it no "
-                "longer fits; regenerate instead."
-            )
+        base = self._drawn[0].base
+        self._waits = False
+        if use == "back":
+            position = self._position_of(base)
+            assert position is not None
+            self._desk.commit_gesture()
+            self._desk.session.jump_to(position)
         self._apply(0)
 
-    def _progressed(self, progress: GenerationProgress) -> None:
-        set_value(self._progress, round(100 * progress.fraction, 1))
-        set_property(self._status, "content", plain(progress.message))
+    def forget(self) -> None:
+        """Take back what was said about the last run, and its alternatives."""
+        self._drawn, self._applied, self._waits = None, None, False
+        self._say("")
+        self.show()
+
+    def _use(self) -> Literal["here", "back"] | None:
+        """Where a result that waits can be applied; None if none waits or nowhere."""
+        if self._drawn is None or not self._waits:
+            return None
+        base, now = self._drawn[0].base, self._desk.session.scenario
+        if now.road_map is base.road_map and _same_states(base, now):
+            return "here"
+        return None if self._position_of(base) is None else "back"
+
+    def _position_of(self, scenario: Scenario) -> int | None:
+        """How many edits were in force when the session had a scenario.
+
+        None if it never had, or if that is too long ago to go back to.
+        """
+        for index, entry in enumerate(self._desk.session.entries):
+            for snapshot, position in ((entry.before, index), (entry.after, index + 1)):
+                if snapshot is not None and snapshot.scenario is scenario:
+                    return position
+        return None
+
+    def _progressed(self, draw: Draw, progress: GenerationProgress) -> None:
+        request = draw.request
+        verb = "Resampling" if request.draws_states else "Regenerating"
+        text = f"{verb} ..."
+        if progress.fraction == 0 and progress.message:
+            text = progress.message
+        elif request.num_samples > 1:
+            number = int(progress.fraction * request.num_samples + 1e-6) + 1
+            number = min(number, request.num_samples)
+            text = f"{verb}, sample {number} of {request.num_samples}"
+        self._set_state(RunState(text=text, fraction=round(progress.fraction, 3)))
+        self._say(f"{text}.")
 
     def _finished(self, draw: Draw, traffic: GeneratedTraffic, started: float) -> None:
         self._job = None
         self._set_running(False)
         self._drawn = draw, traffic
-        count = len(traffic.samples[0].ids) if traffic.samples else 0
-        seconds = time.monotonic() - started
-        status = (
-            f"{count} agents in {seconds:.1f} s, seed {draw.request.seed}. "
-            f"{plain(' '.join(traffic.notes))}"
-        )
+        self._took_s = time.monotonic() - started
         if self._desk.session.scenario is draw.base:
             self._apply(0)
         else:
-            self._offered = True
-            set_property(self._take, "visible", True)
-            status += " The scenario was edited meanwhile; apply it if it still fits."
-        set_property(self._status, "content", status)
+            self._waits = True
+            self.show()
+        self._on_change()
 
     def _apply(self, index: int) -> None:
         assert self._drawn is not None
@@ -181,34 +255,52 @@ class GenerationRun:
         )
         self._applied = self._desk.session.scenario
         if len(traffic.samples) > 1:
-            self._sample.max = len(traffic.samples)
+            set_property(self._sample, "max", len(traffic.samples))
             set_value(self._sample, index + 1)
-            set_property(self._sample, "visible", True)
+        count = len(traffic.samples[index].ids)
+        self._say(
+            f"{count} agent{'s' if count != 1 else ''} in {self._took_s:.1f} s, seed"
+            f" {draw.request.seed}. {' '.join(traffic.notes)}"
+        )
+        self.show()
 
     def _sample_chosen(self, number: float) -> None:
         """Put another sample in the place of the one that was just applied."""
         if self._drawn is None or self._desk.session.scenario is not self._applied:
-            set_property(self._sample, "visible", False)
+            self.show()
             return
         self._desk.session.undo()
         self._apply(int(number) - 1)
 
-    def _forget(self) -> None:
-        self._drawn, self._applied, self._offered = None, None, False
-        set_property(self._take, "visible", False)
-        set_property(self._sample, "visible", False)
-
     def _failed(self, error: Exception) -> None:
         self._job = None
         self._set_running(False)
-        set_property(self._status, "content", "")
+        self._say("")
         self._desk.report(error)
 
+    def _say(self, text: str) -> None:
+        set_property(self._report, "content", plain(text))
+
+    def _set_state(self, state: RunState | None) -> None:
+        if state != self._state:
+            self._state = state
+            self._on_change()
+
     def _set_running(self, is_running: bool) -> None:
-        set_property(self._progress, "visible", is_running)
-        set_property(self._cancel, "visible", is_running)
-        set_value(self._progress, 0.0)
+        set_property(self._cancel, "disabled", not is_running)
+        if not is_running:
+            self._set_state(None)
         self._on_running(is_running)
+
+
+_WORDS_OF_USE: Final[Mapping[str | None, str]] = {
+    "here": "The scenario was edited during the run, and the result still fits: "
+    '"Use the result" applies it.',
+    "back": 'The scenario was edited during the run. "Use the result" goes back to the '
+    "state that it was made for; the later edits are undone.",
+    None: "The state that the result was made for is no longer in the history, so it "
+    "cannot be used.",
+}
 
 
 def _same_states(one: Scenario, other: Scenario) -> bool:

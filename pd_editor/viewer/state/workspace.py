@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
+from weakref import WeakKeyDictionary
 
 from pd_editor.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
 from pd_editor.av2_io.upload import file_in_upload, scenario_from_upload
@@ -23,6 +24,7 @@ from pd_editor.editor.variant import free_name, name_from_text, short_id
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import zip_files
 from pd_editor.installed_files import demo_names
+from pd_editor.problems.scene_problem import ProblemKey
 from pd_editor.scenario_store import (
     DEMO_PREFIX,
     MAX_RECIPE_BYTES,
@@ -128,6 +130,10 @@ class Workspace:
         self.starts_playing = True
         self.is_dark = False
         self.view = ViewMemory()
+        self.ignored_problems: WeakKeyDictionary[Scenario, set[ProblemKey]] = (
+            WeakKeyDictionary()
+        )
+        """By the base of a session."""
         self.dataset = dataset
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 

@@ -85,8 +85,8 @@ def test_a_plain_generator_is_offered_without_what_it_does_not_know(tab, placing
     assert (panel._steps.value, panel._guidance.value) == (6, 0.4)
     panel._model.value = "plain"
     tab.run(panel._show_options)
-    hidden = (panel._steps, panel._guidance, panel._resample_folder)
-    assert not any(handle.visible for handle in hidden)
+    unused = (panel._steps, panel._guidance, panel._which, panel._resample)
+    assert all(handle.disabled for handle in unused)
     run_to_end(tab, panel.regenerate)
     (request,) = placing.requests
     assert request.num_denoising_steps is None
@@ -128,7 +128,7 @@ def test_the_focal_agent_and_the_ego_stay_unless_told_otherwise(tab, placing):
 def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
     panel = tab.tab._generation_panel
     tab.run(lambda: tab.desk.apply(RemoveAllAgents()))
-    tab.run(lambda: tab.tab._status.check(with_future=True))
+    tab.run(lambda: tab.tab._problems.check(with_future=True))
     panel._counts[AgentKind.VEHICLE].value = 0
     with pytest.raises(GenerationError, match="how many agents"):
         tab.run(panel.resample)
@@ -145,7 +145,7 @@ def test_the_model_may_choose_how_many(tab, placing):
     panel._moving.value = "A quarter"
     panel._only_on_road.value = True
     tab.run(panel._show_counts)
-    assert not panel._counts[AgentKind.VEHICLE].visible
+    assert panel._counts[AgentKind.VEHICLE].disabled
     run_to_end(tab, panel.resample)
     (request,) = placing.requests
     assert request.draws_num_agents
@@ -161,7 +161,7 @@ def test_the_model_may_choose_how_many(tab, placing):
 def test_a_selected_agent_gets_a_new_state_and_the_rest_stays(tab, placing):
     panel, before = tab.tab._generation_panel, tab.session.scenario
     panel._which.value = REDRAW_SELECTION
-    with pytest.raises(GenerationError, match="Select"):
+    with pytest.raises(GenerationError, match="Nothing is selected"):
         tab.run(panel.resample)
     other, one = before.agents.ids
     tab.run(lambda: tab.session.select((one,)))
@@ -194,7 +194,7 @@ def test_another_sample_takes_the_place_of_the_first(tab, placing):
     tab.run(panel._show_counts)
     run_to_end(tab, panel.resample)
     chooser = panel._result._sample
-    assert chooser.visible
+    assert not chooser.disabled
     assert chooser.max == 3
     first = tab.session.scenario
     tab.run(lambda: panel._result._sample_chosen(3))
@@ -209,7 +209,7 @@ def test_another_sample_takes_the_place_of_the_first(tab, placing):
     # After any other edit the samples are not offered any more.
     tab.run(lambda: tab.desk.apply(RemoveAllAgents()))
     tab.run(lambda: panel._result._sample_chosen(2))
-    assert not chooser.visible
+    assert chooser.disabled
     assert labels(tab)[-1] == "Remove all agents"
 
 

@@ -75,7 +75,10 @@
     lane.append(past, future);
     const scale = make("div", "pd-scale");
     const knob = make("div", "pd-knob");
-    track.append(lane, scale, knob);
+    const problems = make("div", "pd-marks");
+    const hint = make("div", "pd-solid pd-mark-hint", { role: "tooltip" });
+    hint.hidden = true;
+    track.append(lane, scale, knob, problems, hint);
     bar.appendChild(track);
     const speed = button("Speed", "Speed of playback", { kind: "speed" });
     speed.classList.add("pd-speed");
@@ -111,7 +114,32 @@
       track.setAttribute("aria-valuemax", seconds(axis.lastStep).toFixed(1));
     };
 
+    function drawMarks(marks) {
+      hint.hidden = true;
+      problems.replaceChildren(...marks.map(({ step, text }) => {
+        const mark = make("button", "pd-mark", {
+          type: "button", "aria-label": `Problem at ${inWords(step)}`,
+        });
+        mark.style.left = `${share(step)}%`;
+        mark.addEventListener("pointerdown", (event) => event.stopPropagation());
+        mark.addEventListener("click", () => api.send({ kind: "mark", value: step }));
+        mark.addEventListener("pointerenter", () => {
+          hint.textContent = text;
+          hint.hidden = false;
+          const part = share(step) / 100;
+          const half = hint.offsetWidth / 2;
+          const at = Math.min(
+            Math.max(part * track.offsetWidth, half - 90),
+            track.offsetWidth - half + 90);
+          hint.style.left = `${at}px`;
+        });
+        mark.addEventListener("pointerleave", () => { hint.hidden = true; });
+        return mark;
+      }));
+    }
+
     let wasPlaying = null;
+    let drawnMarks = "";
     drawHead = (step) => {
       knob.style.left = `${share(step)}%`;
       const words = inWords(step);
@@ -192,6 +220,11 @@
     return (state) => {
       axis = state;
       drawAxis();
+      const marks = JSON.stringify(state);
+      if (marks !== drawnMarks) {
+        drawnMarks = marks;
+        drawMarks(state.marks);
+      }
       drawHead(stepAt(performance.now()));
     };
   });

@@ -1,0 +1,142 @@
+"""What can be done about a problem: commands that were tried and do help."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from pd_editor.editor.agent_commands import DeleteAgents
+from pd_editor.editor.command import Command
+from pd_editor.editor.motion_commands import SlowToFrictionLimit
+from pd_editor.editor.pose_commands import SnapToLane
+from pd_editor.editor.road_commands import SetRoadWarp
+from pd_editor.errors import PdEditorError
+from pd_editor.problems.check import scene_problems
+from pd_editor.problems.friction import friction_coefficient_of
+from pd_editor.problems.road_shape import weakened_to_radius
+from pd_editor.problems.scene_problem import SceneProblem
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
+from pd_editor.scene.scenario import EGO_ID, Scenario
+
+_LATER: Final = frozenset({"later-collision", "later-off-road"})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cure:
+    """A button: a command to apply, or agents whose futures to generate again."""
+
+    label: str
+    command: Command | None = None
+    regenerated_ids: tuple[str, ...] = ()
+
+
+def cures(
+    scenario: Scenario,
+    problem: SceneProblem,
+    problems: Collection[SceneProblem],
+    untouched: Collection[str] = (),
+) -> tuple[Cure, ...]:
+    """What helps against one problem; nothing that cannot.
+
+    Commands are tried on the scenario, which they do not change: one is offered if
+    the problem is gone after it and there are fewer problems than before. Whether new
+    futures help is not known beforehand, so they are offered where they can.
+
+    Args:
+        scenario: the scenario that has the problem.
+        problem: the one to cure.
+        problems: all that is to be cured, this one among them.
+        untouched: agents that move as in the recording.
+    """
+    offered: list[Cure] = []
+    if problem.kind in _LATER:
+        offered += _regenerations(scenario, problem, untouched)
+    tried = list(_tried(scenario, problem, problems))
+    if tried:
+        count = len(scene_problems(scenario))
+        offered += [cure for cure in tried if _helps(scenario, problem, cure, count)]
+    offered += _removals(scenario, problem)
+    return tuple(offered)
+
+
+def _regenerations(
+    scenario: Scenario, problem: SceneProblem, untouched: Collection[str]
+) -> Iterator[Cure]:
+    """Only agents that are there now get new futures."""
+    agents, now = scenario.agents, scenario.current_step
+    users = agents.kind_mask(ROAD_USER_KINDS)
+    rows = [agents.row_of[name] for name in problem.agent_ids]
+    if not all(agents.is_valid[row, now] and users[row] for row in rows):
+        return
+    edited = tuple(name for name in problem.agent_ids if name not in untouched)
+    if 0 < len(edited) < len(rows):
+        yield Cure(label=f"Regenerate {edited[0]}", regenerated_ids=edited)
+    label = (
+        "Regenerate both" if len(rows) == 2 else f"Regenerate {problem.agent_ids[0]}"
+    )
+    yield Cure(label=label, regenerated_ids=problem.agent_ids)
+
+
+def _tried(
+    scenario: Scenario, problem: SceneProblem, problems: Collection[SceneProblem]
+) -> Iterator[Cure]:
+    applied = scenario.applied_warp
+    mu = friction_coefficient_of(scenario)
+    if problem.kind == "friction":
+        (one,) = problem.agent_ids
+        yield Cure(
+            label=f"Slow {one} to the limit",
+            command=SlowToFrictionLimit(agent_ids=(one,), friction_coefficient=mu),
+        )
+        fast = tuple(p.agent_ids[0] for p in problems if p.kind == "friction")
+        if len(fast) > 1:
+            yield Cure(
+                label=f"Slow all {len(fast)} to the limit",
+                command=SlowToFrictionLimit(agent_ids=fast, friction_coefficient=mu),
+            )
+    elif not problem.agent_ids and applied is not None:
+        weaker = weakened_to_radius(applied.warp)
+        if weaker is not None:
+            yield Cure(
+                label="Weaken the bend",
+                command=SetRoadWarp(
+                    warp=weaker, friction_coefficient=applied.friction_coefficient
+                ),
+            )
+        yield Cure(label="Reset the road", command=SetRoadWarp(warp=None))
+    else:
+        agents, now = scenario.agents, scenario.current_step
+        follows = agents.kind_mask(LANE_FOLLOWER_KINDS)
+        for name in problem.agent_ids:
+            row = agents.row_of[name]
+            if agents.is_valid[row, now] and follows[row]:
+                yield Cure(
+                    label=f"Snap {name} to its lane",
+                    command=SnapToLane(agent_ids=(name,)),
+                )
+
+
+def _helps(
+    scenario: Scenario, problem: SceneProblem, cure: Cure, num_problems: int
+) -> bool:
+    """Whether the problem is gone after a command, and no other one came."""
+    assert cure.command is not None
+    try:
+        after = cure.command.apply(scenario)
+    except PdEditorError:
+        return False
+    if after is scenario:
+        return False
+    left = scene_problems(after)
+    return len(left) < num_problems and all(p.key != problem.key for p in left)
+
+
+def _removals(scenario: Scenario, problem: SceneProblem) -> Iterator[Cure]:
+    """Agents that appear later first; the focal agent and the ego are never offered."""
+    agents, now = scenario.agents, scenario.current_step
+    names = [n for n in problem.agent_ids if n not in (scenario.focal_id, EGO_ID)]
+    later = [n for n in names if not agents.is_valid[agents.row_of[n], now]]
+    for name in later or names:
+        label = f"Remove {name}"
+        if later:
+            label += " (appears later)"
+        yield Cure(label=label, command=DeleteAgents(agent_ids=(name,)))

@@ -1,0 +1,248 @@
+"""The chip that tells problems and progress, and the list that it opens."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+from pd_editor.editor.command import Command
+from pd_editor.editor.problem_cures import Cure, cures
+from pd_editor.problems.scene_problem import ProblemKind, SceneProblem
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.overlay.timeline import Mark, Timeline
+from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.problem_watch import ProblemWatch
+from pd_editor.viewer.state.run_state import RunState
+
+MAX_ROWS: Final = 200
+MAX_MARK_LINES: Final = 4
+Group = Literal["new", "ignored", "recorded"]
+_ICON: Final[dict[ProblemKind, str]] = {
+    "collision": "collision",
+    "later-collision": "collision",
+    "off-road": "road",
+    "later-off-road": "road",
+    "friction": "speed",
+    "sharp-road": "bend",
+    "folded-road": "bend",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChipActions:
+    """What the chip does by others."""
+
+    apply: Callable[[Command], None]
+    regenerate: Callable[[tuple[str, ...]], None]
+    cancel: Callable[[], None]
+    use_result: Callable[[], None]
+    download: Callable[[], None]
+    frame: Callable[[SceneProblem], None]
+    redraw: Callable[[], None]
+    """Draws rings again."""
+
+
+class StatusChip:
+    """The element ``status``; a row of its list selects, frames and goes to the time."""
+
+    def __init__(
+        self,
+        desk: Desk,
+        overlay: Overlay,
+        timeline: Timeline,
+        watch: ProblemWatch,
+        run: Callable[[], RunState | None],
+        actions: ChipActions,
+    ) -> None:
+        """Show it; ``run`` tells what a generation says at the moment."""
+        self._desk = desk
+        self._overlay = overlay
+        self._timeline = timeline
+        self._watch = watch
+        self._run = run
+        self._actions = actions
+        self._active: tuple[Group, SceneProblem] | None = None
+        self._cures: tuple[Cure, ...] = ()
+        overlay.on("status", self._heard)
+        timeline.on_mark = self._mark_chosen
+
+    def show(self) -> None:
+        """Show what is known now."""
+        groups = self._groups()
+        self._follow_active(groups)
+        self._timeline.set_marks(self._marks(groups["new"]))
+        run, count = self._run(), len(groups["new"])
+        text, tone = "No new problems", "good"
+        if count:
+            text, tone = f"{count} problem{'s' if count > 1 else ''}", "warn"
+        if run is not None and run.text:
+            text, tone = run.text, "busy"
+        problem = self._desk.session.journal_problem
+        self._overlay.show(
+            "status",
+            {
+                "text": text,
+                "tone": tone,
+                "fraction": None if run is None else run.fraction,
+                "action": "" if run is None else run.action,
+                "unsaved": "" if problem is None else f"Edits are not saved: {problem}",
+                "groups": [
+                    {
+                        "name": name,
+                        "title": _title(name, len(problems)),
+                        "rows": [self._row(problem) for problem in problems[:MAX_ROWS]],
+                        "more": max(len(problems) - MAX_ROWS, 0),
+                    }
+                    for name, problems in groups.items()
+                ],
+                "active": self._active_state(),
+            },
+        )
+
+    def after_check(self) -> None:
+        """Offer again what helps against the chosen problem, and show it all."""
+        self._follow_active(self._groups())
+        self._find_cures()
+        self.show()
+
+    def choose(self, group: Group, problem: SceneProblem) -> None:
+        """Select the agents of a problem, show them, and go to its time."""
+        self._active = group, problem
+        self._timeline.seek(float(_step_to_show(problem, self._desk)))
+        there = self._desk.session.scenario.agents.row_of
+        self._desk.session.select(n for n in problem.agent_ids if n in there)
+        self._actions.frame(problem)
+        self._find_cures()
+        self.show()
+
+    def _groups(self) -> dict[Group, tuple[SceneProblem, ...]]:
+        watch = self._watch
+        return {"new": watch.new, "ignored": watch.ignored, "recorded": watch.recorded}
+
+    def _follow_active(self, groups: Mapping[Group, tuple[SceneProblem, ...]]) -> None:
+        """The chosen problem as it is after an edit; none if it is gone."""
+        if self._active is None:
+            return
+        key = self._active[1].key
+        for name, problems in groups.items():
+            for problem in problems:
+                if problem.key == key:
+                    self._active = name, problem
+                    return
+        self._active, self._cures = None, ()
+
+    def _find_cures(self) -> None:
+        self._cures = ()
+        if self._active is not None and self._active[0] == "new":
+            self._cures = cures(
+                self._desk.session.scenario,
+                self._active[1],
+                self._watch.new,
+                self._watch.untouched(),
+            )
+
+    def _active_state(self) -> dict[str, Any] | None:
+        if self._active is None:
+            return None
+        group, problem = self._active
+        buttons = [cure.label for cure in self._cures]
+        return {
+            "id": _id(problem),
+            "message": problem.message,
+            "cures": buttons,
+            "ignore": {"new": "Ignore", "ignored": "No longer ignore"}.get(group, ""),
+            "note": "This is in the recording itself." if group == "recorded" else "",
+        }
+
+    def _row(self, problem: SceneProblem) -> dict[str, Any]:
+        scenario = self._desk.session.scenario
+        later = problem.first_step - scenario.current_step
+        return {
+            "id": _id(problem),
+            "icon": _ICON[problem.kind],
+            "text": problem.headline,
+            "hint": problem.message,
+            "time": ""
+            if not problem.agent_ids
+            else f"{later * scenario.time_axis.step_s:.1f} s",
+        }
+
+    def _marks(self, problems: Sequence[SceneProblem]) -> tuple[Mark, ...]:
+        lines: dict[int, list[str]] = {}
+        for problem in problems:
+            if problem.agent_ids:
+                lines.setdefault(problem.first_step, []).append(problem.message)
+        return tuple(
+            Mark(
+                step=step,
+                text="\n".join(
+                    [
+                        *texts[:MAX_MARK_LINES],
+                        *(
+                            [f"... and {len(texts) - MAX_MARK_LINES} more"]
+                            if len(texts) > MAX_MARK_LINES
+                            else []
+                        ),
+                    ]
+                ),
+            )
+            for step, texts in sorted(lines.items())
+        )
+
+    def _mark_chosen(self, step: int) -> None:
+        for problem in self._watch.new:
+            if problem.agent_ids and problem.first_step == step:
+                self.choose("new", problem)
+                return
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        kind, value = event.get("kind"), event.get("value")
+        if kind == "choose":
+            for name, problems in self._groups().items():
+                for problem in problems:
+                    if _id(problem) == value:
+                        self.choose(name, problem)
+                        return
+        elif kind == "cure":
+            for cure in self._cures:
+                if cure.label == value:
+                    self._use(cure)
+                    return
+        elif kind == "ignore" and self._active is not None:
+            group, problem = self._active
+            if group != "recorded":
+                self._watch.ignore(problem, group == "new")
+                self._find_cures()
+                self.show()
+                self._actions.redraw()
+        elif kind == "cancel":
+            self._actions.cancel()
+        elif kind == "use":
+            self._actions.use_result()
+        elif kind == "download":
+            self._actions.download()
+
+    def _use(self, cure: Cure) -> None:
+        if cure.command is not None:
+            self._actions.apply(cure.command)
+        else:
+            self._actions.regenerate(cure.regenerated_ids)
+
+
+def _step_to_show(problem: SceneProblem, desk: Desk) -> int:
+    """When to look at a problem; a road is looked at where edits act."""
+    return (
+        problem.first_step if problem.agent_ids else desk.session.scenario.current_step
+    )
+
+
+def _id(problem: SceneProblem) -> str:
+    return json.dumps([problem.kind, *problem.agent_ids])
+
+
+def _title(group: Group, count: int) -> str:
+    if group == "recorded":
+        return f"{count} in the recording"
+    if group == "ignored":
+        return f"{count} ignored"
+    return "No new problems" if not count else f"{count} new"

@@ -1,0 +1,217 @@
+"""Status chip, list of problems and a panel that stands still, by real mouse."""
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.commands import SetRoadWarp, TransformAgents
+from pd_editor.editor.session import EditorSession
+from pd_editor.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+
+pytestmark = pytest.mark.browser
+TABS = ("Scene", "Road", "Agents", "Drive", "History", "View")
+
+
+@pytest.fixture
+def editor(open_editor):
+    page = open_editor()
+    page.go_to_now()
+    return page
+
+
+def bend(editor, power: float = 10.0) -> None:
+    """A double turn that most agents are too fast for."""
+    scenario = editor.session.scenario
+    term = WarpTerm(kind="double-turn", power=power, length_m=10.0)
+    warp = RoadWarp(anchor=pose_of_anchor(scenario, "focal"), terms=(term,))
+    editor._tab()._desk.post(lambda: editor.session.apply(SetRoadWarp(warp=warp)))
+    editor.until(
+        lambda: any(p.kind == "friction" for p in editor._tab()._problems.new),
+        "agents over the friction limit",
+    )
+
+
+def chip(editor) -> str:
+    return editor.page.get_by_role("status", name="Status").inner_text()
+
+
+def rows(editor):
+    return editor.page.locator(".pd-problem-row")
+
+
+def boxes(editor, tabs=TABS) -> dict:
+    """Where every control of every tab is, by tab, kind and name."""
+    found = {}
+    for name in tabs:
+        editor.open_tab(name)
+        editor.settle()
+        places = editor.page.evaluate(
+            "Array.from(document.querySelectorAll("
+            "  'button, input:not([type=hidden]), [role=slider], [role=tab]'))"
+            ".filter(e => !e.closest('#pd-overlay') && e.offsetParent"
+            "  && !e.closest('.mantine-Notification-root'))"
+            ".map(e => { const r = e.getBoundingClientRect();"
+            "  return [e.tagName, e.innerText || e.ariaLabel || e.type,"
+            "    e.role === 'slider' ? 0 : r.x, r.y, r.height]; })"
+        )
+        # A slider's thumb moves along its track by what it shows; up and down never.
+        found[name] = [tuple(place) for place in places]
+    return found
+
+
+def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
+    """(D10, D13, D24) Chip, list, ticks, rings and a cure that is one undo step."""
+    page, session = editor.page, editor.session
+    playback, watch = editor.workspace.playback, editor._tab()._problems
+    editor.until(lambda: chip(editor) == "No new problems", "a green chip")
+    before = page.locator(".pd-chip").bounding_box()
+    bend(editor)
+    count = len(watch.new)
+    editor.until(lambda: chip(editor) == f"{count} problems", "an orange chip")
+    assert page.locator(".pd-chip").bounding_box() == before
+    assert before["width"] == 280
+    assert before["height"] == 34
+
+    page.locator(".pd-chip-main").click()
+    assert rows(editor).count() == count
+    first, second = watch.new[:2]
+    camera = np.array(editor.client.camera.position)
+    rows(editor).nth(0).click()
+    editor.until(lambda: session.selection == first.agent_ids, "a selection")
+    editor.until(lambda: playback.step == first.first_step, "its time")
+    editor.until(
+        lambda: not np.allclose(camera, editor.client.camera.position), "its place"
+    )
+    assert set(first.agent_ids) <= watch.agents_at(playback.step)
+    assert not watch.agents_at(0.0)
+    page.keyboard.press("ArrowDown")
+    editor.until(lambda: session.selection == second.agent_ids, "the next row")
+    editor.until(lambda: playback.step == second.first_step, "its time")
+
+    # A tick of the timeline leads there as well.
+    last = watch.new[-1]
+    name = f"Problem at {(last.first_step - 50) / 10:.1f} s"
+    page.get_by_role("button", name=name).click()
+    editor.until(lambda: playback.step == last.first_step, "the tick's time")
+    editor.until(lambda: session.selection == last.agent_ids, "the tick's agents")
+
+    editor.press("Ignore")
+    editor.until(lambda: chip(editor) == f"{count - 1} problems", "one ignored")
+    page.get_by_role("button", name="1 ignored").click()
+    rows(editor).last.click()
+    editor.press("No longer ignore")
+    editor.until(lambda: chip(editor) == f"{count} problems", "all again")
+
+    num_edits = len(session.entries)
+    page.get_by_role("button", name="to the limit").last.click()
+    editor.until(lambda: len(session.entries) == num_edits + 1, "the cure")
+    assert session.entries[-1].label.startswith("Slow ")
+    editor.until(
+        lambda: not any(p.kind == "friction" for p in watch.new), "no agent too fast"
+    )
+    editor.key("Control+z")
+    editor.until(lambda: len(watch.new) == count, "the problems again")
+
+
+def test_what_cannot_help_is_not_offered(editor):
+    """(D13) A collision now is not cured by new futures; removing one agent helps."""
+    session, watch = editor.session, editor._tab()._problems
+    scenario = session.scenario
+    focal = scenario.agents.row_of[scenario.focal_id]
+    other = next(
+        row
+        for row in range(len(scenario.agents))
+        if scenario.agents.is_valid[row, 50]
+        and scenario.agents.kinds[row] == scenario.agents.kinds[focal]
+        and scenario.agents.ids[row] not in (scenario.focal_id, "AV")
+    )
+    dx, dy = (
+        scenario.agents.position_m[focal, 50] - scenario.agents.position_m[other, 50]
+    )
+    name = scenario.agents.ids[other]
+    move = TransformAgents(agent_ids=(name,), dx_m=float(dx), dy_m=float(dy))
+    editor._tab()._desk.post(lambda: session.apply(move))
+    editor.until(lambda: any(p.kind == "collision" for p in watch.new), "a collision")
+    editor.page.locator(".pd-chip-main").click()
+    editor.page.locator(".pd-problem-row", has_text="collide").first.click()
+    cures = editor.page.locator(".pd-problem-cures button")
+    editor.until(lambda: cures.count() >= 2, "what helps")
+    texts = cures.all_inner_texts()
+    assert not any("Regenerate" in text for text in texts)
+    assert f"Remove {name}" in texts
+    assert f"Remove {scenario.focal_id}" not in texts
+    editor.press(f"Remove {name}")
+    editor.until(
+        lambda: not any(name in p.agent_ids for p in watch.new), "the collision gone"
+    )
+
+
+def test_nothing_in_a_panel_moves(editor):
+    """(D4) Problems that come, a run and its report leave every control in place."""
+    session = editor.session
+    still = boxes(editor)
+    bend(editor)
+    editor.settle()
+    tabs = [name for name in TABS if name not in ("Road", "History")]
+    after = boxes(editor, tabs)
+    for name in tabs:
+        assert after[name] == still[name], name
+    editor.open_tab("Drive")
+    editor.press("Regenerate")
+    editor.until(lambda: len(session.entries) == 2, "futures", 90)
+    after = boxes(editor, ("Drive",))
+    assert after["Drive"] == still["Drive"]
+
+
+def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(editor):
+    """(D25) R shows sample k of n and Cancel on the picture, whatever tab is open."""
+    editor.open_tab("Drive")
+    editor.fill("Alternatives", 16)
+    editor.fill("Denoising steps", 50)
+    editor.open_tab("Scene")
+    panel = editor._tab()._generation_panel
+    cancel = editor.page.locator(".pd-chip").get_by_role("button", name="Cancel")
+    editor.key("r")
+    editor.until(lambda: panel._result.is_running, "a run")
+    editor.until(
+        lambda: " of 16" in chip(editor) or not panel._result.is_running, "samples", 60
+    )
+    assert "sample " in chip(editor)
+    cancel.click()
+    editor.until(lambda: not panel._result.is_running, "the end")
+    editor.until(lambda: "problem" in chip(editor), "problems again")
+    assert not editor.session.entries
+
+
+def test_an_empty_selection_and_a_stale_report(editor):
+    """(D26, D31) Words for an empty selection; a report leaves with its result."""
+    editor.open_tab("Drive")
+    editor.row("Agents").locator("input:not([type=hidden])").first.click()
+    editor.page.get_by_role("option", name="The selection").last.click()
+    editor.press("Regenerate")
+    editor.page.get_by_text("Nothing is selected. Select agents, or choose").wait_for()
+    assert not editor.session.entries
+    editor.session.select((editor.session.scenario.focal_id,))
+    editor.press("Regenerate")
+    editor.until(lambda: len(editor.session.entries) == 1, "a future", 60)
+    report = editor._tab()._generation_panel._result._report
+    editor.until(lambda: "1 agent in" in report.content, "a report")
+    editor.key("Control+z")
+    editor.until(lambda: report.content == "", "no report")
+
+
+def test_edits_that_are_not_saved_are_told_as_long_as_they_are(editor, monkeypatch):
+    """(reliability 6) Red, with a download at hand, until the disk takes edits again."""
+    monkeypatch.setattr(
+        EditorSession, "journal_problem", property(lambda _: "the disk is full.")
+    )
+    editor._tab()._desk.post(editor._tab()._chip.show)
+    alert = editor.page.get_by_role("alert").filter(has_text="Edits are not saved")
+    alert.wait_for()
+    assert "the disk is full" in alert.inner_text()
+    with editor.page.expect_download() as download:
+        alert.get_by_role("button", name="Download").click()
+    assert download.value.suggested_filename.endswith(".zip")
+    monkeypatch.undo()
+    editor._tab()._desk.post(editor._tab()._chip.show)
+    alert.wait_for(state="hidden")
