@@ -212,8 +212,7 @@ class StatusChip:
             group, problem = self._active
             if group != "recorded":
                 self._watch.ignore(problem, group == "new")
-                self._find_cures()
-                self.show()
+                self.after_check()
                 self._actions.redraw()
         elif kind == "cancel":
             self._actions.cancel()
