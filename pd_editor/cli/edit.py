@@ -38,9 +38,12 @@ def edit(
         models: Folders of trained models to offer beside the shipped one.
         debug: Offer viser's own settings and scene tree in the page.
     """
+    _check_address(host, port)
+    sys.stdout.write("Starting...\n")
+    sys.stdout.flush()
+    # Imported late: the user sees at once that something happens.
     from pd_editor.viewer.viewer_app import ViewerApp
 
-    _check_address(host, port)
     app = ViewerApp(
         reference=str(scenario),
         host=host,

@@ -97,7 +97,7 @@ def generate(
         samples: How many samples to draw.
         steps: Denoising steps of futures; for states the model has its own number.
         keep_to_lanes: Strength of the guidance towards the lanes, from 0 for none to 1.
-        tries: Futures of each agent, of which those that avoid others are taken; who would still run into somebody waits. 0: as drawn.
+        tries: Futures of each agent, of which those that avoid others are taken; an agent that would still collide waits. 0: raw model.
         seed: Seed of the draw; the same seed gives the same files.
         model: path-diffuser, lane-follower (futures only), or the folder of a trained model.
         device: Where a model computes; auto takes a GPU if there is one.
@@ -192,7 +192,7 @@ def _roles(
     redraws_states: bool,
     adds: bool,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Ids of those who make way for new agents, and of those who are driven.
+    """Ids of agents that are removed for new ones, and of those that are driven.
 
     Raises:
         GenerationError: options contradict each other.
@@ -204,8 +204,8 @@ def _roles(
         )
     if wanted and draws_agents and not adds:
         raise GenerationError(
-            "--num-agents puts new agents in the place of all, so --agents names "
-            "nobody; give --add to keep them."
+            "--num-agents puts new agents in the place of all, so no agent is left for "
+            "--agents; give --add to keep them."
         )
     if adds and not draws_agents:
         raise GenerationError("--add needs --num-agents, which says how many.")

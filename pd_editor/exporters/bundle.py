@@ -139,8 +139,7 @@ def _check_target(
         return
     if not overwrite:
         raise ExportError(
-            f"{target}: already holds files; choose a new folder, or ask to overwrite "
-            "it."
+            f"{target}: already holds files; choose a new folder, or add --overwrite."
         )
     if RECIPE_NAME not in present:
         raise ExportError(

@@ -402,13 +402,34 @@ class BrowserSession:
         key("Undo", self._history_panel.undo, "Z", "cmd/ctrl")
         key("Redo", self._history_panel.redo, "Z", "cmd/ctrl+shift")
         key("Redo (Ctrl+Y)", self._history_panel.redo, "Y", "cmd/ctrl")
-        key("Delete selection", self._agent_panel.delete, "delete")
-        key("Delete selection (Backspace)", self._agent_panel.delete, "backspace")
-        key("Duplicate selection", self._agent_panel.duplicate, "D", "cmd/ctrl")
+        key(
+            "Delete selection",
+            self._agent_panel.delete,
+            "delete",
+            failure="Not deleted",
+        )
+        key(
+            "Delete selection (Backspace)",
+            self._agent_panel.delete,
+            "backspace",
+            failure="Not deleted",
+        )
+        key(
+            "Duplicate selection",
+            self._agent_panel.duplicate,
+            "D",
+            "cmd/ctrl",
+            failure="Not duplicated",
+        )
+        key(
+            "Snap to lane",
+            self._agent_panel.snap,
+            "L",
+            failure="Not snapped to a lane",
+        )
         key("Select all agents", self._selecting.select_all, "A", "cmd/ctrl")
         key("Invert the selection", self._selecting.invert, "I", "cmd/ctrl")
         key("Select all of the same kind", self._selecting.same_kind)
-        key("Snap to lane", self._agent_panel.snap, "L")
         key("Agent list", self._agent_list.toggle, "F", "cmd/ctrl")
         key("Place an agent", self._placing.toggle, "P")
         key("Show possible trajectories", self._candidates_panel.toggle_candidates, "G")
@@ -554,7 +575,7 @@ class BrowserSession:
         self._scenario_panel.show(scenario)
         self._export_panel.show(scenario)
         self._road_panel.show(scenario, selection)
-        self._agent_panel.show(scenario, selection)
+        self._agent_panel.show(scenario, selection, self._agent_list.stale_ids())
         self._candidates_panel.show(scenario, selection)
         self._generation_panel.show(scenario)
         self._history_panel.show()
@@ -699,6 +720,7 @@ class BrowserSession:
             self._candidates.set_palette(palette)
             self._show_marks()
             self._show_legend()
+            self._show_panels(self._workspace.session.state)
 
     def _agent_list_opened(self) -> None:
         self._toolbar.show()

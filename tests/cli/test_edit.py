@@ -30,7 +30,10 @@ def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(viewer_app, "ViewerApp", FakeApp)
     result = shell.run("edit", "--data", "somewhere", "--port", 8123)
     assert (result.code, result.err) == (0, "")
-    assert result.lines == ["Path Diffuser Editor is at http://127.0.0.1:1"]
+    assert result.lines == [
+        "Starting...",
+        "Path Diffuser Editor is at http://127.0.0.1:1",
+    ]
     assert FakeApp.made == {
         "reference": JUNCTION,
         "host": "127.0.0.1",
@@ -55,7 +58,11 @@ def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyP
     ],
 )
 def test_what_cannot_be_served_is_refused(shell: Shell, options: str, sentence: str):
-    assert sentence in shell.refused("edit", *options.split())
+    result = shell.run("edit", *options.split())
+    assert result.code == 2
+    assert sentence in result.err
+    assert result.out in ("", "Starting...\n")
+    assert result.err.count("\n") == 1
 
 
 def test_a_taken_port_is_stepped_over(shell: Shell, monkeypatch: pytest.MonkeyPatch):
@@ -65,7 +72,7 @@ def test_a_taken_port_is_stepped_over(shell: Shell, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.slow
-def test_app_prints_one_line_with_the_address_and_serves(tmp_path: Path):
+def test_app_says_that_it_starts_then_prints_its_address_and_serves(tmp_path: Path):
     process = subprocess.Popen(
         [sys.executable, "app.py", "--port", "8391", "--library", str(tmp_path)],
         cwd=ROOT,
@@ -77,6 +84,7 @@ def test_app_prints_one_line_with_the_address_and_serves(tmp_path: Path):
     guard.start()
     try:
         assert process.stdout is not None
+        assert process.stdout.readline() == "Starting...\n"
         line = process.stdout.readline()
         found = re.fullmatch(r"Path Diffuser Editor is at (http://\S+)\n", line)
         assert found is not None, line

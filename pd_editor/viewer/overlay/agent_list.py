@@ -64,6 +64,11 @@ class AgentList:
         """Open the list, or close it."""
         self._set_open(not self.is_open)
 
+    def stale_ids(self) -> frozenset[str]:
+        """Agents whose trajectory an edit carried to where it no longer fits."""
+        carried = carried_agent_ids(self._desk.session.commands_in_force)
+        return carried & frozenset(self._problems()[1]) if carried else carried
+
     def show(self) -> None:
         """Bring the page's list up to the session."""
         session = self._desk.session
@@ -85,7 +90,6 @@ class AgentList:
             self._listed = listed
             self._number += 1
             self._ids = scenario.agents.ids
-            stale = carried_agent_ids(session.commands_in_force) & frozenset(later)
             self._overlay.show(
                 "agents",
                 {
@@ -98,7 +102,7 @@ class AgentList:
                         session.base,
                         palette,
                         problems=problems,
-                        stale=stale,
+                        stale=self.stale_ids(),
                     ),
                 },
             )

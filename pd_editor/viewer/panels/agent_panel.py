@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, Final
 
 import numpy as np
@@ -115,12 +115,20 @@ class AgentPanel:
         desk.on_change(self._position, self._set_position, merge_key="position")
         desk.on_change(self._size, self._set_size, merge_key="size")
 
-    def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
-        """Show the numbers of the selection; what differs among agents is empty."""
+    def show(
+        self,
+        scenario: Scenario,
+        selection: tuple[str, ...],
+        stale: Collection[str] = (),
+    ) -> None:
+        """Show the numbers of the selection; what differs among agents is empty.
+
+        ``stale`` are agents whose trajectory no longer fits.
+        """
         agents, step = scenario.agents, scenario.current_step
         rows = agents.rows(selection)
         is_there = bool(len(rows)) and bool(agents.is_valid[rows, step].all())
-        self._summary.show(*summary(scenario, rows))
+        self._summary.show(*summary(scenario, rows), *stale_in_words(selection, stale))
         for handle in (self._kind, self._speed, self._heading, self._size):
             set_property(handle, "disabled", not is_there)
         set_property(self._position, "disabled", not (is_there and len(rows) == 1))
@@ -264,6 +272,19 @@ def summary(scenario: Scenario, rows: Int[np.ndarray, "G"]) -> tuple[str, ...]:
     return f"{kind_name(agents.kinds[row])} {agents.ids[row]}", (
         text[:1].upper() + text[1:]
     )
+
+
+def stale_in_words(
+    selection: tuple[str, ...], stale: Collection[str]
+) -> tuple[str, ...]:
+    """A line about selected agents whose trajectory no longer fits, if any."""
+    count = sum(agent_id in stale for agent_id in selection)
+    if not count:
+        return ()
+    if len(selection) == 1:
+        return ("Its trajectory no longer fits: regenerate it (R).",)
+    verb = "trajectory no longer fits" if count == 1 else "trajectories no longer fit"
+    return (f"{count} {verb}: regenerate (R).",)
 
 
 def _time_seen(is_valid: Bool[np.ndarray, "T"], step_s: float) -> str:

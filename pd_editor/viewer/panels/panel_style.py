@@ -29,8 +29,8 @@ class PanelStyle:
             ":hover:not([data-disabled]){background:rgba(128,144,160,0.3)}",
             "[data-disabled]{opacity:0.4;background:none}",
             " .mantine-Button-inner{justify-content:flex-start}",
-            " .mantine-Button-label{display:block;line-height:2em;overflow:hidden;"
-            "text-overflow:ellipsis}",
+            " .mantine-Button-label{display:block;height:auto;line-height:1.5;"
+            "overflow:hidden;text-overflow:ellipsis;white-space:nowrap}",
         )
 
     def unfilled(self, sliders: Iterable[viser.GuiSliderHandle[Any]]) -> None:
@@ -41,8 +41,8 @@ class PanelStyle:
         self._add(
             sliders,
             " .mantine-Slider-bar{display:none}",
-            " .mantine-Slider-mark{border-color:transparent;"
-            "background:rgba(128,144,160,0.6)}",
+            " .mantine-Slider-mark{border-color:transparent !important;"
+            "background:rgb(160,170,180) !important}",
         )
 
     def _add(self, handles: Iterable[Any], *rules: str) -> None:

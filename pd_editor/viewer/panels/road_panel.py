@@ -56,6 +56,7 @@ _POWER_MARKS: Final = (
 DEFAULT_BORDER_M: Final = 5.0
 DEFAULT_EXPONENT: Final = 3.0
 MAX_SLOWED_NAMED: Final = 3
+NOT_SLOWED: Final = "Off: speeds stay as they are."
 _NOT_OWN: Final = object()
 """Equal to no warp: inputs are to be set anew."""
 
@@ -311,7 +312,7 @@ class RoadPanel:
             return
         self._slowed_of = applied
         if applied is None or applied.friction_coefficient is None:
-            self._slowed.show()
+            self._slowed.show("", NOT_SLOWED)
             return
         slowed = slowed_agents(applied, scenario.time_axis)
         self._slowed.show(*slowed_in_words(slowed, most=MAX_SLOWED_NAMED))

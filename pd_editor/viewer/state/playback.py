@@ -21,7 +21,7 @@ class Playback:
         self._next_frame = 0.0
         self.axis = TimeAxis()
         self.last_step = self.axis.num_steps - 1
-        """Where playback ends: nobody exists later."""
+        """Where playback ends: no agent exists later."""
         self.step = 0.0
         self.speed = 1.0
         self.loops = True

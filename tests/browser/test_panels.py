@@ -1,0 +1,229 @@
+"""Agent list, agent panel, road panel, history and candidates, by real mouse."""
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def editor(open_editor):
+    page = open_editor()
+    page.until(lambda: page._tab()._overlay.is_ready, "the overlay")
+    page.workspace.playback.pause()
+    return page
+
+
+def rows(editor):
+    return editor.page.locator(".pd-agents-row")
+
+
+def list_has_rows(editor) -> None:
+    editor.until(lambda: rows(editor).count() > 5, "the rows of the list")
+
+
+def row_of(editor, agent_id: str):
+    return rows(editor).filter(has=editor.page.locator(".pd-name", has_text=agent_id))
+
+
+def select(editor, *agent_ids: str) -> None:
+    editor._tab()._desk.post(lambda: editor.session.select(agent_ids))
+    editor.until(lambda: editor.session.selection == agent_ids, "a selection")
+
+
+def top_of(locator) -> float:
+    return locator.bounding_box()["y"]
+
+
+def test_the_list_searches_selects_and_lights_up_agents(editor):
+    """Search, click, Ctrl and Shift click, the buttons, pointing, scrolling to a row."""
+    session, page = editor.session, editor.page
+    ids = session.scenario.agents.ids
+    editor.key("Control+f")
+    list_has_rows(editor)
+    # Only rows in sight have elements.
+    assert rows(editor).count() < len(ids)
+    assert page.get_by_label("Search agents").evaluate(
+        "element => element === document.activeElement"
+    )
+    rows(editor).nth(2).click()
+    editor.until(lambda: session.selection == (ids[2],), "one agent")
+    rows(editor).nth(5).click(modifiers=["Shift"])
+    editor.until(lambda: session.selection == ids[2:6], "a range")
+    rows(editor).nth(3).click(modifiers=["Control"])
+    editor.until(lambda: set(session.selection) == {ids[2], *ids[4:6]}, "one less")
+    rows(editor).nth(6).hover()
+    editor.until(lambda: editor._tab()._pointed_id == ids[6], "an agent lit up")
+    lit = editor._tab()._marks._pointed.batched_scales
+    assert lit.max() > 0.5
+
+    page.get_by_label("Search agents").fill("pedestrian")
+    people = [
+        name
+        for name, kind in zip(ids, session.scenario.agents.kinds, strict=True)
+        if kind.value == "pedestrian"
+    ]
+    status = page.locator(".pd-agents-count")
+    editor.until(
+        lambda: status.inner_text().startswith(f"{len(people)} of {len(ids)}"), "people"
+    )
+    page.get_by_role("button", name="All", exact=True).click()
+    editor.until(lambda: set(session.selection) == set(people), "all of the list")
+    page.get_by_label("Search agents").fill("")
+    page.get_by_role("button", name="Invert", exact=True).click()
+    editor.until(
+        lambda: set(session.selection) == set(ids) - set(people), "all the others"
+    )
+    page.get_by_role("button", name="None", exact=True).click()
+    editor.until(lambda: session.selection == (), "none")
+
+    # The row of an agent that is selected elsewhere comes into sight.
+    select(editor, ids[-1])
+    row_of(editor, ids[-1]).wait_for(state="visible")
+    assert row_of(editor, ids[-1]).get_attribute("aria-selected") == "true"
+    page.get_by_role("button", name="Same kind", exact=True).click()
+    kind = session.scenario.agents.kinds[-1]
+    editor.until(
+        lambda: len(session.selection) == session.scenario.agents.kinds.count(kind),
+        "the same kind",
+    )
+    editor.key("Control+f")
+    editor.until(lambda: not editor._tab()._agent_list.is_open, "the list closed")
+
+
+def test_the_list_sorts_by_distance_to_the_focal_agent(editor):
+    editor.page.get_by_role("button", name="Agent list (Ctrl+F)").click()
+    list_has_rows(editor)
+    editor.page.get_by_role(
+        "button", name="Sort by distance to the focal agent"
+    ).click()
+    names = [
+        text.strip() for text in rows(editor).locator(".pd-name").all_inner_texts()
+    ]
+    scenario = editor.session.scenario
+    agents, now = scenario.agents, scenario.current_step
+    assert names[0] == scenario.focal_id
+    focal = agents.position_m[agents.row_of[scenario.focal_id], now]
+    gap = np.linalg.norm(agents.position_m[:, now] - focal, axis=-1)
+    gap = [round(float(gap[agents.row_of[name]]), 1) for name in names[:8]]
+    assert gap == sorted(gap)
+
+
+def test_several_agents_show_empty_fields_that_apply_to_all(editor):
+    """(D32)"""
+    session = editor.session
+    agents, now = session.scenario.agents, session.scenario.current_step
+    there = np.flatnonzero(agents.is_valid[:, now])
+    first = int(there[0])
+    other = next(row for row in there if agents.kinds[row] != agents.kinds[first])
+    chosen = (agents.ids[first], agents.ids[int(other)])
+    editor.open_tab("Agents")
+    speed = editor.row("Speed (m/s)").locator("input").first
+    assert speed.input_value() == ""
+    assert speed.is_disabled()
+    place = editor.page.get_by_role("button", name="Delete", exact=True)
+    before = top_of(place)
+    select(editor, *chosen)
+    editor.page.get_by_text("2 agents:").wait_for()
+    assert speed.input_value() == ""
+    assert editor.row("Kind").locator("input").first.input_value() == "mixed"
+    editor.fill("Speed (m/s)", 4)
+    editor.until(lambda: len(session.entries) == 1, "the speed of both")
+    assert np.allclose(
+        session.scenario.agents.speed_mps()[session.scenario.agents.rows(chosen), now],
+        4,
+    )
+    select(editor, session.scenario.focal_id)
+    button = editor.page.get_by_role("button", name="Is the focal agent")
+    assert button.is_disabled()
+    # Nothing above has pushed the buttons down.
+    assert top_of(place) == pytest.approx(before, abs=0.5)
+
+
+def test_shape_and_anchors_of_the_road_panel(editor):
+    """(D27, D29) Undo takes the shape back, anchors that cannot be are not offered."""
+    session = editor.session
+    editor.open_tab("Road")
+    reset = editor.page.get_by_role("button", name="Reset road")
+    assert reset.is_disabled()
+    bend = editor.row("Bend")
+    start = top_of(reset) - top_of(bend)
+    editor.row("Anchor").locator("input").first.click()
+    options = editor.page.get_by_role("option").all_inner_texts()
+    assert "Selected agent" not in options
+    assert "Focal agent" in options
+    editor.page.keyboard.press("Escape")
+    editor.fill("Waves", 3)
+    editor.until(lambda: len(session.entries) == 1, "waves")
+    editor.page.get_by_text("Shape", exact=True).click()
+    editor.fill("Wave length (m)", 20)
+    editor.until(lambda: len(session.entries) == 2, "a wave length")
+    assert session.entries[-1].label == "Road: length of the waves 60 to 20 m"
+    editor.key("Control+z")
+    length = editor.row("Wave length (m)").locator("input:not([type=hidden])").first
+    editor.until(lambda: length.input_value() == "60", "the length as before")
+    assert top_of(reset) - top_of(bend) == pytest.approx(start, abs=0.5)
+    editor.tick("Slow agents to the friction limit")
+    editor.until(lambda: len(session.entries) == 2, "slower agents")
+    editor.page.get_by_text("slowed:").wait_for()
+    assert top_of(reset) - top_of(bend) == pytest.approx(start, abs=0.5)
+    reset.click()
+    editor.until(lambda: session.scenario.applied_warp is None, "the straight road")
+
+
+def test_rows_of_the_history_keep_their_place(editor):
+    """(D28)"""
+    session = editor.session
+    select(editor, session.scenario.focal_id)
+    editor.open_tab("Agents")
+    for number, speed in enumerate((3.0, 4.0, 5.0), start=1):
+        editor.fill("Speed (m/s)", speed)
+        editor.until(lambda n=number: len(session.entries) == n, f"edit {number}")
+    editor.open_tab("History")
+    row = editor.page.get_by_role("button", name="1. Set agent")
+    before = top_of(row)
+    row.click()
+    editor.until(lambda: session.state.position == 1, "a jump back")
+    assert top_of(row) == pytest.approx(before, abs=0.5)
+    undone = editor.page.get_by_role("button", name="(undone) 3. Set agent")
+    undone.wait_for()
+    editor.page.get_by_text("1 edit in force").wait_for()
+    undone.click()
+    editor.until(lambda: session.state.position == 3, "a jump forward")
+
+
+def test_a_refused_action_is_named(editor):
+    """The notice says what was not done, and stands below the toolbar."""
+    select(editor)
+    editor.key("Delete")
+    notice = editor.page.get_by_text("Not deleted")
+    notice.wait_for()
+    editor.page.get_by_text("Nothing is selected. Select an agent first.").wait_for()
+    editor.until(lambda: top_of(notice) > 52, "a notice below the toolbar", 4)
+    notice.wait_for(state="detached", timeout=15_000)
+
+
+def test_possible_trajectories_are_told_apart(editor):
+    """(D30)"""
+    session = editor.session
+    select(editor, session.scenario.focal_id)
+    editor.open_tab("Drive")
+    use = editor.page.get_by_role("button", name="Use this trajectory")
+    before = top_of(use)
+    assert use.is_disabled()
+    editor.press("Show possible trajectories")
+    editor.until(lambda: editor._tab()._candidates.shown, "the fan")
+    panel = editor._tab()._candidates_panel
+    labels = editor.until(
+        lambda: len(panel._choice.options) > 1 and panel._choice.options, "the words"
+    )
+    assert any("Left at the junction" in label for label in labels)
+    assert any("Change to the right lane" in label for label in labels)
+    hits = panel._collisions
+    hit = next(index for index, one in enumerate(hits) if one is not None)
+    editor.choose("Trajectory", labels[hit + 1])
+    editor.page.get_by_text("Collides with").wait_for()
+    assert top_of(use) == pytest.approx(before, abs=0.5)
+    use.click()
+    editor.until(lambda: len(session.entries) == 1, "the trajectory")
+    assert session.entries[0].label.startswith("Use a trajectory for agent")

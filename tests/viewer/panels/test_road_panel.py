@@ -1,0 +1,153 @@
+"""The road panel: shape that follows undo, anchors that can be, agents slowed."""
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.commands import SetAgentSpeed
+from pd_editor.perturbation.friction_slowdown import SlowedAgent
+from pd_editor.scene.scenario import EGO_ID
+from pd_editor.viewer.panels.road_panel import (
+    EGO,
+    FOCAL,
+    NOT_SLOWED,
+    POINT,
+    SELECTED,
+    slowed_in_words,
+)
+from tests.viewer.fake_browser import FakeTab
+
+
+@pytest.fixture
+def panel(tab: FakeTab):
+    return tab.tab._road_panel
+
+
+def bend(tab: FakeTab, panel, power: float = 4.0, length_m: float | None = None):
+    panel._power["ripple-road"].value = power
+    if length_m is not None:
+        panel._length["ripple-road"].value = length_m
+    tab.run(panel._changed)
+    tab.run(tab.desk.commit_gesture)
+    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+
+
+def test_shape_follows_undo_and_redo(tab: FakeTab, panel):
+    """(D27)"""
+    length = panel._length["ripple-road"]
+    bend(tab, panel)
+    bend(tab, panel, length_m=5.0)
+    history = tab.tab._history_panel
+    tab.run(history.undo)
+    assert length.value == 60.0
+    tab.run(history.undo)
+    assert (panel._power["ripple-road"].value, length.value) == (0.0, 60.0)
+    tab.run(history.redo)
+    tab.run(history.redo)
+    assert length.value == 5.0
+    tab.run(history.undo)
+    tab.run(history.undo)
+    assert length.value == 60.0
+
+
+def test_shape_does_not_leak_into_another_scenario(tab: FakeTab, panel):
+    """(D27)"""
+    panel._length["ripple-road"].value = 5.0
+    tab.run(panel._changed)
+    tab.run(tab.desk.commit_gesture)
+    # A shape that waits for a bend outlives a selection ...
+    tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids[:1]))
+    assert panel._length["ripple-road"].value == 5.0
+    # ... but not another scenario.
+    tab.run(lambda: tab.tab._workspace.open_reference("merge"))
+    assert panel._length["ripple-road"].value == 60.0
+
+
+def test_resets_are_offered_whenever_anything_differs(tab: FakeTab, panel):
+    """(D27)"""
+    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    assert panel._reset.disabled
+    assert panel._reset_shape.disabled
+    panel._length["ripple-road"].value = 5.0
+    tab.run(panel._changed)
+    assert not panel._reset.disabled
+    assert not panel._reset_shape.disabled
+    tab.run(panel.reset_shape)
+    assert panel._length["ripple-road"].value == 60.0
+    assert panel._reset.disabled
+    bend(tab, panel, length_m=7.0)
+    tab.run(panel.reset_shape)
+    (term,) = tab.session.scenario.applied_warp.warp.terms
+    assert (term.power, term.length_m) == (4.0, 60.0)
+    tab.run(panel.reset)
+    assert tab.session.scenario.applied_warp is None
+    assert panel._reset.disabled
+
+
+def test_only_anchors_that_can_be_are_offered(tab: FakeTab, panel):
+    """(D29)"""
+    agents = tab.session.scenario.agents
+    tab.run(lambda: tab.session.select(()))
+    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    assert panel._anchor.options == (FOCAL, POINT)
+    assert EGO_ID not in agents.row_of
+    assert "ego (there is none)" in panel._missing.text
+    assert "selected agent (select one)" in panel._missing.text
+    tab.run(lambda: tab.session.select(agents.ids[1:]))
+    assert panel._anchor.options == (FOCAL, SELECTED, POINT)
+    panel._anchor.value = SELECTED
+    tab.run(panel._anchor_changed)
+    x, y = agents.position_m[1, tab.session.scenario.current_step]
+    assert panel._anchor_at.value == (round(float(x), 1), round(float(y), 1))
+    assert panel._view._drawn is not None
+    # What is chosen goes with the selection while nothing is bent.
+    tab.run(lambda: tab.session.select(()))
+    assert panel._anchor.value == FOCAL
+    assert EGO not in panel._anchor.options
+
+
+def test_the_anchor_can_be_typed(tab: FakeTab, panel):
+    """(D29)"""
+    bend(tab, panel)
+    panel._anchor_at.value, panel._anchor_heading.value = (12.0, 3.0), 30.0
+    tab.run(panel._pose_typed)
+    tab.run(tab.desk.commit_gesture)
+    anchor = tab.session.scenario.applied_warp.warp.anchor
+    assert (anchor.x_m, anchor.y_m) == (12.0, 3.0)
+    assert anchor.rotation_rad == pytest.approx(np.radians(30.0))
+    assert panel._anchor.value == POINT
+    label = tab.session.entries[-1].label
+    assert "anchor moved" in label
+    assert "anchor turned" in label
+
+
+def test_agents_that_friction_slows_are_named_with_their_speeds(tab: FakeTab, panel):
+    """(D10)"""
+    ids = tab.session.scenario.agents.ids
+    tab.run(lambda: tab.desk.apply(SetAgentSpeed(agent_ids=ids, speed_mps=20.0)))
+    panel._power["smooth-turn"].value = 10.0
+    panel._slows.value = True
+    tab.run(panel._changed)
+    tab.run(tab.desk.commit_gesture)
+    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    applied = tab.session.scenario.applied_warp
+    now = tab.session.scenario.current_step
+    text = panel._slowed.text
+    assert "slowed:" in text
+    slowest = applied.warped_agents.speed_mps()[:, now:].min(axis=1)
+    named = [row for row, name in enumerate(ids) if name in text]
+    assert named
+    assert all(slowest[row] < 20.0 for row in named)
+    tab.run(panel.reset)
+    assert panel._slowed.text == NOT_SLOWED
+
+
+def test_words_about_slowed_agents_have_their_plural():
+    one = SlowedAgent(agent_id="7", before_mps=12.5, after_mps=11.7, time_s=0.0)
+    later = SlowedAgent(agent_id="8", before_mps=16.0, after_mps=5.9, time_s=2.3)
+    assert slowed_in_words([one], most=3) == (
+        "1 agent slowed:",
+        "7 12.5 to 11.7 m/s at t = 0",
+    )
+    title, text = slowed_in_words([one, later, later], most=2)
+    assert title == "3 agents slowed:"
+    assert text.endswith("8 16.0 to 5.9 m/s at t = 2.3 s; 1 more")
