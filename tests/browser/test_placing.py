@@ -117,8 +117,11 @@ def test_edits_away_from_t_0_bring_the_playhead_there(editor):
     agents, row = placed(editor, before + 1)
     assert np.linalg.norm(agents.position_m[row, 50] - point) < 0.3
     assert playback.step == 50
-    shown = editor._tab()._agents.poses.position_m[row]
-    assert np.linalg.norm(shown - point) < 0.3
+    poses = editor.until(
+        lambda: (p := editor._tab()._agents.poses) and len(p.position_m) > row and p,
+        "the new agent in the picture",
+    )
+    assert np.linalg.norm(poses.position_m[row] - point) < 0.3
     editor.key("Escape")
 
     editor.seek(2.0)
