@@ -5,12 +5,17 @@ import signal
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from jaxtyping import install_import_hook
 
 import tests.shape_checker  # noqa: F401  (named by the hook below)
 
 _hook = install_import_hook("pd_editor", "tests.shape_checker.check")
 _hook.__enter__()
+
+# Times are for benchmarks; a busy machine is no fault of the code.
+settings.register_profile("without-deadline", deadline=None)
+settings.load_profile("without-deadline")
 
 
 def pytest_configure() -> None:

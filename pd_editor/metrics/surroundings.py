@@ -98,13 +98,17 @@ def _features(
 ) -> Float[np.ndarray, "V F"]:
     scenario, others = view.scenario, view.everyone
     present = others.is_valid[:, 0] & _is_vehicle(others.kinds)
-    random = np.random.default_rng(zlib.crc32(scenario.scenario_id.encode()))
     count = len(others)
-    position = others.position_m[:, 0]
-    position = position + random.normal(0.0, _POSITION_NOISE_M, (count, 2))
-    heading = others.heading_rad[:, 0] + random.normal(0.0, _HEADING_NOISE_RAD, count)
+    # Noise follows the agent, so that neither order nor pose of the scene matters.
+    noise = np.array([_noise_of(name) for name in others.ids]).reshape(count, 4)
+    heading = others.heading_rad[:, 0]
+    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
+    offset = noise[:, :1] * ahead + noise[:, 1:2] * aside
+    position = others.position_m[:, 0] + _POSITION_NOISE_M * offset
+    heading = heading + _HEADING_NOISE_RAD * noise[:, 2]
     speed = np.hypot(*others.velocity_mps[:, 0].T)
-    noisy = np.abs(speed + random.normal(0.0, _SPEED_NOISE_MPS, count))
+    noisy = np.abs(speed + _SPEED_NOISE_MPS * noise[:, 3])
     speed = np.where(speed < _CREEPING_MPS, 0.0, noisy)
 
     rows = np.flatnonzero(judged)  # Judged agents come first among all.
@@ -123,7 +127,7 @@ def _features(
     across = (offset * np.stack([-np.sin(facing), np.cos(facing)], -1)[:, None]).sum(-1)
     counted = np.isfinite(distance)
     is_ahead = counted & (along > 0.0) & (np.abs(across) < 1.8)
-    ahead = np.where(is_ahead, along, _FAR_M).min(axis=1)
+    gap_ahead = np.where(is_ahead, along, _FAR_M).min(axis=1)
     near = counted & (distance < 20.0)
     turn = _folded_deg(heading[None] - facing[:, None])
     num_near = near.sum(axis=1)
@@ -148,7 +152,7 @@ def _features(
             of_first(np.abs(along), _FAR_M),
             of_first(np.abs(across), _FAR_M),
             np.where(np.isfinite(second), second, _FAR_M),
-            ahead,
+            gap_ahead,
             (counted & (distance < 10.0)).sum(axis=1),
             num_near,
             (near & (speed == 0.0)).sum(axis=1),
@@ -157,6 +161,13 @@ def _features(
             stands & (lane_m < 1.0) & (lane_angle < 0.3),
         ]
     )
+
+
+@lru_cache(maxsize=4096)
+def _noise_of(agent_id: str) -> tuple[float, ...]:
+    """Four standard normal numbers that belong to an agent."""
+    random = np.random.default_rng(zlib.crc32(agent_id.encode()))
+    return tuple(random.standard_normal(4).tolist())
 
 
 def _distances(

@@ -156,7 +156,7 @@ def journals(random: np.random.Generator, folder: Path) -> Action:
         os.mkfifo(path)
 
     def take_up() -> int:
-        logging.basicConfig(format="%(levelname)s %(message)s")
+        logging.basicConfig(format="%(levelname)s %(message)s", force=True)
         found = find_unfinished(folder)
         for work in found:
             restore(work, base).close(discard=False)
@@ -261,7 +261,7 @@ def messages(random: np.random.Generator, folder: Path) -> Action:
     frames = [odd_frame(random) for _ in range(20)]
 
     def send() -> None:
-        logging.basicConfig(format="%(levelname)s %(message)s")
+        logging.basicConfig(format="%(levelname)s %(message)s", force=True)
         with running_app(folder, DEMO) as app:
             protocols: list[Any] = [f"viser-v{viser.__version__}"]
             address = f"ws://127.0.0.1:{app.server.get_port()}"

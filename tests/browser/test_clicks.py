@@ -42,7 +42,11 @@ def test_regenerated_futures(editor):
     opened = editor.session.scenario
     editor.open_tab("Drive")
     editor.press("Regenerate")
-    editor.until(lambda: editor.session.entries, "regenerated futures", REGENERATION_S)
+    editor.until(
+        lambda: editor.session.scenario is not opened,
+        "regenerated trajectories",
+        REGENERATION_S,
+    )
     now = opened.current_step
     after = editor.session.scenario.agents
     assert not np.array_equal(

@@ -39,7 +39,6 @@ def test_open_a_folder_by_path_and_upload_a_zip(open_editor, folder):
     editor.until(
         lambda: editor.session.scenario.scenario_id == "two-lane-road", "the folder"
     )
-    notice(editor, "A bus halts on an arterial road")
     editor.choose("Demo", "signalised-junction")
     notice(editor, "Lights turn green for a full street of three lanes")
     editor.press("Open demo")
@@ -72,7 +71,7 @@ def test_a_bad_upload_says_so_and_changes_nothing(open_editor, name, content):
     editor = open_editor()
     opened = editor.session.scenario
     upload(editor, name, content)
-    notice(editor, "That did not work")
+    notice(editor, f"Not opened: {name}")
     assert editor.session.scenario is opened
 
 

@@ -152,7 +152,7 @@ def test_name_tags_and_note_are_written_and_a_zip_has_a_table(
     assert names == set(ids)
     assert [line["base_id"] for line in lines] == [JUNCTION] * 4
     assert (lines[2]["tags"], lines[2]["note"]) == ("hard; night", "'=1+1")
-    assert lines[1]["edits"] == "Warp: ripple road +3"
+    assert lines[1]["edits"] == "Bend the road: waves +3"
     assert "add --overwrite" in shell.refused(
         "export", JUNCTION, "--out", tmp_path, "--zip"
     )

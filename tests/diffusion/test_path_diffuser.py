@@ -89,7 +89,7 @@ def test_nobody_waits_only_where_there_are_no_tries(
         guidance = guidance_terms(0.0, tries)
         traffic = generated(diffuser, scenario, ids, guidance=guidance, num_samples=2)
         calls[tries] = len(asked)
-        assert any("were slowed" in note for note in traffic.notes) == (tries > 0)
+        assert any("slowed down" in note for note in traffic.notes) == (tries > 0)
     assert calls == {0: 0, 1: 2, 3: 2}
 
 
@@ -161,7 +161,7 @@ def test_guidance_is_taken_by_name(diffuser: PathDiffuser, scenario: Scenario) -
     )
     assert not same(free.samples[0], firm.samples[0])
     assert not any("Guidance" in note for note in free.notes)
-    assert any("to 0.0 m" in note for note in firm.notes)
+    assert any("-> 0.0 m" in note for note in firm.notes)
     odd = generated(diffuser, scenario, ids, guidance=(GuidanceTerm(name="magic"),))
     assert any("magic" in note for note in odd.notes)
 

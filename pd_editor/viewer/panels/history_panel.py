@@ -97,7 +97,7 @@ class HistoryPanel:
             NEWER: self._page - 1,
             OLDER: self._page + 1,
             PRESENT: (count - session.state.position) // ROWS,
-        }[where]
+        }.get(where, self._page)
         self._page = min(max(page, 0), count // ROWS)
         self.show()
 

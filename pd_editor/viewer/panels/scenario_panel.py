@@ -54,7 +54,10 @@ class ScenarioPanel:
         @upload.on_upload
         async def _(event: viser.GuiEvent[Any]) -> None:
             uploaded = event.target.value
-            desk.post(lambda: self._uploaded(uploaded.name, uploaded.content))
+            desk.post(
+                lambda: self._uploaded(uploaded.name, uploaded.content),
+                failure=f"Not opened: {uploaded.name[:60]}",
+            )
 
     def show(self, scenario: Scenario) -> None:
         """Show what is open; the menu of demos follows it."""

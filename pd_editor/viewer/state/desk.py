@@ -58,8 +58,19 @@ class Desk:
         self._gesture_deadline: float | None = None
         self._failure = _NOT_DONE
 
-    def post(self, action: Callable[[], None], merge_key: str | None = None) -> None:
-        """Run an action on the session's worker."""
+    def post(
+        self,
+        action: Callable[[], None],
+        merge_key: str | None = None,
+        *,
+        failure: str | None = None,
+    ) -> None:
+        """Run an action on the session's worker.
+
+        ``failure`` says what did not happen if the action is refused.
+        """
+        if failure is not None:
+            action = self._told(failure, action)
         self.inbox.post(action, merge_key)
 
     def on_click(

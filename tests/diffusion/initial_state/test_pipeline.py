@@ -17,7 +17,7 @@ from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.generation import (
     Region,
 )
-from pd_editor.metrics.map_points import map_points
+from pd_editor.metrics.off_road import is_off_road
 from pd_editor.repair import slow_for_gaps
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
@@ -118,18 +118,18 @@ def test_wishes_about_those_placed_are_answered(
             CONDITIONED_YES
         ] * 6 + [UNCONDITIONED]
     numbers = []
-    points = map_points(scenario.road_map).center_m
     for sample in traffic.samples:
         walker = sample.kinds.index(AgentKind.PEDESTRIAN)
         speed = np.hypot(*sample.velocity_mps[:, 0].T)
-        gap = sample.position_m[:, 0, None] - points
-        far = np.hypot(gap[..., 0], gap[..., 1]).min(axis=1) > 4
-        far[walker] = False
-        numbers.append(((speed >= 0.5).sum(), far.sum()))
+        off = is_off_road(scenario, sample.position_m[:, 0])
+        off[walker] = False
+        numbers.append(((speed >= 0.5).sum(), off.sum()))
     moving, off = np.sum(numbers, axis=0)
     assert traffic.notes[0].startswith(f"{moving} of 14 placed agents move")
     assert "75% were asked for" in traffic.notes[0]
-    assert traffic.notes[1].startswith(f"{off or 'None'} of 14 placed agents came")
+    verb = "is" if off < 2 else "are"
+    expected = f"{off or 'None'} of 14 placed agents {verb} off the road."
+    assert traffic.notes[1].startswith(expected)
     assert not generated(diffuser, scenario, (), **asked).notes
 
 
