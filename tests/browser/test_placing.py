@@ -5,7 +5,7 @@ import pytest
 
 from pd_editor.scene.agent_kind import AgentKind
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.fixture

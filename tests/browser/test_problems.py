@@ -59,6 +59,13 @@ def boxes(editor, tabs=TABS) -> dict:
     return found
 
 
+def assert_still(after: list, before: list, name: str) -> None:
+    """The same controls in the same places; viser's header may settle by a pixel."""
+    assert [place[:2] for place in after] == [place[:2] for place in before], name
+    moved = np.array([p[2:] for p in after]) - np.array([p[2:] for p in before])
+    assert np.abs(moved).max() <= 2.0, name
+
+
 def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
     """(D10, D13, D24) Chip, list, ticks, rings and a cure that is one undo step."""
     page, session = editor.page, editor.session
@@ -155,12 +162,12 @@ def test_nothing_in_a_panel_moves(editor):
     tabs = [name for name in TABS if name not in ("Road", "History")]
     after = boxes(editor, tabs)
     for name in tabs:
-        assert after[name] == still[name], name
+        assert_still(after[name], still[name], name)
     editor.open_tab("Drive")
     editor.press("Regenerate")
     editor.until(lambda: len(session.entries) == 2, "futures", 90)
     after = boxes(editor, ("Drive",))
-    assert after["Drive"] == still["Drive"]
+    assert_still(after["Drive"], still["Drive"], "Drive")
 
 
 def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(editor):

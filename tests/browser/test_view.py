@@ -5,7 +5,7 @@ import pytest
 
 from tests.browser.view_page import camera_rests, distance_m, ground, ready, tool
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 LOWEST_M = 0.2
 

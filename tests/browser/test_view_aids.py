@@ -8,7 +8,7 @@ import pytest
 
 from tests.browser.view_page import camera_rests, distance_m, ground, ready, tool
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 FRAMES = """nodes => {
   const log = window.pdFrames = [];

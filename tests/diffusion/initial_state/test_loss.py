@@ -137,7 +137,7 @@ def test_a_small_model_learns_one_scene_by_heart():
         seed=0,
         config=InitialStateSamplerConfig(num_steps=20),
     )
-    states = [step.states for step in steps][-1][:, 0]
+    states = [step.clean for step in steps][-1][:, 0]
     found = states[..., :2]
     distance = torch.cdist(found, scene.agent_pose[..., :2]).amin(dim=1)
     assert distance.median() < 1.5

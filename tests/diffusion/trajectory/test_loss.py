@@ -151,5 +151,5 @@ def test_a_network_learns_one_scene_by_heart() -> None:
     *_, last = sample_trajectories(
         model, scene, samples=range(4), seed=0, config=TrajectorySamplerConfig()
     )
-    gap = (last.latent - scene.future)[:, scene.has_future]
+    gap = (last.clean - scene.future)[:, scene.has_future]
     assert gap.abs().mean() < 0.1
