@@ -5,6 +5,7 @@ from pd_editor.diffusion.initial_state.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
     UNCONDITIONED,
+    sampling_conditioning,
 )
 from pd_editor.diffusion.initial_state.denoiser import (
     InitialStateConfig,
@@ -22,6 +23,7 @@ from pd_editor.diffusion.initial_state.loss import (
 )
 from pd_editor.diffusion.initial_state.sampler import (
     InitialStateSamplerConfig,
+    finished_states,
     sample_initial_states,
 )
 from tests.diffusion.initial_state.scenes import scene_batch, small_model
@@ -130,14 +132,16 @@ def test_a_small_model_learns_one_scene_by_heart():
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
         optimizer.step()
         rates.step()
-    steps = sample_initial_states(
+    task = sampling_conditioning(scene)
+    *_, last = sample_initial_states(
         model.eval(),
         scene,
         samples=range(4),
         seed=0,
+        task=task,
         config=InitialStateSamplerConfig(num_steps=20),
     )
-    states = [step.clean for step in steps][-1][:, 0]
+    states = finished_states(scene, task, last.clean)[:, 0]
     found = states[..., :2]
     distance = torch.cdist(found, scene.agent_pose[..., :2]).amin(dim=1)
     assert distance.median() < 1.5
