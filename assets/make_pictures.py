@@ -7,25 +7,23 @@ is warped step by step while the traffic plays.
 import io
 import shutil
 import tempfile
-import time
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from pd_editor.editor.commands import SetRoadWarp
-from pd_editor.perturbation.anchor import pose_of_anchor
-from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
 from pd_editor.viewer.viewer_app import ViewerApp
 
 PICTURES: Final = Path(__file__).parents[1] / "docs" / "pictures"
-DEMO: Final = "merge"
-NUM_FRAMES: Final = 44
-FRAME_MS: Final = 90
+DEMO: Final = "winding-street"
+SLIDER: Final = "S-bend"
+NUM_FRAMES: Final = 40
+FRAME_MS: Final = 110
+SETTLE_MS: Final = 500
 MAX_POWER: Final = 7.0
-VIEWPORT: Final = {"width": 1280, "height": 720}
-WIDTH_PX: Final = 760
+SIZE_PX: Final = (1280, 720)
+WIDTH_PX: Final = 800
 CHROMIUM_ARGUMENTS: Final = (
     "--no-sandbox",
     "--use-gl=angle",
@@ -42,10 +40,10 @@ def main() -> None:
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=list(CHROMIUM_ARGUMENTS)
         )
-        page = browser.new_page(viewport=VIEWPORT)  # pyright: ignore[reportArgumentType]
+        page = browser.new_page(viewport={"width": SIZE_PX[0], "height": SIZE_PX[1]})
         page.goto(app.address)
-        workspace = _workspace(app, page)
-        frames = [_frame(page, workspace, number) for number in range(NUM_FRAMES)]
+        _prepare(page)
+        frames = [_frame(page, number) for number in range(NUM_FRAMES)]
         browser.close()
         app.stop()
     first, *others = frames
@@ -55,44 +53,40 @@ def main() -> None:
         append_images=others,
         duration=FRAME_MS,
         loop=0,
-        quality=70,
+        quality=60,
         method=6,
     )
 
 
-def _workspace(app: ViewerApp, page: Page) -> Any:
-    """The tab's workspace, once the page is complete and software toasts are gone."""
-    page.get_by_role("tab", name="Agents").wait_for(timeout=60_000)
-    end = time.monotonic() + 60.0
-    while not app.workspaces() and time.monotonic() < end:
-        page.wait_for_timeout(100)
+def _prepare(page: Page) -> None:
+    """Wait for the page, stop playback at t = 0, and put notices and hints away."""
+    page.get_by_role("tab", name="Road", exact=True).click(timeout=60_000)
     page.wait_for_timeout(3000)
     page.evaluate(
         "document.querySelectorAll('.mantine-Notification-closeButton')"
         ".forEach(button => button.click())"
     )
-    (workspace,) = app.workspaces()
-    workspace.playback.pause()
-    return workspace
+    page.get_by_role("button", name="Close the hints").click()
+    page.get_by_role("button", name="Pause", exact=True).click()
+    page.get_by_role("button", name="t = 0", exact=True).click()
+    page.wait_for_timeout(500)
 
 
-def _frame(page: Page, workspace: Any, number: int) -> Image.Image:
+def _frame(page: Page, number: int) -> Image.Image:
     """One frame: there and back between the original road and the sharpest warp."""
     phase = number / NUM_FRAMES
-    power = MAX_POWER * (1.0 - abs(2.0 * phase - 1.0))
-    base = workspace.session.base
-    term = WarpTerm(
-        kind="double-turn", power=power, length_m=DEFAULT_LENGTH_M["double-turn"]
-    )
-    warp = RoadWarp(anchor=pose_of_anchor(base, "focal"), terms=(term,))
-    workspace.session.preview(
-        SetRoadWarp(warp=warp if power else None, friction_coefficient=None)
-    )
-    axis = workspace.playback.axis
-    workspace.playback.seek(axis.current_step + phase * axis.num_future_steps)
-    page.wait_for_timeout(400)
-    canvas = page.locator("canvas").first
-    image = Image.open(io.BytesIO(canvas.screenshot()))
+    power = round(MAX_POWER * (1.0 - abs(2.0 * phase - 1.0)), 1)
+    row = page.locator(
+        f"xpath=//label[normalize-space()='{SLIDER}']"
+        "/ancestor::div[contains(@class,'Flex-root')][1]"
+    ).first
+    field = row.locator("input:not([type=hidden])").last
+    field.fill(str(power))
+    field.press("Enter")
+    page.evaluate("document.activeElement && document.activeElement.blur()")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_timeout(SETTLE_MS)
+    image = Image.open(io.BytesIO(page.screenshot()))
     height = round(image.height * WIDTH_PX / image.width)
     return image.convert("RGB").resize((WIDTH_PX, height), Image.Resampling.LANCZOS)
 
