@@ -77,8 +77,10 @@ def test_wheel_zooms_to_the_pointer_and_pans_keep_the_ground_under_it(editor, vi
         editor.page.mouse.wheel(0, 120)
         editor.page.wait_for_timeout(80)
     camera_rests(editor)
-    # The camera eases out; its last part may come after it seems to rest.
-    assert np.allclose(editor.client.camera.position, start, rtol=1e-2, atol=0.5)
+    editor.until(
+        lambda: np.allclose(editor.client.camera.position, start, rtol=1e-3, atol=0.05),
+        "the camera back where it was, once it has eased out",
+    )
 
     def drag(button: str) -> None:
         here = ground(editor, x, y)
