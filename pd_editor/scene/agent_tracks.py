@@ -1,7 +1,7 @@
 """All agents of a scenario over time, as one struct of arrays."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -36,15 +36,19 @@ class AgentTracks:
     """Whether the agent exists at a step."""
     observed: Bool[np.ndarray, "A T"]
     """Argoverse 2's ``observed``: whether the step belongs to the given past."""
+    activity: Int[np.ndarray, "A"] = field(default_factory=lambda: np.zeros(0, np.int8))
+    """``Activity`` of each agent at the current step; empty: unknown of all."""
 
     def __post_init__(self) -> None:
         num_agents = len(self.ids)
         assert len(self.kinds) == len(self.categories) == num_agents
         assert len(set(self.ids)) == num_agents, "agent ids must be unique"
-        for field in fields(self):
-            value = getattr(self, field.name)
+        if not len(self.activity):
+            object.__setattr__(self, "activity", np.zeros(num_agents, np.int8))
+        for one in fields(self):
+            value = getattr(self, one.name)
             if isinstance(value, np.ndarray):
-                assert len(value) == num_agents, field.name
+                assert len(value) == num_agents, one.name
                 value.flags.writeable = False
 
     def __len__(self) -> int:
@@ -84,9 +88,9 @@ class AgentTracks:
         """Only the agents at ``rows``, in that order."""
         index = np.asarray(rows, int)
         values: dict[str, Any] = {}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            values[field.name] = (
+        for one in fields(self):
+            value = getattr(self, one.name)
+            values[one.name] = (
                 value[index]
                 if isinstance(value, np.ndarray)
                 else tuple(value[row] for row in index)
@@ -96,9 +100,9 @@ class AgentTracks:
     def joined(self, other: "AgentTracks") -> "AgentTracks":
         """These agents, then the other ones."""
         values: dict[str, Any] = {}
-        for field in fields(self):
-            mine, theirs = getattr(self, field.name), getattr(other, field.name)
-            values[field.name] = (
+        for one in fields(self):
+            mine, theirs = getattr(self, one.name), getattr(other, one.name)
+            values[one.name] = (
                 np.concatenate([mine, theirs])
                 if isinstance(mine, np.ndarray)
                 else mine + theirs

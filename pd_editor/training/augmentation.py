@@ -69,7 +69,7 @@ def augmented(
     """A changed scenario with the road users of the current step only.
 
     Where all agents are known, those that a tracker would not see are to be hidden:
-    most of those far from the ego. Its map has lanes and crosswalks only, and is a new value.
+    most of those far from the ego. Its map is a new value.
     """
     agents = _remaining(scenario, augmentation, random, hides_agents=hides_agents)
     road_map = _remaining_map(scenario.road_map, augmentation, random)
@@ -126,7 +126,7 @@ def _remaining_map(
     if random.random() < augmentation.lanes_dropped_share:
         kept = random.random(len(lanes)) >= augmentation.lane_dropped
         lanes = tuple(lane for lane, stays in zip(lanes, kept, strict=True) if stays)
-    return RoadMap(lanes=lanes, crosswalks=road_map.crosswalks)
+    return replace(road_map, lanes=lanes)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Int
 
+from pd_editor.scene.activity import true_activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
@@ -160,6 +161,7 @@ def _gathered(
     stays = np.flatnonzero(is_valid.sum(axis=1) >= MIN_TRACK_STEPS)
     row, is_valid, there = row[stays], is_valid[stays], there[stays]
     position = position[stays]
+    speed = np.hypot(*recording.velocity_mps[row[:, current]].T)
     ids = tuple(recording.ids[one] for one in there)
     kinds = tuple(recording.kinds[one] for one in there)
     return there, AgentTracks(
@@ -173,6 +175,7 @@ def _gathered(
         velocity_mps=np.where(is_valid[..., None], recording.velocity_mps[row], 0.0),
         is_valid=is_valid,
         observed=is_valid & (np.arange(num_steps) < current),
+        activity=true_activity(recording.is_parked[there], speed).astype(np.int8),
     )
 
 
@@ -247,4 +250,5 @@ def _finished(
         velocity_mps=np.where(is_valid[..., None], tracks.velocity_mps[rows], 0.0),
         is_valid=is_valid,
         observed=is_valid & (np.arange(tracks.num_steps) < current),
+        activity=tracks.activity[rows],
     )

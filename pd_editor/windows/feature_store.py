@@ -1,7 +1,7 @@
 """Packed scenes of many windows on disk, read one by one in any order.
 
-A store is a folder of parts. Each part holds four arrays: rows of scenes, of pieces,
-of agents and of candidates, where a scene's rows begin at its offsets. A part appears
+A store is a folder of parts. Each part holds five arrays: rows of scenes, of pieces, of
+pieces of the boundary, of agents and of candidates, where a scene's rows begin at its offsets. A part appears
 whole or not at all, so that an interrupted preparation goes on where it was.
 """
 
@@ -17,15 +17,17 @@ import numpy as np
 from jaxtyping import Int
 
 from pd_editor.errors import TrainingError
+from pd_editor.windows.boundary_pieces import BOUNDARY_SHAPE
 from pd_editor.windows.lane_pieces import PIECE_SHAPE
 from pd_editor.windows.packed_scene import LATENT_SIZE, PackedScene
 from pd_editor.windows.scene_features import (
     NUM_CANDIDATES,
     NUM_NEAR_AGENTS,
+    NUM_NEAR_BOUNDARY,
     NUM_NEAR_PIECES,
 )
 
-FORMAT_VERSION: Final = 4
+FORMAT_VERSION: Final = 5
 """Also of what the numbers mean."""
 _INDEX_NAME: Final = "store.json"
 _PART_PREFIX: Final = "part-"
@@ -35,6 +37,7 @@ _MOST_HALF: Final = 6e4
 _SCENE: Final = np.dtype(
     [
         ("piece", np.int64),
+        ("boundary", np.int64),
         ("agent", np.int64),
         ("candidate", np.int64),
         ("root", np.int16),
@@ -49,20 +52,25 @@ _PIECE: Final = np.dtype(
         ("kind", np.int8),
     ]
 )
+_BOUNDARY: Final = np.dtype(
+    [("pose", np.float32, 3), ("shape", np.float16, len(BOUNDARY_SHAPE))]
+)
 _AGENT: Final = np.dtype(
     [
         ("pose", np.float32, 3),
         ("speed", np.float32),
         ("size", np.float16, 2),
         ("kind", np.int8),
+        ("activity", np.int8),
         ("near_pieces", np.int16, NUM_NEAR_PIECES),
+        ("near_boundary", np.int16, NUM_NEAR_BOUNDARY),
         ("near_agents", np.int16, NUM_NEAR_AGENTS),
         ("num_candidates", np.int8),
         ("future", np.float16, LATENT_SIZE),
         ("has_future", np.bool_),
     ]
 )
-_ARRAYS: Final = ("scenes", "pieces", "agents", "candidates")
+_ARRAYS: Final = ("scenes", "pieces", "boundary", "agents", "candidates")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,6 +204,7 @@ class FeatureStore:
 class _Part:
     scenes: np.ndarray
     pieces: np.ndarray
+    boundary: np.ndarray
     agents: np.ndarray
     candidates: np.ndarray
 
@@ -217,6 +226,7 @@ class _Part:
     def scene(self, index: int) -> PackedScene:
         here, after = self.scenes[index], self.scenes[index + 1]
         pieces = self.pieces[here["piece"] : after["piece"]]
+        boundary = self.boundary[here["boundary"] : after["boundary"]]
         agents = self.agents[here["agent"] : after["agent"]]
         latents = self.candidates[here["candidate"] : after["candidate"]]
         has_candidate = np.arange(NUM_CANDIDATES) < agents["num_candidates"][:, None]
@@ -226,11 +236,15 @@ class _Part:
             piece_pose=np.ascontiguousarray(pieces["pose"]),
             piece_shape=pieces["shape"].astype(np.float32),
             piece_kind=pieces["kind"].astype(np.int64),
+            boundary_pose=np.ascontiguousarray(boundary["pose"]),
+            boundary_shape=boundary["shape"].astype(np.float32),
             agent_pose=np.ascontiguousarray(agents["pose"]),
             agent_speed=np.ascontiguousarray(agents["speed"]),
             agent_size=agents["size"].astype(np.float32),
             agent_kind=agents["kind"].astype(np.int64),
+            agent_activity=agents["activity"].astype(np.int64),
             near_pieces=agents["near_pieces"].astype(np.int64),
+            near_boundary=agents["near_boundary"].astype(np.int64),
             near_agents=agents["near_agents"].astype(np.int64),
             candidates=candidates,
             has_candidate=has_candidate,
@@ -241,36 +255,47 @@ class _Part:
 
 def _tables(
     scenes: Sequence[PackedScene], groups: Sequence[str], root: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of scenes, pieces, agents and candidates."""
+) -> tuple[np.ndarray, ...]:
+    """Rows of scenes, pieces, pieces of the boundary, agents and candidates."""
     counts = np.array(
         [
-            (len(one.piece_pose), len(one.agent_pose), int(one.has_candidate.sum()))
+            (
+                len(one.piece_pose),
+                len(one.boundary_pose),
+                len(one.agent_pose),
+                int(one.has_candidate.sum()),
+            )
             for one in scenes
         ],
         dtype=np.int64,
-    ).reshape(-1, 3)
+    ).reshape(-1, 4)
     table = np.zeros(len(scenes) + 1, _SCENE)
-    for column, name in enumerate(("piece", "agent", "candidate")):
+    for column, name in enumerate(("piece", "boundary", "agent", "candidate")):
         table[name][1:] = np.cumsum(counts[:, column])
     table["root"] = root
     table["group"][:-1] = groups
     pieces = np.zeros(counts[:, 0].sum(), _PIECE)
-    agents = np.zeros(counts[:, 1].sum(), _AGENT)
+    boundary = np.zeros(counts[:, 1].sum(), _BOUNDARY)
+    agents = np.zeros(counts[:, 2].sum(), _AGENT)
     if not scenes:
-        return table, pieces, agents, np.zeros((0, LATENT_SIZE), np.float16)
+        latents = np.zeros((0, LATENT_SIZE), np.float16)
+        return table, pieces, boundary, agents, latents
     for name in ("pose", "shape", "kind"):
         pieces[name] = np.concatenate([getattr(one, f"piece_{name}") for one in scenes])
-    for name in ("pose", "speed", "size", "kind"):
+    for name in ("pose", "shape"):
+        boundary[name] = np.concatenate(
+            [getattr(one, f"boundary_{name}") for one in scenes]
+        )
+    for name in ("pose", "speed", "size", "kind", "activity"):
         agents[name] = np.concatenate([getattr(one, f"agent_{name}") for one in scenes])
-    for name in ("near_pieces", "near_agents", "has_future"):
+    for name in ("near_pieces", "near_boundary", "near_agents", "has_future"):
         agents[name] = np.concatenate([getattr(one, name) for one in scenes])
     agents["future"] = _half([one.future for one in scenes])
     agents["num_candidates"] = np.concatenate(
         [one.has_candidate.sum(1) for one in scenes]
     )
     latents = _half([one.candidates[one.has_candidate] for one in scenes])
-    return table, pieces, agents, latents
+    return table, pieces, boundary, agents, latents
 
 
 def _half(latents: list[np.ndarray]) -> np.ndarray:

@@ -16,7 +16,7 @@ LATENT_SIZE: Final = 10
 class PackedScene:
     """``SceneFeatures`` with futures and candidates as D numbers each, their latents.
 
-    P pieces, A agents, M and K neighbours, C candidates. Float arrays are float32;
+    P pieces, E of the boundary, A agents, M, N and K neighbours, C candidates. Float arrays are float32;
     indices are -1 where there is none. Valid candidates come first in each row.
     """
 
@@ -24,11 +24,15 @@ class PackedScene:
     """x, y, heading, around the middle of the scene."""
     piece_shape: Float[np.ndarray, "P F"]
     piece_kind: Int[np.ndarray, "P"]
+    boundary_pose: Float[np.ndarray, "E 3"]
+    boundary_shape: Float[np.ndarray, "E G"]
     agent_pose: Float[np.ndarray, "A 3"]
     agent_speed: Float[np.ndarray, "A"]
     agent_size: Float[np.ndarray, "A 2"]
     agent_kind: Int[np.ndarray, "A"]
+    agent_activity: Int[np.ndarray, "A"]
     near_pieces: Int[np.ndarray, "A M"]
+    near_boundary: Int[np.ndarray, "A N"]
     near_agents: Int[np.ndarray, "A K"]
     candidates: Float[np.ndarray, "A C D"]
     """Zero where ``has_candidate`` is false."""
@@ -55,11 +59,15 @@ def packed(features: SceneFeatures, encode: Encoder) -> PackedScene:
         piece_pose=features.piece_pose,
         piece_shape=features.piece_shape,
         piece_kind=features.piece_kind,
+        boundary_pose=features.boundary_pose,
+        boundary_shape=features.boundary_shape,
         agent_pose=features.agent_pose,
         agent_speed=features.agent_speed,
         agent_size=features.agent_size,
         agent_kind=features.agent_kind,
+        agent_activity=features.agent_activity,
         near_pieces=features.near_pieces,
+        near_boundary=features.near_boundary,
         near_agents=features.near_agents,
         candidates=candidates,
         has_candidate=has_candidate,

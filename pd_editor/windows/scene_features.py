@@ -9,25 +9,28 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.errors import GenerationError
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.paths.motion_primitives import candidate_positions
+from pd_editor.scene.activity import activity_at
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.windows.boundary_pieces import BOUNDARY_SHAPE, boundary_pieces
 from pd_editor.windows.lane_pieces import (
     MIRRORED_SHAPE,
     MIRRORED_SHAPE_SIGNS,
     NUM_PIECE_KINDS,
     PIECE_LENGTH_M,
     PIECE_SHAPE,
-    LanePieces,
     lane_pieces,
 )
 
 __all__ = [
     "AGENT_KINDS",
+    "BOUNDARY_SHAPE",
     "MIRRORED_SHAPE",
     "MIRRORED_SHAPE_SIGNS",
     "NUM_CANDIDATES",
     "NUM_FUTURE_STEPS",
     "NUM_NEAR_AGENTS",
+    "NUM_NEAR_BOUNDARY",
     "NUM_NEAR_PIECES",
     "NUM_PIECE_KINDS",
     "PEDESTRIAN",
@@ -48,14 +51,15 @@ AGENT_KINDS: Final = (
 PEDESTRIAN: Final = AGENT_KINDS.index(AgentKind.PEDESTRIAN)
 """Index of the kind that follows no lane."""
 NUM_NEAR_PIECES: Final = 24
-NUM_NEAR_AGENTS: Final = 8
+NUM_NEAR_BOUNDARY: Final = 8
+NUM_NEAR_AGENTS: Final = 16
 NUM_CANDIDATES: Final = 24
 NUM_FUTURE_STEPS: Final = 59
 STEP_S: Final = 0.1
 PIECE_REACH_M: Final = 130.0
 """Pieces further from the middle are left out, unless an agent is near."""
 MOST_PIECES: Final = 512
-"""So many at most, besides those near an agent."""
+"""So many of lanes at most, and of the boundary, besides those near an agent."""
 _KIND_INDEX: Final = {
     kind: AGENT_KINDS.index(kind if kind in ROAD_USER_KINDS else AgentKind.PEDESTRIAN)
     for kind in AgentKind
@@ -65,7 +69,7 @@ _KIND_INDEX: Final = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneFeatures:
-    """P pieces of lanes, W crosswalks and A road users at the current step.
+    """P pieces of lanes, E of the boundary and A road users at the current step.
 
     Poses are x, y, heading in the scene frame moved to ``center_m``. Agents are all
     road users present at the current step, in the order of the scenario. Indices are
@@ -79,6 +83,10 @@ class SceneFeatures:
     """Length, turn, width and so on: see ``PIECE_SHAPE``."""
     piece_kind: Int[np.ndarray, "P"]
     """0 vehicle, 1 bike, 2 bus lane, 3 crosswalk (one per direction)."""
+    boundary_pose: Float[np.ndarray, "E 3"]
+    """Middle of each piece of the drivable area's boundary, the ground on its left."""
+    boundary_shape: Float[np.ndarray, "E G"]
+    """The numbers named by ``BOUNDARY_SHAPE``."""
     agent_row: Int[np.ndarray, "A"]
     """Row of each agent in the scenario."""
     agent_pose: Float[np.ndarray, "A 3"]
@@ -86,8 +94,12 @@ class SceneFeatures:
     agent_size: Float[np.ndarray, "A 2"]
     agent_kind: Int[np.ndarray, "A"]
     """Index into ``AGENT_KINDS``."""
+    agent_activity: Int[np.ndarray, "A"]
+    """``Activity``, made to agree with the speed; 0 where it is unknown."""
     near_pieces: Int[np.ndarray, "A M"]
     """The M pieces nearest to each agent, nearest first."""
+    near_boundary: Int[np.ndarray, "A N"]
+    """The N pieces of the boundary nearest to each agent, nearest first."""
     near_agents: Int[np.ndarray, "A K"]
     """The K other agents nearest to each agent, nearest first."""
     candidate_m: Float[np.ndarray, "A C H 2"]
@@ -120,7 +132,14 @@ def scene_features(
     position, heading = tracks.position_m[rows, step], tracks.heading_rad[rows, step]
     velocity = tracks.velocity_mps[rows, step]
     pieces = lane_pieces(scenario.road_map)
-    kept, near_pieces = _near_pieces(pieces, position, center)
+    kept, near_pieces = _near_pieces(
+        pieces.pose[:, :2], position, center, NUM_NEAR_PIECES
+    )
+    boundary = boundary_pieces(scenario)
+    seen, near_boundary = _near_pieces(
+        boundary.pose[:, :2], position, center, NUM_NEAR_BOUNDARY
+    )
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
     num_candidates = NUM_CANDIDATES if with_candidates else 0
     candidate, has_candidate = _candidates(scenario, rows, num_candidates)
     future, has_future = _futures(scenario, rows)
@@ -130,12 +149,16 @@ def scene_features(
         piece_pose=_single(pieces.pose[kept] - middle),
         piece_shape=_single(pieces.shape[kept]),
         piece_kind=pieces.kind[kept],
+        boundary_pose=_single(boundary.pose[seen] - middle),
+        boundary_shape=_single(boundary.shape[seen]),
         agent_row=rows,
         agent_pose=_single(np.column_stack([position - center, wrap_angle(heading)])),
-        agent_speed=_single(np.hypot(velocity[:, 0], velocity[:, 1])),
+        agent_speed=_single(speed),
         agent_size=_single(tracks.size_m[rows]),
         agent_kind=np.array([_KIND_INDEX[tracks.kinds[row]] for row in rows], int),
+        agent_activity=activity_at(tracks.activity[rows], speed).astype(int),
         near_pieces=near_pieces,
+        near_boundary=near_boundary,
         near_agents=_nearest(position, position, NUM_NEAR_AGENTS, but_itself=True),
         candidate_m=candidate,
         has_candidate=has_candidate,
@@ -177,20 +200,20 @@ def _rows(scenario: Scenario, agents: np.ndarray | None) -> Int[np.ndarray, "A"]
 
 
 def _near_pieces(
-    pieces: LanePieces,
+    points_m: Float[np.ndarray, "P 2"],
     position_m: Float[np.ndarray, "A 2"],
     center_m: Float[np.ndarray, "2"],
-) -> tuple[Int[np.ndarray, "P"], Int[np.ndarray, "A M"]]:
-    """Pieces that are kept, in the order of the map, and which are near each agent."""
-    points = pieces.pose[:, :2]
-    near = _nearest(position_m, points, NUM_NEAR_PIECES)
-    distance = np.hypot(*(points - center_m).T)
+    most: int,
+) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "A {most}"]]:
+    """Rows of the pieces that are kept, in order, and which of these are near each agent."""
+    near = _nearest(position_m, points_m, most)
+    distance = np.hypot(*(points_m - center_m).T)
     wanted = distance <= PIECE_REACH_M
     if wanted.sum() > MOST_PIECES:
         wanted &= distance <= np.partition(distance, MOST_PIECES - 1)[MOST_PIECES - 1]
     wanted[near[near >= 0]] = True
     place = np.cumsum(wanted) - 1
-    if len(points):
+    if len(points_m):
         near = np.where(near >= 0, place[near], -1)
     return np.flatnonzero(wanted), near
 

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pd_editor.errors import TrainingError
+from pd_editor.windows.boundary_pieces import BOUNDARY_SHAPE
 from pd_editor.windows.feature_store import (
     FeatureStore,
     StoreIndex,
@@ -18,6 +19,7 @@ from pd_editor.windows.packed_scene import LATENT_SIZE, PackedScene, packed
 from pd_editor.windows.scene_features import (
     NUM_CANDIDATES,
     NUM_NEAR_AGENTS,
+    NUM_NEAR_BOUNDARY,
     NUM_NEAR_PIECES,
     scene_features,
 )
@@ -32,6 +34,7 @@ def some_scene(seed: int, num_pieces: int, num_agents: int) -> PackedScene:
     def numbers(*shape: int) -> np.ndarray:
         return random.normal(0, 3, shape).astype(np.float32)
 
+    num_boundary = int(random.integers(0, 9))
     counts = random.integers(0, NUM_CANDIDATES + 1, num_agents)
     has_candidate = np.arange(NUM_CANDIDATES) < counts[:, None]
     latents = numbers(num_agents, NUM_CANDIDATES, LATENT_SIZE)
@@ -40,10 +43,16 @@ def some_scene(seed: int, num_pieces: int, num_agents: int) -> PackedScene:
         piece_pose=numbers(num_pieces, 3),
         piece_shape=numbers(num_pieces, len(PIECE_SHAPE)),
         piece_kind=random.integers(0, 4, num_pieces),
+        boundary_pose=numbers(num_boundary, 3),
+        boundary_shape=numbers(num_boundary, len(BOUNDARY_SHAPE)),
         agent_pose=numbers(num_agents, 3),
         agent_speed=numbers(num_agents),
         agent_size=numbers(num_agents, 2),
         agent_kind=random.integers(0, 5, num_agents),
+        agent_activity=random.integers(0, 4, num_agents),
+        near_boundary=random.integers(
+            -1, max(num_boundary, 1), (num_agents, NUM_NEAR_BOUNDARY)
+        ),
         near_pieces=random.integers(
             -1, max(num_pieces, 1), (num_agents, NUM_NEAR_PIECES)
         ),

@@ -176,10 +176,20 @@ def config_from_json(
 ) -> _Config:
     """A model's flat configuration out of a file.
 
+    A field that came later than the file has the value of its metadata ``when_absent``,
+    which is what networks did before there was such a field.
+
     Raises:
         ModelError: fields are missing, unknown, or hold something else.
     """
-    kinds = {one.name: one.type for one in fields(config_type)}  # type: ignore[arg-type]
+    known = fields(config_type)  # type: ignore[arg-type]
+    kinds = {one.name: one.type for one in known}
+    earlier = {
+        one.name: one.metadata["when_absent"]
+        for one in known
+        if "when_absent" in one.metadata
+    }
+    values = earlier | dict(values)
     other = sorted(kinds.keys() ^ values.keys())
     if other:
         raise ModelError(

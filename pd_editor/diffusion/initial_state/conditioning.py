@@ -87,7 +87,9 @@ _OF_AGENTS: Final = (
     "agent_speed",
     "agent_size",
     "agent_kind",
+    "agent_activity",
     "near_pieces",
+    "near_boundary",
     "near_agents",
     "candidates",
     "has_candidate",
@@ -109,7 +111,7 @@ def only_agents(scene: SceneTensors, is_kept: Bool[Tensor, "B A"]) -> SceneTenso
     """The scene without the other agents, padded less; neighbours are unset."""
     kept = _first(scene, _OF_AGENTS, scene.has_agent & is_kept)
     has_agent = kept.pop("is_kept")
-    for name in ("near_pieces", "near_agents"):
+    for name in ("near_pieces", "near_boundary", "near_agents"):
         kept[name] = torch.full_like(kept[name], -1)
     return replace(scene, **kept, has_agent=has_agent)
 

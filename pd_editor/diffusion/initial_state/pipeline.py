@@ -42,6 +42,7 @@ from pd_editor.windows.packed_scene import LATENT_SIZE, packed
 from pd_editor.windows.scene_features import (
     AGENT_KINDS,
     NUM_NEAR_AGENTS,
+    NUM_NEAR_BOUNDARY,
     NUM_NEAR_PIECES,
     SceneFeatures,
     scene_center,
@@ -270,7 +271,11 @@ def _scene(features: SceneFeatures, placed: AgentTracks) -> SceneTensors:
         agent_speed=more(features.agent_speed, np.zeros(count)),
         agent_size=more(features.agent_size, placed.size_m),
         agent_kind=more(features.agent_kind, kinds),
+        agent_activity=more(features.agent_activity, np.zeros(count)),
         near_pieces=more(features.near_pieces, np.full((count, NUM_NEAR_PIECES), -1)),
+        near_boundary=more(
+            features.near_boundary, np.full((count, NUM_NEAR_BOUNDARY), -1)
+        ),
         near_agents=more(features.near_agents, np.full((count, NUM_NEAR_AGENTS), -1)),
         candidate_m=more(
             features.candidate_m, np.zeros((count, *features.candidate_m.shape[1:]))

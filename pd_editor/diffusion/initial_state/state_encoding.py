@@ -6,13 +6,14 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from pd_editor.scene.activity import STANDING_SPEED_MPS
+
 POSITION_UNIT_M: Final = 62.0
 """Half side of the square that the model is trained on."""
 NUM_STATE_PARTS: Final = 5
 """x, y, cos, sin, speed."""
 STATE_SPREAD: Final = (0.5, 0.5, 0.7, 0.7, 0.8)
 """Standard deviation of each encoded part in traffic, roughly."""
-STANDING_SPEED_MPS: Final = 0.5
 _STANDING_CODE: Final = -0.5
 _MOVING_UNIT: Final = 2.0
 _SLOWEST_CODE: Final = STANDING_SPEED_MPS**0.5 / _MOVING_UNIT

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.inputs.trajectory_pca import MIRRORED_LATENT_SIGNS
+from pd_editor.windows.boundary_pieces import MIRRORED_BOUNDARY
 from pd_editor.windows.packed_scene import PackedScene
 from pd_editor.windows.scene_features import MIRRORED_SHAPE, MIRRORED_SHAPE_SIGNS
 
@@ -19,22 +20,28 @@ _SIZE_STEP: Final = 8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneTensors:
-    """B scenes of up to P pieces and A agents, with D latent numbers.
+    """B scenes of up to P pieces, E of the boundary and A agents, with D latent numbers.
 
     Fields mean what those of ``PackedScene`` mean; indices are -1 where there is
-    none, and everything is 0 where ``has_piece`` or ``has_agent`` is false.
+    none, and everything is 0 where ``has_piece``, ``has_boundary`` or ``has_agent`` is
+    false.
     """
 
     piece_pose: Float[Tensor, "B P 3"]
     piece_shape: Float[Tensor, "B P F"]
     piece_kind: Int[Tensor, "B P"]
     has_piece: Bool[Tensor, "B P"]
+    boundary_pose: Float[Tensor, "B E 3"]
+    boundary_shape: Float[Tensor, "B E G"]
+    has_boundary: Bool[Tensor, "B E"]
     agent_pose: Float[Tensor, "B A 3"]
     agent_speed: Float[Tensor, "B A"]
     agent_size: Float[Tensor, "B A 2"]
     agent_kind: Int[Tensor, "B A"]
+    agent_activity: Int[Tensor, "B A"]
     has_agent: Bool[Tensor, "B A"]
     near_pieces: Int[Tensor, "B A M"]
+    near_boundary: Int[Tensor, "B A N"]
     near_agents: Int[Tensor, "B A K"]
     candidates: Float[Tensor, "B A C D"]
     has_candidate: Bool[Tensor, "B A C"]
@@ -59,12 +66,17 @@ class SceneTensors:
     def mirrored(self) -> "SceneTensors":
         """Left and right exchanged."""
         shape_signs = self.piece_shape.new_tensor(MIRRORED_SHAPE_SIGNS)
+        # The ground stays on the left: pieces of the boundary run the other way.
+        boundary = self.boundary_pose * self.boundary_pose.new_tensor([1.0, -1.0, -1.0])
+        boundary[..., 2] += torch.pi * self.has_boundary
         latent_signs = self.future.new_tensor(MIRRORED_LATENT_SIGNS)
         pose_signs = self.agent_pose.new_tensor([1.0, -1.0, -1.0])
         return replace(
             self,
             piece_pose=self.piece_pose * pose_signs,
             piece_shape=self.piece_shape[..., list(MIRRORED_SHAPE)] * shape_signs,
+            boundary_pose=boundary,
+            boundary_shape=self.boundary_shape[..., list(MIRRORED_BOUNDARY)],
             agent_pose=self.agent_pose * pose_signs,
             candidates=self.candidates * latent_signs,
             future=self.future * latent_signs,
@@ -75,6 +87,7 @@ class SceneTensors:
         return replace(
             self,
             piece_pose=_turned(self.piece_pose, self.has_piece, angle_rad),
+            boundary_pose=_turned(self.boundary_pose, self.has_boundary, angle_rad),
             agent_pose=_turned(self.agent_pose, self.has_agent, angle_rad),
         )
 
@@ -88,6 +101,7 @@ def batch_of(scenes: Sequence[PackedScene]) -> SceneTensors:
     """Scenes side by side, padded to the largest of them."""
     assert scenes, "a batch holds at least one scene"
     pieces = _padded_size([len(scene.piece_pose) for scene in scenes])
+    boundary = _padded_size([len(scene.boundary_pose) for scene in scenes])
     agents = _padded_size([len(scene.agent_pose) for scene in scenes])
 
     def padded(name: str, size: int, fill: int = 0) -> Tensor:
@@ -109,12 +123,17 @@ def batch_of(scenes: Sequence[PackedScene]) -> SceneTensors:
         piece_shape=padded("piece_shape", pieces),
         piece_kind=padded("piece_kind", pieces),
         has_piece=exists("piece_pose", pieces),
+        boundary_pose=padded("boundary_pose", boundary),
+        boundary_shape=padded("boundary_shape", boundary),
+        has_boundary=exists("boundary_pose", boundary),
         agent_pose=padded("agent_pose", agents),
         agent_speed=padded("agent_speed", agents),
         agent_size=padded("agent_size", agents),
         agent_kind=padded("agent_kind", agents),
+        agent_activity=padded("agent_activity", agents),
         has_agent=exists("agent_pose", agents),
         near_pieces=padded("near_pieces", agents, -1),
+        near_boundary=padded("near_boundary", agents, -1),
         near_agents=padded("near_agents", agents, -1),
         candidates=padded("candidates", agents),
         has_candidate=padded("has_candidate", agents),

@@ -6,7 +6,7 @@ relative, so results do not change when a scene is turned or moved. Neighbours a
 seen at the waypoints that were predicted last, which are new in each block.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from jaxtyping import Float
@@ -49,6 +49,7 @@ class TrajectoryConfig:
     width: int = 128
     num_heads: int = 4
     num_blocks: int = 2
+    num_near_agents: int = field(default=16, metadata={"when_absent": 8})
     edge_width: int = 64
     """Width of the embedding of a neighbour's pose and waypoints."""
     sees_way_points: bool = True
@@ -88,7 +89,8 @@ class TrajectoryDenoiser(nn.Module):
 
     def encode_context(self, scene: SceneTensors) -> TrajectoryContext:
         """All that does not depend on noisy trajectories."""
-        features, neighbors = agent_features(scene), Neighbors.of(scene)
+        features = agent_features(scene)
+        neighbors = Neighbors.of(scene, self.config.num_near_agents)
         edges = self.edge_in(neighbors.edge_features(features)).flatten(0, 2)
         keys, values, masks = self._tokens(scene)
         interactions = None

@@ -38,12 +38,12 @@ class Neighbors:
     """As the agent sees them."""
 
     @classmethod
-    def of(cls, scene: SceneTensors) -> "Neighbors":
-        """The agent itself and the nearest others."""
+    def of(cls, scene: SceneTensors, num_near: int) -> "Neighbors":
+        """The agent itself and the ``num_near`` nearest others."""
         scenes, agents = scene.has_agent.shape
         own = torch.arange(agents, device=scene.has_agent.device)
         own = own.expand(scenes, agents)[..., None]
-        near = torch.cat([own, scene.near_agents], dim=-1)
+        near = torch.cat([own, scene.near_agents[..., :num_near]], dim=-1)
         exists = (near >= 0) & gathered(scene.has_agent, near)
         exists[:, :, 0] = True
         pose = relative_pose(

@@ -8,6 +8,8 @@ from pd_editor.diffusion.initial_state.denoiser import (
     InitialStateDenoiser,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.scene.activity import Activity
+from pd_editor.windows.boundary_pieces import BOUNDARY_SHAPE
 from pd_editor.windows.lane_pieces import PIECE_SHAPE
 from pd_editor.windows.packed_scene import PackedScene
 
@@ -34,16 +36,27 @@ def packed_scene(
         ]
     )
     speed = np.where(random.random(num_agents) < 0.5, 0.0, random.uniform(1, 15))
+    other = np.random.default_rng([seed, 1])
+    boundary = np.column_stack(
+        [pieces[:, :2] + other.normal(0, 4, (num_pieces, 2)), pieces[:, 2]]
+    )
+    activity = np.where(speed > 0, Activity.DRIVING, other.integers(0, 3, num_agents))
     return PackedScene(
         piece_pose=pieces.astype(np.float32),
         piece_shape=shape.astype(np.float32),
         piece_kind=(np.arange(num_pieces) % 4),
+        boundary_pose=boundary.astype(np.float32),
+        boundary_shape=other.normal(0, 1, (num_pieces, len(BOUNDARY_SHAPE))).astype(
+            np.float32
+        ),
         agent_pose=pose.astype(np.float32),
         agent_speed=speed.astype(np.float32),
         agent_size=SIZES[kind].astype(np.float32),
         agent_kind=kind,
+        agent_activity=activity,
         near_pieces=np.full((num_agents, 24), -1),
-        near_agents=np.full((num_agents, 8), -1),
+        near_boundary=np.full((num_agents, 8), -1),
+        near_agents=np.full((num_agents, 16), -1),
         candidates=np.zeros((num_agents, 0, 10), np.float32),
         has_candidate=np.zeros((num_agents, 0), bool),
         future=np.zeros((num_agents, 10), np.float32),

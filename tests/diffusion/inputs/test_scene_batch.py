@@ -3,6 +3,7 @@ import torch
 
 from pd_editor.diffusion.inputs.relative_pose import pose_features, relative_pose
 from pd_editor.diffusion.inputs.scene_batch import batch_of
+from pd_editor.windows.boundary_pieces import BOUNDARY_SHAPE
 from pd_editor.windows.lane_pieces import PIECE_SHAPE
 from tests.diffusion.trajectory.scenes import arc_basis, packed_scene, scene_batch
 
@@ -29,6 +30,23 @@ def test_mirroring_twice_and_turning_back_change_nothing() -> None:
     for name in ("piece_pose", "piece_shape", "agent_pose", "candidates", "future"):
         assert torch.equal(getattr(twice, name), getattr(scene, name))
         assert torch.allclose(getattr(back, name), getattr(scene, name), atol=1e-5)
+    turned = (twice.boundary_pose - scene.boundary_pose)[..., 2]
+    assert torch.allclose(turned.cos(), torch.ones_like(turned))
+    assert torch.equal(twice.boundary_shape, scene.boundary_shape)
+
+
+def test_in_a_mirror_the_boundary_runs_the_other_way() -> None:
+    scene = scene_batch(4)
+    pose, mirrored = scene.boundary_pose, scene.mirrored().boundary_pose
+    assert torch.equal(mirrored[..., :2], pose[..., :2] * torch.tensor([1.0, -1.0]))
+    assert torch.allclose(mirrored[..., 2].cos(), -pose[..., 2].cos(), atol=1e-6)
+    assert torch.allclose(mirrored[..., 2].sin(), pose[..., 2].sin(), atol=1e-6)
+    shape, other = scene.boundary_shape, scene.mirrored().boundary_shape
+    before, after = (
+        BOUNDARY_SHAPE.index("turn_before"),
+        BOUNDARY_SHAPE.index("turn_after"),
+    )
+    assert torch.equal(shape[..., before], other[..., after])
 
 
 def test_mirrored_latents_are_those_of_mirrored_futures() -> None:

@@ -8,6 +8,8 @@ import torch
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
+from pd_editor.scene.activity import Activity
+from pd_editor.windows.boundary_pieces import BOUNDARY_SHAPE
 from pd_editor.windows.lane_pieces import PIECE_SHAPE
 from pd_editor.windows.packed_scene import PackedScene
 
@@ -53,18 +55,27 @@ def packed_scene(num_agents: int, num_pieces: int = 30, seed: int = 0) -> Packed
     near_pieces[:, : min(24, num_pieces)] = near[:, :24]
     gap = np.hypot(*(pose[None, :, :2] - pose[:, None, :2]).T).T
     np.fill_diagonal(gap, np.inf)
-    near_agents = np.full((num_agents, 8), -1)
-    count = min(8, num_agents - 1)
+    near_agents = np.full((num_agents, 16), -1)
+    count = min(16, num_agents - 1)
     near_agents[:, :count] = np.argsort(gap, axis=1)[:, :count]
+    other = np.random.default_rng([seed, 1])
+    boundary = pieces + np.array([0.0, 4.0, 0.0])
+    near_boundary = near_pieces[:, :8]
     return PackedScene(
         piece_pose=pieces.astype(np.float32),
         piece_shape=random.normal(0, 1, (num_pieces, len(PIECE_SHAPE))).astype("f4"),
         piece_kind=random.integers(0, 4, num_pieces),
+        boundary_pose=boundary.astype(np.float32),
+        boundary_shape=other.normal(0, 1, (num_pieces, len(BOUNDARY_SHAPE))).astype(
+            np.float32
+        ),
         agent_pose=pose.astype(np.float32),
         agent_speed=speed.astype(np.float32),
         agent_size=np.tile(np.float32([4.6, 1.9]), (num_agents, 1)),
         agent_kind=random.integers(0, 5, num_agents),
+        agent_activity=other.integers(0, len(Activity), num_agents),
         near_pieces=near_pieces,
+        near_boundary=near_boundary,
         near_agents=near_agents,
         candidates=(candidates * has_candidate[..., None]).astype(np.float32),
         has_candidate=has_candidate,

@@ -123,7 +123,7 @@ def test_overlap_is_that_of_boxes_side_by_side_and_symmetric() -> None:
     stays = model.decoder.still(scene.agent_speed)[None]
     meets = torch.zeros_like(stays)
     meets[:, :, 1] = stays[:, :, 1]
-    neighbors = Neighbors.of(scene)
+    neighbors = Neighbors.of(scene, 8)
     apart = overlap_depth_m(model.decoder, stays, neighbors, scene)
     together = overlap_depth_m(model.decoder, meets, neighbors, scene)
     assert (apart == 0).all()
