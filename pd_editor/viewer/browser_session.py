@@ -476,7 +476,9 @@ class BrowserSession:
             if is_other_scene:
                 self._dataset_panel.follow(after.scenario.scenario_id)
                 self._desk.post(self._unfinished_panel.refresh)
-        if after.scenario is not before.scenario and not after.is_previewing:
+        # A gesture's end leaves the scenario as the last preview made it.
+        is_edited = after.scenario is not before.scenario or before.is_previewing
+        if is_edited and not after.is_previewing:
             self._request_check()
             if not is_other_scene:
                 self._tell_of_focal(before.scenario, after.scenario)

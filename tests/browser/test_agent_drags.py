@@ -147,3 +147,24 @@ def test_a_drag_right_after_the_view_key_moves_by_what_was_dragged(editor):
     editor.page.wait_for_timeout(1500)
     assert np.linalg.norm(positions(editor, (agent_id,)) - before) < 25.0
     assert len(session.entries) <= 1
+
+
+def test_what_a_drag_does_to_the_future_is_told(editor):
+    """The chip tells later problems after the mouse is let go, in either view."""
+    session, watch = editor.session, editor._tab()._problems
+    look_from_above(editor)
+    (agent_id,) = vehicles_near_focal(editor, 1)
+    before = session.scenario
+    assert not watch.new
+    start = roof(editor, agent_id)
+    heading = before.agents.heading_rad[before.agents.row_of[agent_id]]
+    heading = heading[before.current_step]
+    aside = np.array([-np.sin(heading), np.cos(heading), 0.0])
+    # Turned across its road, at its speed, it leaves the road later.
+    editor.drag(start, start + 6.0 * aside, "Shift")
+    editor.until(lambda: len(session.entries) == 1, "one entry")
+    assert session.scenario is not before
+    status = editor.page.get_by_role("status", name="Status")
+    editor.until(lambda: status.inner_text() != "No new problems", "the chip", 5)
+    editor.until(lambda: any(not p.is_now for p in watch.new), "a later problem", 5)
+    editor.page.get_by_text("open problem").first.wait_for(timeout=5000)
