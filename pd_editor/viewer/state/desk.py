@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Literal
+from weakref import ref
 
 import viser
 
@@ -107,15 +108,27 @@ class Desk:
         merge_key: str | None = None,
         failure: str | None = None,
     ) -> None:
-        """Run an action with the new value when the user changes an input."""
+        """Run an action with the new value when the user changes an input.
+
+        ``merge_key`` lets only the newest of several values in a row count.
+        """
+
+        def take(change: object, value: Any) -> None:
+            if _waiting.get(id(handle), (None, None))[1] is change:
+                del _waiting[id(handle)]
+            action(value)
+
+        # Of one input only: another one's value must not drop out of the queue.
+        key = None if merge_key is None else f"{merge_key} of {id(handle)}"
 
         @handle.on_update
         async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is None:
                 return
-            value = event.target.value
+            value, change = event.target.value, object()
+            _waiting[id(handle)] = ref(handle), change
             told = failure or f"{_NOT_DONE}: {handle.label}"
-            self.post(self._told(told, lambda: action(value)), merge_key)
+            self.post(self._told(told, lambda: take(change, value)), key)
 
     def hotkey(
         self,
@@ -240,9 +253,22 @@ class Desk:
         )
 
 
+_waiting: dict[int, tuple["ref[Any]", object]] = {}
+"""Inputs that the user has changed, by id, and the change that a session has yet to take.
+
+viser's handles cannot be hashed; a closed tab leaves at most a dead reference here.
+"""
+
+
 def set_value(handle: Any, value: Any) -> None:
-    """Set an input's value unless it shows it already; NaN shows an empty field."""
-    if not _same(handle.value, value):
+    """Set an input's value unless it shows it already; NaN shows an empty field.
+
+    A value that the user has just typed, and that the session has not taken yet, stays:
+    its turn comes.
+    """
+    waiting = _waiting.get(id(handle))
+    is_waiting = waiting is not None and waiting[0]() is handle
+    if not is_waiting and not _same(handle.value, value):
         handle.value = value
 
 

@@ -1,7 +1,11 @@
 """What the export panel tells before anything is exported."""
 
+import asyncio
 import time
 from pathlib import Path
+from typing import Any
+
+import viser
 
 from pd_editor.editor.commands import DeleteAgents, RemoveAllAgents, SetAgentSpeed
 from tests.viewer.fake_browser import connected_tab, running_app
@@ -41,3 +45,33 @@ def test_an_ego_and_a_focal_agent_that_are_missing_are_told(tmp_path: Path):
         assert "ego missing" in text.content
         tab.run(lambda: tab.session.apply(RemoveAllAgents()))
         assert "**no focal agent**" in text.content
+
+
+def test_what_is_typed_while_the_panel_is_shown_again_is_not_lost(tmp_path: Path):
+    """An edit's refresh, just after the user typed, put the proposed name over it."""
+    with (
+        running_app(tmp_path / "library", "signalised-junction") as app,
+        connected_tab(app) as tab,
+    ):
+        panel, session = tab.tab._export_panel, tab.session
+
+        def arrives(handle: Any, text: str) -> None:
+            # As viser does when a browser's message comes: first the value, then this.
+            handle._impl.value = text
+            event = viser.GuiEvent(tab.desk.client, tab.desk.client.client_id, handle)
+            for callback in handle._impl.update_cb:
+                asyncio.run(callback(event))
+
+        def typed_and_refreshed() -> None:
+            arrives(panel._name, "My slow one!")
+            arrives(panel._tags, "slow, bent")
+            arrives(panel._note, "a note")
+            panel.show(session.scenario)
+
+        tab.run(typed_and_refreshed)
+        tab.run(lambda: None)
+        assert session.variant.name == "My-slow-one"
+        assert session.variant.tags == ("slow", "bent")
+        assert session.variant.note == "a note"
+        assert panel._name.value == "My slow one!"
+        assert panel._tags.value == "slow, bent"
