@@ -41,6 +41,8 @@ class StageKind:
     make_model: Callable[[Any], nn.Module]
     sampling_types: Mapping[str, type[Any]] = field(default_factory=dict)
     """By name, flat dataclasses of plain values with defaults: how it is sampled."""
+    former_config: Mapping[str, Any] = field(default_factory=dict)
+    """Values of fields of the configuration in folders that were written before them."""
     upgraded_tensors: (
         Callable[[Mapping[str, torch.Tensor], Any], Mapping[str, torch.Tensor]] | None
     ) = None
@@ -190,7 +192,7 @@ def _loaded_stage(
             "(SHA-256); the folder is damaged or mixed from several models."
         )
     source = f"{path}, {name}"
-    given = entry["config"]
+    given = {**kind.former_config, **entry["config"]}
     if version == UPGRADED_VERSION:
         given = _with_defaults(kind.config_type, given)
     config = config_from_json(kind.config_type, given, source)

@@ -151,40 +151,66 @@ def initial_lambda(depth: int) -> float:
     return 0.8 - 0.6 * math.exp(-0.3 * depth)
 
 
+class EdgeGroup(NamedTuple):
+    """Embedded edges of A tokens in N scenes to others of one sort."""
+
+    edges: Float[Tensor, "N A M R"]
+    mask: Mask
+    """Of shape [N A 1 M]."""
+
+
 class EdgeAttention(nn.Module):
     """Attention from each token along its edges, whose embeddings are keys and values.
 
     With ``with_tokens`` the tokens at the other ends count as well: then every token
-    has an edge to every other one.
+    has an edge to every other one. Edges of several groups are attended to group by
+    group; at first only those of the first group count.
     """
 
     def __init__(
-        self, width: int, edge_width: int, num_heads: int, *, with_tokens: bool
+        self,
+        width: int,
+        edge_width: int,
+        num_heads: int,
+        *,
+        with_tokens: bool = False,
+        num_groups: int = 1,
     ) -> None:
         super().__init__()
         self.num_heads = num_heads
         to_edges = num_heads * edge_width
-        self.sizes = [to_edges, *([width] * 3 if with_tokens else [])]
-        """Queries of edges; queries, keys and values of tokens."""
+        own = [width] * 3 if with_tokens else []
+        self.sizes = [to_edges, *own, *[to_edges] * (num_groups - 1)]
+        """Queries of edges; queries, keys and values of tokens; queries of more edges."""
+        self.with_tokens = with_tokens
         self.project = nn.Linear(width, sum(self.sizes), bias=False)
         scale_query_rows(self.project, to_edges, edge_width)
         if with_tokens:
             scale_query_rows(
                 self.project, width, width // num_heads, first_row=to_edges
             )
-        self.to_output = nn.Linear(to_edges + width * with_tokens, width)
+        first = to_edges + width * with_tokens
+        self.to_output = nn.Linear(first + to_edges * (num_groups - 1), width)
+        if num_groups > 1:
+            more = slice(sum(self.sizes) - to_edges * (num_groups - 1), None)
+            with torch.no_grad():
+                self.project.weight[more] *= edge_width**-0.5
+                self.to_output.weight[:, first:] = 0.0
 
     def forward(
         self,
         tokens: Float[Tensor, "N A D"],
         edges: Float[Tensor, "N A M R"],
         mask: Mask,
+        *groups: "EdgeGroup",
     ) -> Float[Tensor, "N A D"]:
         """Attend along M edges of each of A tokens; the mask is of shape [N A 1 M].
 
-        The result is 0 for a token without an edge.
+        The result is 0 for a token without an edge, if there is one group only.
         """
-        to_edges, *to_tokens = self.project(tokens).split(self.sizes, dim=-1)
+        to_edges, *to_others = self.project(tokens).split(self.sizes, dim=-1)
+        num_own = 3 * self.with_tokens
+        to_tokens, to_groups = to_others[:num_own], to_others[num_own:]
         logits = batched_product(to_edges.unflatten(-1, (self.num_heads, -1)), edges.mT)
         values = None
         if to_tokens:
@@ -198,8 +224,17 @@ class EdgeAttention(nn.Module):
         if values is not None:
             of_tokens = batched_product(weights.transpose(1, 2), values).transpose(1, 2)
             seen = torch.cat([seen, of_tokens.flatten(2)], dim=-1)
+        for queries, group in zip(to_groups, groups, strict=True):
+            logits = batched_product(
+                queries.unflatten(-1, (self.num_heads, -1)), group.edges.mT
+            )
+            weights = group.mask.weights(logits).to(edges.dtype)
+            of_group = batched_product(weights, group.edges).flatten(2)
+            seen = torch.cat([seen, of_group], dim=-1)
         found = self.to_output(seen)
-        return found if mask.sees_any is None else found * mask.sees_any[:, :, 0]
+        if groups or mask.sees_any is None:
+            return found
+        return found * mask.sees_any[:, :, 0]
 
 
 def visible_agents(

@@ -25,8 +25,9 @@ class SamplerConfig:
 
     eta: float = 0.0
     """Stochasticity: 0 adds no fresh noise (DDIM), 1 is ancestral sampling."""
-    is_second_order: bool = False
-    """Extrapolate the predicted clean samples of the last two steps."""
+    extrapolation: tuple[float, ...] = (0.0,)
+    """Of each part of a sample: 0 takes the predicted clean sample as it is (first
+    order), 1 extrapolates those of the last two steps (second order)."""
     noise_factors: tuple[float, ...] = (1.0,)
     """Of the fresh noise on each part of a sample."""
 
@@ -56,20 +57,22 @@ def sample_steps(
     caller set it.
 
     Source: Song et al., Denoising diffusion implicit models, 2021, equation 12, for
-    any amplitudes of signal and noise.
+    any amplitudes of signal and noise; second order as in Lu et al., DPM-Solver++, 2022
+    (2M, and its stochastic form).
     """
     noisy, last = start, None
     table = torch.tensor(levels, dtype=torch.float64, device="cpu")[:, None]
     alphas = schedule.alpha(table).to(start)
     sigmas = schedule.sigma(table).to(start)
     factors = start.new_tensor(config.noise_factors)
+    slopes = _slopes(alphas, sigmas) * start.new_tensor(config.extrapolation)
     for index in range(len(levels)):
         with sampling_mode(start[..., 0].numel()):
             clean = denoise(noisy, index)
             if index + 1 < len(levels):
                 better = clean
-                if config.is_second_order and last is not None:
-                    better = 1.5 * clean - 0.5 * last
+                if last is not None and any(config.extrapolation):
+                    better = torch.addcmul(clean, slopes[index], clean - last)
                 noise = (noisy - alphas[index] * better) / sigmas[index]
                 kept, fresh = _noise_shares(
                     alphas[index : index + 2], sigmas[index : index + 2], config.eta
@@ -80,6 +83,20 @@ def sample_steps(
                     noisy = noisy + factors * fresh * normal
                 last = clean
         yield SamplerStep(index=index, num_steps=len(levels), clean=clean)
+
+
+def _slopes(
+    alphas: Float[Tensor, "T #P"], sigmas: Float[Tensor, "T #P"]
+) -> Float[Tensor, "T #P"]:
+    """How far each step goes on from the last two predictions, as a share of their gap.
+
+    Half of the step's length over that of the step before, in logarithms of the signal
+    to noise ratio: 0.5 for even steps.
+    """
+    length = (alphas / sigmas).log().diff(dim=0)
+    slopes = torch.zeros(torch.broadcast_shapes(alphas.shape, sigmas.shape))
+    slopes[1:-1] = 0.5 * length[1:] / length[:-1]
+    return slopes.to(alphas)
 
 
 def _noise_shares(

@@ -18,7 +18,7 @@ _PLACES: Final = (-1.0, 0.0, 1.0)
 
 
 def overlap_depth_m(
-    states: Float[Tensor, "*b A 5"], scene: SceneTensors
+    states: Float[Tensor, "*b A P"], scene: SceneTensors
 ) -> Float[Tensor, "*b A A"]:
     """Depth in metres by which each pair of boxes overlaps, 0 where it does not.
 
@@ -77,7 +77,7 @@ class OverlapVectors:
 
 
 def _offsets_m(
-    states: Float[Tensor, "*b A 5"], scene: SceneTensors
+    states: Float[Tensor, "*b A P"], scene: SceneTensors
 ) -> Float[Tensor, "*b A A 9 2"]:
     """From each disc of the second of a pair to each of the first."""
     position_m = states[..., :2] * POSITION_UNIT_M

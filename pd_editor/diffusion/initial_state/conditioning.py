@@ -82,6 +82,7 @@ def order_by(
 
 
 _OF_PIECES: Final = ("piece_pose", "piece_shape", "piece_kind")
+_OF_BOUNDARY: Final = ("boundary_pose", "boundary_shape")
 _OF_AGENTS: Final = (
     "agent_pose",
     "agent_speed",
@@ -99,12 +100,24 @@ _OF_AGENTS: Final = (
 
 
 def pieces_within(scene: SceneTensors, reach_m: float) -> SceneTensors:
-    """The scene without pieces further than ``reach_m`` along x or y, padded less."""
-    is_inside = torch.all(scene.piece_pose[..., :2].abs() <= reach_m, dim=-1)
-    kept = _first(scene, _OF_PIECES, scene.has_piece & is_inside)
-    has_piece = kept.pop("is_kept")
-    nothing = torch.full_like(scene.near_pieces, -1)
-    return replace(scene, **kept, has_piece=has_piece, near_pieces=nothing)
+    """The scene without map tokens further than ``reach_m`` along x or y, padded less."""
+    is_piece = scene.has_piece & _is_within(scene.piece_pose, reach_m)
+    pieces = _first(scene, _OF_PIECES, is_piece)
+    is_boundary = scene.has_boundary & _is_within(scene.boundary_pose, reach_m)
+    boundary = _first(scene, _OF_BOUNDARY, is_boundary)
+    return replace(
+        scene,
+        has_piece=pieces.pop("is_kept"),
+        has_boundary=boundary.pop("is_kept"),
+        **pieces,
+        **boundary,
+        near_pieces=torch.full_like(scene.near_pieces, -1),
+        near_boundary=torch.full_like(scene.near_boundary, -1),
+    )
+
+
+def _is_within(pose: Float[Tensor, "B N 3"], reach_m: float) -> Bool[Tensor, "B N"]:
+    return torch.all(pose[..., :2].abs() <= reach_m, dim=-1)
 
 
 def only_agents(scene: SceneTensors, is_kept: Bool[Tensor, "B A"]) -> SceneTensors:

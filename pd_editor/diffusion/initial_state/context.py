@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.core.attention import KeysValues, Mask
-from pd_editor.diffusion.initial_state.features import NoiseFactors
+from pd_editor.diffusion.initial_state.features import BoxPairs, NoiseFactors
 from pd_editor.diffusion.initial_state.map_tokens import MapTokens
 
 
@@ -22,11 +22,13 @@ class InitialStateContext:
     agent: Float[Tensor, "B A D"]
     pairs: Float[Tensor, "B 1 A A R"]
     """Share of both agents' sizes in the embedding of each pair."""
+    boxes: BoxPairs | None
+    """For the gaps between agents."""
     is_visible: Mask
     """Other agents, of shape [B A 1 A]."""
     is_given: Bool[Tensor, "B A"] | None
     """None where no agent is given."""
-    given: Float[Tensor, "B A 5"]
+    given: Float[Tensor, "B A P"]
     """Encoded states of the given agents."""
 
 
@@ -34,11 +36,11 @@ class EncodedLevel(NamedTuple):
     """All that depends on noise levels only; of agents, or of all of them alike."""
 
     token: Float[Tensor, "*b D"]
-    factor_in: Float[Tensor, "*b 5"]
+    factor_in: Float[Tensor, "*b P"]
     """Of the noisy states in the network's input."""
-    factor_skip: Float[Tensor, "*b 5"]
+    factor_skip: Float[Tensor, "*b P"]
     """Of the noisy states in the result."""
-    factor_out: Float[Tensor, "*b 5"]
+    factor_out: Float[Tensor, "*b P"]
     """Of the network's output in the result."""
     position_fading: Float[Tensor, "*b F"]
     near: NoiseFactors

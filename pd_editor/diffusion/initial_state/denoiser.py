@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from pd_editor.diffusion.core.attention import (
     DifferentialAttention,
     EdgeAttention,
+    EdgeGroup,
     KeysValues,
     Mask,
     visible_agents,
@@ -28,9 +29,12 @@ from pd_editor.diffusion.initial_state.conditioning import (
 from pd_editor.diffusion.initial_state.context import EncodedLevel, InitialStateContext
 from pd_editor.diffusion.initial_state.features import (
     NUM_AGENT_FEATURES,
+    NUM_FOLDED_FEATURES,
+    NUM_GAP_FEATURES,
     NUM_PIECE_FEATURES,
     NUM_POSITION_FEATURES,
     POSITION_WAVELENGTHS_M,
+    BoxPairs,
     NoisyPoses,
     agent_relations,
     as_complex,
@@ -39,17 +43,20 @@ from pd_editor.diffusion.initial_state.features import (
     waves,
 )
 from pd_editor.diffusion.initial_state.lane_anchored_head import LaneAnchoredHead
-from pd_editor.diffusion.initial_state.map_tokens import MapTokens
+from pd_editor.diffusion.initial_state.map_layer import MapLayer
+from pd_editor.diffusion.initial_state.map_tokens import MapTokens, TokenGroup
 from pd_editor.diffusion.initial_state.state_encoding import (
-    NUM_STATE_PARTS,
+    ACTIVITIES,
+    NUM_MOTION_PARTS,
     POSITION_UNIT_M,
-    STATE_SPREAD,
     encode_states,
+    state_spread,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.errors import ModelError
 from pd_editor.windows.scene_features import (
     AGENT_KINDS,
+    BOUNDARY_SHAPE,
     NUM_PIECE_KINDS,
     PIECE_SHAPE,
 )
@@ -80,6 +87,24 @@ class InitialStateConfig:
     """The same of headings (unit vectors) and of speed codes; in between it is such that
     the direction is known when the lane is: 0.4 at 3.5 m."""
     highest_direction_noise: float = 3.0
+    sees_boundary: bool = True
+    """Attend to the nearest pieces of the drivable area's boundary, and propose poses in
+    their frames."""
+    num_near_boundary: int = 8
+    relates_map_tokens: bool = True
+    """One layer in which each map token attends to its neighbours, once per scene."""
+    num_map_neighbors: int = 12
+    sees_box_gaps: bool = True
+    """Gaps between boxes among the relations of agents."""
+    folds_turns: bool = True
+    """Directions modulo a half and a quarter turn among all relations."""
+    samples_activity: bool = True
+    """States hold which agents are parked, wait or drive."""
+
+    @property
+    def num_state_parts(self) -> int:
+        """Numbers of an encoded state."""
+        return NUM_MOTION_PARTS + len(ACTIVITIES) * self.samples_activity
 
     def __post_init__(self) -> None:
         check_sizes(self)
@@ -98,9 +123,10 @@ class InitialStateConfig:
                 f"The noise goes from {low_m:g} to {high_m:g} m and from {low:g} to "
                 f"{high:g}; expected finite numbers above 0, the second one larger."
             )
+        num_others = self.num_state_parts - 2
         return VarianceExploding(
-            lowest=(low_m / POSITION_UNIT_M,) * 2 + (low,) * 3,
-            highest=(high_m / POSITION_UNIT_M,) * 2 + (high,) * 3,
+            lowest=(low_m / POSITION_UNIT_M,) * 2 + (low,) * num_others,
+            highest=(high_m / POSITION_UNIT_M,) * 2 + (high,) * num_others,
         )
 
 
@@ -122,11 +148,16 @@ class InitialStateDenoiser(nn.Module):
         self.moves_token = _attribute_token(width)
         self.on_road_token = _attribute_token(width)
         self.agent_in = nn.Linear(4, width)
-        self.state_in = nn.Linear(NUM_STATE_PARTS + NUM_POSITION_FEATURES, width)
+        self.state_in = nn.Linear(config.num_state_parts + NUM_POSITION_FEATURES, width)
+        """Of the motion, waves of the position, and the activity."""
         self.level_token = _mlp(2 * _NUM_LEVEL_WAVES + 1, width)
-        self.pair_in = nn.Linear(NUM_AGENT_FEATURES, relation_width, bias=False)
+        num_folded = NUM_FOLDED_FEATURES * config.folds_turns
+        num_pair = NUM_AGENT_FEATURES + num_folded
+        num_pair += NUM_GAP_FEATURES * config.sees_box_gaps
+        num_near = NUM_PIECE_FEATURES + num_folded
+        self.pair_in = nn.Linear(num_pair, relation_width, bias=False)
         self.pair_sizes_in = nn.Linear(4, relation_width)
-        self.near_in = nn.Linear(NUM_PIECE_FEATURES, relation_width, bias=False)
+        self.near_in = nn.Linear(num_near, relation_width, bias=False)
         self.near_token_in = nn.Linear(_NUM_TOKEN_FEATURES, relation_width + width)
         """Of each map token, for relations to it and for the lane-anchored head."""
         self.layers = nn.ModuleList(
@@ -134,13 +165,36 @@ class InitialStateDenoiser(nn.Module):
         )
         self.register_buffer("counted", AgentCounts.none().as_tensor())
         self.norm = nn.LayerNorm(width)
-        self.output = nn.Linear(width, _NUM_POSE_PARTS + NUM_STATE_PARTS + width)
-        """Pose in the agent's own frame and speed, pose in the scene's frame, and what
-        the lane-anchored head reads."""
-        self.lane_anchored_head = LaneAnchoredHead(
-            width, NUM_PIECE_FEATURES + relation_width
+        self._output_ends = (
+            _NUM_POSE_PARTS,
+            _NUM_POSE_PARTS + 1,
+            2 * _NUM_POSE_PARTS + 1,
+            2 * _NUM_POSE_PARTS + 1 + width,
         )
-        self.register_buffer("spread", torch.tensor(STATE_SPREAD), persistent=False)
+        self.output = nn.Linear(width, _NUM_POSE_PARTS + config.num_state_parts + width)
+        """Pose in the agent's own frame and speed, pose in the scene's frame, what the
+        lane-anchored head reads, and activity."""
+        self.lane_anchored_head = LaneAnchoredHead(
+            width,
+            NUM_PIECE_FEATURES + relation_width,
+            has_boundary=config.sees_boundary,
+        )
+        self._num_near = [config.num_near_pieces]
+        if config.sees_boundary:
+            self._num_near.append(config.num_near_boundary)
+            num_shape = len(BOUNDARY_SHAPE)
+            self.boundary_token = _mlp(num_shape + 2 + NUM_POSITION_FEATURES, width)
+            self.boundary_in = nn.Linear(num_near, relation_width, bias=False)
+            self.boundary_token_in = nn.Linear(num_shape, relation_width + width)
+        if config.relates_map_tokens:
+            self.map_layer = MapLayer(
+                width, relation_width, config.num_heads, config.num_map_neighbors
+            )
+            self.near_context_in = nn.Linear(width, relation_width + width, bias=False)
+            """What a token has seen around it, for relations to it and for the heads."""
+            nn.init.zeros_(self.near_context_in.weight)
+        spread = state_spread(samples_activity=config.samples_activity)
+        self.register_buffer("spread", torch.tensor(spread), persistent=False)
 
     @property
     def agent_counts(self) -> AgentCounts:
@@ -157,13 +211,7 @@ class InitialStateDenoiser(nn.Module):
         """Everything that does not depend on the noisy states."""
         scene = pieces_within(scene, REACH_M)
         has_agent = _agents_that_count(scene, task)
-        kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
-        features = torch.cat([scene.piece_shape, kinds], dim=-1)
-        heading = scene.piece_pose[..., 2:]
-        position = waves(scene.piece_pose[..., :2], POSITION_WAVELENGTHS_M)
-        tokens = self.map_token(
-            torch.cat([features, heading.cos(), heading.sin(), position], dim=-1)
-        )
+        tokens = self._map_tokens(scene)
         is_token = Mask.of(scene.has_piece[:, None, None])
         num_agents = scene.agent_size.shape[1]
         size = scene.agent_size / 5
@@ -176,15 +224,46 @@ class InitialStateDenoiser(nn.Module):
         )
         return InitialStateContext(
             map_keys_values=tuple(
-                layer.map_attention.encode(tokens, is_token) for layer in self._layers()
+                layer.map_attention.encode(tokens.of_lanes, is_token)
+                for layer in self._layers()
             ),
-            map_tokens=MapTokens.of(scene, self.near_token_in(features)),
+            map_tokens=tokens.near,
             agent=self._agent_token(scene, task, has_agent),
             pairs=self.pair_sizes_in(pairs)[:, None],
+            boxes=BoxPairs.of(scene.agent_size) if self.config.sees_box_gaps else None,
             is_visible=Mask.of(visible_agents(has_agent, task.is_central)[:, :, None]),
             is_given=task.is_given if bool(task.is_given.any()) else None,
-            given=encode_states(scene.agent_pose, scene.agent_speed),
+            given=self.encode_states(scene),
         )
+
+    def encode_states(self, scene: SceneTensors) -> Float[Tensor, "B A P"]:
+        """The scene's own states, as the network has them."""
+        activity = scene.agent_activity if self.config.samples_activity else None
+        return encode_states(scene.agent_pose, scene.agent_speed, activity)
+
+    def _map_tokens(self, scene: SceneTensors) -> "_EncodedMap":
+        """All map tokens embedded, each aware of those around it."""
+        kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
+        features = torch.cat([scene.piece_shape, kinds], dim=-1)
+        tokens = [self.map_token(_token_inputs(features, scene.piece_pose))]
+        near = [self.near_token_in(features)]
+        if self.config.sees_boundary:
+            shape, pose = scene.boundary_shape, scene.boundary_pose
+            tokens.append(self.boundary_token(_token_inputs(shape, pose)))
+            near.append(self.boundary_token_in(shape))
+        if self.config.relates_map_tokens:
+            number = len(tokens)
+            poses = torch.cat([scene.piece_pose, scene.boundary_pose][:number], dim=1)
+            exists = torch.cat([scene.has_piece, scene.has_boundary][:number], dim=1)
+            found = self.map_layer(torch.cat(tokens, dim=1), poses, exists)
+            sizes = [one.shape[1] for one in tokens]
+            tokens = found.split(sizes, dim=1)
+            aware = self.near_context_in(found).split(sizes, dim=1)
+            near = [one + more for one, more in zip(near, aware, strict=True)]
+        groups = [TokenGroup.of_lanes(scene, near[0])]
+        if self.config.sees_boundary:
+            groups.append(TokenGroup.of_boundary(scene, near[1]))
+        return _EncodedMap(tokens[0], MapTokens.of(*groups))
 
     def encode_level(
         self, level: Float[Tensor, "*l #S #B"], context: InitialStateContext
@@ -214,10 +293,10 @@ class InitialStateDenoiser(nn.Module):
 
     def denoise(
         self,
-        noisy: Float[Tensor, "S B A 5"],
+        noisy: Float[Tensor, "S B A P"],
         level: EncodedLevel,
         context: InitialStateContext,
-    ) -> Float[Tensor, "S B A 5"]:
+    ) -> Float[Tensor, "S B A P"]:
         """Clean states predicted from encoded noisy ones; given agents as they are."""
         # Scenes first: all versions of a scene attend to its map together.
         states = noisy.transpose(0, 1)
@@ -233,10 +312,10 @@ class InitialStateDenoiser(nn.Module):
 
     def _output(
         self,
-        states: Float[Tensor, "B S A 5"],
+        states: Float[Tensor, "B S A P"],
         level: EncodedLevel,
         context: InitialStateContext,
-    ) -> Float[Tensor, "B S A 5"]:
+    ) -> Float[Tensor, "B S A P"]:
         """The network's output, of about unit size at each level."""
         position_m = states[..., :2] * POSITION_UNIT_M
         poses = NoisyPoses(
@@ -244,19 +323,34 @@ class InitialStateDenoiser(nn.Module):
             direction=torch.sgn(as_complex(states[..., 2:4])),
         )
         position = waves(position_m, POSITION_WAVELENGTHS_M) * level.position_fading
-        token = self.state_in(torch.cat([states * level.factor_in, position], dim=-1))
+        scaled = states * level.factor_in
+        motion, activity = scaled.tensor_split([NUM_MOTION_PARTS], dim=-1)
+        token = self.state_in(torch.cat([motion, position, activity], dim=-1))
         token = token + (context.agent[:, None] + level.token)
-        near = context.map_tokens.near(poses, level.near, self.config.num_near_pieces)
+        folds = self.config.folds_turns
+        near = context.map_tokens.near(
+            poses, level.near, *self._num_near, folds_turns=folds
+        )
         of_tokens, for_head = near.encoded.split(
             [self.config.relation_width, self.config.width], dim=-1
         )
-        near_edges = self.near_in(near.relations).add_(of_tokens).relu_()
-        relations = agent_relations(poses, level.pairs)
+        lanes, *boundary = near.relations.split(near.numbers, dim=-2)
+        near_edges = [self.near_in(lanes), *(self.boundary_in(one) for one in boundary)]
+        near_edges = torch.cat(near_edges, dim=-2).add_(of_tokens).relu_()
+        relations = agent_relations(
+            poses, level.pairs, folds_turns=folds, boxes=context.boxes
+        )
         pairs = self.pair_in(relations).add_(context.pairs).relu_()
         num_versions = token.shape[1]
         edges = Edges(
-            near=near_edges.flatten(0, 1),
-            near_mask=near.mask.mapped(lambda one: one.flatten(0, 1)),
+            near=tuple(
+                EdgeGroup(one, mask.mapped(lambda one: one.flatten(0, 1)))
+                for one, mask in zip(
+                    near_edges.flatten(0, 1).split(near.numbers, dim=-2),
+                    near.masks,
+                    strict=True,
+                )
+            ),
             pairs=pairs.flatten(0, 1),
             pairs_mask=context.is_visible.mapped(
                 lambda one: one.repeat_interleave(num_versions, 0)
@@ -264,20 +358,20 @@ class InitialStateDenoiser(nn.Module):
         )
         for layer, seen in zip(self._layers(), context.map_keys_values, strict=True):
             token = layer(token + level.token, seen, edges)
-        in_own_frame, speed, in_scene, for_proposals = self.output(
+        in_own_frame, speed, in_scene, for_proposals, activity = self.output(
             self.norm(token)
-        ).split([_NUM_POSE_PARTS, 1, _NUM_POSE_PARTS, self.config.width], dim=-1)
+        ).tensor_split(self._output_ends, dim=-1)
+        relations = near.relations[..., :NUM_PIECE_FEATURES]
         proposed = self.lane_anchored_head(
             for_proposals,
-            torch.cat([near.relations, near_edges.to(near.relations)], dim=-1),
+            torch.cat([relations, near_edges.to(relations)], dim=-1),
+            near,
             for_head,
-            near.axis,
-            near.mask,
         )
         pose = as_complex(in_own_frame.float().unflatten(-1, (2, 2)))
         pose = pose * poses.direction[..., None] + proposed
         pose = torch.view_as_real(pose).flatten(-2) + in_scene.float()
-        return torch.cat([pose, speed.float()], dim=-1)
+        return torch.cat([pose, speed.float(), activity.float()], dim=-1)
 
     def _agent_token(
         self, scene: SceneTensors, task: Conditioning, has_agent: Bool[Tensor, "B A"]
@@ -308,14 +402,20 @@ class InitialStateDenoiser(nn.Module):
         return [layer for layer in self.layers if isinstance(layer, InitialStateLayer)]
 
 
+class _EncodedMap(NamedTuple):
+    """Embedded map tokens."""
+
+    of_lanes: Float[Tensor, "B P D"]
+    near: MapTokens
+    """For looking up those near an agent."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Edges:
     """Embedded edges of the agents of N versions of scenes, the same for all layers."""
 
-    near: Float[Tensor, "N A M R"]
+    near: tuple[EdgeGroup, ...]
     """To the nearest map tokens."""
-    near_mask: Mask
-    """Of shape [N A 1 M]."""
     pairs: Float[Tensor, "N A A R"]
     """To the other agents."""
     pairs_mask: Mask
@@ -333,7 +433,10 @@ class InitialStateLayer(nn.Module):
             width, heads, depth=depth, is_differential=config.is_differential
         )
         self.near_attention = EdgeAttention(
-            width, config.relation_width, heads, with_tokens=False
+            width,
+            config.relation_width,
+            heads,
+            num_groups=2 if config.sees_boundary else 1,
         )
         self.agent_attention = EdgeAttention(
             width, config.relation_width, heads, with_tokens=True
@@ -350,9 +453,8 @@ class InitialStateLayer(nn.Module):
         token = token.flatten(1, 2)
         token = token + self.map_attention(self.norms[0](token), seen)
         token = token.view(shape).flatten(0, 1)
-        token = token + self.near_attention(
-            self.norms[1](token), edges.near, edges.near_mask
-        )
+        first, *others = edges.near
+        token = token + self.near_attention(self.norms[1](token), *first, *others)
         token = token + self.agent_attention(
             self.norms[2](token), edges.pairs, edges.pairs_mask
         )
@@ -373,6 +475,15 @@ def _agents_that_count(scene: SceneTensors, task: Conditioning) -> Bool[Tensor, 
     """All but given ones too far out to have been in training."""
     is_near = torch.all(scene.agent_pose[..., :2].abs() <= REACH_M, dim=-1)
     return scene.has_agent & (is_near | ~task.is_given)
+
+
+def _token_inputs(
+    features: Float[Tensor, "B P F"], pose: Float[Tensor, "B P 3"]
+) -> Float[Tensor, "B P G"]:
+    """Features of map tokens, and where they are in the square."""
+    heading = pose[..., 2:]
+    position = waves(pose[..., :2], POSITION_WAVELENGTHS_M)
+    return torch.cat([features, heading.cos(), heading.sin(), position], dim=-1)
 
 
 def _attribute_token(width: int) -> nn.Embedding:

@@ -16,9 +16,17 @@ NUM_AGENT_FEATURES: Final = 4 * len(RELATION_WAVELENGTHS_M) + 8
 """Waves of both coordinates; both at the scale of a metre and of the noise, and the sine
 of the direction at the scale of the noise; distance; direction."""
 NUM_PIECE_FEATURES: Final = NUM_AGENT_FEATURES + 4
+NUM_FOLDED_FEATURES: Final = 6
+"""Directions modulo a half and a quarter turn, and their sines at the scale of the noise."""
+NUM_GAP_FEATURES: Final = 10
+"""Gaps between two boxes along the four axes, and the largest; at the scale of a metre
+and of the noise."""
 
 _LEAST_NOISE_M: Final = 0.05
 _LEAST_TURN_NOISE: Final = 0.02
+_NEAR: Final = 2
+_TURN: Final = 4
+"""Places in ``NoiseFactors.lengths`` of one over the noise of offsets, of directions."""
 """Added where something is given at the scale of the noise: given agents have none."""
 
 
@@ -96,14 +104,29 @@ def _rates(
 
 
 def agent_relations(
-    poses: NoisyPoses, noise: NoiseFactors
+    poses: NoisyPoses,
+    noise: NoiseFactors,
+    *,
+    folds_turns: bool = False,
+    boxes: "BoxPairs | None" = None,
 ) -> Float[Tensor, "B S A A F"]:
-    """How each agent sees every other one: offset and direction in its own frame."""
+    """How each agent sees every other one: offset and direction in its own frame.
+
+    Args:
+        poses: of the agents.
+        noise: of each pair.
+        folds_turns: with directions modulo a half and a quarter turn as well.
+        boxes: with the gaps between boxes as well.
+    """
     back = poses.direction.conj_physical()[..., None]
     offset = poses.position_m[..., None, :] - poses.position_m[..., None]
-    return _relation_features(
-        offset * back, poses.direction[..., None, :] * back, noise
-    )
+    direction = poses.direction[..., None, :] * back
+    found = [_relation_features(offset * back, direction, noise)]
+    if folds_turns:
+        found.append(folded_directions(direction, noise))
+    if boxes is not None:
+        found.append(box_gaps(poses, boxes, noise))
+    return found[0] if len(found) == 1 else torch.cat(found, dim=-1)
 
 
 def piece_relations(
@@ -111,15 +134,22 @@ def piece_relations(
     middle_m: Complex[Tensor, "B S A M"],
     axis: Complex[Tensor, "B S A M"],
     noise: NoiseFactors,
+    *,
+    folds_turns: bool = False,
 ) -> Float[Tensor, "B S A M F"]:
     """How each agent lies to its M map tokens, in the frame of each token.
 
-    And where the token's middle is in the agent's own frame.
+    And where the token's middle is in the agent's own frame. With ``folds_turns``
+    directions modulo a half and a quarter turn come last.
     """
     back, own = axis.conj_physical(), poses.direction[..., None]
     offset = poses.position_m[..., None] - middle_m
     own_offset = -offset * own.conj_physical()
-    return _relation_features(offset * back, own * back, noise, own_offset)
+    direction = own * back
+    found = _relation_features(offset * back, direction, noise, own_offset)
+    if not folds_turns:
+        return found
+    return torch.cat([found, folded_directions(direction, noise)], dim=-1)
 
 
 def _relation_features(
@@ -148,6 +178,73 @@ def _relation_features(
         ],
         dim=-1,
     )
+
+
+def folded_directions(
+    direction: Complex[Tensor, "*b"], noise: NoiseFactors
+) -> Float[Tensor, "*b 6"]:
+    """Directions modulo a half and a quarter turn.
+
+    Cars park along a kerb facing either way, and in lots across the row.
+
+    Args:
+        direction: numbers of length one.
+        noise: the factors of the relations that the directions belong to.
+    """
+    half = direction.square()
+    folded = torch.view_as_real(torch.stack([half, half.square()], dim=-1))
+    sines = folded[..., 1] * noise.lengths[..., _TURN : _TURN + 1]
+    return torch.cat([folded.flatten(-2), (sines * 0.5).asinh() / 3], dim=-1)
+
+
+class BoxPairs(NamedTuple):
+    """Half sizes of the boxes of each pair of A agents in B scenes.
+
+    The third axis from the right is the frame, of the first agent and of the second
+    one; the last axis is along and across.
+    """
+
+    own: Float[Tensor, "B 1 A A 2 2"]
+    """Of the agent whose frame it is."""
+    other: Float[Tensor, "B 1 A A 2 2"]
+    crossed: Float[Tensor, "B 1 A A 2 2"]
+    """Of the other agent, its width along and its length across."""
+
+    @classmethod
+    def of(cls, size_m: Float[Tensor, "B A 2"]) -> "BoxPairs":
+        """All pairs."""
+        half = size_m[:, None] / 2
+        first = half[:, :, :, None].expand(-1, -1, -1, half.shape[2], -1)
+        second = first.transpose(2, 3)
+        other = torch.stack([second, first], dim=-2)
+        return cls(
+            own=torch.stack([first, second], dim=-2),
+            other=other,
+            crossed=other.flip(-1),
+        )
+
+
+def box_gaps(
+    poses: NoisyPoses, boxes: BoxPairs, noise: NoiseFactors
+) -> Float[Tensor, "B S A A 10"]:
+    """Gaps between the boxes of each pair along the axes of both; below 0 they overlap.
+
+    Boxes are apart where the largest of the four is above 0 (separating axes).
+    """
+    back = poses.direction.conj_physical()[..., None]
+    offset = poses.position_m[..., None, :] - poses.position_m[..., None]
+    # The same offset in the frame of the other agent, but for its sign.
+    in_frames = torch.stack([offset * back, offset * back.mT], dim=-1)
+    turn = torch.view_as_real(poses.direction[..., None, :] * back).abs()
+    reach = (
+        boxes.own
+        + boxes.other * turn[..., None, :1]
+        + boxes.crossed * turn[..., None, 1:]
+    )
+    gap = (torch.view_as_real(in_frames).abs() - reach).flatten(-2)
+    gap = torch.cat([gap, gap.amax(dim=-1, keepdim=True)], dim=-1)
+    scaled = gap * noise.lengths[..., _NEAR : _NEAR + 1]
+    return torch.cat([gap, scaled], dim=-1).asinh() / 3
 
 
 def rotated_back(

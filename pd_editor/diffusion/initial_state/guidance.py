@@ -77,8 +77,8 @@ class InitialStateGuidance:
         lines, pulled = CenterLines.of(scene), _Pulled.of(scene, task, self)
 
         def guide(
-            clean: Float[Tensor, "S B A 5"], level: float
-        ) -> Float[Tensor, "S B A 5"]:
+            clean: Float[Tensor, "S B A P"], level: float
+        ) -> Float[Tensor, "S B A P"]:
             noise = schedule.sigma(torch.tensor([level], device="cpu"))[0]
             if noise * POSITION_UNIT_M > self.first_noise_m:
                 return clean

@@ -2,11 +2,12 @@
 
 from typing import Final
 
+import torch
 from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
-from pd_editor.diffusion.core.attention import Mask
 from pd_editor.diffusion.initial_state.features import as_complex
+from pd_editor.diffusion.initial_state.map_tokens import NearTokens
 
 _NUM_PARTS: Final = 4
 """Offset and direction, both as vectors in the token's frame."""
@@ -16,34 +17,52 @@ class LaneAnchoredHead(nn.Module):
     """Each near map token proposes a pose in its own frame; the agent weighs them.
 
     How far a car is from the middle of its lane, and that it points along it, is simple
-    in the frame of that lane only; means over attention blur it.
+    in the frame of that lane only; means over attention blur it. A car parked along a
+    kerb is as simple in the frame of the kerb: pieces of the boundary propose what is
+    added. At first they propose nothing.
     """
 
-    def __init__(self, width: int, num_features: int) -> None:
+    def __init__(
+        self, width: int, num_features: int, *, has_boundary: bool = False
+    ) -> None:
         super().__init__()
         self.from_relation = nn.Linear(num_features, width, bias=False)
         self.propose = nn.Linear(width, 1 + _NUM_PARTS)
+        if has_boundary:
+            self.from_boundary = nn.Linear(num_features, width, bias=False)
+            self.propose_boundary = nn.Linear(width, 1 + _NUM_PARTS)
+            for parameter in self.propose_boundary.parameters():
+                nn.init.zeros_(parameter)
 
     def forward(
         self,
         agent: Float[Tensor, "B S A D"],
         relations: Float[Tensor, "B S A M F"],
+        near: NearTokens,
         tokens: Float[Tensor, "B S A M D"],
-        axis: Complex[Tensor, "B S A M"],
-        mask: Mask,
     ) -> Complex[Tensor, "B S A 2"]:
         """Offset and direction in the frame of the scene; 0 where no token is near.
 
         Args:
             agent: what the network has made of each agent.
             relations: of the agent to each token.
+            near: the tokens.
             tokens: what the head knows of each token besides.
-            axis: directions of the tokens in the frame of the scene.
-            mask: of shape [B S A 1 M].
         """
-        hidden = self.from_relation(relations).add_(tokens)
-        hidden = hidden.add_(agent[..., None, :]).relu_()
-        logits, poses = self.propose(hidden).float().split([1, _NUM_PARTS], dim=-1)
-        weights = mask.weights(logits.mT).squeeze(-2)
-        proposals = as_complex(poses.unflatten(-1, (2, 2)))
-        return ((weights * axis)[..., None] * proposals).sum(dim=-2)
+        lanes, *boundary = relations.split(near.numbers, dim=-2)
+        hidden = [
+            self.from_relation(lanes),
+            *(self.from_boundary(one) for one in boundary),
+        ]
+        joined = hidden[0] if len(hidden) == 1 else torch.cat(hidden, dim=-2)
+        joined = joined.add_(tokens).add_(agent[..., None, :]).relu_()
+        lanes, *boundary = joined.split(near.numbers, dim=-2)
+        found = [self.propose(lanes), *(self.propose_boundary(one) for one in boundary)]
+        weighed = [
+            mask.weights(one[..., :1].float().mT).squeeze(-2)
+            for one, mask in zip(found, near.masks, strict=True)
+        ]
+        joined = found[0] if len(found) == 1 else torch.cat(found, dim=-2)
+        weights = weighed[0] if len(found) == 1 else torch.cat(weighed, dim=-1)
+        proposals = as_complex(joined[..., 1:].float().unflatten(-1, (2, 2)))
+        return ((weights * near.axis)[..., None] * proposals).sum(dim=-2)

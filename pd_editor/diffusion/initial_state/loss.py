@@ -1,7 +1,7 @@
 """Training loss of initial states: clean states at every noise level."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import torch
@@ -21,9 +21,9 @@ from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.features import rotated_back
 from pd_editor.diffusion.initial_state.lane_distance import follows_lanes, is_on_road
 from pd_editor.diffusion.initial_state.state_encoding import (
+    NUM_MOTION_PARTS,
     POSITION_UNIT_M,
     STANDING_SPEED_MPS,
-    encode_states,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
@@ -59,6 +59,8 @@ class InitialStateLossConfig:
     learn to spread them."""
     overlap_noise_m: float = 2.0
     """Overlap counts below this noise only: above, clean states are blurred means."""
+    unknown_share: float = 0.25
+    """Share of scenes in which the activities of given agents are unknown."""
 
 
 def initial_state_loss(
@@ -78,11 +80,12 @@ def initial_state_loss(
         config: what each step draws.
 
     Returns:
-        The loss, and its terms before weighting: position, heading, speed, overlap.
+        The loss, and its terms before weighting: position, heading, speed, activity,
+        overlap.
     """
     config = InitialStateLossConfig() if config is None else config
     scene, task = training_task(scene, random, config)
-    clean = encode_states(scene.agent_pose, scene.agent_speed)
+    clean = model.encode_states(scene)
     level = _levels(scene.num_scenes, random, config).to(clean)
     scale = model.schedule.sigma(level[..., None, None])
     shape = (config.num_levels, *clean.shape)
@@ -96,8 +99,14 @@ def initial_state_loss(
     error = (found - clean) / preconditioning(scale, model.get_buffer("spread"))[2]
     noise_m = scale[..., 0] * POSITION_UNIT_M
     squared = squared_error(error, clean[..., 2:4], noise_m, config)
-    squared = (squared * is_drawn[..., None]).sum(dim=(0, 1, 2)) / count
-    parts = {name: squared[list(where)].mean() for name, where in _PARTS.items()}
+    of_motion, of_activity = squared.tensor_split([NUM_MOTION_PARTS], dim=-1)
+    of_motion = (of_motion * is_drawn[..., None]).sum(dim=(0, 1, 2)) / count
+    parts = {name: of_motion[list(where)].mean() for name, where in _PARTS.items()}
+    if model.config.samples_activity:
+        is_known = is_drawn * (scene.agent_activity > 0)
+        count = is_known.sum().clamp_min(1) * config.num_levels
+        total = (of_activity.mean(dim=-1) * is_known).sum()
+        parts["activity"] = total / count
     loss = sum(parts.values(), torch.zeros_like(count))
     if config.overlap_weight and progress >= config.overlap_after:
         parts["overlap"] = _overlap(scene, clean, found, is_drawn > 0, noise_m, config)
@@ -106,11 +115,11 @@ def initial_state_loss(
 
 
 def squared_error(
-    error: Float[Tensor, "S B A 5"],
+    error: Float[Tensor, "S B A P"],
     direction: Float[Tensor, "B A 2"],
     noise_m: Float[Tensor, "S B #A"],
     config: InitialStateLossConfig,
-) -> Float[Tensor, "S B A 5"]:
+) -> Float[Tensor, "S B A P"]:
     """Squares of errors, those of positions along and across the true direction."""
     along, across = rotated_back(error[..., :2], direction[None]).square().unbind(-1)
     weight = torch.where(noise_m < config.across_noise_m, config.across_weight, 1.0)
@@ -150,6 +159,10 @@ def training_task(
         return chance(*has_agent.shape) < part[:, None]
 
     drawn = has_agent & ~is_given
+    is_unknown = is_given & (chance(num_scenes, 1) < config.unknown_share)
+    scene = replace(
+        scene, agent_activity=scene.agent_activity.masked_fill(is_unknown, 0)
+    )
     return scene, Conditioning(
         is_given=is_given,
         order=order_by(scene.agent_pose[..., 0], scene, is_given),
@@ -174,8 +187,8 @@ def _levels(
 
 def _overlap(
     scene: SceneTensors,
-    clean: Float[Tensor, "B A 5"],
-    found: Float[Tensor, "S B A 5"],
+    clean: Float[Tensor, "B A P"],
+    found: Float[Tensor, "S B A P"],
     is_drawn: Bool[Tensor, "B A"],
     noise_m: Float[Tensor, "S B 1"],
     config: InitialStateLossConfig,

@@ -2,9 +2,10 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.core.attention import Mask
@@ -20,78 +21,141 @@ from pd_editor.windows.lane_pieces import CROSSWALK_KIND
 from pd_editor.windows.scene_features import PEDESTRIAN
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NearTokens:
-    """The M map tokens nearest to each of A agents in S versions of B scenes."""
-
-    relations: Float[Tensor, "B S A M F"]
-    encoded: Float[Tensor, "B S A M C"]
-    """What ``MapTokens.encoded`` holds of each."""
-    axis: Complex[Tensor, "B S A M"]
-    """Direction of each, in the frame of the scene."""
-    mask: Mask
-    """Of shape [B S A 1 M]."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MapTokens:
-    """The map tokens of B scenes."""
+class TokenGroup(NamedTuple):
+    """The map tokens of one sort in B scenes."""
 
     middle_m: Float[Tensor, "B P 2"]
-    pose: Complex[Tensor, "BP 2"]
-    """Middle and direction, of all scenes in a row."""
-    encoded: Float[Tensor, "BP C"]
-    """What does not depend on poses; of all scenes in a row."""
+    axis: Complex[Tensor, "B P"]
+    """Directions, of length one."""
+    encoded: Float[Tensor, "B P C"]
+    """What does not depend on poses."""
     exists: Bool[Tensor, "B P"] | None
     """None where no token is missing."""
-    factors: Float[Tensor, "B 1 A P"] | None
+    factors: Float[Tensor, "B 1 A P"] | None = None
     """By how much further each token seems to each agent; None where all are 1."""
 
     @classmethod
-    def of(cls, scene: SceneTensors, encoded: Float[Tensor, "B P C"]) -> "MapTokens":
-        """All tokens of some scenes."""
-        middle_m, heading = scene.piece_pose[..., :2], scene.piece_pose[..., 2]
+    def of_lanes(
+        cls, scene: SceneTensors, encoded: Float[Tensor, "B P C"]
+    ) -> "TokenGroup":
+        """Pieces of lanes, and crosswalks."""
         is_crossing = scene.piece_kind == CROSSWALK_KIND
         factors = None
         if bool(is_crossing.any()):
             is_walking = scene.agent_kind == PEDESTRIAN
             factors = crossing_factors(is_walking, is_crossing)[:, None]
-        axis = torch.complex(heading.cos(), heading.sin())
-        pose = torch.stack([as_complex(middle_m), axis], dim=-1)
+        return cls._of(scene.piece_pose, scene.has_piece, encoded, factors)
+
+    @classmethod
+    def of_boundary(
+        cls, scene: SceneTensors, encoded: Float[Tensor, "B E C"]
+    ) -> "TokenGroup":
+        """Pieces of the drivable area's boundary."""
+        return cls._of(scene.boundary_pose, scene.has_boundary, encoded, None)
+
+    @classmethod
+    def _of(
+        cls,
+        pose: Float[Tensor, "B P 3"],
+        exists: Bool[Tensor, "B P"],
+        encoded: Float[Tensor, "B P C"],
+        factors: Float[Tensor, "B 1 A P"] | None,
+    ) -> "TokenGroup":
         return cls(
-            middle_m=middle_m.contiguous(),
-            pose=pose.flatten(0, 1),
-            encoded=encoded.flatten(0, 1),
-            exists=None if bool(scene.has_piece.all()) else scene.has_piece,
+            middle_m=pose[..., :2].contiguous(),
+            axis=torch.complex(pose[..., 2].cos(), pose[..., 2].sin()),
+            encoded=encoded,
+            exists=None if bool(exists.all()) else exists,
             factors=factors,
         )
 
-    def near(
-        self, poses: NoisyPoses, noise: NoiseFactors, num_nearest: int
-    ) -> NearTokens:
-        """The tokens nearest to each pose, in any order."""
-        num_scenes, num_tokens = self.middle_m.shape[:2]
-        shape = poses.position_m.shape
+    def nearest(
+        self, poses: NoisyPoses, number: int
+    ) -> tuple[Int[Tensor, "B S A M"], Mask]:
+        """Which tokens are nearest to each pose, in any order."""
         points = torch.view_as_real(poses.position_m).flatten(1, 2)
-        distance = torch.cdist(points, self.middle_m).view(*shape, num_tokens)
+        num_tokens = self.middle_m.shape[1]
+        distance = torch.cdist(points, self.middle_m)
+        distance = distance.view(*poses.position_m.shape, num_tokens)
         if self.factors is not None:
             distance = distance * self.factors
         if self.exists is not None:
             distance = distance.masked_fill(~self.exists[:, None, None], math.inf)
-        number = min(num_nearest, num_tokens)
+        number = min(number, num_tokens)
         index = distance.topk(number, dim=-1, largest=False, sorted=False).indices
-        if num_scenes > 1:
-            first = torch.arange(num_scenes, device=index.device) * num_tokens
-            index = index + first[:, None, None, None]
+        if self.exists is None:
+            return index, Mask(None, None)
+        scene = torch.arange(len(self.exists), device=index.device)
+        is_token = self.exists[scene[:, None, None, None], index]
+        return index, Mask.of(is_token[..., None, :])
+
+
+class NearTokens(NamedTuple):
+    """The map tokens nearest to each of A agents in S versions of B scenes.
+
+    M in all, those of the first group first.
+    """
+
+    relations: Float[Tensor, "B S A M F"]
+    encoded: Float[Tensor, "B S A M C"]
+    """What ``TokenGroup.encoded`` holds of each."""
+    axis: Complex[Tensor, "B S A M"]
+    """Direction of each, in the frame of the scene."""
+    numbers: tuple[int, ...]
+    """How many are of each group."""
+    masks: tuple[Mask, ...]
+    """Of each group, of shape [B S A 1 M]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MapTokens:
+    """The map tokens of B scenes, in groups."""
+
+    groups: tuple[TokenGroup, ...]
+    pose: Complex[Tensor, "T 2"]
+    """Middle and direction, of all groups and scenes in a row."""
+    encoded: Float[Tensor, "T C"]
+
+    @classmethod
+    def of(cls, *groups: TokenGroup) -> "MapTokens":
+        """All tokens of some groups."""
+        pose = [
+            torch.stack([as_complex(one.middle_m), one.axis], dim=-1).flatten(0, 1)
+            for one in groups
+        ]
+        encoded = [one.encoded.flatten(0, 1) for one in groups]
+        return cls(groups=groups, pose=torch.cat(pose), encoded=torch.cat(encoded))
+
+    def near(
+        self,
+        poses: NoisyPoses,
+        noise: NoiseFactors,
+        *num_nearest: int,
+        folds_turns: bool = False,
+    ) -> NearTokens:
+        """The tokens of each group that are nearest to each pose, in any order."""
+        rows: list[Tensor] = []
+        masks: list[Mask] = []
+        first = 0
+        for group, number in zip(self.groups, num_nearest, strict=True):
+            index, mask = group.nearest(poses, number)
+            num_scenes, num_tokens = group.axis.shape
+            if num_scenes > 1:
+                scene = torch.arange(num_scenes, device=index.device) * num_tokens
+                index = index + scene[:, None, None, None]
+            rows.append(index + first if first else index)
+            masks.append(mask)
+            first += group.axis.numel()
+        index = rows[0] if len(rows) == 1 else torch.cat(rows, dim=-1)
         row = index.flatten()
         found = self.pose.index_select(0, row).view(*index.shape, 2)
         middle_m, axis = found.unbind(-1)
-        mask = Mask(None, None)
-        if self.exists is not None:
-            mask = Mask.of(self.exists.flatten()[index][..., None, :])
         return NearTokens(
-            relations=piece_relations(poses, middle_m, axis, noise),
+            relations=piece_relations(
+                poses, middle_m, axis, noise, folds_turns=folds_turns
+            ),
             encoded=self.encoded.index_select(0, row).view(*index.shape, -1),
             axis=axis,
-            mask=mask,
+            numbers=tuple(one.shape[-1] for one in rows),
+            masks=tuple(masks),
         )

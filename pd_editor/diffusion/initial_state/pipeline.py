@@ -21,6 +21,7 @@ from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.sampler import (
     InitialStateSamplerConfig,
+    finished_activity,
     finished_states,
     sample_initial_states,
 )
@@ -180,7 +181,8 @@ def place_agents(
     states = finished_states(scene, task, clean)
     own = slice(len(features.agent_row), None)
     drawn = states[0, 0, own].double().cpu().numpy()
-    tracks = _with_states(placed, drawn, center, scenario.current_step)
+    activity = finished_activity(scene, task, clean)[0, 0, own].cpu().numpy()
+    tracks = _with_states(placed, drawn, activity, center, scenario.current_step)
     result = kept.with_agents(kept.agents.joined(tracks))
     if not placing.repairs:
         return result
@@ -302,6 +304,7 @@ def _no_latents(
 def _with_states(
     placed: AgentTracks,
     states: Float[np.ndarray, "N 5"],
+    activity: Int[np.ndarray, "N"],
     center_m: Float[np.ndarray, "2"],
     step: int,
 ) -> AgentTracks:
@@ -321,4 +324,5 @@ def _with_states(
         velocity_mps=at_step(direction * states[:, 4:]),
         is_valid=np.broadcast_to(now, (len(placed), steps)).copy(),
         observed=placed.observed & now,
+        activity=activity.astype(placed.activity.dtype),
     )

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.core.config_limits import check_settings
@@ -22,14 +23,17 @@ from pd_editor.diffusion.initial_state.conditioning import (
 )
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.state_encoding import (
-    NUM_STATE_PARTS,
+    NUM_MOTION_PARTS,
     POSITION_UNIT_M,
+    decode_activity,
     decode_states,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
+_SPEED: Final = NUM_MOTION_PARTS - 1
+
 InitialStateGuide = Callable[[Tensor, float], Tensor]
-"""From predicted clean states [S B A 5], encoded, and the level, to better ones."""
+"""From predicted clean states [S B A P], encoded, and the level, to better ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +54,9 @@ class InitialStateSamplerConfig:
     """Factor of the fresh noise on speeds, which the network blurs: at 1 the median of
     those who move is 6.1 m/s, 6.9 with it, 7.8 recorded (``train``)."""
     is_second_order: bool = True
-    """Extrapolate the predicted clean states of the last two steps."""
+    """Extrapolate the predicted clean speeds and activities of the last two steps."""
+    extrapolates_poses: bool = False
+    """Extrapolate poses as well."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -86,13 +92,14 @@ def sample_initial_states(
     config = InitialStateSamplerConfig() if config is None else config
     task = sampling_conditioning(scene) if task is None else task
     streams = RandomStreams(seed, "states", samples)
+    num_parts = model.config.num_state_parts
     with sampling_mode(len(samples) * scene.has_agent.numel()):
         context = model.encode_context(scene, task)
         levels = centered_levels(config.num_steps, config.level_emphasis)
         encoded = model.encode_level(
             scene.agent_pose.new_tensor(levels)[:, None, None], context
         )
-        normal = streams.normal(*scene.has_agent.shape, NUM_STATE_PARTS)
+        normal = streams.normal(*scene.has_agent.shape, num_parts)
         sigma = model.schedule.sigma(torch.ones(1, device=scene.agent_pose.device))
         # As wide as traffic with its noise.
         spread = model.get_buffer("spread")
@@ -110,15 +117,24 @@ def sample_initial_states(
         levels,
         SamplerConfig(
             eta=config.eta,
-            is_second_order=config.is_second_order,
-            noise_factors=(1.0,) * (NUM_STATE_PARTS - 1) + (config.speed_noise,),
+            extrapolation=tuple(
+                float(
+                    config.is_second_order
+                    and (part >= _SPEED or config.extrapolates_poses)
+                )
+                for part in range(num_parts)
+            ),
+            noise_factors=tuple(
+                config.speed_noise if part == _SPEED else 1.0
+                for part in range(num_parts)
+            ),
         ),
         streams,
     )
 
 
 def finished_states(
-    scene: SceneTensors, task: Conditioning, clean: Float[Tensor, "S B A 5"]
+    scene: SceneTensors, task: Conditioning, clean: Float[Tensor, "S B A P"]
 ) -> Float[Tensor, "S B A 5"]:
     """Sampled states decoded, with those of the given agents put back bit-identical.
 
@@ -136,9 +152,16 @@ def finished_states(
     return torch.where(task.is_given[..., None], given, decode_states(clean))
 
 
+def finished_activity(
+    scene: SceneTensors, task: Conditioning, clean: Float[Tensor, "S B A P"]
+) -> Int[Tensor, "S B A"]:
+    """Sampled ``Activity``, with that of the given agents as it was."""
+    return torch.where(task.is_given, scene.agent_activity, decode_activity(clean))
+
+
 def _inside(
-    clean: Float[Tensor, "S B A 5"], side: Float[Tensor, "B 1 1"]
-) -> Float[Tensor, "S B A 5"]:
+    clean: Float[Tensor, "S B A P"], side: Float[Tensor, "B 1 1"]
+) -> Float[Tensor, "S B A P"]:
     """States with positions moved into the square."""
     place = torch.minimum(torch.maximum(clean[..., :2], -side), side)
     return torch.cat([place, clean[..., 2:]], dim=-1)

@@ -3,45 +3,58 @@
 from typing import Final
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from pd_editor.scene.activity import STANDING_SPEED_MPS
+from pd_editor.scene.activity import STANDING_SPEED_MPS, Activity
 
 POSITION_UNIT_M: Final = 62.0
 """Half side of the square that the model is trained on."""
-NUM_STATE_PARTS: Final = 5
+NUM_MOTION_PARTS: Final = 5
 """x, y, cos, sin, speed."""
-STATE_SPREAD: Final = (0.5, 0.5, 0.7, 0.7, 0.8)
-"""Standard deviation of each encoded part in traffic, roughly."""
+ACTIVITIES: Final = (Activity.PARKED, Activity.WAITING, Activity.DRIVING)
+"""One part of a state each, after those of the motion, where activities are sampled."""
+_MOTION_SPREAD: Final = (0.5, 0.5, 0.7, 0.7, 0.8)
+_ACTIVITY_SPREAD: Final = 0.5
 _STANDING_CODE: Final = -0.5
 _MOVING_UNIT: Final = 2.0
 _SLOWEST_CODE: Final = STANDING_SPEED_MPS**0.5 / _MOVING_UNIT
 """Of those who move."""
 
 
+def state_spread(*, samples_activity: bool) -> tuple[float, ...]:
+    """Standard deviation of each encoded part in traffic, roughly."""
+    activity = (_ACTIVITY_SPREAD,) * len(ACTIVITIES) if samples_activity else ()
+    return _MOTION_SPREAD + activity
+
+
 def encode_states(
-    pose: Float[Tensor, "*b 3"], speed: Float[Tensor, "*b"]
-) -> Float[Tensor, "*b 5"]:
-    """Encode poses x, y, heading around the centre, and speeds in m/s.
+    pose: Float[Tensor, "*b 3"],
+    speed: Float[Tensor, "*b"],
+    activity: Int[Tensor, "*b"] | None = None,
+) -> Float[Tensor, "*b P"]:
+    """Encode poses x, y, heading around the centre, speeds in m/s, and activities.
 
     Positions are in units of 62 m, headings a unit vector. More than half of all
     vehicles stand: they have one code of their own, well apart from the square roots
-    of speeds, so that both the atom and the tail can be drawn.
+    of speeds, so that both the atom and the tail can be sampled. Activities are one
+    part for each of ``ACTIVITIES``, 0.5 or -0.5; all 0 where they are unknown.
     """
     code = (speed.clamp_min(STANDING_SPEED_MPS)).sqrt() / _MOVING_UNIT
     code = torch.where(speed < STANDING_SPEED_MPS, _STANDING_CODE, code)
     heading = pose[..., 2]
-    return torch.cat(
-        [
-            pose[..., :2] / POSITION_UNIT_M,
-            torch.stack([heading.cos(), heading.sin(), code], dim=-1),
-        ],
-        dim=-1,
-    )
+    parts = [
+        pose[..., :2] / POSITION_UNIT_M,
+        torch.stack([heading.cos(), heading.sin(), code], dim=-1),
+    ]
+    if activity is not None:
+        values = torch.tensor(ACTIVITIES, device=activity.device)
+        is_one = (activity[..., None] == values).to(code)
+        parts.append((is_one - 0.5) * (activity > 0)[..., None])
+    return torch.cat(parts, dim=-1)
 
 
-def decode_states(codes: Float[Tensor, "*b 5"]) -> Float[Tensor, "*b 5"]:
+def decode_states(codes: Float[Tensor, "*b P"]) -> Float[Tensor, "*b 5"]:
     """Metres, unit headings and m/s of codes; inverse of ``encode_states``.
 
     Standing agents come out with speed 0.
@@ -58,8 +71,21 @@ def decode_states(codes: Float[Tensor, "*b 5"]) -> Float[Tensor, "*b 5"]:
     )
 
 
-def is_standing(codes: Float[Tensor, "*b 5"]) -> Bool[Tensor, "*b"]:
-    """Who is meant to stand."""
+def decode_activity(codes: Float[Tensor, "*b P"]) -> Int[Tensor, "*b"]:
+    """``Activity`` of codes: standing agents park or wait, whichever is likelier.
+
+    Unknown where codes hold no activity.
+    """
+    found = torch.full(codes.shape[:-1], Activity.UNKNOWN, device=codes.device)
+    if codes.shape[-1] == NUM_MOTION_PARTS:
+        return found
+    parked, waiting, _ = codes[..., NUM_MOTION_PARTS:].unbind(-1)
+    found = torch.where(parked > waiting, Activity.PARKED, Activity.WAITING)
+    return torch.where(is_standing(codes), found, Activity.DRIVING)
+
+
+def is_standing(codes: Float[Tensor, "*b P"]) -> Bool[Tensor, "*b"]:
+    """Which agents are meant to stand."""
     return codes[..., 4] < (_SLOWEST_CODE + _STANDING_CODE) / 2
 
 

@@ -18,7 +18,7 @@ from pd_editor.diffusion.initial_state.features import (
     NUM_PIECE_FEATURES,
     NUM_POSITION_FEATURES,
 )
-from pd_editor.diffusion.initial_state.state_encoding import NUM_STATE_PARTS
+from pd_editor.diffusion.initial_state.state_encoding import NUM_MOTION_PARTS
 
 _KEPT: Final = (
     "kind_token.",
@@ -69,8 +69,8 @@ def _inputs(old: Mapping[str, Tensor]) -> dict[str, Tensor]:
     num_others = first.shape[1] - NUM_POSITION_FEATURES
     order = [*range(num_others), *(num_others + one for one in position)]
     of_state = [
-        *range(NUM_STATE_PARTS),
-        *(NUM_STATE_PARTS + one for one in position),
+        *range(NUM_MOTION_PARTS),
+        *(NUM_MOTION_PARTS + one for one in position),
     ]
     return {
         "map_token.0.weight": first[:, order],

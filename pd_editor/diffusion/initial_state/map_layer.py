@@ -1,0 +1,87 @@
+"""A layer in which map tokens attend to those around them, once per scene."""
+
+import math
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from pd_editor.diffusion.core.attention import EdgeAttention, Mask
+from pd_editor.diffusion.initial_state.features import (
+    NUM_FOLDED_FEATURES,
+    NUM_PIECE_FEATURES,
+    NoiseFactors,
+    NoisyPoses,
+    as_complex,
+    noise_factors,
+    piece_relations,
+)
+
+
+class MapLayer(nn.Module):
+    """Attention of each map token to its nearest neighbours, then a feed-forward.
+
+    It begins as the identity.
+    """
+
+    def __init__(
+        self, width: int, edge_width: int, num_heads: int, num_neighbors: int
+    ) -> None:
+        super().__init__()
+        self.num_neighbors = num_neighbors
+        self.norms = nn.ModuleList(nn.LayerNorm(width) for _ in range(2))
+        num_features = NUM_PIECE_FEATURES + NUM_FOLDED_FEATURES
+        self.relation_in = nn.Linear(num_features, edge_width, bias=False)
+        self.token_in = nn.Linear(width, edge_width)
+        self.attention = EdgeAttention(width, edge_width, num_heads)
+        self.feed_forward = nn.Sequential(
+            nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width)
+        )
+        for last in (self.attention.to_output, self.feed_forward[2]):
+            for parameter in last.parameters():
+                nn.init.zeros_(parameter)
+
+    def forward(
+        self,
+        tokens: Float[Tensor, "B T D"],
+        pose: Float[Tensor, "B T 3"],
+        exists: Bool[Tensor, "B T"],
+    ) -> Float[Tensor, "B T D"]:
+        """Tokens that know of those around them; where none exists, any value."""
+        num_scenes, num_tokens = exists.shape
+        number = min(self.num_neighbors, num_tokens)
+        distance = torch.cdist(pose[..., :2], pose[..., :2])
+        distance = distance.masked_fill(~exists[:, None], math.inf)
+        # A token's nearest neighbour is itself: its own edge tells it nothing.
+        distance.diagonal(dim1=1, dim2=2).fill_(math.inf)
+        nearest, index = distance.topk(number, dim=-1, largest=False, sorted=False)
+        scene = torch.arange(num_scenes, device=index.device)[:, None, None]
+        relations = _relations(pose, pose[scene, index])
+        of_tokens = self.token_in(self.norms[0](tokens))
+        edges = self.relation_in(relations).add_(of_tokens[scene, index]).relu_()
+        mask = Mask.of(nearest.isfinite()[:, :, None])
+        tokens = tokens + self.attention(self.norms[0](tokens), edges, mask)
+        return tokens + self.feed_forward(self.norms[1](tokens))
+
+
+def _relations(
+    pose: Float[Tensor, "B T 3"], others: Float[Tensor, "B T K 3"]
+) -> Float[Tensor, "B T K F"]:
+    """How each token lies to its neighbours; no pose has noise."""
+
+    def axis(heading: Float[Tensor, "*b"]) -> Tensor:
+        return torch.complex(heading.cos(), heading.sin())
+
+    own = NoisyPoses(
+        position_m=as_complex(pose[:, None, :, :2]),
+        direction=axis(pose[:, None, :, 2]),
+    )
+    nothing = pose.new_zeros(1)
+    clean: NoiseFactors = noise_factors(nothing, nothing, num_offsets=2)
+    return piece_relations(
+        own,
+        as_complex(others[:, None, ..., :2]),
+        axis(others[:, None, ..., 2]),
+        clean,
+        folds_turns=True,
+    )[:, 0]
