@@ -28,15 +28,6 @@ INITIAL_STATES: Final = StageKind(
         "sampler": InitialStateSamplerConfig,
         "guidance": InitialStateGuidance,
     },
-    former_config={
-        "sees_boundary": False,
-        "num_near_boundary": 8,
-        "relates_map_tokens": False,
-        "num_map_neighbors": 12,
-        "sees_box_gaps": False,
-        "folds_turns": False,
-        "samples_activity": False,
-    },
     upgraded_tensors=initial_state_version_1.upgraded_tensors,
 )
 TRAJECTORIES: Final = StageKind(

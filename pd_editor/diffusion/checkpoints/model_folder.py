@@ -41,8 +41,6 @@ class StageKind:
     make_model: Callable[[Any], nn.Module]
     sampling_types: Mapping[str, type[Any]] = field(default_factory=dict)
     """By name, flat dataclasses of plain values with defaults: how it is sampled."""
-    former_config: Mapping[str, Any] = field(default_factory=dict)
-    """Values of fields of the configuration in folders that were written before them."""
     upgraded_tensors: (
         Callable[[Mapping[str, torch.Tensor], Any], Mapping[str, torch.Tensor]] | None
     ) = None
@@ -192,7 +190,7 @@ def _loaded_stage(
             "(SHA-256); the folder is damaged or mixed from several models."
         )
     source = f"{path}, {name}"
-    given = {**kind.former_config, **entry["config"]}
+    given = entry["config"]
     if version == UPGRADED_VERSION:
         given = _with_defaults(kind.config_type, given)
     config = config_from_json(kind.config_type, given, source)
@@ -244,7 +242,7 @@ def _with_defaults(
 ) -> Mapping[str, Any]:
     """A configuration that may have been written before some fields were added."""
     usual = {
-        one.name: one.default
+        one.name: one.metadata.get("when_absent", one.default)
         for one in fields(config_type)
         if one.default is not MISSING
     }

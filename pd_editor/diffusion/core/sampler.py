@@ -94,9 +94,9 @@ def _slopes(
     to noise ratio: 0.5 for even steps.
     """
     length = (alphas / sigmas).log().diff(dim=0)
-    slopes = torch.zeros(torch.broadcast_shapes(alphas.shape, sigmas.shape))
+    slopes = torch.zeros_like(alphas + sigmas)
     slopes[1:-1] = 0.5 * length[1:] / length[:-1]
-    return slopes.to(alphas)
+    return slopes
 
 
 def _noise_shares(

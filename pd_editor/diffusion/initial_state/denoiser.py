@@ -1,7 +1,7 @@
 """The initial-state network: from noisy states of all agents to clean ones."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import torch
@@ -64,6 +64,8 @@ from pd_editor.windows.scene_features import (
 _NUM_TOKEN_FEATURES: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
 _NUM_LEVEL_WAVES: Final = 8
 _NUM_POSE_PARTS: Final = 4
+_ABSENT: Final = {"when_absent": False}
+"""Of fields of the configuration that came later than some networks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,18 +89,18 @@ class InitialStateConfig:
     """The same of headings (unit vectors) and of speed codes; in between it is such that
     the direction is known when the lane is: 0.4 at 3.5 m."""
     highest_direction_noise: float = 3.0
-    sees_boundary: bool = True
+    sees_boundary: bool = field(default=True, metadata=_ABSENT)
     """Attend to the nearest pieces of the drivable area's boundary, and propose poses in
     their frames."""
-    num_near_boundary: int = 8
-    relates_map_tokens: bool = True
+    num_near_boundary: int = field(default=8, metadata={"when_absent": 8})
+    relates_map_tokens: bool = field(default=True, metadata=_ABSENT)
     """One layer in which each map token attends to its neighbours, once per scene."""
-    num_map_neighbors: int = 12
-    sees_box_gaps: bool = True
+    num_map_neighbors: int = field(default=12, metadata={"when_absent": 12})
+    sees_box_gaps: bool = field(default=True, metadata=_ABSENT)
     """Gaps between boxes among the relations of agents."""
-    folds_turns: bool = True
+    folds_turns: bool = field(default=True, metadata=_ABSENT)
     """Directions modulo a half and a quarter turn among all relations."""
-    samples_activity: bool = True
+    samples_activity: bool = field(default=True, metadata=_ABSENT)
     """States hold which agents are parked, wait or drive."""
 
     @property
@@ -286,9 +288,18 @@ class InitialStateDenoiser(nn.Module):
                 *[1] * noise_m.ndim, 2
             ),
             near=noise_factors(
-                noise_m[..., None], turn_noise[..., None], num_offsets=2
+                noise_m[..., None],
+                turn_noise[..., None],
+                num_offsets=2,
+                folds_turns=self.config.folds_turns,
             ),
-            pairs=noise_factors(of_both(noise_m), of_both(turn_noise), num_offsets=1),
+            pairs=noise_factors(
+                of_both(noise_m),
+                of_both(turn_noise),
+                num_offsets=1,
+                folds_turns=self.config.folds_turns,
+                sees_gaps=self.config.sees_box_gaps,
+            ),
         )
 
     def denoise(

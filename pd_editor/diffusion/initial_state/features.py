@@ -24,9 +24,7 @@ and of the noise."""
 
 _LEAST_NOISE_M: Final = 0.05
 _LEAST_TURN_NOISE: Final = 0.02
-_NEAR: Final = 2
-_TURN: Final = 4
-"""Places in ``NoiseFactors.lengths`` of one over the noise of offsets, of directions."""
+_NUM_GAPS: Final = 5
 """Added where something is given at the scale of the noise: given agents have none."""
 
 
@@ -77,7 +75,12 @@ def fading(
 
 
 def noise_factors(
-    noise_m: Float[Tensor, "*b"], turn_noise: Float[Tensor, "*b"], *, num_offsets: int
+    noise_m: Float[Tensor, "*b"],
+    turn_noise: Float[Tensor, "*b"],
+    *,
+    num_offsets: int,
+    folds_turns: bool = False,
+    sees_gaps: bool = False,
 ) -> NoiseFactors:
     """Factors of relations with one offset and a direction, or with two offsets.
 
@@ -85,10 +88,17 @@ def noise_factors(
         noise_m: standard deviation of offsets.
         turn_noise: of directions, in radians while small.
         num_offsets: 1 or 2.
+        folds_turns: whether there are directions modulo a half and a quarter turn.
+        sees_gaps: whether there are gaps between boxes.
     """
     one, near = torch.ones_like(noise_m), 1 / (noise_m + _LEAST_NOISE_M)
-    lengths = [one, one, near, near, 1 / (turn_noise + _LEAST_TURN_NOISE)]
+    turn = 1 / (turn_noise + _LEAST_TURN_NOISE)
+    lengths = [one, one, near, near, turn]
     lengths += [one, one, near, near] * (num_offsets - 1)
+    if folds_turns:
+        lengths += [turn / 2, turn / 4]
+    if sees_gaps:
+        lengths += [one] * _NUM_GAPS + [near] * _NUM_GAPS
     return NoiseFactors(
         fading(RELATION_WAVELENGTHS_M, noise_m), torch.stack(lengths, dim=-1)
     )
@@ -103,105 +113,11 @@ def _rates(
         return torch.tensor([2 * math.pi / one for one in wavelengths_m], device=device)
 
 
-def agent_relations(
-    poses: NoisyPoses,
-    noise: NoiseFactors,
-    *,
-    folds_turns: bool = False,
-    boxes: "BoxPairs | None" = None,
-) -> Float[Tensor, "B S A A F"]:
-    """How each agent sees every other one: offset and direction in its own frame.
-
-    Args:
-        poses: of the agents.
-        noise: of each pair.
-        folds_turns: with directions modulo a half and a quarter turn as well.
-        boxes: with the gaps between boxes as well.
-    """
-    back = poses.direction.conj_physical()[..., None]
-    offset = poses.position_m[..., None, :] - poses.position_m[..., None]
-    direction = poses.direction[..., None, :] * back
-    found = [_relation_features(offset * back, direction, noise)]
-    if folds_turns:
-        found.append(folded_directions(direction, noise))
-    if boxes is not None:
-        found.append(box_gaps(poses, boxes, noise))
-    return found[0] if len(found) == 1 else torch.cat(found, dim=-1)
-
-
-def piece_relations(
-    poses: NoisyPoses,
-    middle_m: Complex[Tensor, "B S A M"],
-    axis: Complex[Tensor, "B S A M"],
-    noise: NoiseFactors,
-    *,
-    folds_turns: bool = False,
-) -> Float[Tensor, "B S A M F"]:
-    """How each agent lies to its M map tokens, in the frame of each token.
-
-    And where the token's middle is in the agent's own frame. With ``folds_turns``
-    directions modulo a half and a quarter turn come last.
-    """
-    back, own = axis.conj_physical(), poses.direction[..., None]
-    offset = poses.position_m[..., None] - middle_m
-    own_offset = -offset * own.conj_physical()
-    direction = own * back
-    found = _relation_features(offset * back, direction, noise, own_offset)
-    if not folds_turns:
-        return found
-    return torch.cat([found, folded_directions(direction, noise)], dim=-1)
-
-
-def _relation_features(
-    offset: Complex[Tensor, "*b"],
-    direction: Complex[Tensor, "*b"],
-    noise: NoiseFactors,
-    own_offset: Complex[Tensor, "*b"] | None = None,
-) -> Float[Tensor, "*b F"]:
-    """An offset and a direction in one frame, and perhaps an offset in another one.
-
-    Far offsets are dampened.
-    """
-    offset_m = torch.view_as_real(offset)
-    direction_xy = torch.view_as_real(direction)
-    lengths = [offset_m, offset_m, direction_xy[..., 1:]]
-    if own_offset is not None:
-        lengths += [torch.view_as_real(own_offset)] * 2
-    phase = _phase(offset_m, RELATION_WAVELENGTHS_M)
-    return torch.cat(
-        [
-            phase.sin() * noise.fading,
-            phase.cos() * noise.fading,
-            (torch.cat(lengths, dim=-1) * noise.lengths).asinh() / 3,
-            offset.abs().log1p()[..., None] / 3,
-            direction_xy,
-        ],
-        dim=-1,
-    )
-
-
-def folded_directions(
-    direction: Complex[Tensor, "*b"], noise: NoiseFactors
-) -> Float[Tensor, "*b 6"]:
-    """Directions modulo a half and a quarter turn.
-
-    Cars park along a kerb facing either way, and in lots across the row.
-
-    Args:
-        direction: numbers of length one.
-        noise: the factors of the relations that the directions belong to.
-    """
-    half = direction.square()
-    folded = torch.view_as_real(torch.stack([half, half.square()], dim=-1))
-    sines = folded[..., 1] * noise.lengths[..., _TURN : _TURN + 1]
-    return torch.cat([folded.flatten(-2), (sines * 0.5).asinh() / 3], dim=-1)
-
-
 class BoxPairs(NamedTuple):
     """Half sizes of the boxes of each pair of A agents in B scenes.
 
-    The third axis from the right is the frame, of the first agent and of the second
-    one; the last axis is along and across.
+    The last but one axis is the frame, of the first agent and of the second one; the
+    last one is along and across.
     """
 
     own: Float[Tensor, "B 1 A A 2 2"]
@@ -223,28 +139,118 @@ class BoxPairs(NamedTuple):
             crossed=other.flip(-1),
         )
 
+    def gaps_m(
+        self,
+        offset: Complex[Tensor, "B S A A"],
+        offset_back: Complex[Tensor, "B S A A"],
+        direction: Complex[Tensor, "B S A A"],
+    ) -> Float[Tensor, "B S A A 5"]:
+        """Gaps along the axes of both boxes, and the largest; below 0 they overlap.
 
-def box_gaps(
-    poses: NoisyPoses, boxes: BoxPairs, noise: NoiseFactors
-) -> Float[Tensor, "B S A A 10"]:
-    """Gaps between the boxes of each pair along the axes of both; below 0 they overlap.
+        Boxes are apart where the largest is above 0 (separating axes).
 
-    Boxes are apart where the largest of the four is above 0 (separating axes).
+        Args:
+            offset: of the second agent in the frame of the first one.
+            offset_back: the same offset in the frame of the second one.
+            direction: of the second agent in the frame of the first one.
+        """
+        turn = torch.view_as_real(direction).abs()[..., None, :]
+        reach = self.own + self.other * turn[..., :1] + self.crossed * turn[..., 1:]
+        in_frames = torch.stack([offset, offset_back], dim=-1)
+        gaps = (torch.view_as_real(in_frames).abs() - reach).flatten(-2)
+        return torch.cat([gaps, gaps.amax(dim=-1, keepdim=True)], dim=-1)
+
+
+def agent_relations(
+    poses: NoisyPoses,
+    noise: NoiseFactors,
+    *,
+    folds_turns: bool = False,
+    boxes: BoxPairs | None = None,
+) -> Float[Tensor, "B S A A F"]:
+    """How each agent sees every other one: offset and direction in its own frame.
+
+    Args:
+        poses: of the agents.
+        noise: of each pair.
+        folds_turns: with directions modulo a half and a quarter turn as well.
+        boxes: with the gaps between boxes as well.
     """
     back = poses.direction.conj_physical()[..., None]
-    offset = poses.position_m[..., None, :] - poses.position_m[..., None]
-    # The same offset in the frame of the other agent, but for its sign.
-    in_frames = torch.stack([offset * back, offset * back.mT], dim=-1)
-    turn = torch.view_as_real(poses.direction[..., None, :] * back).abs()
-    reach = (
-        boxes.own
-        + boxes.other * turn[..., None, :1]
-        + boxes.crossed * turn[..., None, 1:]
+    apart = poses.position_m[..., None, :] - poses.position_m[..., None]
+    offset, direction = apart * back, poses.direction[..., None, :] * back
+    gaps = None if boxes is None else boxes.gaps_m(offset, apart * back.mT, direction)
+    return _relation_features(
+        offset, direction, noise, folds_turns=folds_turns, gaps_m=gaps
     )
-    gap = (torch.view_as_real(in_frames).abs() - reach).flatten(-2)
-    gap = torch.cat([gap, gap.amax(dim=-1, keepdim=True)], dim=-1)
-    scaled = gap * noise.lengths[..., _NEAR : _NEAR + 1]
-    return torch.cat([gap, scaled], dim=-1).asinh() / 3
+
+
+def piece_relations(
+    poses: NoisyPoses,
+    middle_m: Complex[Tensor, "B S A M"],
+    axis: Complex[Tensor, "B S A M"],
+    noise: NoiseFactors,
+    *,
+    folds_turns: bool = False,
+) -> Float[Tensor, "B S A M F"]:
+    """How each agent lies to its M map tokens, in the frame of each token.
+
+    And where the token's middle is in the agent's own frame. With ``folds_turns``
+    directions modulo a half and a quarter turn come last.
+    """
+    back, own = axis.conj_physical(), poses.direction[..., None]
+    offset = poses.position_m[..., None] - middle_m
+    own_offset = -offset * own.conj_physical()
+    return _relation_features(
+        offset * back, own * back, noise, own_offset, folds_turns=folds_turns
+    )
+
+
+def _relation_features(
+    offset: Complex[Tensor, "*b"],
+    direction: Complex[Tensor, "*b"],
+    noise: NoiseFactors,
+    own_offset: Complex[Tensor, "*b"] | None = None,
+    *,
+    folds_turns: bool = False,
+    gaps_m: Float[Tensor, "*b G"] | None = None,
+) -> Float[Tensor, "*b F"]:
+    """An offset and a direction in one frame, and perhaps an offset in another one.
+
+    Far offsets are dampened. Then perhaps the direction modulo a half and a quarter
+    turn: cars park along a kerb facing either way, and in lots across the row. Then
+    gaps between boxes.
+    """
+    offset_m = torch.view_as_real(offset)
+    direction_xy = torch.view_as_real(direction)
+    lengths = [offset_m, offset_m, direction_xy[..., 1:]]
+    more: list[Tensor] = []
+    if own_offset is not None:
+        lengths += [torch.view_as_real(own_offset)] * 2
+    if folds_turns:
+        half = direction.square()
+        folded = torch.view_as_real(torch.stack([half, half.square()], dim=-1))
+        lengths.append(folded[..., 1])
+        more.append(folded.flatten(-2))
+    if gaps_m is not None:
+        lengths += [gaps_m, gaps_m]
+    scaled = (torch.cat(lengths, dim=-1) * noise.lengths).asinh() / 3
+    if folds_turns or gaps_m is not None:
+        num_first = 5 if own_offset is None else 9
+        scaled, last = scaled.tensor_split([num_first], dim=-1)
+        more.append(last)
+    phase = _phase(offset_m, RELATION_WAVELENGTHS_M)
+    return torch.cat(
+        [
+            phase.sin() * noise.fading,
+            phase.cos() * noise.fading,
+            scaled,
+            offset.abs().log1p()[..., None] / 3,
+            direction_xy,
+            *more,
+        ],
+        dim=-1,
+    )
 
 
 def rotated_back(

@@ -77,7 +77,9 @@ def _relations(
         direction=axis(pose[:, None, :, 2]),
     )
     nothing = pose.new_zeros(1)
-    clean: NoiseFactors = noise_factors(nothing, nothing, num_offsets=2)
+    clean: NoiseFactors = noise_factors(
+        nothing, nothing, num_offsets=2, folds_turns=True
+    )
     return piece_relations(
         own,
         as_complex(others[:, None, ..., :2]),

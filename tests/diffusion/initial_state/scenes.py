@@ -71,6 +71,14 @@ def scene_batch(*counts: int, seed: int = 0) -> SceneTensors:
     )
 
 
+def trained_a_little(model: InitialStateDenoiser) -> InitialStateDenoiser:
+    """With small random numbers instead of the zeros that some layers begin with."""
+    with torch.no_grad():
+        for parameter in model.parameters():
+            parameter.add_(0.02 * torch.randn_like(parameter))
+    return model
+
+
 def small_model(
     *, is_ordered: bool = False, is_differential: bool = True, seed: int = 0
 ) -> InitialStateDenoiser:

@@ -9,16 +9,26 @@ from pd_editor.diffusion.initial_state.conditioning import (
     order_by,
     sampling_conditioning,
 )
-from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.denoiser import (
+    InitialStateConfig,
+    InitialStateDenoiser,
+)
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from tests.diffusion.initial_state.scenes import scene_batch, small_model
+from tests.diffusion.initial_state.scenes import (
+    scene_batch,
+    small_model,
+    trained_a_little,
+)
 
 PER_AGENT = ("agent_pose", "agent_speed", "agent_size", "agent_kind", "has_agent")
 
 
+NUM_PARTS = InitialStateConfig().num_state_parts
+
+
 def noisy_states(scene: SceneTensors, num: int = 2, seed: int = 0) -> torch.Tensor:
     random = torch.Generator().manual_seed(seed)
-    return torch.randn((num, *scene.has_agent.shape, 5), generator=random)
+    return torch.randn((num, *scene.has_agent.shape, NUM_PARTS), generator=random)
 
 
 def denoised(
@@ -50,8 +60,15 @@ def test_padding_influences_nobody():
     size, shape = scene.agent_size.clone(), scene.piece_shape.clone()
     pose[0, absent], size[0, absent] = 3.0, 9.0
     piece[~scene.has_piece], shape[~scene.has_piece] = 7.0, 9.0
+    boundary = scene.boundary_pose.clone()
+    boundary[~scene.has_boundary] = 7.0
     changed = replace(
-        scene, agent_pose=pose, agent_size=size, piece_pose=piece, piece_shape=shape
+        scene,
+        agent_pose=pose,
+        agent_size=size,
+        piece_pose=piece,
+        piece_shape=shape,
+        boundary_pose=boundary,
     )
     after = denoised(model, changed, noisy)
     assert torch.equal(before[:, scene.has_agent], after[:, scene.has_agent])
@@ -135,7 +152,7 @@ def test_given_agents_stay_and_count():
     noisy = noisy_states(scene)
     before = denoised(model, scene, noisy, task)
     context = model.encode_context(scene, task)
-    assert torch.equal(before[:, 0, :2], context.given[:, :2].expand(2, 2, 5))
+    assert torch.equal(before[:, 0, :2], context.given[:, :2].expand(2, 2, NUM_PARTS))
     other = noisy.clone()
     other[:, :, :2] = 0.0
     assert torch.equal(before, denoised(model, scene, other, task))
@@ -155,7 +172,11 @@ def test_what_is_drawn_does_not_depend_on_its_recorded_state():
 
 def test_a_map_without_pieces_is_no_trouble():
     scene, model = scene_batch(4), small_model()
-    bare = replace(scene, has_piece=torch.zeros_like(scene.has_piece))
+    bare = replace(
+        scene,
+        has_piece=torch.zeros_like(scene.has_piece),
+        has_boundary=torch.zeros_like(scene.has_boundary),
+    )
     assert denoised(model, bare, noisy_states(scene)).isfinite().all()
 
 
@@ -192,3 +213,85 @@ def test_all_noise_levels_at_once_are_each_of_them_alone():
             found = model.denoise(noisy, table.at(1), context)
         expected = denoised(model, scene, noisy, task, 0.4)
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+
+
+ADDITIONS = (
+    "sees_boundary",
+    "relates_map_tokens",
+    "sees_box_gaps",
+    "folds_turns",
+    "samples_activity",
+)
+
+
+def former_and_grown(*additions: str) -> tuple[InitialStateDenoiser, ...]:
+    """A network as they were before the additions, and one that goes on from it."""
+    former = small_model(is_ordered=True)
+    off = dict.fromkeys(ADDITIONS, False)
+    former = trained_a_little(
+        InitialStateDenoiser(replace(former.config, **off)).eval()
+    )
+    config = replace(former.config, **dict.fromkeys(additions, True))
+    grown = InitialStateDenoiser(config).eval()
+    tensors = grown.state_dict()
+    for name, old in former.state_dict().items():
+        new = tensors[name]
+        # Inputs that came later count nothing.
+        new = (
+            torch.zeros_like(new)
+            if new.ndim > 1 and new.shape[1:] != old.shape[1:]
+            else new
+        )
+        new[tuple(slice(size) for size in old.shape)] = old
+        tensors[name] = new
+    grown.load_state_dict(tensors)
+    return former, grown
+
+
+@pytest.mark.parametrize("additions", [*((one,) for one in ADDITIONS), ADDITIONS])
+def test_a_network_that_has_grown_begins_where_the_former_one_was(
+    additions: tuple[str, ...],
+):
+    former, grown = former_and_grown(*additions)
+    scene, noisy = scene_batch(5, 9), noisy_states(scene_batch(5, 9))
+    is_given = torch.zeros_like(scene.has_agent)
+    is_given[:, 1] = True
+    task = sampling_conditioning(scene, is_given)
+    for level in (0.0, 0.4, 1.0):
+        before = denoised(former, scene, noisy[..., :5], task, level)
+        states = noisy[..., : grown.config.num_state_parts]
+        after = denoised(grown, scene, states, task, level)
+        torch.testing.assert_close(after[..., :5], before, rtol=1e-5, atol=1e-5)
+    found = denoised(trained_a_little(grown), scene, states, task)
+    assert not torch.allclose(found[..., :5], before, atol=1e-3)
+
+
+def test_the_boundary_counts_wherever_it_is_near():
+    scene, model = scene_batch(6), trained_a_little(small_model())
+    noisy = noisy_states(scene) * 0.1
+    before = denoised(model, scene, noisy)
+    pose = scene.boundary_pose.clone()
+    pose[..., 1] += 2.0
+    after = denoised(model, replace(scene, boundary_pose=pose), noisy)
+    assert ((after - before).abs().amax(dim=(0, 1, 3)) > 1e-4).all()
+    pose[..., :2] = 200.0
+    far = denoised(model, replace(scene, boundary_pose=pose), noisy)
+    nothing = torch.zeros_like(scene.has_boundary)
+    gone = denoised(model, replace(scene, has_boundary=nothing), noisy)
+    assert torch.equal(far, gone)
+
+
+def test_the_activity_of_given_agents_counts_and_may_be_unknown():
+    scene, model = scene_batch(6), trained_a_little(small_model())
+    is_given = torch.tensor([[True, True, False, False, False, False]])
+    task, noisy = sampling_conditioning(scene, is_given), noisy_states(scene)
+    found = []
+    for activity in range(4):
+        known = scene.agent_activity.clone()
+        known[:, 0] = activity
+        clean = denoised(model, replace(scene, agent_activity=known), noisy, task)
+        assert clean.isfinite().all()
+        found.append(clean[:, :, 2:])
+    assert all(
+        not torch.equal(one, two) for one in found for two in found if one is not two
+    )

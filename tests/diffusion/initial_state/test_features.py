@@ -1,11 +1,16 @@
 import math
 
+import shapely
+import shapely.affinity
 import torch
 
 from pd_editor.diffusion.initial_state.features import (
     NUM_AGENT_FEATURES,
+    NUM_FOLDED_FEATURES,
+    NUM_GAP_FEATURES,
     NUM_PIECE_FEATURES,
     RELATION_WAVELENGTHS_M,
+    BoxPairs,
     NoisyPoses,
     agent_relations,
     fading,
@@ -91,3 +96,68 @@ def test_relations_stay_when_everything_is_moved_and_turned():
     after = agent_relations(NoisyPoses(place * turn + 11.0, heading * turn), noise)
     assert before.shape[-1] == NUM_AGENT_FEATURES
     torch.testing.assert_close(before, after, rtol=1e-3, atol=1e-3)
+
+
+def turned_poses(num: int, seed: int = 0) -> NoisyPoses:
+    random = torch.Generator().manual_seed(seed)
+    place = 4 * torch.randn((1, 1, num), dtype=torch.complex64, generator=random)
+    return NoisyPoses(place, directions(7 * torch.rand((1, 1, num), generator=random)))
+
+
+def test_gaps_between_boxes_are_those_of_the_shapes():
+    """Against shapely: boxes overlap where the largest gap is below 0."""
+    poses, random = turned_poses(40), torch.Generator().manual_seed(1)
+    size = 1 + 4 * torch.rand((1, 40, 2), generator=random)
+    noise = noise_factors(
+        torch.tensor(1.0), torch.tensor(1.0), num_offsets=1, sees_gaps=True
+    )
+    found = agent_relations(poses, noise, boxes=BoxPairs.of(size))[0, 0]
+    gaps = (3 * found[..., NUM_AGENT_FEATURES : NUM_AGENT_FEATURES + 5]).sinh()
+    shapes = [
+        shapely.affinity.translate(
+            shapely.affinity.rotate(
+                shapely.box(-length / 2, -width / 2, length / 2, width / 2),
+                float(turn.angle()),
+                use_radians=True,
+            ),
+            float(place.real),
+            float(place.imag),
+        )
+        for (length, width), place, turn in zip(
+            size[0].tolist(), poses.position_m[0, 0], poses.direction[0, 0], strict=True
+        )
+    ]
+    meets = torch.tensor([[a.intersects(b) for b in shapes] for a in shapes])
+    assert 100 < meets.sum() < 1500
+    assert torch.equal(gaps[..., 4] < 0, meets)
+    assert torch.equal(gaps[..., 4], gaps[..., :4].amax(dim=-1))
+    scaled = (3 * found[..., NUM_AGENT_FEATURES + 5 :]).sinh()
+    assert found.shape[-1] == NUM_AGENT_FEATURES + NUM_GAP_FEATURES
+    torch.testing.assert_close(scaled, gaps / 1.05, rtol=1e-3, atol=1e-3)
+
+
+def test_cars_facing_either_way_look_alike_where_turns_are_folded():
+    poses = turned_poses(6)
+    noise = noise_factors(
+        torch.tensor(0.5), torch.tensor(0.1), num_offsets=1, folds_turns=True
+    )
+    folded = slice(NUM_AGENT_FEATURES, NUM_AGENT_FEATURES + NUM_FOLDED_FEATURES)
+    before = agent_relations(poses, noise, folds_turns=True)[..., folded]
+    for turn, same in ((torch.pi, slice(0, 6)), (torch.pi / 2, [2, 3, 5])):
+        other = poses.direction.clone()
+        other[..., 1] *= directions(torch.tensor(turn))
+        after = agent_relations(
+            poses._replace(direction=other), noise, folds_turns=True
+        )[..., folded]
+        torch.testing.assert_close(
+            after[..., same], before[..., same], rtol=1e-3, atol=1e-3
+        )
+    assert not torch.allclose(after, before, atol=0.1)
+    angle = torch.tensor(0.03)
+    pair = NoisyPoses(
+        torch.zeros((1, 1, 2)) + 0j,
+        directions(torch.stack([0 * angle, angle]))[None, None],
+    )
+    fine = agent_relations(pair, noise, folds_turns=True)[0, 0, 0, 1, folded]
+    expected = [math.asinh(math.sin(k * 0.03) / k / 0.12) / 3 for k in (2, 4)]
+    torch.testing.assert_close(fine[4:], torch.tensor(expected), rtol=1e-3, atol=1e-4)

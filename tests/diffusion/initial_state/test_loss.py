@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -23,10 +25,16 @@ from pd_editor.diffusion.initial_state.loss import (
 )
 from pd_editor.diffusion.initial_state.sampler import (
     InitialStateSamplerConfig,
+    finished_activity,
     finished_states,
     sample_initial_states,
 )
-from tests.diffusion.initial_state.scenes import scene_batch, small_model
+from pd_editor.scene.activity import Activity
+from tests.diffusion.initial_state.scenes import (
+    scene_batch,
+    small_model,
+    trained_a_little,
+)
 
 
 @pytest.mark.parametrize(("noise_m", "weight"), [(3.9, 5.0), (4.1, 1.0)])
@@ -42,13 +50,14 @@ def test_errors_across_a_known_heading_count_more(noise_m: float, weight: float)
 
 
 def test_the_loss_says_what_it_is_made_of():
-    model, scene = small_model(is_ordered=True), scene_batch(4, 9, 13)
+    model, scene = trained_a_little(small_model(is_ordered=True)), scene_batch(4, 9, 13)
     config = InitialStateLossConfig(overlap_weight=0.5)
     loss, parts = initial_state_loss(
         model, scene, torch.Generator().manual_seed(0), config=config
     )
-    assert set(parts) == {"position", "heading", "speed", "overlap"}
-    plain = parts["position"] + parts["heading"] + parts["speed"]
+    names = ("position", "heading", "speed", "activity")
+    assert set(parts) == {*names, "overlap"}
+    plain = torch.stack([parts[name] for name in names]).sum()
     torch.testing.assert_close(loss.detach(), plain + 0.5 * parts["overlap"])
     again, _ = initial_state_loss(
         model, scene, torch.Generator().manual_seed(0), config=config
@@ -60,6 +69,41 @@ def test_the_loss_says_what_it_is_made_of():
         for name, parameter in model.named_parameters()
     }
     assert [name for name, has_slope in slopes.items() if not has_slope] == []
+
+
+def test_unknown_activities_do_not_count_in_the_loss():
+    model, scene = trained_a_little(small_model()), scene_batch(9)
+    config = InitialStateLossConfig(given_share=0.0, unknown_share=0.0)
+
+    def activity_loss(activity: torch.Tensor) -> tuple[float, float]:
+        _, parts = initial_state_loss(
+            model,
+            replace(scene, agent_activity=activity),
+            torch.Generator().manual_seed(0),
+            config=config,
+        )
+        return parts["activity"].item(), parts["position"].item()
+
+    known = torch.full_like(scene.agent_activity, Activity.PARKED)
+    assert activity_loss(known)[0] > 0.1
+    assert activity_loss(torch.zeros_like(known))[0] == 0
+    part = known.clone()
+    part[:, ::2] = Activity.UNKNOWN
+    assert activity_loss(part)[0] > 0.1
+
+
+def test_activities_of_given_agents_are_hidden_in_some_scenes():
+    scene = scene_batch(*[12] * 60)
+    scene = replace(scene, agent_activity=scene.has_agent * Activity.WAITING)
+    config = InitialStateLossConfig(given_share=1.0, unknown_share=0.5)
+    shown, task = training_task(scene, torch.Generator().manual_seed(0), config)
+    is_sampled = shown.has_agent & ~task.is_given
+    assert (shown.agent_activity[is_sampled] == Activity.WAITING).all()
+    known = (shown.agent_activity > 0) & task.is_given
+    share = known.sum(dim=1) / task.is_given.sum(dim=1).clamp_min(1)
+    some = task.is_given.any(dim=1)
+    assert set(share[some].tolist()) == {0.0, 1.0}
+    assert 0.3 < share[some].mean() < 0.7
 
 
 def test_overlap_counts_late_in_training_only():
@@ -143,5 +187,9 @@ def test_a_small_model_learns_one_scene_by_heart():
     )
     states = finished_states(scene, task, last.clean)[:, 0]
     found = states[..., :2]
-    distance = torch.cdist(found, scene.agent_pose[..., :2]).amin(dim=1)
+    distance, nearest = torch.cdist(found, scene.agent_pose[..., :2]).min(dim=2)
     assert distance.median() < 1.5
+    activity = finished_activity(scene, task, last.clean)[:, 0]
+    right = activity == scene.agent_activity[0][nearest]
+    known = scene.agent_activity[0][nearest] > 0
+    assert right[known & (distance < 1.5)].float().mean() > 0.9

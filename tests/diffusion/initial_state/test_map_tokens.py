@@ -4,7 +4,11 @@ from dataclasses import replace
 import torch
 
 from pd_editor.diffusion.initial_state.features import NoisyPoses, noise_factors
-from pd_editor.diffusion.initial_state.map_tokens import MapTokens, NearTokens
+from pd_editor.diffusion.initial_state.map_tokens import (
+    MapTokens,
+    NearTokens,
+    TokenGroup,
+)
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.windows.lane_pieces import CROSSWALK_KIND
 from pd_editor.windows.scene_features import PEDESTRIAN
@@ -17,7 +21,7 @@ def near(scene: SceneTensors, position_m: torch.Tensor, number: int) -> NearToke
     encoded = index.expand(scene.has_piece.shape)[..., None].contiguous()
     poses = NoisyPoses(position_m[:, None], torch.ones_like(position_m)[:, None])
     noise = noise_factors(torch.tensor(1.0), torch.tensor(1.0), num_offsets=2)
-    return MapTokens.of(scene, encoded).near(poses, noise, number)
+    return MapTokens.of(TokenGroup.of_lanes(scene, encoded)).near(poses, noise, number)
 
 
 def test_nearest_tokens_by_brute_force():
@@ -50,8 +54,8 @@ def test_missing_tokens_are_hidden():
     has_piece[:, 2:] = False
     scene = replace(scene, has_piece=has_piece)
     found = near(scene, torch.zeros_like(scene.agent_speed) + 0j, 5)
-    assert found.mask.added is not None
-    assert (found.mask.added.isinf().sum(dim=-1) == 3).all()
+    assert found.masks[0].added is not None
+    assert (found.masks[0].added.isinf().sum(dim=-1) == 3).all()
 
 
 def test_pedestrians_see_crosswalks_first():
@@ -64,3 +68,36 @@ def test_pedestrians_see_crosswalks_first():
     scene = replace(scene, piece_pose=pose, piece_kind=kinds, agent_kind=walks)
     found = near(scene, torch.zeros(1, 2) + 0j, 1)
     assert found.encoded[0, 0, :, 0, 0].tolist() == [1.0, 0.0]
+
+
+def test_the_boundary_has_a_quota_of_its_own():
+    scene = scene_batch(4, 7)
+    poses = NoisyPoses(
+        torch.zeros_like(scene.agent_speed)[:, None] + 1j,
+        torch.ones_like(scene.agent_speed)[:, None] + 0j,
+    )
+    noise = noise_factors(torch.tensor(1.0), torch.tensor(1.0), num_offsets=2)
+    lanes = torch.zeros((*scene.has_piece.shape, 1))
+    pose = scene.boundary_pose.clone()
+    pose[..., :2] = 40.0
+    pose[:, 3] = torch.tensor([3.0, 4.0, 0.5])
+    has_boundary = torch.zeros_like(scene.has_boundary)
+    has_boundary[:, [3, 5]] = True
+    scene = replace(scene, boundary_pose=pose, has_boundary=has_boundary)
+    boundary = torch.arange(pose.shape[1]).float().expand(pose.shape[:2])[..., None] + 1
+    tokens = MapTokens.of(
+        TokenGroup.of_lanes(scene, lanes), TokenGroup.of_boundary(scene, boundary)
+    )
+    found = tokens.near(poses, noise, 5, 3)
+    assert found.numbers == (5, 3)
+    assert (found.encoded[..., :5, :] == 0).all()
+    seen = found.masks[1].added
+    assert seen is not None
+    for row in range(2):
+        codes = found.encoded[row, 0, 0, 5:, 0][seen[row, 0, 0, 0] == 0]
+        assert sorted(codes.tolist()) == [4.0, 6.0]
+    nearest = found.encoded[..., 5:, 0] == 4.0
+    axis = found.axis[..., 5:][nearest]
+    torch.testing.assert_close(
+        axis, torch.polar(torch.ones(1), torch.tensor([0.5])).expand(axis.shape)
+    )

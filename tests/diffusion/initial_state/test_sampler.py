@@ -110,8 +110,8 @@ def test_sampling_stops_when_no_further_step_is_asked_for(
     assert len(calls) == 2
 
 
-MEAN = torch.tensor([0.03, -0.02, 1.0, 0.0, 0.8])
-SPREAD = torch.tensor([0.2, 0.05, 0.1, 0.1, 0.1])
+MEAN = torch.tensor([0.03, -0.02, 1.0, 0.0, 0.8, -0.5, -0.5, 0.5])
+SPREAD = torch.tensor([0.2, 0.05, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
 
 
 def drawn_from_a_gaussian(
@@ -136,7 +136,7 @@ def drawn_from_a_gaussian(
     [
         InitialStateSamplerConfig(num_steps=60, is_second_order=False, eta=0.0),
         InitialStateSamplerConfig(num_steps=60, is_second_order=False, eta=1.0),
-        InitialStateSamplerConfig(num_steps=25),
+        InitialStateSamplerConfig(num_steps=25, extrapolates_poses=True),
     ],
     ids=["plain", "fresh", "second order"],
 )

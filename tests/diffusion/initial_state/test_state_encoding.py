@@ -5,12 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pd_editor.diffusion.initial_state.state_encoding import (
+    NUM_MOTION_PARTS,
     POSITION_UNIT_M,
     STANDING_SPEED_MPS,
+    decode_activity,
     decode_states,
     encode_states,
     unit_vectors,
 )
+from pd_editor.scene.activity import Activity
 
 
 @given(
@@ -47,3 +50,26 @@ def test_unit_vectors_have_length_one_even_of_nothing():
     vectors = torch.tensor([[3.0, 4.0], [0.0, 0.0], [-1e-3, 0.0]])
     expected = torch.tensor([[0.6, 0.8], [1.0, 0.0], [-1.0, 0.0]])
     torch.testing.assert_close(unit_vectors(vectors), expected)
+
+
+def test_activities_there_and_back():
+    activity = torch.tensor([Activity.PARKED, Activity.WAITING, Activity.DRIVING])
+    speed = torch.tensor([0.0, 0.3, 4.0])
+    codes = encode_states(torch.zeros(3, 3), speed, activity)
+    assert torch.equal(decode_activity(codes), activity)
+    without = encode_states(torch.zeros(3, 3), speed)
+    assert torch.equal(codes[:, :NUM_MOTION_PARTS], without)
+    assert (decode_activity(without) == Activity.UNKNOWN).all()
+    unknown = encode_states(torch.zeros(3, 3), speed, torch.zeros_like(activity))
+    assert (unknown[:, NUM_MOTION_PARTS:] == 0).all()
+
+
+def test_an_activity_agrees_with_the_speed():
+    """Whatever its codes are: what moves is neither parked nor waits."""
+    codes = encode_states(torch.zeros(64, 3), torch.linspace(0, 3, 64))
+    noise = torch.randn((64, 3), generator=torch.Generator().manual_seed(0))
+    codes = torch.cat([codes, noise], dim=-1)
+    moves = decode_states(codes)[:, 4] > 0
+    assert 0 < moves.sum() < 64
+    assert torch.equal(decode_activity(codes) == Activity.DRIVING, moves)
+    assert len(decode_activity(codes).unique()) == 3

@@ -11,7 +11,11 @@ import torch
 from safetensors.torch import load_file
 
 from pd_editor.diffusion.checkpoints.model_folder import load_model
-from pd_editor.diffusion.checkpoints.tensor_file import load_into, write_tensors
+from pd_editor.diffusion.checkpoints.tensor_file import (
+    config_from_json,
+    load_into,
+    write_tensors,
+)
 from pd_editor.diffusion.initial_state.conditioning import sampling_conditioning
 from pd_editor.diffusion.initial_state.denoiser import (
     InitialStateConfig,
@@ -29,7 +33,27 @@ from tests.diffusion.initial_state.scenes import scene_batch as initial_state_sc
 from tests.diffusion.trajectory.scenes import scene_batch as trajectory_scenes
 
 DATA = Path(__file__).parents[2] / "data"
-TRAJECTORY = TrajectoryConfig(width=16, num_heads=2, num_blocks=2, edge_width=8)
+TRAJECTORY = TrajectoryConfig(
+    width=16, num_heads=2, num_blocks=2, edge_width=8, num_near_agents=8
+)
+INITIAL_STATES = config_from_json(
+    InitialStateConfig,
+    {
+        "width": 16,
+        "num_heads": 2,
+        "num_layers": 2,
+        "num_near_pieces": 5,
+        "relation_width": 8,
+        "is_differential": True,
+        "is_ordered": True,
+        "lowest_noise_m": 0.1,
+        "highest_noise_m": 80.0,
+        "lowest_direction_noise": 0.04,
+        "highest_direction_noise": 3.0,
+    },
+    "test",
+)
+"""As a folder of that time has it."""
 
 
 def stored(name: str) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
@@ -45,12 +69,9 @@ def stored(name: str) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]
 
 def test_converted_initial_state_weights_compute_the_same():
     weights, reference = stored("version_1_initial_states.safetensors")
-    config = InitialStateConfig(
-        width=16, num_heads=2, num_layers=2, num_near_pieces=5, relation_width=8
-    )
-    model = InitialStateDenoiser(config).eval()
+    model = InitialStateDenoiser(INITIAL_STATES).eval()
     weights["counted"] = torch.zeros_like(model.get_buffer("counted"))
-    tensors = initial_state_version_1.upgraded_tensors(weights, config)
+    tensors = initial_state_version_1.upgraded_tensors(weights, INITIAL_STATES)
     load_into(model, tensors, "test")
     scene = initial_state_scenes(3, 6)
     is_given = torch.zeros_like(scene.has_agent)
