@@ -87,6 +87,11 @@ def train(
     precision: Literal["auto", "32", "bf16"] = "auto",
     cache: OptionalFolder = None,
     seed: _OptionalCount = None,
+    start: Annotated[
+        Path | None,
+        tyro.conf.arg(name="from", metavar="MODEL", help_behavior_hint=_OPTIONAL),
+    ] = None,
+    copies: _OptionalCount = None,
     resume: Switch = False,
 ) -> Training:
     """Train initial states (init) or trajectories (traj) on scenarios.
@@ -109,6 +114,8 @@ def train(
         precision: Of the products; auto takes bf16 on GPUs, and on CPUs that are fast at it.
         cache: Folder in which prepared scenes are kept for later runs; ~/.cache/pd-editor/scenes unless given.
         seed: Seed of everything that is drawn; 0 unless given.
+        start: Start from the weights of this model, or run, instead of fresh ones; its trajectory basis is kept.
+        copies: Prepare each scenario so often, changed at random each time anew (default: 1).
         resume: Go on with the run in the folder; its settings are taken from there.
     """
     from pd_editor.training.run_request import RunRequest
@@ -126,6 +133,8 @@ def train(
         learning_rate=learning_rate,
         precision=None if precision == "auto" else precision,
         seed=seed,
+        start=None if start is None else str(Path(start).resolve()),
+        copies=copies,
     )
     hardware = Hardware(device=device, num_devices=devices, threads=threads)
     return _trained(request, hardware, out, cache, resume=resume)

@@ -9,6 +9,7 @@ from pd_editor.errors import TrainingError
 
 MAX_STEPS: Final = 1_000_000_000
 MAX_MINUTES: Final = 1e6
+MAX_COPIES: Final = 64
 Precision = Literal["32", "bf16"]
 _Part = TypeVar("_Part")
 
@@ -90,11 +91,16 @@ class RunConfig:
     precision: Precision = "32"
     model: Mapping[str, Any]
     """Configuration of the stage's network."""
+    start: str = ""
+    """Folder of the model that the weights start from; empty: fresh weights."""
+    copies: int = 1
+    """Each scenario is prepared so often, changed at random each time anew."""
     optimisation: Optimisation
     budget: Budget
 
     def __post_init__(self) -> None:
         _check_range(self, 0, 2**63 - 1, "seed")
+        _check_range(self, 1, MAX_COPIES, "copies")
         if self.weights and len(self.weights) != len(self.data):
             raise TrainingError(
                 f"{len(self.weights)} weights were given for {len(self.data)} data "

@@ -14,6 +14,7 @@ CONFIG_NAME: Final = "run.json"
 DATA_NAME: Final = "data.json"
 LOG_NAME: Final = "log.jsonl"
 STATE_NAME: Final = "state.safetensors"
+BASIS_NAME: Final = "basis.safetensors"
 CURVES_NAME: Final = "loss.png"
 MODEL_NAME: Final = "model"
 
@@ -32,6 +33,11 @@ class RunFolder:
     def state_path(self) -> Path:
         """Where the run stands."""
         return self.path / STATE_NAME
+
+    @property
+    def basis_path(self) -> Path:
+        """The trajectory basis of the model that the run started from, if any."""
+        return self.path / BASIS_NAME
 
     @property
     def model_path(self) -> Path:

@@ -27,6 +27,9 @@ class RunRequest:
     learning_rate: float | None = None
     precision: Precision | None = None
     seed: int | None = None
+    start: str | None = None
+    """Absolute path of a model."""
+    copies: int | None = None
 
 
 def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
@@ -50,6 +53,8 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
         seed=request.seed or 0,
         precision=request.precision or fast_precision(is_gpu=is_gpu),
         model=preset.model,
+        start=request.start or "",
+        copies=request.copies or 1,
         optimisation=replace(preset.optimisation, **asked),
         budget=_asked_budget(Budget(minutes=preset.minutes), request),
     )
@@ -73,6 +78,8 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
         "learning-rate": (request.learning_rate, earlier.optimisation.learning_rate),
         "precision": (request.precision, earlier.precision),
         "seed": (request.seed, earlier.seed),
+        "from": (request.start, earlier.start),
+        "copies": (request.copies, earlier.copies),
     }
     other = [name for name, (new, old) in same.items() if new not in (None, old)]
     if other:

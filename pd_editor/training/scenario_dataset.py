@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Final
 
@@ -52,13 +53,16 @@ class _Work:
     numbers: tuple[int, ...]
     augmentation: Augmentation | None
     seed: int
+    copy: int = 0
 
     def features(self, *, with_candidates: bool) -> Iterator[tuple[str, SceneFeatures]]:
         """Group and features of each scenario that can be used."""
         source = _opened(self.root)
         root = source.roots[0]
         for number in self.numbers:
-            random = np.random.default_rng([self.seed, self.root_index, number])
+            random = np.random.default_rng(
+                [self.seed, self.root_index, number, self.copy]
+            )
             try:
                 scenario, center = self._prepared(
                     source[number], random, hides_agents=root.is_simulated
@@ -118,12 +122,14 @@ def prepare_features(
     augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
     seed: int = 0,
     most_per_root: int | None = None,
+    copies: int = 1,
     on_progress: Callable[[WorkProgress], None] | None = None,
 ) -> FeatureStore:
     """The store in a folder, made or completed: the same arguments, the same bytes.
 
     Scenarios that cannot be read are left out, so the store may be shorter than the
-    roots. ``most_per_root`` takes scenarios evenly spread over each root.
+    roots. ``most_per_root`` takes scenarios evenly spread over each root. ``copies`` of
+    each are made, changed at random each time anew.
 
     Raises:
         InputError: a root is neither a dataset nor shards.
@@ -131,9 +137,11 @@ def prepare_features(
     """
     folder = Path(folder)
     source = open_roots(roots)
-    works = _parts(source, roots, augmentation, seed, most_per_root, PART_SIZE)
+    works = _parts(source, roots, augmentation, seed, most_per_root, PART_SIZE, copies)
     index = StoreIndex(
-        fingerprint=_fingerprint(source, basis, augmentation, seed, most_per_root),
+        fingerprint=_fingerprint(
+            source, basis, augmentation, seed, most_per_root, copies
+        ),
         roots=tuple(map(str, roots)),
         settings=f"{augmentation}, seed {seed}, at most {most_per_root} of each root",
     )
@@ -175,18 +183,27 @@ def fit_basis(
 
     Raises:
         InputError: a root is neither a dataset nor shards.
-        TrainingError: no agent has a whole future.
+        TrainingError: no agent has a whole future, or a part could not be read.
     """
     source = open_roots(roots)
     most = max(1, count // len(source.roots))
     works = _parts(source, roots, augmentation, seed, most, _FIT_SIZE)
     futures: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    failures: list[WorkFailure] = []
 
     def take(result: WorkResult[tuple[np.ndarray, np.ndarray]]) -> None:
+        if result.failure is not None:
+            failures.append(result.failure)
         if result.value is not None:
             futures[result.key] = result.value
 
     run_items(LocalProcesses(num_workers=workers), _futures_of, works, on_result=take)
+    if failures:
+        raise TrainingError(
+            f"{len(failures)} of {len(works)} parts of the data could not be read for the "
+            f"trajectory basis, the first with {failures[0].error}: "
+            f"{failures[0].message}"
+        )
     points = [futures[name][0] for name in sorted(futures)]
     if not sum(map(len, points)):
         raise TrainingError("No agent of the data roots has a whole future.")
@@ -214,19 +231,22 @@ def _parts(
     seed: int,
     most_per_root: int | None,
     size: int,
+    copies: int = 1,
 ) -> dict[str, _Work]:
     """Work by name; names sort as roots and scenarios do."""
     works = {}
     for place, (path, root) in enumerate(zip(roots, source.roots, strict=True)):
         count = min(len(root), most_per_root or len(root))
         chosen = np.arange(count) * len(root) // max(count, 1)
-        for part, first in enumerate(range(0, count, size)):
+        firsts = range(0, count, size)
+        for part, (copy, first) in enumerate(product(range(copies), firsts)):
             works[f"{place:03d}-{part:05d}"] = _Work(
                 root=Path(path),
                 root_index=place,
                 numbers=tuple(chosen[first : first + size].tolist()),
                 augmentation=augmentation,
                 seed=seed,
+                copy=copy,
             )
     return works
 
@@ -237,12 +257,13 @@ def _fingerprint(
     augmentation: Augmentation | None,
     seed: int,
     most_per_root: int | None,
+    copies: int,
 ) -> str:
     digest = hashlib.sha256()
     for root in source.roots:
         digest.update(root.fingerprint.encode())
     for name, values in sorted(basis.arrays().items()):
         digest.update(name.encode() + np.ascontiguousarray(values).tobytes())
-    told = (augmentation, seed, most_per_root, PART_SIZE, FORMAT_VERSION)
+    told = (augmentation, seed, most_per_root, copies, PART_SIZE, FORMAT_VERSION)
     digest.update(repr(told).encode())
     return digest.hexdigest()

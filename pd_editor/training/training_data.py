@@ -53,6 +53,8 @@ def prepared_data(
     roots: Sequence[Path],
     cache: Path,
     *,
+    basis: TrajectoryBasis | None = None,
+    copies: int = 1,
     workers: int | None = None,
     on_progress: Callable[[WorkProgress], None] | None = None,
 ) -> PreparedData:
@@ -61,6 +63,14 @@ def prepared_data(
     Of several runs at once one prepares and the others wait. An interrupted
     preparation goes on where it was.
 
+    Args:
+        roots: of Argoverse 2 datasets, or shards.
+        cache: folder for what is prepared.
+        basis: of the trajectories; None fits one to the data.
+        copies: of each scenario, changed at random each time anew.
+        workers: processes.
+        on_progress: told how far the preparation is.
+
     Raises:
         InputError: a root is neither a dataset nor shards.
         TrainingError: no scenario can be used, or the cache cannot be written.
@@ -68,17 +78,21 @@ def prepared_data(
     source = open_roots(roots)
     prints = [root.fingerprint for root in source.roots]
     names = [str(Path(root).resolve()) for root in roots]
-    parts = [*names, *prints, str(FORMAT_VERSION)]
+    parts = [*names, *prints, str(FORMAT_VERSION), str(copies)]
+    if basis is not None:
+        parts += [repr(one.tolist()) for one in basis.arrays().values()]
     key = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
     folder = cache / key
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder / ".lock"):
-            basis = _basis(roots, folder / _BASIS_NAME, workers)
+            if basis is None:
+                basis = _basis(roots, folder / _BASIS_NAME, workers)
             store = prepare_features(
                 roots,
                 folder / _STORE_NAME,
                 basis,
+                copies=copies,
                 workers=workers,
                 on_progress=on_progress,
             )
@@ -86,19 +100,35 @@ def prepared_data(
         raise TrainingError(
             f"{folder}: cannot be written ({error.strerror or error})."
         ) from error
-    left_out = len(source) - len(store) + source.num_damaged
+    left_out = len(source) - len(store) // copies + source.num_damaged
     return PreparedData(store=store, basis=basis, num_left_out=left_out)
+
+
+def read_basis(path: Path) -> TrajectoryBasis:
+    """A trajectory basis out of a file.
+
+    Raises:
+        ModelError: it holds none.
+    """
+    arrays = read_tensors(path, _BASIS_KIND).tensors
+    return TrajectoryBasis.of_arrays(
+        {name: one.numpy() for name, one in arrays.items()}
+    )
+
+
+def write_basis(path: Path, basis: TrajectoryBasis) -> None:
+    """Write what ``read_basis`` reads."""
+    arrays = {
+        name: torch.from_numpy(np.asarray(one)) for name, one in basis.arrays().items()
+    }
+    write_tensors(path, _BASIS_KIND, arrays, {})
 
 
 def _basis(roots: Sequence[Path], path: Path, workers: int | None) -> TrajectoryBasis:
     if path.exists():
-        arrays = read_tensors(path, _BASIS_KIND).tensors
-        return TrajectoryBasis.of_arrays(
-            {name: one.numpy() for name, one in arrays.items()}
-        )
+        return read_basis(path)
     basis = fit_basis(roots, workers=workers)
-    arrays = {name: torch.from_numpy(one) for name, one in basis.arrays().items()}
-    write_tensors(path, _BASIS_KIND, arrays, {})
+    write_basis(path, basis)
     return basis
 
 

@@ -3,6 +3,7 @@
 import importlib.metadata
 import logging
 import math
+import subprocess
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import timedelta
@@ -16,6 +17,7 @@ from lightning_fabric.strategies.ddp import DDPStrategy
 from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
 from pd_editor.diffusion.checkpoints.tensor_file import config_from_json, write_whole
 from pd_editor.diffusion.defaults import DeviceName
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.errors import TrainingError
 from pd_editor.training.loss_curves import loss_curves_png
 from pd_editor.training.run_config import Precision, RunConfig
@@ -27,9 +29,12 @@ from pd_editor.training.train_loop import TrainingProgress, TrainLoop
 from pd_editor.training.training_data import (
     PreparedData,
     prepared_data,
+    read_basis,
     training_data,
+    write_basis,
 )
 from pd_editor.training.training_state import Standing
+from pd_editor.training.warm_start import basis_of, start_from, starting_model
 from pd_editor.work_engine.work_engine import WorkProgress
 
 MAX_DEVICES: Final = 64
@@ -148,7 +153,9 @@ def run_asked_for(
     if fabric.is_global_zero:
         _begin(config, run, cache, resume=resume, on_preparation=on_preparation)
     fabric.barrier()
-    prepared = prepared_data(_roots(config), cache)
+    prepared = prepared_data(
+        _roots(config), cache, basis=_kept_basis(run), copies=config.copies
+    )
     return _train(config, run, prepared, fabric, on_progress)
 
 
@@ -162,6 +169,9 @@ def _train(
     stage = STAGES[config.stage]
     model_config = config_from_json(stage.kind.config_type, config.model, run.path)
     model = stage.fresh_model(model_config, prepared.basis, config.seed)
+    if config.start and not run.state_path.exists():
+        earlier = starting_model(Path(config.start)).stage(config.stage)
+        start_from(model, earlier.model.state_dict(), config.start)
     stage.take_in(model, prepared.store)
     loop = TrainLoop(
         config,
@@ -217,7 +227,16 @@ def _begin(
     on_preparation: Callable[[WorkProgress], None] | None,
 ) -> None:
     """Prepare the data, and make the run's folder or check it against the data."""
-    prepared = prepared_data(_roots(config), cache, on_progress=on_preparation)
+    basis = _kept_basis(run)
+    if config.start and not resume:
+        basis = basis_of(starting_model(Path(config.start)))
+    prepared = prepared_data(
+        _roots(config),
+        cache,
+        basis=basis,
+        copies=config.copies,
+        on_progress=on_preparation,
+    )
     data = {
         "fingerprint": prepared.store.fingerprint,
         "scenes": len(prepared.store),
@@ -229,6 +248,28 @@ def _begin(
         run.go_on(config, data)
     else:
         run.begin(config, data)
+        if basis is not None:
+            write_basis(run.basis_path, basis)
+
+
+def _kept_basis(run: RunFolder) -> TrajectoryBasis | None:
+    return read_basis(run.basis_path) if run.basis_path.exists() else None
+
+
+def _commit() -> str:
+    """The commit of the code, where it runs from a checkout."""
+    try:
+        found = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            cwd=Path(__file__).parent,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return found.stdout.strip()
 
 
 def _roots(config: RunConfig) -> list[Path]:
@@ -252,5 +293,8 @@ def _about(
         "batch_size": config.optimisation.batch_size,
         "precision": config.precision,
         "seed": config.seed,
+        "start": Path(config.start).name,
+        "copies": config.copies,
+        "commit": _commit(),
         "version": importlib.metadata.version("pd-editor"),
     }

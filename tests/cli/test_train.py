@@ -186,3 +186,36 @@ def test_ctrl_c_leaves_a_run_that_goes_on(shards: Path, cache: Path, tmp_path: P
         "traj", out=out, cache=cache, resume=True, steps=step + 2, device="cpu"
     )
     assert (found.steps, found.is_stopped) == (step + 2, False)
+
+
+@pytest.mark.parametrize("stage", ["init", "traj"])
+def test_a_run_starts_from_a_model_and_keeps_its_basis(
+    stage: str, runs: Path, shards: Path, cache: Path, tmp_path: Path
+):
+    """The weights begin where the model's are; each scenario is prepared twice."""
+    source = runs / stage
+    options = {"data": shards, "cache": cache, "preset": "tiny", "device": "cpu"}
+    out = pd_editor.train(
+        stage,
+        out=tmp_path / "run",
+        steps=1,
+        precision="32",
+        learning_rate=1e-7,
+        start=source,
+        copies=2,
+        **options,
+    )
+    before = load_model(source / "model", STAGE_KINDS).stage(stage)
+    after = load_model(out.model, STAGE_KINDS).stage(stage)
+    assert after.about["start"] == stage
+    assert after.about["scenes"] == 2 * before.about["scenes"]
+    parameters = dict(after.model.named_parameters())
+    for name, old in before.model.named_parameters():
+        assert (parameters[name] - old).abs().max() < 1e-4, name
+    for name, old in before.model.named_buffers():
+        if name.startswith("decoder."):
+            assert (dict(after.model.named_buffers())[name] == old).all(), name
+    resumed = pd_editor.train(
+        stage, out=tmp_path / "run", steps=2, resume=True, cache=cache
+    )
+    assert resumed.steps == 2
