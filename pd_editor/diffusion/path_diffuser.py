@@ -211,7 +211,12 @@ class PathDiffuser:
         model = stage.model
         assert isinstance(model, TrajectoryDenoiser)
         rows = scenario.agents.rows(ids)
-        task = TrajectoryTask.of(scenario, rows, model.decoder.basis).to(self._device)
+        task = TrajectoryTask.of(
+            scenario,
+            rows,
+            model.decoder.basis,
+            knows_leaders=model.config.knows_leaders,
+        ).to(self._device)
         drawn = yield from sample_task(
             model,
             task,

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.lane_follower.car_following import (
+from pd_editor.paths.car_following import (
     ACCELERATION_MPS2,
     following_acceleration,
 )

@@ -6,12 +6,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.lane_follower.car_following import (
-    ACCELERATION_MPS2,
-    HARDEST_BRAKING_MPS2,
-    Boxes,
-    leaders_acceleration,
-)
 from pd_editor.lane_follower.crossings import (
     NUM_SEARCHED,
     Tracks,
@@ -19,6 +13,12 @@ from pd_editor.lane_follower.crossings import (
     yielding_acceleration,
 )
 from pd_editor.lane_follower.intentions import Drivers, Intentions
+from pd_editor.paths.car_following import (
+    ACCELERATION_MPS2,
+    HARDEST_BRAKING_MPS2,
+    Boxes,
+    leaders_acceleration,
+)
 from pd_editor.paths.driving_paths import SPACING_M, velocity_of
 from pd_editor.paths.speed_profiles import MAX_BRAKING_MPS2, RESPONSE_S
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS

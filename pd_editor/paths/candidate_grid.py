@@ -1,6 +1,6 @@
 """The grid of candidates: which paths to drive, and which speeds to try on each."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final
 
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of, unit_vector
+from pd_editor.paths.car_following import Boxes, BoxesAhead, boxes_ahead
 from pd_editor.paths.driving_paths import (
     DrivingPaths,
     free_paths,
@@ -52,12 +53,16 @@ SPEED_PLANS: Final = (
     SpeedPlan(factor=1.0, extra_mps=8.0, acceleration_mps2=2.0),
     SpeedPlan(factor=0.25, braking_mps2=1.0),
     SpeedPlan(factor=1.0, extra_mps=5.0, acceleration_mps2=1.6),
+    SpeedPlan(factor=1.0, acceleration_mps2=1.8),
 )
 """The first keeps the speed, the second stops as soon as it can.
 
-The others were picked one by one, on training scenarios, for the smallest mean
+The last one follows the agent ahead. The others were picked one by one, on training scenarios, for the smallest mean
 distance from the best candidate to the logged future.
 """
+
+FOLLOWING: Final = len(SPEED_PLANS) - 1
+"""Index of the plan that follows the agent ahead on a path."""
 
 
 class Role(IntEnum):
@@ -82,13 +87,13 @@ class Role(IntEnum):
 _NEVER: Final = 99
 _TURN: Final = np.array(
     [
-        [0, 1, 3, 4, 5, 6, 7, 8, 9],
-        [2, 99, 5, 6, 7, 8, 9, 10, 12],
-        [6, 99, 99, 14, 99, 99, 99, 99, 99],
-        [7, 99, 13, 10, 99, 12, 99, 99, 99],
-        [0, 1, 99, 99, 99, 99, 99, 99, 99],
-        [0, 1, 3, 4, 99, 5, 99, 99, 99],
-        [2, 99, 6, 7, 99, 5, 99, 99, 99],
+        [0, 1, 3, 4, 5, 6, 7, 8, 9, 1],
+        [2, 99, 5, 6, 7, 8, 9, 10, 12, 3],
+        [6, 99, 99, 14, 99, 99, 99, 99, 99, 99],
+        [7, 99, 13, 10, 99, 12, 99, 99, 99, 99],
+        [0, 1, 99, 99, 99, 99, 99, 99, 99, 99],
+        [0, 1, 3, 4, 99, 5, 99, 99, 99, 2],
+        [2, 99, 6, 7, 99, 5, 99, 99, 99, 99],
     ]
 )
 """When each plan on a path of each role gets its turn."""
@@ -226,12 +231,36 @@ def _free_grid(
     )
 
 
+def leaders(
+    scenario: Scenario, rows: Int[np.ndarray, "A"], plans: PlannedPaths
+) -> BoxesAhead:
+    """The agent ahead on each path that may be followed; drivers are paths."""
+    agents, step = scenario.agents, scenario.current_step
+    boxes = Boxes(
+        position_m=agents.position_m[:, step],
+        heading_rad=agents.heading_rad[:, step],
+        velocity_mps=agents.velocity_mps[:, step],
+        size_m=agents.size_m,
+        exists=agents.is_valid[:, step],
+    )
+    path = np.flatnonzero(_TURN[plans.role, FOLLOWING] < _NEVER)
+    place = np.zeros(len(path))
+    drivers = rows[plans.agent[path]]
+    found = boxes_ahead(plans.paths, path, place, drivers, boxes).nearest()
+    return replace(found, driver=path[found.driver])
+
+
 def turns(
-    plans: PlannedPaths, exists: Bool[np.ndarray, "A"], most: int
+    plans: PlannedPaths,
+    exists: Bool[np.ndarray, "A"],
+    most: int,
+    has_leader: Bool[np.ndarray, "P"],
 ) -> tuple[Int[np.ndarray, "K"], Int[np.ndarray, "K"]]:
     """Path and speed plan of each candidate to try, by agent and then by turn."""
     order = _TURN[plans.role]
-    path, plan = np.nonzero((order < _NEVER) & exists[plans.agent, None])
+    wanted = (order < _NEVER) & exists[plans.agent, None]
+    wanted[:, FOLLOWING] &= has_leader
+    path, plan = np.nonzero(wanted)
     index = np.lexsort((path, order[path, plan], plans.agent[path]))
     path, plan = path[index], plan[index]
     agent = plans.agent[path]

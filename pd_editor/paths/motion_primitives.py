@@ -12,14 +12,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.paths.candidate_grid import (
+    FOLLOWING,
     SPEED_PLANS,
     PlannedPaths,
     Role,
     Start,
+    leaders,
     plan_paths,
     targets,
     turns,
 )
+from pd_editor.paths.car_following import BoxesAhead
 from pd_editor.paths.driving_paths import velocity_of
 from pd_editor.paths.speed_profiles import drive
 from pd_editor.scene.scenario import Scenario
@@ -60,8 +63,8 @@ def candidates(
 ) -> CandidateSet:
     """Candidates of the agents at ``rows``, each from its state at the current step.
 
-    An agent's candidates depend on the map and on its own state only. One that does
-    not exist at that step has none.
+    They depend on the map and on an agent's own state only: none follows the agent
+    ahead. One that does not exist at that step has none.
     """
     axis = scenario.time_axis
     chosen = _Chosen.of(
@@ -70,6 +73,7 @@ def candidates(
         max_candidates,
         num_steps=axis.num_future_steps,
         step_s=axis.step_s,
+        knows_leaders=False,
     )
     return _packed(chosen, axis.step_s, max_candidates)
 
@@ -81,6 +85,7 @@ def candidate_positions(
     max_candidates: int,
     num_steps: int,
     step_s: float,
+    knows_leaders: bool,
 ) -> tuple[
     Float[np.ndarray, "N {num_steps}+1 2"],
     Int[np.ndarray, "N"],
@@ -89,10 +94,17 @@ def candidate_positions(
     """Only where the valid ``candidates`` lead, over a time of choice.
 
     The agent of each, as index into ``rows``, and its place among the agent's follow.
-    The scenario's own time axis does not matter.
+    The scenario's own time axis does not matter. With ``knows_leaders`` one more is
+    tried on each route, and off the lanes straight on: it follows the agent that is
+    ahead there now and keeps its speed.
     """
     chosen = _Chosen.of(
-        scenario, rows, max_candidates, num_steps=num_steps, step_s=step_s
+        scenario,
+        rows,
+        max_candidates,
+        num_steps=num_steps,
+        step_s=step_s,
+        knows_leaders=knows_leaders,
     )
     position = chosen.plans.paths.position_at(chosen.path, chosen.reached_m)
     position[:, 0] = chosen.start.position_m[chosen.agent]
@@ -125,12 +137,28 @@ class _Chosen:
         *,
         num_steps: int,
         step_s: float,
+        knows_leaders: bool,
     ) -> "_Chosen":
         assert most >= 2, "own speed and standstill are always among them"
-        start = Start.of(scenario, np.asarray(rows, int))
+        rows = np.asarray(rows, int)
+        start = Start.of(scenario, rows)
         plans = plan_paths(scenario.road_map, start, num_steps * step_s)
-        path, plan = turns(plans, start.exists, 2 * most)
+        leader = np.full(len(plans.agent), -1)
+        ahead = leaders(scenario, rows, plans) if knows_leaders else None
+        if ahead is not None:
+            leader[ahead.driver] = np.arange(len(ahead.driver))
+        path, plan = turns(plans, start.exists, 2 * most, leader >= 0)
         target = targets(start.speed_mps[plans.agent[path]], plan)
+        if ahead is not None:
+            follows = np.flatnonzero(plan == FOLLOWING)
+            index = leader[path[follows]]
+            # One that stands starts behind a leader that drives.
+            ahead = BoxesAhead(
+                driver=follows,
+                gap_m=ahead.gap_m[index],
+                speed_mps=np.maximum(ahead.speed_mps[index], 0.0),
+            )
+            target[follows] = np.maximum(target[follows], ahead.speed_mps)
         reached = drive(
             plans.paths,
             path,
@@ -142,6 +170,7 @@ class _Chosen:
             braking_mps2=np.array([p.braking_mps2 for p in SPEED_PLANS])[plan],
             num_steps=num_steps,
             step_s=step_s,
+            leaders=ahead,
         )
         kept, slot, stands = _distinct(
             plans.agent[path],

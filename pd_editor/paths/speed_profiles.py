@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from pd_editor.paths.car_following import BoxesAhead, following_acceleration
 from pd_editor.paths.driving_paths import SPACING_M, DrivingPaths
 
 MAX_ACCELERATION_MPS2: Final = 2.5
@@ -23,11 +24,13 @@ def drive(
     braking_mps2: Float[np.ndarray, "K"],
     num_steps: int,
     step_s: float,
+    leaders: BoxesAhead | None = None,
 ) -> Float[np.ndarray, "K {num_steps}+1"]:
     """Distance reached on a path at each step, from its start at a speed.
 
     The speed nears its target with at most the acceleration and braking given, and
-    brakes for curves with at most ``MAX_BRAKING_MPS2``.
+    brakes for curves with at most ``MAX_BRAKING_MPS2``. Those that have a leader, which
+    keeps its speed, also keep a gap to it (IDM); its drivers are indices into K.
     """
     num_points = paths.heading_rad.shape[1]
     limits = paths.speed_limit_mps.ravel()
@@ -54,6 +57,8 @@ def drive(
         change *= response
         np.maximum(change, lowest, out=change)
         np.minimum(change[0], most, out=change[0])
+        if leaders is not None:
+            _keep_gap(change[0], leaders, place, speed, step * step_s, step_s)
         new = np.minimum(change[0], change[1])
         new += speed
         np.maximum(new, 0.0, out=new)
@@ -63,3 +68,18 @@ def drive(
         reached[step + 1] = place
         speed = new
     return np.ascontiguousarray(reached.T)
+
+
+def _keep_gap(
+    change: Float[np.ndarray, "K"],
+    leaders: BoxesAhead,
+    place_m: Float[np.ndarray, "K"],
+    speed_mps: Float[np.ndarray, "K"],
+    time_s: float,
+    step_s: float,
+) -> None:
+    """Lower the changes of speed of those that follow, as far as their gaps ask."""
+    index = leaders.driver
+    gap = leaders.gap_m + leaders.speed_mps * time_s - place_m[index]
+    allowed = following_acceleration(speed_mps[index], gap, leaders.speed_mps)
+    change[index] = np.minimum(change[index], allowed * step_s)

@@ -115,12 +115,14 @@ def scene_features(
     scenario: Scenario,
     *,
     with_candidates: bool = True,
+    knows_leaders: bool = True,
     agents: np.ndarray | None = None,
     center_m: Float[np.ndarray, "2"] | None = None,
 ) -> SceneFeatures:
     """Features at the current step of all road users there, or of the rows asked for.
 
-    Without candidates there are none (C = 0). The horizon is always
+    Without candidates there are none (C = 0); if they know leaders, some follow the
+    agent ahead. The horizon is always
     ``NUM_FUTURE_STEPS`` steps of ``STEP_S``, whatever the scenario's time axis is.
 
     Raises:
@@ -141,7 +143,9 @@ def scene_features(
     )
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     num_candidates = NUM_CANDIDATES if with_candidates else 0
-    candidate, has_candidate = _candidates(scenario, rows, num_candidates)
+    candidate, has_candidate = _candidates(
+        scenario, rows, num_candidates, knows_leaders=knows_leaders
+    )
     future, has_future = _futures(scenario, rows)
     middle = np.append(center, 0.0)
     return SceneFeatures(
@@ -244,7 +248,11 @@ def _nearest(
 
 
 def _candidates(
-    scenario: Scenario, rows: Int[np.ndarray, "A"], most: int
+    scenario: Scenario,
+    rows: Int[np.ndarray, "A"],
+    most: int,
+    *,
+    knows_leaders: bool,
 ) -> tuple[Float[np.ndarray, "A C H 2"], Bool[np.ndarray, "A C"]]:
     """Candidates in the agents' frames."""
     local = np.zeros((len(rows), most, NUM_FUTURE_STEPS, 2), np.float32)
@@ -256,6 +264,7 @@ def _candidates(
             max_candidates=most,
             num_steps=NUM_FUTURE_STEPS,
             step_s=STEP_S,
+            knows_leaders=knows_leaders,
         )
         is_valid[agent, slot] = True
         local[agent, slot] = _in_frames(position, scenario, rows[agent])[:, 1:]

@@ -1,7 +1,7 @@
 """One block of the trajectory network: attention of agents, then a feed-forward part."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import torch
 from jaxtyping import Float, Int
@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from pd_editor.diffusion.core.attention import batched_product, scale_query_rows
 from pd_editor.diffusion.trajectory.interaction_features import (
-    NUM_INTERACTION_FEATURES,
+    NUM_WAYPOINT_FEATURES,
 )
 from pd_editor.windows.packed_scene import LATENT_SIZE
 
@@ -17,23 +17,31 @@ NUM_TOKEN_SETS: Final = 2
 """Map tokens and candidates, each with heads of its own."""
 
 
+class Tokens(NamedTuple):
+    """Keys and values of M tokens of G agents, for H heads."""
+
+    keys: Float[Tensor, "G H D M"]
+    values: Float[Tensor, "G H M D"]
+    mask: Float[Tensor, "G #H 1 M"]
+    """Added to logits: minus infinity where there is no token."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockContext:
-    """What one block attends to; G agents of all scenes in a row, H heads."""
+    """What one block attends to; G agents of all scenes in a row."""
 
-    keys: Float[Tensor, "G H2 D M"]
-    """Of map tokens for the first half of the heads, of candidates for the second."""
-    values: Float[Tensor, "G H2 M D"]
+    tokens: Tokens
+    """Map tokens for the first half of the heads, candidates for the second."""
+    boundary: Tokens | None
+    """Of the drivable area; None for a network that does not see it."""
     edge: Float[Tensor, "R F"]
     """Of the K neighbours of all G agents in a row, before interaction features."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Masks:
-    """Which tokens and neighbours there are; the same for all blocks."""
+    """Which neighbours there are; the same for all blocks."""
 
-    tokens: Float[Tensor, "G H2 1 M"]
-    """Added to logits: minus infinity where there is no token."""
     neighbors: Float[Tensor, "B 1 A K"]
     """Added to logits: minus infinity where there is no neighbour."""
     neighbor: Int[Tensor, "B 1 A K"]
@@ -41,29 +49,50 @@ class Masks:
 
 
 class AgentBlock(nn.Module):
-    """Attention to map tokens, candidates and neighbours side by side.
+    """Attention to map tokens, candidates, boundary and neighbours side by side.
 
-    All projections of the three attentions are one linear layer before and one after
+    All projections of the attentions are one linear layer before and one after
     them. Edges have no keys and values of their own: queries look at their embeddings,
     and the result takes the weighted sum of those embeddings.
+
+    The boundary and the interaction features after those of waypoints come last in
+    each layer and begin without effect: weights of a network without them can be copied.
     """
 
-    def __init__(self, width: int, num_heads: int, edge_width: int) -> None:
+    def __init__(
+        self,
+        width: int,
+        num_heads: int,
+        edge_width: int,
+        *,
+        num_interactions: int,
+        sees_boundary: bool,
+    ) -> None:
         super().__init__()
         self.num_heads, self.edge_width = num_heads, edge_width
         to_tokens, to_edges = NUM_TOKEN_SETS * width, num_heads * edge_width
-        self.sizes = [to_tokens, width, to_edges, width, width]
-        """Queries of tokens, neighbours and edges; keys and values for neighbours."""
+        to_boundary = width * sees_boundary
+        self.sizes = [to_tokens, width, to_edges, width, width, to_boundary]
+        """Queries of tokens, neighbours and edges; keys and values for neighbours;
+        queries of the boundary."""
         self.norm = nn.LayerNorm(width)
         self.project = nn.Linear(width, sum(self.sizes))
         scale_query_rows(self.project, to_tokens + width, width // num_heads)
         scale_query_rows(
             self.project, to_edges, edge_width, first_row=to_tokens + width
         )
-        self.interaction_in = nn.Linear(
-            NUM_INTERACTION_FEATURES, edge_width, bias=False
+        scale_query_rows(
+            self.project,
+            to_boundary,
+            width // num_heads,
+            first_row=self.project.out_features - to_boundary,
         )
-        self.attended = nn.Linear(to_tokens + to_edges + width, width)
+        self.interaction_in = nn.Linear(num_interactions, edge_width, bias=False)
+        others = to_tokens + to_edges + width
+        self.attended = nn.Linear(others + to_boundary, width)
+        with torch.no_grad():
+            self.interaction_in.weight[:, NUM_WAYPOINT_FEATURES:] = 0
+            self.attended.weight[:, others:] = 0
         self.feed_forward = nn.Sequential(
             nn.LayerNorm(width),
             nn.Linear(width, 4 * width),
@@ -75,7 +104,7 @@ class AgentBlock(nn.Module):
     def forward(
         self,
         hidden: Float[Tensor, "S B A E"],
-        interactions: Float[Tensor, "S R 24"] | None,
+        interactions: Float[Tensor, "S R I"] | None,
         context: BlockContext,
         masks: Masks,
     ) -> tuple[Float[Tensor, "S B A E"], Float[Tensor, "S B A 10"]]:
@@ -85,21 +114,20 @@ class AgentBlock(nn.Module):
             hidden: of S samples of B scenes of A agents.
             interactions: of the neighbours of all agents in a row.
             context: what the block attends to.
-            masks: which of it there is.
+            masks: which neighbours there are.
         """
         projected = self.project(self.norm(hidden))
-        to_tokens, *to_neighbors = projected.split(self.sizes, dim=-1)
+        to_tokens, *to_neighbors, to_boundary = projected.split(self.sizes, dim=-1)
         edge = context.edge
         if interactions is not None:
             edge = edge + self.interaction_in(interactions)
-        seen = torch.cat(
-            [
-                _attend_to_tokens(to_tokens, context, masks),
-                *self._attend_to_neighbors(to_neighbors, edge.relu(), masks),
-            ],
-            dim=-1,
-        )
-        hidden = hidden + self.attended(seen)
+        seen = [
+            _attend_to_tokens(to_tokens, context.tokens),
+            *self._attend_to_neighbors(to_neighbors, edge.relu(), masks),
+        ]
+        if context.boundary is not None:
+            seen.append(_attend_to_tokens(to_boundary, context.boundary))
+        hidden = hidden + self.attended(torch.cat(seen, dim=-1))
         hidden = hidden + self.feed_forward(hidden)
         return hidden, self.output(hidden)
 
@@ -108,12 +136,12 @@ class AgentBlock(nn.Module):
     ) -> tuple[Float[Tensor, "S B A HF"], Float[Tensor, "S B A E"]]:
         """Weighted sums of edge embeddings, and of the neighbours' values."""
         shape = projected[0].shape[:3]
-        num_neighbors = masks.neighbor.shape[-1]
+        num_near_agents = masks.neighbor.shape[-1]
         query, keys, values = (
             part.unflatten(-1, (self.num_heads, -1)).transpose(2, 3)
             for part in (projected[0], *projected[2:])
         )
-        edge = edge.view(-1, *shape[1:], num_neighbors, self.edge_width)
+        edge = edge.view(-1, *shape[1:], num_near_agents, self.edge_width)
         to_edges = projected[1].unflatten(-1, (self.num_heads, self.edge_width))
         of_edges = (to_edges @ edge.mT).transpose(2, 3)
         among = query @ keys.mT
@@ -127,14 +155,14 @@ class AgentBlock(nn.Module):
 
 
 def _attend_to_tokens(
-    query: Float[Tensor, "S B A E2"], context: BlockContext, masks: Masks
-) -> Float[Tensor, "S B A E2"]:
-    """Weighted sums of the values of map tokens and of candidates."""
-    agents, heads = context.keys.shape[:2]
+    query: Float[Tensor, "S B A E"], tokens: Tokens
+) -> Float[Tensor, "S B A E"]:
+    """Weighted sums of the values of tokens."""
+    agents, heads = tokens.keys.shape[:2]
     # All samples of an agent attend to the same tokens.
     queries = query.flatten(1, 2).unflatten(-1, (heads, -1)).permute(1, 2, 0, 3)
-    logits = batched_product(queries, context.keys) + masks.tokens
-    weights = logits.softmax(dim=-1).to(context.values.dtype)
-    found = batched_product(weights, context.values)
+    logits = batched_product(queries, tokens.keys) + tokens.mask
+    weights = logits.softmax(dim=-1).to(tokens.values.dtype)
+    found = batched_product(weights, tokens.values)
     assert len(found) == agents
     return found.permute(2, 0, 1, 3).reshape(query.shape)

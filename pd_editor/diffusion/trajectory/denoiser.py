@@ -7,6 +7,7 @@ seen at the waypoints that were predicted last, which are new in each block.
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -20,9 +21,15 @@ from pd_editor.diffusion.core.noise_schedule import (
     ScheduleKind,
     VariancePreserving,
 )
+from pd_editor.diffusion.inputs.relative_pose import gathered
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.diffusion.trajectory.block import AgentBlock, BlockContext, Masks
+from pd_editor.diffusion.trajectory.block import (
+    AgentBlock,
+    BlockContext,
+    Masks,
+    Tokens,
+)
 from pd_editor.diffusion.trajectory.context import EncodedLevel, TrajectoryContext
 from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
 from pd_editor.diffusion.trajectory.features import (
@@ -30,16 +37,29 @@ from pd_editor.diffusion.trajectory.features import (
     NUM_EDGE_FEATURES,
     NUM_LEVEL_FEATURES,
     NUM_PIECE_FEATURES,
+    NUM_BOUNDARY_FEATURES,
     Neighbors,
     agent_features,
     level_features,
     piece_features,
+    boundary_features,
+    seen_boundary,
     seen_pieces,
 )
-from pd_editor.diffusion.trajectory.interaction_features import InteractionGeometry
+from pd_editor.diffusion.trajectory.interaction_features import (
+    NUM_GAP_FEATURES,
+    NUM_WAYPOINT_FEATURES,
+    InteractionGeometry,
+)
 from pd_editor.diffusion.trajectory.token_encoder import TokenEncoder
+from pd_editor.scene.activity import Activity
 from pd_editor.windows.packed_scene import LATENT_SIZE
 from pd_editor.windows.scene_features import NUM_FUTURE_STEPS
+
+
+def _added(value: Any, *, before: Any) -> Any:
+    """A field that older model folders do not have, and what it was."""
+    return field(default=value, metadata={"when_absent": before})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +74,16 @@ class TrajectoryConfig:
     """Width of the embedding of a neighbour's pose and waypoints."""
     sees_way_points: bool = True
     """Whether neighbours are seen at their predicted waypoints."""
+    num_near_agents: int = _added(16, before=8)
+    sees_gaps: bool = _added(True, before=False)
+    """Whether each block but the first sees the gaps between boxes at the waypoints
+    that the block before predicted; waypoints must be seen."""
+    sees_boundary: bool = _added(True, before=False)
+    """Whether each agent sees the nearest pieces of the drivable area's boundary."""
+    sees_activity: bool = _added(True, before=False)
+    """Whether it is told which agents are parked, wait or drive, where it is known."""
+    knows_leaders: bool = _added(True, before=False)
+    """Whether some candidates follow the agent ahead of them."""
     schedule: ScheduleKind = "cosine"
     prediction: Prediction = "velocity"
 
@@ -84,30 +114,49 @@ class TrajectoryDenoiser(nn.Module):
         self.candidate_tokens = TokenEncoder(LATENT_SIZE, width, blocks, heads)
         self.edge_in = nn.Linear(NUM_EDGE_FEATURES, blocks * config.edge_width)
         self.blocks = nn.ModuleList(
-            AgentBlock(width, heads, config.edge_width) for _ in range(blocks)
+            AgentBlock(
+                width,
+                heads,
+                config.edge_width,
+                num_interactions=NUM_WAYPOINT_FEATURES
+                + NUM_GAP_FEATURES * self._sees_gaps(index),
+                sees_boundary=config.sees_boundary,
+            )
+            for index in range(blocks)
         )
+        if config.sees_boundary:
+            self.boundary_tokens = TokenEncoder(
+                NUM_BOUNDARY_FEATURES, width, blocks, heads
+            )
+        if config.sees_activity:
+            self.activity_in = _without_effect(width)
+            self.neighbor_activity_in = _without_effect(blocks * config.edge_width)
 
     def encode_context(self, scene: SceneTensors) -> TrajectoryContext:
         """All that does not depend on noisy trajectories."""
-        features = agent_features(scene)
-        neighbors = Neighbors.of(scene, self.config.num_near_agents)
-        edges = self.edge_in(neighbors.edge_features(features)).flatten(0, 2)
-        keys, values, masks = self._tokens(scene)
+        config, features = self.config, agent_features(scene)
+        neighbors = Neighbors.of(scene, config.num_near_agents)
+        agent = self.agent_in(features)
+        edges = self.edge_in(neighbors.edge_features(features))
+        if config.sees_activity:
+            activity = scene.agent_activity
+            agent = agent + self.activity_in(activity)
+            edges = edges + self.neighbor_activity_in(gathered(activity, neighbors.row))
         interactions = None
-        if self.config.sees_way_points:
+        if config.sees_way_points:
             interactions = InteractionGeometry.of(
-                self.decoder, scene.agent_speed, neighbors
+                self.decoder, scene.agent_speed, scene.agent_size, neighbors
             )
+        edges = edges.flatten(0, 2).chunk(len(self.blocks), dim=-1)
         return TrajectoryContext(
-            agent=self.agent_in(features),
+            agent=agent,
             blocks=tuple(
-                BlockContext(keys=one, values=two, edge=three)
+                BlockContext(tokens=one, boundary=two, edge=three)
                 for one, two, three in zip(
-                    keys, values, edges.chunk(len(self.blocks), dim=-1), strict=True
+                    self._tokens(scene), self._boundary(scene), edges, strict=True
                 )
             ),
             masks=Masks(
-                tokens=masks,
                 neighbors=minus_infinity_unless(neighbors.exists)[:, None],
                 neighbor=neighbors.row[:, None],
             ),
@@ -155,21 +204,35 @@ class TrajectoryDenoiser(nn.Module):
         prediction = level.alpha * noisy
         kept = level.noisy_share * noisy
         predictions: list[Tensor] = []
-        for block, bias, of_block in zip(
-            self.blocks, biases, context.blocks, strict=True
+        for index, (block, bias, of_block) in enumerate(
+            zip(self.blocks, biases, context.blocks, strict=True)
         ):
             interactions = None
             if context.interactions is not None:
-                interactions = context.interactions.features(prediction.detach())
+                interactions = context.interactions.features(
+                    prediction.detach(), with_gaps=self._sees_gaps(index)
+                )
             hidden, output = block(hidden + bias, interactions, of_block, context.masks)
             prediction = torch.addcmul(kept, level.output_share, output.to(noisy))
             predictions.append(prediction)
         return predictions
 
-    def _tokens(
-        self, scene: SceneTensors
-    ) -> tuple[Tensor, Tensor, Float[Tensor, "G H2 1 M"]]:
-        """Keys, values and mask of map tokens and candidates, as many of each."""
+    def _sees_gaps(self, block: int) -> bool:
+        """The first block has no prediction before it, only noise."""
+        return self.config.sees_gaps and self.config.sees_way_points and block > 0
+
+    def _boundary(self, scene: SceneTensors) -> list[Tokens | None]:
+        """Pieces of the drivable area's boundary for each block."""
+        if not self.config.sees_boundary:
+            return [None] * len(self.blocks)
+        keys, values = self.boundary_tokens(boundary_features(scene).flatten(0, 1))
+        exists = seen_boundary(scene).flatten(0, 1)
+        visible = pad(exists, (1, 0), value=True)
+        mask = minus_infinity_unless(visible)[:, None, None]
+        return [Tokens(*both, mask) for both in zip(keys, values, strict=True)]
+
+    def _tokens(self, scene: SceneTensors) -> list[Tokens]:
+        """Map tokens and candidates for each block, as many of each."""
         parts = [
             (self.map_tokens, piece_features(scene), seen_pieces(scene)),
             (self.candidate_tokens, scene.candidates, scene.has_candidate),
@@ -185,4 +248,12 @@ class TrajectoryDenoiser(nn.Module):
             mask = minus_infinity_unless(pad(visible, (0, missing)))[:, None, None]
             masks.append(mask.expand(-1, self.config.num_heads, -1, -1))
         keys, values = (torch.cat(both, dim=2) for both in zip(*encoded, strict=True))
-        return keys, values, torch.cat(masks, dim=1)
+        mask = torch.cat(masks, dim=1)
+        return [Tokens(*both, mask) for both in zip(keys, values, strict=True)]
+
+
+def _without_effect(width: int) -> nn.Embedding:
+    """An embedding of activities that begins as zero."""
+    embedding = nn.Embedding(len(Activity), width)
+    nn.init.zeros_(embedding.weight)
+    return embedding

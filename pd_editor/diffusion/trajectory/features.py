@@ -16,6 +16,7 @@ from pd_editor.diffusion.inputs.relative_pose import (
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.windows.scene_features import (
     AGENT_KINDS,
+    BOUNDARY_SHAPE,
     NUM_PIECE_KINDS,
     PIECE_SHAPE,
 )
@@ -24,6 +25,7 @@ STANDING_MPS: Final = 0.3
 NUM_LEVEL_FEATURES: Final = 7
 NUM_AGENT_FEATURES: Final = 6 + len(AGENT_KINDS)
 NUM_PIECE_FEATURES: Final = NUM_POSE_FEATURES + len(PIECE_SHAPE) + NUM_PIECE_KINDS
+NUM_BOUNDARY_FEATURES: Final = NUM_POSE_FEATURES + len(BOUNDARY_SHAPE)
 NUM_EDGE_FEATURES: Final = NUM_POSE_FEATURES + 1 + 2 * NUM_AGENT_FEATURES
 
 
@@ -71,15 +73,34 @@ def seen_pieces(scene: SceneTensors) -> Bool[Tensor, "B A M"]:
     return (scene.near_pieces >= 0) & gathered(scene.has_piece, scene.near_pieces)
 
 
+def seen_boundary(scene: SceneTensors) -> Bool[Tensor, "B A N"]:
+    """Which of the nearest pieces of the drivable area's boundary there are."""
+    near = scene.near_boundary
+    return (near >= 0) & gathered(scene.has_boundary, near)
+
+
 def piece_features(scene: SceneTensors) -> Float[Tensor, "B A M E"]:
     """The lane pieces near each agent, as it sees them."""
     kind = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
     shape = torch.cat([scene.piece_shape, kind.to(scene.piece_shape)], dim=-1)
-    pose = relative_pose(
-        gathered(scene.piece_pose, scene.near_pieces), scene.agent_pose[:, :, None]
+    return _as_seen(scene, scene.piece_pose, shape, scene.near_pieces)
+
+
+def boundary_features(scene: SceneTensors) -> Float[Tensor, "B A N E"]:
+    """The pieces of the boundary near each agent, as it sees them."""
+    return _as_seen(
+        scene, scene.boundary_pose, scene.boundary_shape, scene.near_boundary
     )
-    near = gathered(shape, scene.near_pieces)
-    return torch.cat([pose_features(pose), near], dim=-1)
+
+
+def _as_seen(
+    scene: SceneTensors,
+    pose: Float[Tensor, "B P 3"],
+    shape: Float[Tensor, "B P F"],
+    near: Int[Tensor, "B A M"],
+) -> Float[Tensor, "B A M E"]:
+    relative = relative_pose(gathered(pose, near), scene.agent_pose[:, :, None])
+    return torch.cat([pose_features(relative), gathered(shape, near)], dim=-1)
 
 
 def agent_features(scene: SceneTensors) -> Float[Tensor, "B A F"]:

@@ -11,11 +11,16 @@ from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
 from pd_editor.diffusion.trajectory.features import Neighbors
 
 NUM_WAYPOINTS: Final = 8
-NUM_INTERACTION_FEATURES: Final = 3 * NUM_WAYPOINTS
+NUM_WAYPOINT_FEATURES: Final = 3 * NUM_WAYPOINTS
+NUM_GAP_FEATURES: Final = 2 * NUM_WAYPOINTS
 
 _NEAR_M: Final = 4.0
 """Distance at which closeness is one half."""
 _LEAST_SQUARE: Final = 1e-6 / _NEAR_M**2
+_HELD: Final = 0.2 / _NEAR_M
+"""An agent that moves less between two waypoints points where it pointed."""
+_GAP_SCALE: Final = 2.0
+"""Gaps of 2 m are as good as large ones."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,12 +40,15 @@ class InteractionGeometry:
     """Of the neighbour's heading in the agent's frame."""
     position: Float[Tensor, "R W"]
     """Of the neighbour in the agent's frame."""
+    half_size: Float[Tensor, "G 2"]
+    """Half the length and half the width of each agent."""
 
     @classmethod
     def of(
         cls,
         decoder: TrajectoryDecoder,
         speed_mps: Float[Tensor, "B A"],
+        size_m: Float[Tensor, "B A 2"],
         neighbors: Neighbors,
     ) -> "InteractionGeometry":
         """Waypoints are spread evenly over the trajectory, to its end."""
@@ -58,25 +66,82 @@ class InteractionGeometry:
             cos=cos.contiguous(),
             sin=sin.contiguous(),
             position=torch.cat(place, dim=1) / _NEAR_M,
+            half_size=size_m.flatten(0, 1) * (0.5 / _NEAR_M),
         )
 
-    def features(self, latent: Float[Tensor, "S B A 10"]) -> Float[Tensor, "S R 24"]:
-        """Offsets dampened with distance, and closeness, at each waypoint."""
-        num_samples, num_agents = len(latent), len(self.offset)
+    def features(
+        self, latent: Float[Tensor, "S B A 10"], *, with_gaps: bool
+    ) -> Float[Tensor, "S R F"]:
+        """Offsets dampened with distance, and closeness, at each waypoint.
+
+        With gaps, also the gap between the boxes, and how far ahead the neighbour is
+        on the agent's own path.
+        """
         points = latent.flatten(1, 2) @ self.matrix + self.offset
         own, _ = points.chunk(2, dim=-1)
-        theirs, theirs_turned = points.index_select(1, self.row).chunk(2, dim=-1)
-        theirs = torch.addcmul(self.position, self.cos, theirs)
-        theirs = torch.addcmul(theirs, self.sin, theirs_turned)
-        gap = theirs.view(num_samples, num_agents, -1, own.shape[-1]) - own[:, :, None]
-        x, y = gap.chunk(2, dim=-1)
+        x, y = (self._seen(points, self.position) - own[:, :, None]).chunk(2, dim=-1)
         distance = (x.square() + y.square() + _LEAST_SQUARE).sqrt()
         closeness = 1 / (distance + 1)
-        found = torch.cat([x * closeness, y * closeness, closeness], dim=-1)
-        return found.flatten(1, 2)
+        found = [x * closeness, y * closeness, closeness]
+        if with_gaps:
+            gap, ahead = self._gaps(own, x, y)
+            found += [torch.tanh(_GAP_SCALE * gap), ahead * closeness]
+        return torch.cat(found, dim=-1).flatten(1, 2)
+
+    def _gaps(
+        self,
+        own: Float[Tensor, "S G W"],
+        x: Float[Tensor, "S G K N"],
+        y: Float[Tensor, "S G K N"],
+    ) -> tuple[Float[Tensor, "S G K N"], Float[Tensor, "S G K N"]]:
+        """Gaps along the axes of the agent's box, the larger one; distance ahead.
+
+        The gap is negative where boxes overlap. Axes of the neighbour's box are looked
+        at where the agent is the neighbour.
+        """
+        direction = _directions(own)
+        cos, sin = direction[:, :, None].chunk(2, dim=-1)
+        their_cos, their_sin = self._seen(_with_quarter_turn(direction), None).chunk(
+            2, dim=-1
+        )
+        ahead = torch.addcmul(x * cos, y, sin)
+        aside = torch.addcmul(y * cos, x, sin, value=-1)
+        straight = torch.addcmul(their_cos * cos, their_sin, sin).abs()
+        across = torch.addcmul(their_sin * cos, their_cos, sin, value=-1).abs()
+        length, width = self.half_size[:, None, None].unbind(-1)
+        near = self.half_size.index_select(0, self.row)
+        near = near.view(len(self.half_size), -1, 1, 2)
+        their_length, their_width = near.unbind(-1)
+        reach = length + torch.addcmul(their_length * straight, their_width, across)
+        side = width + torch.addcmul(their_length * across, their_width, straight)
+        gap = torch.maximum(ahead.abs() - reach, aside.abs() - side)
+        return gap, ahead
+
+    def _seen(
+        self,
+        of_agents: Float[Tensor, "S G W2"],
+        origin: Float[Tensor, "R W"] | None,
+    ) -> Float[Tensor, "S G K W"]:
+        """Vectors of the neighbours in the frame of each agent."""
+        theirs, turned = of_agents.index_select(1, self.row).chunk(2, dim=-1)
+        if origin is None:
+            theirs = self.cos * theirs
+        else:
+            theirs = torch.addcmul(origin, self.cos, theirs)
+        theirs = torch.addcmul(theirs, self.sin, turned)
+        return theirs.unflatten(1, (len(self.offset), -1))
 
 
-def _with_quarter_turn(points: Float[Tensor, "N W"]) -> Float[Tensor, "N W2"]:
+def _directions(points: Float[Tensor, "S G W"]) -> Float[Tensor, "S G W"]:
+    """Unit vectors of the way to each waypoint from the one before."""
+    x, y = points.chunk(2, dim=-1)
+    x = torch.diff(x, dim=-1, prepend=torch.zeros_like(x[..., :1])) + _HELD
+    y = torch.diff(y, dim=-1, prepend=torch.zeros_like(y[..., :1]))
+    scale = (x.square() + y.square() + _LEAST_SQUARE).rsqrt()
+    return torch.cat([x * scale, y * scale], dim=-1)
+
+
+def _with_quarter_turn(points: Float[Tensor, "*N W"]) -> Float[Tensor, "*N W2"]:
     """All x, all y, then both turned by 90 degrees to the left."""
-    x, y = points.chunk(2, dim=1)
-    return torch.cat([points, -y, x], dim=1)
+    x, y = points.chunk(2, dim=-1)
+    return torch.cat([points, -y, x], dim=-1)

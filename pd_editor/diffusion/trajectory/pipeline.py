@@ -62,10 +62,18 @@ class TrajectoryTask:
 
     @classmethod
     def of(
-        cls, scenario: Scenario, rows: Int[np.ndarray, "G"], basis: TrajectoryBasis
+        cls,
+        scenario: Scenario,
+        rows: Int[np.ndarray, "G"],
+        basis: TrajectoryBasis,
+        *,
+        knows_leaders: bool = True,
     ) -> "TrajectoryTask":
-        """All road users that are there now; those not sampled are given if known."""
-        features = scene_features(scenario)
+        """All road users that are there now; those not sampled are given if known.
+
+        With ``knows_leaders`` some candidates follow the agent ahead.
+        """
+        features = scene_features(scenario, knows_leaders=knows_leaders)
         scene = _without_gaps(batch_of([packed(features, basis.encode)]))
         is_drawn = np.isin(features.agent_row, rows)
         is_given = ~is_drawn & features.has_future
