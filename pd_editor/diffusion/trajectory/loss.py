@@ -1,6 +1,6 @@
 """Training loss of trajectories: clean latents at every noise level."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import torch
@@ -12,6 +12,7 @@ from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.box_overlap import overlap_depth_m
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.features import STANDING_MPS
+from pd_editor.scene.activity import Activity
 
 _LEAST_VARIANCE: Final = 0.2
 """Of the noise, when errors are weighed by it: near level 0 all errors are small."""
@@ -37,10 +38,12 @@ class TrajectoryLossConfig:
     early_prediction_weight: float = 0.2
     """Of the predictions of the blocks before the last one."""
     overlap_weight: float = 2.0
-    starting_weight: float = 2.2
-    """Of standing agents that start, which makes them as much likelier: scenarios are
-    recorded where something happens. Near lanes 28 % of standing cars start in Argoverse
-    2's train split, 20 % in the simulation."""
+    starting_weight: float = 1.0
+    """Of standing agents that start, which makes them as much likelier."""
+    unknown_scenes: float = 0.4
+    """Share of scenes in which the activity of no agent is known."""
+    unknown_agents: float = 0.2
+    """Share of agents whose activity is unknown in the other scenes."""
 
 
 def trajectory_loss(
@@ -58,6 +61,7 @@ def trajectory_loss(
         points), early, overlap (mean square depth in metres of those near the truth).
     """
     config = TrajectoryLossConfig() if config is None else config
+    scene = _with_unknown_activity(scene, random, config)
     level, is_drawn = _levels(scene, random, config)
     clean = scene.future
     shape = (config.num_levels, *clean.shape)
@@ -139,6 +143,17 @@ def _levels(
     each = torch.where(scene.has_future, each, torch.ones_like(each))
     each = torch.where(is_given, torch.zeros_like(each), each)
     return each, scene.has_future & ~is_given
+
+
+def _with_unknown_activity(
+    scene: SceneTensors, random: torch.Generator, config: TrajectoryLossConfig
+) -> SceneTensors:
+    """The scene with some activities unknown, as those of recorded agents are."""
+    activity = scene.agent_activity
+    unknown = torch.rand(len(activity), 1, generator=random) < config.unknown_scenes
+    unknown = unknown | (torch.rand(activity.shape, generator=random) < config.unknown_agents)
+    unknown = unknown.to(activity.device)
+    return replace(scene, agent_activity=activity.masked_fill(unknown, Activity.UNKNOWN))
 
 
 def _component_weights(
