@@ -236,12 +236,15 @@ def leaders(
 ) -> BoxesAhead:
     """The agent ahead on each path that may be followed; drivers are paths."""
     agents, step = scenario.agents, scenario.current_step
+    position, velocity = agents.position_m[:, step], agents.velocity_mps[:, step]
+    heading = agents.heading_rad[:, step]
+    known = np.isfinite(np.column_stack([position, velocity, heading])).all(axis=1)
     boxes = Boxes(
-        position_m=agents.position_m[:, step],
-        heading_rad=agents.heading_rad[:, step],
-        velocity_mps=agents.velocity_mps[:, step],
+        position_m=position,
+        heading_rad=heading,
+        velocity_mps=velocity,
         size_m=agents.size_m,
-        exists=agents.is_valid[:, step],
+        exists=agents.is_valid[:, step] & known,
     )
     path = np.flatnonzero(_TURN[plans.role, FOLLOWING] < _NEVER)
     place = np.zeros(len(path))

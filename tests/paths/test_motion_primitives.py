@@ -310,6 +310,68 @@ def test_no_future_or_no_lanes_is_fine():
     assert found_for(scenario).position_m.shape == (1, 32, 1, 2)
 
 
+def following(
+    scenario: Scenario, *, knows_leaders: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Candidate positions of the first agent, and distances driven at the end."""
+    position, agent, _ = candidate_positions(
+        scenario,
+        np.arange(len(scenario.agents)),
+        max_candidates=24,
+        num_steps=59,
+        step_s=0.1,
+        knows_leaders=knows_leaders,
+    )
+    own = position[agent == 0]
+    return own, np.linalg.norm(np.diff(own, axis=1), axis=-1).sum(axis=1)
+
+
+def test_a_candidate_follows_the_agent_ahead():
+    """It ends behind the leader, as fast as the leader, at the gap of the IDM."""
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 12), (25, 0, 0, 6)]))
+    own, way = following(scenario)
+    other, others_way = following(scenario, knows_leaders=False)
+    assert len(own) == len(other) + 1
+    new = ~np.isclose(way[:, None], others_way, atol=1e-6).any(axis=1)
+    assert new.sum() == 1
+    path = own[new][0]
+    gap = 25 + 6 * 0.1 * np.arange(60) - path[:, 0]
+    assert (gap > 4.6 + 1.5).all()
+    assert np.diff(path[:, 0])[-1] / 0.1 == pytest.approx(6.0, abs=1.5)
+
+
+def test_one_that_stands_starts_behind_a_leader_that_drives():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 0), (15, 0, 0, 8)]))
+    _, way = following(scenario)
+    _, others_way = following(scenario, knows_leaders=False)
+    assert len(way) > len(others_way)
+
+
+def test_without_anybody_ahead_no_candidate_follows(real_scenarios):
+    for table in ([(0, 0, 0, 12)], [(0, 0, 0, 12), (-20, 0, 0, 12), (20, 12, 0, 3)]):
+        scenario = scenario_with(straight_drivers(table))
+        one, _ = following(scenario)
+        two, _ = following(scenario, knows_leaders=False)
+        assert np.array_equal(one, two)
+
+
+def test_followers_never_reverse_and_are_among_the_others(real_scenarios):
+    for scenario in real_scenarios:
+        rows = np.flatnonzero(scenario.agents.is_valid[:, scenario.current_step])
+        found = candidate_positions(
+            scenario,
+            rows,
+            max_candidates=24,
+            num_steps=59,
+            step_s=0.1,
+            knows_leaders=True,
+        )
+        position, agent, slot = found
+        assert np.isfinite(position).all()
+        assert (slot < 24).all()
+        assert (np.bincount(agent, minlength=len(rows)) <= 24).all()
+
+
 def test_positions_alone_are_those_of_the_candidates(real_scenarios):
     for scenario in real_scenarios:
         axis = scenario.time_axis
@@ -321,6 +383,7 @@ def test_positions_alone_are_those_of_the_candidates(real_scenarios):
             max_candidates=12,
             num_steps=axis.num_future_steps,
             step_s=axis.step_s,
+            knows_leaders=False,
         )
         assert len(position) == expected.is_valid.sum()
         assert expected.is_valid[agent, slot].all()

@@ -113,7 +113,7 @@ def test_laws_on_real_scenarios(real_scenarios):
 
 def test_candidates_and_futures_are_those_of_the_scenario(real_scenarios):
     for scenario in real_scenarios:
-        found = scene_features(scenario)
+        found = scene_features(scenario, knows_leaders=False)
         rows, step = found.agent_row, scenario.current_step
         pose = np.column_stack(
             [

@@ -32,8 +32,9 @@ class BlockContext:
 
     tokens: Tokens
     """Map tokens for the first half of the heads, candidates for the second."""
-    boundary: Tokens | None
-    """Of the drivable area; None for a network that does not see it."""
+    boundary: Float[Tensor, "B A E"] | None
+    """What each agent sees of the drivable area's boundary, added to its hidden state;
+    None for a network that does not see it."""
     edge: Float[Tensor, "R F"]
     """Of the K neighbours of all G agents in a row, before interaction features."""
 
@@ -49,14 +50,14 @@ class Masks:
 
 
 class AgentBlock(nn.Module):
-    """Attention to map tokens, candidates, boundary and neighbours side by side.
+    """Attention to map tokens, candidates and neighbours side by side.
 
     All projections of the attentions are one linear layer before and one after
     them. Edges have no keys and values of their own: queries look at their embeddings,
     and the result takes the weighted sum of those embeddings.
 
-    The boundary and the interaction features after those of waypoints come last in
-    each layer and begin without effect: weights of a network without them can be copied.
+    Interaction features after those of waypoints begin without effect: weights of a
+    network without them can be copied.
     """
 
     def __init__(
@@ -66,33 +67,22 @@ class AgentBlock(nn.Module):
         edge_width: int,
         *,
         num_interactions: int,
-        sees_boundary: bool,
     ) -> None:
         super().__init__()
         self.num_heads, self.edge_width = num_heads, edge_width
         to_tokens, to_edges = NUM_TOKEN_SETS * width, num_heads * edge_width
-        to_boundary = width * sees_boundary
-        self.sizes = [to_tokens, width, to_edges, width, width, to_boundary]
-        """Queries of tokens, neighbours and edges; keys and values for neighbours;
-        queries of the boundary."""
+        self.sizes = [to_tokens, width, to_edges, width, width]
+        """Queries of tokens, neighbours and edges; keys and values for neighbours."""
         self.norm = nn.LayerNorm(width)
         self.project = nn.Linear(width, sum(self.sizes))
         scale_query_rows(self.project, to_tokens + width, width // num_heads)
         scale_query_rows(
             self.project, to_edges, edge_width, first_row=to_tokens + width
         )
-        scale_query_rows(
-            self.project,
-            to_boundary,
-            width // num_heads,
-            first_row=self.project.out_features - to_boundary,
-        )
         self.interaction_in = nn.Linear(num_interactions, edge_width, bias=False)
-        others = to_tokens + to_edges + width
-        self.attended = nn.Linear(others + to_boundary, width)
         with torch.no_grad():
             self.interaction_in.weight[:, NUM_WAYPOINT_FEATURES:] = 0
-            self.attended.weight[:, others:] = 0
+        self.attended = nn.Linear(to_tokens + to_edges + width, width)
         self.feed_forward = nn.Sequential(
             nn.LayerNorm(width),
             nn.Linear(width, 4 * width),
@@ -116,18 +106,21 @@ class AgentBlock(nn.Module):
             context: what the block attends to.
             masks: which neighbours there are.
         """
+        if context.boundary is not None:
+            hidden = hidden + context.boundary
         projected = self.project(self.norm(hidden))
-        to_tokens, *to_neighbors, to_boundary = projected.split(self.sizes, dim=-1)
+        to_tokens, *to_neighbors = projected.split(self.sizes, dim=-1)
         edge = context.edge
         if interactions is not None:
             edge = edge + self.interaction_in(interactions)
-        seen = [
-            _attend_to_tokens(to_tokens, context.tokens),
-            *self._attend_to_neighbors(to_neighbors, edge.relu(), masks),
-        ]
-        if context.boundary is not None:
-            seen.append(_attend_to_tokens(to_boundary, context.boundary))
-        hidden = hidden + self.attended(torch.cat(seen, dim=-1))
+        seen = torch.cat(
+            [
+                _attend_to_tokens(to_tokens, context.tokens),
+                *self._attend_to_neighbors(to_neighbors, edge.relu(), masks),
+            ],
+            dim=-1,
+        )
+        hidden = hidden + self.attended(seen)
         hidden = hidden + self.feed_forward(hidden)
         return hidden, self.output(hidden)
 

@@ -6,6 +6,7 @@ relative, so results do not change when a scene is turned or moved. Neighbours a
 seen at the waypoints that were predicted last, which are new in each block.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -34,15 +35,15 @@ from pd_editor.diffusion.trajectory.context import EncodedLevel, TrajectoryConte
 from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
 from pd_editor.diffusion.trajectory.features import (
     NUM_AGENT_FEATURES,
+    NUM_BOUNDARY_FEATURES,
     NUM_EDGE_FEATURES,
     NUM_LEVEL_FEATURES,
     NUM_PIECE_FEATURES,
-    NUM_BOUNDARY_FEATURES,
     Neighbors,
     agent_features,
+    boundary_features,
     level_features,
     piece_features,
-    boundary_features,
     seen_boundary,
     seen_pieces,
 )
@@ -69,7 +70,6 @@ class TrajectoryConfig:
     width: int = 128
     num_heads: int = 4
     num_blocks: int = 2
-    num_near_agents: int = field(default=16, metadata={"when_absent": 8})
     edge_width: int = 64
     """Width of the embedding of a neighbour's pose and waypoints."""
     sees_way_points: bool = True
@@ -120,14 +120,18 @@ class TrajectoryDenoiser(nn.Module):
                 config.edge_width,
                 num_interactions=NUM_WAYPOINT_FEATURES
                 + NUM_GAP_FEATURES * self._sees_gaps(index),
-                sees_boundary=config.sees_boundary,
             )
             for index in range(blocks)
         )
         if config.sees_boundary:
-            self.boundary_tokens = TokenEncoder(
-                NUM_BOUNDARY_FEATURES, width, blocks, heads
+            self.boundary_in = nn.Sequential(
+                nn.Linear(NUM_BOUNDARY_FEATURES, width),
+                nn.ReLU(),
+                nn.Linear(width, width),
+                nn.ReLU(),
             )
+            self.boundary_out = nn.Linear(width, blocks * width, bias=False)
+            nn.init.zeros_(self.boundary_out.weight)
         if config.sees_activity:
             self.activity_in = _without_effect(width)
             self.neighbor_activity_in = _without_effect(blocks * config.edge_width)
@@ -221,15 +225,16 @@ class TrajectoryDenoiser(nn.Module):
         """The first block has no prediction before it, only noise."""
         return self.config.sees_gaps and self.config.sees_way_points and block > 0
 
-    def _boundary(self, scene: SceneTensors) -> list[Tokens | None]:
-        """Pieces of the drivable area's boundary for each block."""
+    def _boundary(self, scene: SceneTensors) -> Sequence[Float[Tensor, "B A E"] | None]:
+        """What each agent sees of the drivable area's boundary, for each block.
+
+        The largest of each number over the pieces near it; 0 where there are none.
+        """
         if not self.config.sees_boundary:
             return [None] * len(self.blocks)
-        keys, values = self.boundary_tokens(boundary_features(scene).flatten(0, 1))
-        exists = seen_boundary(scene).flatten(0, 1)
-        visible = pad(exists, (1, 0), value=True)
-        mask = minus_infinity_unless(visible)[:, None, None]
-        return [Tokens(*both, mask) for both in zip(keys, values, strict=True)]
+        near = self.boundary_in(boundary_features(scene))
+        near = near.masked_fill(~seen_boundary(scene)[..., None], 0.0)
+        return self.boundary_out(near.amax(dim=-2)).chunk(len(self.blocks), dim=-1)
 
     def _tokens(self, scene: SceneTensors) -> list[Tokens]:
         """Map tokens and candidates for each block, as many of each."""

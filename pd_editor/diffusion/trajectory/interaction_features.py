@@ -5,7 +5,7 @@ from typing import Final
 
 import torch
 from jaxtyping import Float, Int
-from torch import Tensor
+from torch import Tensor, nn
 
 from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
 from pd_editor.diffusion.trajectory.features import Neighbors
@@ -78,19 +78,28 @@ class InteractionGeometry:
         on the agent's own path.
         """
         points = latent.flatten(1, 2) @ self.matrix + self.offset
-        own, _ = points.chunk(2, dim=-1)
-        x, y = (self._seen(points, self.position) - own[:, :, None]).chunk(2, dim=-1)
+        own, turned = points.chunk(2, dim=-1)
+        position, direction = self.position, None
+        if with_gaps:
+            # Directions are turned along with points.
+            direction = _directions(own)
+            ahead = _with_quarter_turn(direction).chunk(2, dim=-1)
+            points = torch.cat([own, ahead[0], turned, ahead[1]], dim=-1)
+            position = nn.functional.pad(position, (0, position.shape[1]))
+        theirs = self._seen(points, position)
+        x, y = (theirs[..., : own.shape[-1]] - own[:, :, None]).chunk(2, dim=-1)
         distance = (x.square() + y.square() + _LEAST_SQUARE).sqrt()
         closeness = 1 / (distance + 1)
         found = [x * closeness, y * closeness, closeness]
-        if with_gaps:
-            gap, ahead = self._gaps(own, x, y)
+        if direction is not None:
+            gap, ahead = self._gaps(direction, theirs[..., own.shape[-1] :], x, y)
             found += [torch.tanh(_GAP_SCALE * gap), ahead * closeness]
         return torch.cat(found, dim=-1).flatten(1, 2)
 
     def _gaps(
         self,
-        own: Float[Tensor, "S G W"],
+        direction: Float[Tensor, "S G W"],
+        their_direction: Float[Tensor, "S G K W"],
         x: Float[Tensor, "S G K N"],
         y: Float[Tensor, "S G K N"],
     ) -> tuple[Float[Tensor, "S G K N"], Float[Tensor, "S G K N"]]:
@@ -99,11 +108,8 @@ class InteractionGeometry:
         The gap is negative where boxes overlap. Axes of the neighbour's box are looked
         at where the agent is the neighbour.
         """
-        direction = _directions(own)
         cos, sin = direction[:, :, None].chunk(2, dim=-1)
-        their_cos, their_sin = self._seen(_with_quarter_turn(direction), None).chunk(
-            2, dim=-1
-        )
+        their_cos, their_sin = their_direction.chunk(2, dim=-1)
         ahead = torch.addcmul(x * cos, y, sin)
         aside = torch.addcmul(y * cos, x, sin, value=-1)
         straight = torch.addcmul(their_cos * cos, their_sin, sin).abs()
@@ -118,16 +124,11 @@ class InteractionGeometry:
         return gap, ahead
 
     def _seen(
-        self,
-        of_agents: Float[Tensor, "S G W2"],
-        origin: Float[Tensor, "R W"] | None,
-    ) -> Float[Tensor, "S G K W"]:
-        """Vectors of the neighbours in the frame of each agent."""
+        self, of_agents: Float[Tensor, "S G V2"], origin: Float[Tensor, "R V"]
+    ) -> Float[Tensor, "S G K V"]:
+        """Vectors of the neighbours in the frame of each agent, from an origin."""
         theirs, turned = of_agents.index_select(1, self.row).chunk(2, dim=-1)
-        if origin is None:
-            theirs = self.cos * theirs
-        else:
-            theirs = torch.addcmul(origin, self.cos, theirs)
+        theirs = torch.addcmul(origin, self.cos, theirs)
         theirs = torch.addcmul(theirs, self.sin, turned)
         return theirs.unflatten(1, (len(self.offset), -1))
 

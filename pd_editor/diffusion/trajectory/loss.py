@@ -151,9 +151,13 @@ def _with_unknown_activity(
     """The scene with some activities unknown, as those of recorded agents are."""
     activity = scene.agent_activity
     unknown = torch.rand(len(activity), 1, generator=random) < config.unknown_scenes
-    unknown = unknown | (torch.rand(activity.shape, generator=random) < config.unknown_agents)
+    unknown = unknown | (
+        torch.rand(activity.shape, generator=random) < config.unknown_agents
+    )
     unknown = unknown.to(activity.device)
-    return replace(scene, agent_activity=activity.masked_fill(unknown, Activity.UNKNOWN))
+    return replace(
+        scene, agent_activity=activity.masked_fill(unknown, Activity.UNKNOWN)
+    )
 
 
 def _component_weights(

@@ -1,5 +1,6 @@
 """Small made-up scenes for the tests of the second stage."""
 
+from dataclasses import fields
 from functools import cache
 
 import numpy as np
@@ -17,6 +18,12 @@ from pd_editor.windows.packed_scene import PackedScene
 torch.set_num_threads(1)
 
 TIME_S = 0.1 * np.arange(1, 60)
+FORMER = {
+    one.name: one.metadata["when_absent"]
+    for one in fields(TrajectoryConfig)
+    if "when_absent" in one.metadata
+}
+"""Configuration of networks from before there were these fields."""
 
 
 def futures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

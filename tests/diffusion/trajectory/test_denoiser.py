@@ -5,7 +5,8 @@ import torch
 
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
-from tests.diffusion.trajectory.scenes import scene_batch, small_model
+from pd_editor.diffusion.trajectory.features import Neighbors
+from tests.diffusion.trajectory.scenes import FORMER, scene_batch, small_model
 
 
 def denoised(
@@ -138,6 +139,73 @@ def test_waypoints_of_neighbors_are_seen_only_if_wanted() -> None:
                 keys.weight[-2 * 32 :] = 0  # type: ignore[union-attr,operator,index]
         changed = denoised(model, scene, other) != denoised(model, scene, noisy)
         assert changed[0, 0, near].any() == sees
+
+
+def grown(former: TrajectoryDenoiser, **changes: object) -> TrajectoryDenoiser:
+    """A fresh network with the weights of a former one where there are such."""
+    model = small_model(seed=1, **changes)
+    weights = model.state_dict()
+    for name, one in former.state_dict().items():
+        weights[name][tuple(slice(size) for size in one.shape)] = one
+    model.load_state_dict(weights)
+    return model
+
+
+def test_a_network_grown_from_a_former_one_computes_the_same_at_first() -> None:
+    former, scene = small_model(**FORMER), scene_batch(6, 9)
+    new = grown(former, num_near_agents=8)
+    assert len(new.state_dict()) > len(former.state_dict())
+    expected = denoised(former, scene, noise(scene))
+    assert torch.allclose(denoised(new, scene, noise(scene)), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("switch", "weights", "changes"),
+    [
+        ("sees_boundary", "boundary_out", {"boundary_shape": 0.3}),
+        ("sees_activity", "activity_in", {"agent_activity": 1}),
+        ("sees_activity", "neighbor_activity_in", {"agent_activity": 1}),
+    ],
+)
+def test_what_is_added_is_seen_only_if_wanted(
+    switch: str, weights: str, changes: dict[str, float]
+) -> None:
+    scene = scene_batch(6)
+    scene = replace(scene, agent_activity=torch.zeros_like(scene.agent_activity))
+    changed = replace(
+        scene, **{name: getattr(scene, name) + more for name, more in changes.items()}
+    )
+    for sees in (True, False):
+        model = small_model(**{switch: sees})
+        if sees:
+            layer = getattr(model, weights)
+            torch.nn.init.normal_(layer.weight)
+        one, two = (denoised(model, each, noise(scene)) for each in (scene, changed))
+        assert torch.equal(one, two) != sees
+
+
+def test_gaps_are_seen_from_the_second_block_on() -> None:
+    scene, noisy = scene_batch(6), noise(scene_batch(6))
+    wide = replace(scene, agent_size=scene.agent_size + 1.0)
+    for sees in (True, False):
+        model = small_model(sees_gaps=sees)
+        first, second = model.blocks
+        assert first.interaction_in.in_features == 24  # type: ignore[union-attr]
+        assert second.interaction_in.in_features == (40 if sees else 24)  # type: ignore[union-attr]
+        torch.nn.init.zeros_(model.agent_in.weight)
+        torch.nn.init.zeros_(model.edge_in.weight)
+        torch.nn.init.normal_(second.interaction_in.weight)  # type: ignore[union-attr,arg-type]
+        one, two = (denoised(model, each, noisy) for each in (scene, wide))
+        assert torch.equal(one, two) != sees
+
+
+def test_only_the_nearest_agents_are_neighbours() -> None:
+    scene = scene_batch(12)
+    every = Neighbors.of(scene, 16)
+    assert every.row.shape[-1] == 1 + scene.near_agents.shape[-1]
+    few = Neighbors.of(scene, 3)
+    assert torch.equal(few.row, every.row[..., :4])
+    assert torch.equal(few.pose, every.pose[..., :4, :])
 
 
 @pytest.mark.parametrize("prediction", ["clean", "velocity"])

@@ -132,6 +132,20 @@ def test_overlap_is_that_of_boxes_side_by_side_and_symmetric() -> None:
     assert (together[..., 1:] == 0).all()
 
 
+def test_the_activity_of_some_agents_is_hidden() -> None:
+    scene, model = scene_batch(6), small_model()
+    torch.nn.init.normal_(model.activity_in.weight)
+    blind = replace(scene, agent_activity=torch.zeros_like(scene.agent_activity))
+    assert scene.agent_activity.any()
+
+    def hidden(scenes: float, agents: float) -> dict[str, float]:
+        return loss_of(model, scene, unknown_scenes=scenes, unknown_agents=agents)
+
+    unknown, known = loss_of(model, blind), hidden(0.0, 0.0)
+    assert hidden(1.0, 0.0) == hidden(0.0, 1.0) == unknown
+    assert known["loss"] != unknown["loss"]
+
+
 @pytest.mark.slow
 def test_a_network_learns_one_scene_by_heart() -> None:
     scene, model = scene_batch(5), small_model(width=64)

@@ -30,11 +30,12 @@ from pd_editor.diffusion.version_1 import initial_state as initial_state_version
 from pd_editor.diffusion.version_1 import trajectory as trajectory_version_1
 from pd_editor.errors import ModelError
 from tests.diffusion.initial_state.scenes import scene_batch as initial_state_scenes
+from tests.diffusion.trajectory.scenes import FORMER
 from tests.diffusion.trajectory.scenes import scene_batch as trajectory_scenes
 
 DATA = Path(__file__).parents[2] / "data"
 TRAJECTORY = TrajectoryConfig(
-    width=16, num_heads=2, num_blocks=2, edge_width=8, num_near_agents=8
+    width=16, num_heads=2, num_blocks=2, edge_width=8, **FORMER
 )
 INITIAL_STATES = config_from_json(
     InitialStateConfig,
