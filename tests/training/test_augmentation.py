@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pd_editor.av2_io.read import read_scenario
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import empty_tracks
 from pd_editor.scene.road_map import RoadMap
@@ -117,6 +118,35 @@ def test_the_focal_agent_and_the_ego_stay():
         assert scenario.focal_id in found.agents.row_of
         kept.append(len(found.agents))
     assert 10 < np.mean(kept) < 22
+
+
+def test_parked_agents_are_seen_less_often_off_the_road_and_far_away():
+    # A row on the road, and one beside it; the focal agent at the origin sees them.
+    row = [(4.0 * place, 0.0, 0.0, 0.0) for place in range(1, 11)]
+    beside = [(x, 40.0, 0.0, 0.0) for x, *_ in row]
+    tracks = straight_drivers([(0.0, 0.0, 0.0, 5.0), *row, *beside])
+    rows = np.arange(1, len(tracks))
+    parked = tracks.with_rows(rows, activity=np.full(len(rows), Activity.PARKED))
+    scenario = scenario_with(parked)
+    settings = replace(NOTHING, parked_seen=0.8, parked_off_road_seen=0.3)
+
+    def share_kept(scenario, hides: bool) -> tuple[float, float]:
+        kept = np.zeros(len(tracks))
+        for seed in range(80):
+            random = np.random.default_rng(seed)
+            found = augmented(scenario, settings, random, hides_agents=hides)
+            kept += [name in found.agents.row_of for name in tracks.ids]
+        assert kept[0] == 80
+        return kept[1:11].mean() / 80, kept[11:].mean() / 80
+
+    assert share_kept(scenario, True) == pytest.approx((0.8, 0.3), abs=0.08)
+    assert share_kept(scenario, False) == (1.0, 1.0)
+    far = scenario_with(
+        parked.with_rows(rows, position_m=parked.position_m[rows] + [70.0, 0.0])
+    )
+    on_road, off_road = share_kept(far, True)
+    assert on_road < 0.5
+    assert off_road < 0.25
 
 
 def test_lanes_are_left_out():
