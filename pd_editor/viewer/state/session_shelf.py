@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from pd_editor.basket.basket import Basket
 from pd_editor.editor.journal import find_unfinished, restore
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import RecipeError
@@ -15,25 +16,37 @@ MAX_LIVE: Final = 4
 Key = tuple[str, str]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExportedState:
+    """A state of a session that was exported or starred."""
+
+    scenario: Scenario
+    starred_as: str | None = None
+    """Its name in the basket where that is the only copy; None if it was exported."""
+
+
 @dataclass(kw_only=True, eq=False)
 class ShelvedSession:
     """A session that was left, with what of it was exported last."""
 
     session: EditorSession
-    exported: Scenario | None
+    exported: ExportedState | None
 
-    @property
-    def is_exported(self) -> bool:
-        """Whether the scenario as it was left was exported."""
-        return self.session.scenario is self.exported
+    def is_exported(self, basket: Basket) -> bool:
+        """Whether the scenario as it was left was exported, or is in the basket."""
+        exported = self.exported
+        if exported is None or exported.scenario is not self.session.scenario:
+            return False
+        return exported.starred_as is None or basket.has(exported.starred_as)
 
 
 class SessionShelf:
     """Keeps sessions that were left, so that opening their scenario resumes them."""
 
-    def __init__(self, journals: Path) -> None:
+    def __init__(self, journals: Path, basket: Basket) -> None:
         """Begin with none; older sessions go on in the folder ``journals``."""
         self._journals = journals
+        self._basket = basket
         self._live: list[ShelvedSession] = []
         self._stored: dict[Path, Key] = {}
 
@@ -54,7 +67,7 @@ class SessionShelf:
                 # It is nowhere but here.
                 continue
             self._live.remove(old)
-            old.session.close(discard=old.is_exported)
+            old.session.close(discard=old.is_exported(self._basket))
             self._stored[path] = _key_of(old.session.base)
 
     def take(self, base: Scenario) -> ShelvedSession | None:
@@ -90,7 +103,7 @@ class SessionShelf:
     def close(self) -> None:
         """End all sessions; edits that were not exported stay in their journals."""
         for left in self._live:
-            left.session.close(discard=left.is_exported)
+            left.session.close(discard=left.is_exported(self._basket))
         self._live.clear()
 
 

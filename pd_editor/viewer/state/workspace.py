@@ -39,6 +39,7 @@ from pd_editor.scenario_store import (
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.playback import Playback
 from pd_editor.viewer.state.session_shelf import (
+    ExportedState,
     SessionShelf,
     ShelvedSession,
     is_same_base,
@@ -112,11 +113,11 @@ class Workspace:
         """Work on a scenario; edits are journaled in the folder ``journals``."""
         self.is_local = is_local
         self._journals = journals
-        self._exported: Scenario | None = None
+        self._exported: ExportedState | None = None
         self.tell: Callable[[str, str], None] = lambda _title, _body: None
         """Shows the user a few words and a sentence; set by the tab that is open."""
-        self._shelf = SessionShelf(journals)
         self.basket = Basket(journals.parent / "basket")
+        self._shelf = SessionShelf(journals, self.basket)
         self._given: dict[str, Scenario] = {}
         """States that were exported or starred, by the names they got."""
         self.unticked: set[str] = set()
@@ -211,7 +212,7 @@ class Workspace:
         is_same = has_same_content(session.scenario, exported)
         self._exchange(ShelvedSession(session=session, exported=None))
         if is_same:
-            self._exported = self.session.scenario
+            self._exported = ExportedState(scenario=self.session.scenario)
         else:
             self.tell(
                 "The result differs from the export",
@@ -260,8 +261,9 @@ class Workspace:
 
     @property
     def _is_exported(self) -> bool:
-        """Whether the scenario as it is now was exported."""
-        return self.session.scenario is self._exported
+        """Whether the scenario as it is now was exported, or is in the basket."""
+        open_one = ShelvedSession(session=self.session, exported=self._exported)
+        return open_one.is_exported(self.basket)
 
     def search_for(self, wanted: CardFilter) -> None:
         """Start another search through the dataset."""
@@ -310,7 +312,7 @@ class Workspace:
         """
         recipe = self._named_recipe(self._is_given)
         files = exported_files(self.session.scenario, recipe)
-        self._exported = self._given[recipe.result_id] = self.session.scenario
+        self._exported_as(recipe.result_id)
         return f"{recipe.result_id}.zip", zip_files(files, recipe.result_id)
 
     def recipe_text(self) -> tuple[str, bytes]:
@@ -340,8 +342,12 @@ class Workspace:
         """
         recipe = self._named_recipe(lambda name: not replaces and (out / name).exists())
         folder = export_into(out, self.session.scenario, recipe, overwrite=replaces)
-        self._exported = self._given[recipe.result_id] = self.session.scenario
+        self._exported_as(recipe.result_id)
         return folder
+
+    def _exported_as(self, name: str) -> None:
+        self._given[name] = self.session.scenario
+        self._exported = ExportedState(scenario=self.session.scenario)
 
     def star(self) -> BasketEntry:
         """Put the state at hand into the basket.
@@ -358,7 +364,11 @@ class Workspace:
             exported_files(session.scenario, recipe),
             starred_at=time.time(),
         )
-        self._exported = self._given[recipe.result_id] = session.scenario
+        self._given[recipe.result_id] = session.scenario
+        if not self._is_exported:
+            self._exported = ExportedState(
+                scenario=session.scenario, starred_as=recipe.result_id
+            )
         return entry
 
     def is_starred(self) -> bool:
@@ -396,7 +406,7 @@ class Workspace:
                 place=left,
             )
             for left in self._shelf.live
-            if not left.is_exported
+            if not left.is_exported(self.basket)
         ]
         stored = [
             KeptWork(

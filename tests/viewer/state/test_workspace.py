@@ -111,6 +111,26 @@ def test_what_was_exported_is_not_unfinished(workspace: Workspace, root: Path):
     assert len(workspace.unfinished_work()) == 1
 
 
+def test_a_state_that_was_taken_out_of_the_basket_is_unfinished(
+    workspace: Workspace, root: Path
+):
+    """A star keeps a state only as long as the basket holds it."""
+    shift(workspace, 1.0)
+    starred = workspace.star()
+    workspace.open_reference(str(root / IDS[1]))
+    shift(workspace, 1.0)
+    both_ways = workspace.star()
+    workspace.exported_zip()
+    assert workspace.unfinished_work() == []
+    workspace.basket.remove(starred.name)
+    workspace.basket.remove(both_ways.name)
+    listed = workspace.unfinished_work()
+    assert [work.scenario_id for work in listed] == [IDS[0]]
+    workspace.close()
+    left = find_unfinished(root / "journals")
+    assert [work.scenario_id for work in left] == [IDS[0]]
+
+
 def test_a_session_that_is_nowhere_on_disk_stays_in_memory(
     workspace: Workspace, root: Path
 ):
