@@ -121,7 +121,8 @@ def friction_problems(scenario: Scenario) -> list[SceneProblem]:
         row, steps = int(motion.rows[index]), np.flatnonzero(over[index])
         worst = int(motion.lateral_mps2[index].argmax())
         lateral = float(motion.lateral_mps2[index, worst])
-        speed = float(motion.speed_mps[index, worst])
+        # The velocity that the picture and the panel tell as well.
+        speed = float(np.hypot(*agents.velocity_mps[row, worst + now]))
         place = agents.position_m[row, steps[0] + now]
         held = speed * float(np.sqrt(limit / lateral))
         found.append(
@@ -134,14 +135,23 @@ def friction_problems(scenario: Scenario) -> list[SceneProblem]:
                 headline=f"{agents.ids[row]}: {speed:.1f} m/s, friction holds {held:.1f}",
                 message=(
                     f"{capitalised(agent_name(agents, row))} is too fast for its curve"
-                    f" {at_time(scenario, worst + now)}: {speed:.1f} m/s, where"
-                    f" friction holds {held:.1f} m/s"
+                    f" {_when(scenario, int(steps[0]) + now, worst + now)}:"
+                    f" {speed:.1f} m/s, where friction holds {held:.1f} m/s"
                     f" (mu {mu:.2f})."
                 ),
                 place_m=(float(place[0]), float(place[1])),
             )
         )
     return found
+
+
+def _when(scenario: Scenario, first: int, worst: int) -> str:
+    """Where a list goes to first, and the time of the figures told."""
+    at_worst = at_time(scenario, worst)
+    if worst == first:
+        return at_worst
+    since = at_time(scenario, first).removeprefix("at ")
+    return f"from {since} on, most {at_worst}"
 
 
 def slowed_to_limit(

@@ -1,10 +1,11 @@
 """Agents that are off the drivable area: the one meaning of "off the road" for users."""
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 import shapely
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from pd_editor.metrics.off_road import drivable_ground, is_off_road
 from pd_editor.problems.scene_problem import (
@@ -15,10 +16,18 @@ from pd_editor.problems.scene_problem import (
     spans_of,
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
 _MEASURED_STEPS: Final = 5
 """Steps of each agent at which its distance from the road is measured."""
+_MUCH_FURTHER_M: Final = 0.5
+_EXIT_BEHIND_M: Final = 6.0
+_EXIT_AHEAD_M: Final = 60.0
+"""Drivable areas often go on for some way past the last lane."""
+_EXIT_HALF_WIDTH_M: Final = 4.0
+_EXIT_COSINE: Final = 0.85
+"""An agent that leaves the map drives about as the lane that ends there points."""
 
 
 def road_departures(
@@ -26,7 +35,8 @@ def road_departures(
 ) -> list[SceneProblem]:
     """Vehicles, buses, motorcyclists and cyclists whose centres are off the road.
 
-    ``steps`` rise from the current one on.
+    ``steps`` rise from the current one on. An agent that drives on past the end of a
+    lane that has no successor leaves the map, not the road: what is there is unknown.
     """
     agents, now = scenario.agents, scenario.current_step
     judged = agents.is_valid[:, steps] & agents.kind_mask(LANE_FOLLOWER_KINDS)[:, None]
@@ -38,10 +48,16 @@ def road_departures(
     for start, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
         one, off = int(row[start]), steps[at[start:end]]
         first = int(off[0])
-        worst, distance = _furthest(scenario, one, off)
+        if first > now and _leaves_the_map(scenario, one, first):
+            continue
+        worst, distance, at_first = _distances(scenario, one, off)
         name = capitalised(agent_name(agents, one))
+        headline = f"{agents.ids[one]} off the road, {distance:.1f} m"
         if first == now:
-            message = f"{name} is {distance:.1f} m off the road."
+            headline = f"{agents.ids[one]} off the road, {at_first:.1f} m"
+            message = f"{name} is {at_first:.1f} m off the road."
+            if distance > at_first + _MUCH_FURTHER_M:
+                message = f"{message[:-1]}, later up to {distance:.1f} m."
         else:
             message = (
                 f"{name} leaves the road {at_time(scenario, first)},"
@@ -55,7 +71,7 @@ def road_departures(
                 spans=spans_of(off),
                 worst_step=worst,
                 severity=distance,
-                headline=f"{agents.ids[one]} off the road, {distance:.1f} m",
+                headline=headline,
                 message=message,
                 place_m=(float(place[0]), float(place[1])),
             )
@@ -63,12 +79,55 @@ def road_departures(
     return found
 
 
-def _furthest(
-    scenario: Scenario, row: int, steps: Int[np.ndarray, "N"]
-) -> tuple[int, float]:
-    """The step, among a few, at which an agent is furthest from the road, and how far.
+def _leaves_the_map(scenario: Scenario, row: int, first: int) -> bool:
+    """Whether an agent, off the road from a step on, left it where the map ends."""
+    path = scenario.agents.position_m[row, first - 1 : first + 1]
+    if scenario.applied_warp is not None:
+        path = scenario.applied_warp.warp.undo(path)
+    if not scenario.agents.is_valid[row, first - 1]:
+        return False
+    ends, ways = _map_exits(scenario.original_road_map)
+    moved = path[1] - path[0]
+    step_m = float(np.hypot(*moved))
+    if step_m == 0:
+        return False
+    beyond = path[1] - ends
+    ahead = (beyond * ways).sum(axis=-1)
+    aside = beyond[:, 0] * ways[:, 1] - beyond[:, 1] * ways[:, 0]
+    is_through = (
+        (ahead > -_EXIT_BEHIND_M)
+        & (ahead < _EXIT_AHEAD_M)
+        & (np.abs(aside) < _EXIT_HALF_WIDTH_M)
+        & (ways @ moved > _EXIT_COSINE * step_m)
+    )
+    return bool(is_through.any())
 
-    Under a warp the distance is that on the original road.
+
+@lru_cache(maxsize=16)
+def _map_exits(
+    road_map: RoadMap,
+) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]]:
+    """Ends of lanes without a successor in the map, and the unit vectors there."""
+    there = {lane.lane_id for lane in road_map.lanes}
+    last = [
+        lane.centerline_m[-2:]
+        for lane in road_map.lanes
+        if len(lane.centerline) > 1 and there.isdisjoint(lane.successors)
+    ]
+    points = np.array(last, float).reshape(-1, 2, 2)
+    way = points[:, 1] - points[:, 0]
+    length = np.linalg.norm(way, axis=-1, keepdims=True)
+    is_known = length[:, 0] > 0
+    return points[is_known, 1], way[is_known] / length[is_known]
+
+
+def _distances(
+    scenario: Scenario, row: int, steps: Int[np.ndarray, "N"]
+) -> tuple[int, float, float]:
+    """The step, among a few, at which an agent is furthest from the road.
+
+    With how far it is then, and at the first step. Under a warp the distances are those
+    on the original road.
     """
     some = steps[
         np.unique(np.linspace(0, len(steps) - 1, _MEASURED_STEPS).round().astype(int))
@@ -80,4 +139,4 @@ def _furthest(
     away = shapely.distance(np.array([ground]), shapely.points(points))
     distance = np.nan_to_num(np.asarray(away))
     worst = int(distance.argmax())
-    return int(some[worst]), float(distance[worst])
+    return int(some[worst]), float(distance[worst]), float(distance[0])

@@ -49,6 +49,32 @@ def test_what_is_wrong_now_is_not_announced_again():
     assert messages(scenario_with(agents)) == ["Vehicle 100 and bus 101 collide."]
 
 
+def test_driving_on_past_the_end_of_the_map_is_not_off_the_road():
+    """What is past the last lane is unknown; leaving the road beside it is told."""
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 40.0)]))
+    now, agents = scenario.current_step, scenario.agents
+    assert agents.position_m[0, -1, 0] > 210.0
+    assert messages(scenario) == []
+    aside = agents.position_m.copy()
+    aside[0, now:, 1] -= np.linspace(0.0, 60.0, aside.shape[1] - now)
+    off = scenario.with_agents(agents.with_rows(np.array([0]), position_m=aside))
+    (problem,) = scene_problems(off)
+    assert problem.kind == "later-off-road"
+
+
+def test_an_agent_that_is_off_the_road_is_told_with_its_present_distance():
+    """Where it gets further away later, both distances are told."""
+    scenario = scenario_with(straight_drivers([(0, -4.0, 0, 10.0)]))
+    now, agents = scenario.current_step, scenario.agents
+    assert messages(scenario) == ["Vehicle 100 is 2.2 m off the road."]
+    away = agents.position_m.copy()
+    away[0, now:, 1] -= np.linspace(0.0, 30.0, away.shape[1] - now)
+    off = scenario.with_agents(agents.with_rows(np.array([0]), position_m=away))
+    (problem,) = scene_problems(off)
+    assert problem.message == "Vehicle 100 is 2.2 m off the road, later up to 32.2 m."
+    assert problem.headline == "100 off the road, 2.2 m"
+
+
 def hook_shaped_road():
     """The two-lane road with an arm to the north, so that its hull is wide."""
     road_map = two_lane_road()

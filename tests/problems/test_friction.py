@@ -30,10 +30,16 @@ def test_an_agent_too_fast_for_a_bend_is_told_with_both_speeds():
     """(D10) Friction is judged, and the sentence says whom and by how much."""
     (problem,) = [p for p in scene_problems(bent()) if p.kind == "friction"]
     assert problem.agent_ids == ("100",)
-    assert problem.message.startswith("Vehicle 100 is too fast for its curve at ")
+    assert problem.message.startswith("Vehicle 100 is too fast for its curve ")
     assert "where friction holds " in problem.message
     assert problem.severity > 2.0
     assert problem.first_step >= 50
+    # Times and speeds are those that the list and the picture tell.
+    scenario = bent()
+    later = (problem.first_step - scenario.current_step) * scenario.time_axis.step_s
+    assert f"{later:.1f} s" in problem.message
+    speed = np.hypot(*scenario.agents.velocity_mps[0, problem.worst_step])
+    assert f": {speed:.1f} m/s, where" in problem.message
 
 
 def test_the_acceleration_is_that_of_the_true_curvature():
