@@ -112,7 +112,7 @@ class ReplaceTraffic(Command):
 
     @property
     def label(self) -> str:
-        """Says what was drawn, which alternative was taken, by which generator."""
+        """Says what was drawn, which sample was taken, by which generator."""
         agents = agents_in_words(self.sample.ids)
         asked = self.request
         if asked.redrawn_state_ids or asked.removed_ids:
@@ -123,7 +123,7 @@ class ReplaceTraffic(Command):
             done = f"Regenerate {agents}"
         which = ""
         if asked.num_samples > 1:
-            which = f", alternative {asked.sample_index + 1} of {asked.num_samples}"
+            which = f", sample {asked.sample_index + 1} of {asked.num_samples}"
         return f"{done}{which} ({self.generator}, seed {self.seed})"
 
     def apply(self, scenario: Scenario) -> Scenario:

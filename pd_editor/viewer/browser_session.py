@@ -433,7 +433,7 @@ class BrowserSession:
         key("Agent list", self._agent_list.toggle, "F", "cmd/ctrl")
         key("Place an agent", self._placing.toggle, "P")
         key("Show possible trajectories", self._candidates_panel.toggle_candidates, "G")
-        key("Regenerate futures", self._generation_panel.regenerate, "R")
+        key("Regenerate trajectories", self._generation_panel.regenerate, "R")
         key("Cancel the generation", self._generation_panel.cancel)
         key("Reset road", self._road_panel.reset)
         key("Switch 3-D and top view", self._switch_view, "V")
@@ -629,7 +629,7 @@ class BrowserSession:
         if now >= self._retries_journal_at:
             self._retries_journal_at = now + JOURNAL_RETRY_S
             self._workspace.retry_journals()
-            self._export_panel.show_preflight(self._workspace.session.scenario)
+            self._chip.show()
         is_searching = self._workspace.search_on()
         if is_searching:
             self._dataset_panel.show()

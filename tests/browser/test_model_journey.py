@@ -30,7 +30,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     editor.fill("Pedestrians", 2)
     for label in ("Buses", "Cyclists", "Motorcyclists"):
         editor.fill(label, 0)
-    editor.fill("Alternatives", 2)
+    editor.fill("Samples", 2)
     editor.press("Resample")
     editor.until(lambda: len(session.scenario.agents) == 11, "agents", 90)
     editor.screenshot("30_resampled")
@@ -42,11 +42,11 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     assert drawn.focal_id in drawn.agents.ids
 
     # The other sample takes the place of the first, as one undo step.
-    editor.fill("Alternative shown", 2)
+    editor.fill("Sample shown", 2)
     editor.until(lambda: session.scenario is not drawn, "the second sample")
     assert [one.label.split(" (")[0] for one in session.entries] == [
         "Remove all agents",
-        "Add 11 agents, alternative 2 of 2",
+        "Add 11 agents, sample 2 of 2",
     ]
 
     states = session.scenario.agents.position_m[:, now].copy()
@@ -97,7 +97,7 @@ def test_only_the_selected_agent_is_drawn_anew(editor):
 
 def test_playback_goes_on_while_the_model_draws(editor):
     editor.open_tab("Drive")
-    editor.fill("Alternatives", 8)
+    editor.fill("Samples", 8)
     playback = editor.workspace.playback
     playback.play()
     editor.press("Regenerate")

@@ -40,30 +40,45 @@ def rows(editor):
 
 
 def boxes(editor, tabs=TABS) -> dict:
-    """Where every control of every tab is, by tab, kind and name."""
+    """Where every control of every tab is, by tab: tag, name, x, y, height.
+
+    Places are those in the panel, however far it is scrolled. The first one is the
+    panel's length: one that gets shorter is scrolled by the browser.
+    """
     found = {}
     for name in tabs:
         editor.open_tab(name)
-        editor.settle()
-        places = editor.page.evaluate(
-            "Array.from(document.querySelectorAll("
-            "  'button, input:not([type=hidden]), [role=slider], [role=tab]'))"
-            ".filter(e => !e.closest('#pd-overlay') && e.offsetParent"
-            "  && !e.closest('.mantine-Notification-root'))"
-            ".map(e => { const r = e.getBoundingClientRect();"
-            "  return [e.tagName, e.innerText || e.ariaLabel || e.type,"
-            "    e.role === 'slider' ? 0 : r.x, r.y, r.height]; })"
-        )
         # A slider's thumb moves along its track by what it shows; up and down never.
+        places = editor.page.evaluate(
+            "(() => {"
+            " const panel = [...document.querySelectorAll('[data-scrollarea-viewport]')]"
+            "  .find(e => e.querySelector('[role=tab]'));"
+            " const controls = [...document.querySelectorAll("
+            "  'button, input:not([type=hidden]), [role=slider], [role=tab]')]"
+            "  .filter(e => !e.closest('#pd-overlay') && e.offsetParent"
+            "   && !e.closest('.mantine-Notification-root'));"
+            " return [['PANEL', '', 0, 0, panel.scrollHeight], ...controls.map(e => {"
+            "  const r = e.getBoundingClientRect();"
+            "  const scrolled = panel.contains(e) ? panel.scrollTop : 0;"
+            "  return [e.tagName, e.innerText || e.ariaLabel || e.type,"
+            "   e.role === 'slider' ? 0 : r.x, r.y + scrolled, r.height]; })];"
+            " })()"
+        )
         found[name] = [tuple(place) for place in places]
     return found
 
 
 def assert_still(after: list, before: list, name: str) -> None:
-    """The same controls in the same places; viser's header may settle by a pixel."""
-    assert [place[:2] for place in after] == [place[:2] for place in before], name
-    moved = np.array([p[2:] for p in after]) - np.array([p[2:] for p in before])
-    assert np.abs(moved).max() <= 2.0, name
+    """The same controls in the same places."""
+    moved = [
+        (old, new) for old, new in zip(before, after, strict=True) if not same(old, new)
+    ]
+    assert not moved, (name, moved)
+
+
+def same(old: tuple, new: tuple) -> bool:
+    """Names may change, as rows of the history do; to a tenth of a pixel, places not."""
+    return old[0] == new[0] and np.allclose(old[2:], new[2:], atol=0.1)
 
 
 def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
@@ -158,22 +173,23 @@ def test_nothing_in_a_panel_moves(editor):
     session = editor.session
     still = boxes(editor)
     bend(editor)
-    editor.settle()
-    tabs = [name for name in TABS if name not in ("Road", "History")]
-    after = boxes(editor, tabs)
-    for name in tabs:
-        assert_still(after[name], still[name], name)
+    for name, after in boxes(editor).items():
+        assert_still(after, still[name], f"{name}, with problems")
     editor.open_tab("Drive")
     editor.press("Regenerate")
     editor.until(lambda: len(session.entries) == 2, "futures", 90)
-    after = boxes(editor, ("Drive",))
-    assert_still(after["Drive"], still["Drive"], "Drive")
+    for name, after in boxes(editor).items():
+        assert_still(after, still[name], f"{name}, after a run")
+    editor.key("Control+z")
+    editor.until(lambda: session.state.position == 1, "undo")
+    for name, after in boxes(editor).items():
+        assert_still(after, still[name], f"{name}, after undo")
 
 
 def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(editor):
     """(D25) R shows sample k of n and Cancel on the picture, whatever tab is open."""
     editor.open_tab("Drive")
-    editor.fill("Alternatives", 16)
+    editor.fill("Samples", 16)
     editor.fill("Denoising steps", 50)
     editor.open_tab("Scene")
     panel = editor._tab()._generation_panel
@@ -202,9 +218,9 @@ def test_an_empty_selection_and_a_stale_report(editor):
     editor.press("Regenerate")
     editor.until(lambda: len(editor.session.entries) == 1, "a future", 60)
     report = editor._tab()._generation_panel._result._report
-    editor.until(lambda: "1 agent in" in report.content, "a report")
+    editor.until(lambda: "1 agent in" in report.text, "a report")
     editor.key("Control+z")
-    editor.until(lambda: report.content == "", "no report")
+    editor.until(lambda: report.text == "", "no report")
 
 
 def test_edits_that_are_not_saved_are_told_as_long_as_they_are(editor, monkeypatch):

@@ -85,7 +85,7 @@ class StatusChip:
                 "tone": tone,
                 "fraction": None if run is None else run.fraction,
                 "action": "" if run is None else run.action,
-                "unsaved": "" if problem is None else f"Edits are not saved: {problem}",
+                "unsaved": "" if problem is None else _unsaved(problem),
                 "groups": [
                     {
                         "name": name,
@@ -233,6 +233,11 @@ def _step_to_show(problem: SceneProblem, desk: Desk) -> int:
     return (
         problem.first_step if problem.agent_ids else desk.session.scenario.current_step
     )
+
+
+def _unsaved(problem: str) -> str:
+    reason = problem.removeprefix("Edits are not kept on disk: ")
+    return f"Edits are not saved: {reason}"
 
 
 def _id(problem: SceneProblem) -> str:

@@ -10,8 +10,8 @@ import viser
 from pd_editor.editor.variant import Variant, name_from_text, tags_from_text
 from pd_editor.errors import InputError
 from pd_editor.scene.scenario import EGO_ID, Scenario
-from pd_editor.viewer.state.desk import Desk, set_property, set_value
-from pd_editor.viewer.state.page_text import plain
+from pd_editor.viewer.panels.panel_style import FixedText
+from pd_editor.viewer.state.desk import Desk, set_value
 
 
 class ExportPanel:
@@ -32,10 +32,9 @@ class ExportPanel:
         self._num_problems = num_problems
         self._typed: str | None = None
         self._dialog: Any = None
-        self._journal_problem: str | None = None
         gui = desk.client.gui
         with gui.add_folder("Export"):
-            self._preflight = gui.add_markdown("")
+            self._preflight = FixedText(gui, 1)
             download = gui.add_button(
                 "Download zip",
                 icon=viser.Icon.DOWNLOAD,
@@ -82,27 +81,18 @@ class ExportPanel:
         self.show_preflight(scenario)
 
     def show_preflight(self, scenario: Scenario) -> None:
-        """One line: focal agent, ego, open problems; first of all a failing disk."""
-        self._tell_journal_problem()
-        if self._journal_problem is not None:
-            set_property(
-                self._preflight, "content", f"**{plain(self._journal_problem)}**"
-            )
-            return
+        """One line: focal agent, ego, open problems."""
         agents = scenario.agents
         focal = (
-            "focal agent ok"
-            if scenario.focal_id in agents.row_of
-            else "**no focal agent**"
+            "focal agent ok" if scenario.focal_id in agents.row_of else "no focal agent"
         )
         ego = "ego ok" if EGO_ID in agents.row_of else "ego missing"
         count = self._num_problems()
-        problems = (
-            "no open problems"
-            if not count
-            else f"**{count} open problem{'s' if count > 1 else ''}**"
-        )
-        set_property(self._preflight, "content", f"{focal} · {ego} · {problems}")
+        problems = f"{count or 'no'} open problem{'s' if count != 1 else ''}"
+        line = f"{focal} · {ego} · {problems}"
+        # In bold where the export lacks something.
+        is_good = scenario.focal_id in agents.row_of and not count
+        self._preflight.show(*(("", line) if is_good else (line,)))
 
     def download(self) -> None:
         """Hand the scenario to the browser as a zip."""
@@ -169,23 +159,6 @@ class ExportPanel:
         if self._dialog is not None:
             self._dialog.close()
             self._dialog = None
-
-    def _tell_journal_problem(self) -> None:
-        """Say at once that edits are not kept, how to save them, and when it is over."""
-        problem = self._desk.session.journal_problem
-        if problem == self._journal_problem:
-            return
-        self._journal_problem = problem
-        if problem is None:
-            self._desk.notify("Edits are kept on disk again", tone="success")
-        else:
-            self._desk.notify(
-                "Edits are not kept on disk",
-                f"{problem} The scenario and its edits can be downloaded in the Scene"
-                " tab; writing is tried again every few seconds.",
-                "error",
-                stays=True,
-            )
 
 
 def _moment(time_s: float) -> str:

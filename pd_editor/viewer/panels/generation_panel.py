@@ -1,4 +1,4 @@
-"""The generation panel: futures redrawn, agents drawn anew, by a chosen generator."""
+"""The generation panel: trajectories regenerated, agents resampled by a generator."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -86,7 +86,7 @@ class GenerationPanel:
             self._seed = gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
             self._renews = gui.add_checkbox("New seed after each run", True)
             self._samples = gui.add_slider(
-                "Alternatives", 1, MAX_SAMPLES, 1, 1, hint="To choose among"
+                "Samples", 1, MAX_SAMPLES, 1, 1, hint="To choose among"
             )
             self._steps = gui.add_slider(
                 "Denoising steps", 1, MAX_STEPS, 1, 4, hint="More are slower"
@@ -103,7 +103,7 @@ class GenerationPanel:
                 hint="The best of so many is taken; an agent that still collides waits. "
                 "0: raw model",
             )
-        with gui.add_folder("Regenerate futures"):
+        with gui.add_folder("Regenerate trajectories"):
             self._scope = gui.add_dropdown("Agents", (SCOPE_ALL, SCOPE_SELECTION))
             self._run = gui.add_button(
                 "Regenerate", icon=viser.Icon.PLAYER_PLAY, hint="R"
@@ -123,7 +123,7 @@ class GenerationPanel:
                 "Replace", (REPLACE_ALL, REDRAW_SELECTION, ADD_AGENTS)
             )
             self._fits = gui.add_checkbox(
-                "Let the model choose how many", False, hint="As many as suit the road"
+                "Model's choice", False, hint="As many agents as suit the road"
             )
             self._counts = {
                 kind: gui.add_number(label, 0, min=0, max=MAX_AGENTS_OF_A_KIND, step=1)
@@ -174,7 +174,7 @@ class GenerationPanel:
         self._result.use_result()
 
     def regenerate(self) -> None:
-        """Draw new futures for the selection or for all agents.
+        """Regenerate the trajectories of the selection or of all agents.
 
         Raises:
             GenerationError: there is no agent to draw for, or a run is under way.
@@ -189,7 +189,7 @@ class GenerationPanel:
         self.regenerate_agents(wanted)
 
     def regenerate_agents(self, wanted: tuple[str, ...] | None) -> None:
-        """Draw new futures for some agents, or for all that are there.
+        """Regenerate the trajectories of some agents, or of all that are there.
 
         Raises:
             GenerationError: there is no agent to draw for, or a run is under way.
@@ -203,7 +203,7 @@ class GenerationPanel:
         self._start(scenario, agent_ids=drivable_agent_ids(scenario, wanted))
 
     def resample(self) -> None:
-        """Draw new states and futures: of all agents, of some, or of more.
+        """Sample initial states and trajectories: of all agents, of some, or of more.
 
         Raises:
             GenerationError: no agent is to be placed.
@@ -226,7 +226,7 @@ class GenerationPanel:
         }
         if not counts and not self._fits.value:
             raise GenerationError(
-                "Enter how many agents of which kind to place, or let the model choose."
+                "Enter how many agents of which kind to place, or tick Model's choice."
             )
         removed: tuple[str, ...] = ()
         if self._which.value == REPLACE_ALL:

@@ -17,9 +17,11 @@ from pd_editor.generation import (
     ScenarioGenerator,
 )
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
-from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.run_state import RunState
+
+REPORT_LINES: Final = 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,8 +56,9 @@ class MadeWhenAsked:
 class GenerationRun:
     """Runs a generator off the session's thread and applies what it draws.
 
-    Its controls are always there and only enabled and disabled; what is longer, the
-    report, stands below all of them, so that nothing ever moves.
+    Its controls are always there and only enabled and disabled; the report stands
+    below all of them, in room of constant height: a panel that is scrolled to its end
+    would move by whatever its last text loses.
     """
 
     def __init__(
@@ -64,7 +67,7 @@ class GenerationRun:
         on_running: Callable[[bool], None],
         on_change: Callable[[], None],
     ) -> None:
-        """Build cancel, the choice of an alternative and the report.
+        """Build cancel, the choice of a sample and the report.
 
         Args:
             desk: the session and its page.
@@ -82,13 +85,13 @@ class GenerationRun:
         self._took_s = 0.0
         gui = desk.client.gui
         self._sample = gui.add_slider(
-            "Alternative shown",
+            "Sample shown",
             1,
             2,
             1,
             1,
             disabled=True,
-            hint="Which of the alternatives of the last run",
+            hint="Which of the samples of the last run",
         )
         self._take = gui.add_button(
             "Use the result",
@@ -97,7 +100,7 @@ class GenerationRun:
             hint="Of a run during which the scenario was edited",
         )
         self._cancel = gui.add_button("Cancel", color="gray", disabled=True)
-        self._report = gui.add_markdown("")
+        self._report = FixedText(gui, REPORT_LINES)
         desk.on_click(self._cancel, self.cancel)
         desk.on_click(self._take, self.use_result)
         desk.on_change(self._sample, self._sample_chosen, merge_key="sample")
@@ -196,7 +199,7 @@ class GenerationRun:
         self._apply(0)
 
     def forget(self) -> None:
-        """Take back what was said about the last run, and its alternatives."""
+        """Take back what was said about the last run, and its samples."""
         self._drawn, self._applied, self._waits = None, None, False
         self._say("")
         self.show()
@@ -279,7 +282,7 @@ class GenerationRun:
         self._desk.report(error)
 
     def _say(self, text: str) -> None:
-        set_property(self._report, "content", plain(text))
+        self._report.show("", text)
 
     def _set_state(self, state: RunState | None) -> None:
         if state != self._state:

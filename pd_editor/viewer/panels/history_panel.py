@@ -5,7 +5,7 @@ from typing import Final
 import viser
 
 from pd_editor.editor.history import HistoryEntry
-from pd_editor.viewer.panels.panel_style import PanelStyle
+from pd_editor.viewer.panels.panel_style import FixedText, PanelStyle
 from pd_editor.viewer.state.desk import Desk, set_property
 
 ROWS: Final = 12
@@ -29,7 +29,7 @@ class HistoryPanel:
         self._redo = gui.add_button(
             "Redo", icon=viser.Icon.ARROW_FORWARD_UP, color="gray", hint="Ctrl+Shift+Z"
         )
-        self._counts = gui.add_markdown("")
+        self._counts = FixedText(gui, 2)
         self._pages = gui.add_button_group("Edits", (NEWER, PRESENT, OLDER))
         self._page = 0
         self._followed: tuple[object, int, int] | None = None
@@ -72,23 +72,23 @@ class HistoryPanel:
             is_undone = at is not None and at > position
             color = "blue" if is_present else "orange" if is_undone else "gray"
             set_property(row, "color", color)
-        set_property(self._counts, "content", self._counted(len(entries), position))
+        self._counts.show(*self._counted(len(entries), position))
 
     def _position(self, index: int) -> int | None:
         """Number of edits in force in the state of a row; None for an unused row."""
         at = len(self._desk.session.entries) - self._page * ROWS - index
         return at if at >= 0 else None
 
-    def _counted(self, count: int, position: int) -> str:
+    def _counted(self, count: int, position: int) -> tuple[str, str]:
         if not count:
-            return "No edits yet."
+            return "No edits yet", ""
         undone = count - position
-        text = f"**{_edits(position)} in force**" + (
+        title = f"{_edits(position)} in force" + (
             f", {undone} undone" if undone else ""
         )
         newest = count - self._page * ROWS
         oldest = max(newest - ROWS + 1, 0)
-        return f"{text}. Rows {newest} to {oldest} of {count}, newest first."
+        return title, f"Rows {newest} to {oldest} of {count}, newest first."
 
     def _turn_page(self, where: str) -> None:
         session = self._desk.session

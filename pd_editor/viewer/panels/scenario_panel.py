@@ -11,11 +11,12 @@ from pd_editor.errors import ArchiveError, InputError
 from pd_editor.installed_files import demo_names, demo_sentence
 from pd_editor.scenario_store import DEMO_PREFIX
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.server.server_guard import limit_uploads
-from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.desk import Desk, set_value
 from pd_editor.viewer.state.page_text import plain
 
-MAX_NOTES: Final = 3
+CARD_LINES: Final = 4
 UPLOAD_TYPES: Final = ".zip,.parquet,.json,application/zip,application/json"
 
 
@@ -30,10 +31,11 @@ class ScenarioPanel:
         self._base: Scenario | None = None
         self._dialog: Any = None
         gui = desk.client.gui
-        self._card = gui.add_markdown("")
+        self._card = FixedText(gui, CARD_LINES)
         with gui.add_folder("Open"):
             self._demo = gui.add_dropdown("Demo", demo_names() or ("-",))
-            self._shows = gui.add_markdown(_shows(str(self._demo.value)))
+            self._shows = FixedText(gui, 2)
+            self._tell_demo(str(self._demo.value))
             open_demo = gui.add_button("Open demo", icon=viser.Icon.FOLDER_OPEN)
             self._folder = gui.add_text(
                 "Folder", "", hint="A scenario folder: parquet and map JSON."
@@ -70,14 +72,13 @@ class ScenarioPanel:
             self._desk.post(self._offer_continuation)
         agents, road = scenario.agents, scenario.road_map
         has_future = bool(agents.is_valid[:, scenario.current_step + 1 :].any())
-        lines = [
-            f"**{plain(scenario.scenario_id)}**",
-            f"{plain(scenario.city)} · {len(agents)} agents · "
-            f"{len(road.lanes)} lanes" + ("" if has_future else " · no logged future"),
-        ]
-        notes = scenario.provenance.notes[-MAX_NOTES:]
-        lines += [f"*{plain(note)}*" for note in notes]
-        set_property(self._card, "content", "  \n".join(lines))
+        size = f"{scenario.city} · {len(agents)} agents · {len(road.lanes)} lanes"
+        if not has_future:
+            size += " · no logged future"
+        # The newest first: what there is no room for stands in the tooltip.
+        notes = list(reversed(scenario.provenance.notes))
+        card = (scenario.scenario_id, size, *notes)
+        self._card.show(card[0], size, " ".join(notes), tooltip="\n".join(card))
 
     def _offer_continuation(self) -> None:
         """Where an export was opened whose base is here, let the user choose."""
@@ -113,7 +114,7 @@ class ScenarioPanel:
         self._workspace.continuation = None
 
     def _tell_demo(self, name: str) -> None:
-        set_property(self._shows, "content", _shows(name))
+        self._shows.show("", _shows(name))
 
     def _open_demo(self) -> None:
         self._desk.commit_gesture()
@@ -163,4 +164,4 @@ class ScenarioPanel:
 def _shows(name: str) -> str:
     """What a demo shows, to be read before it is opened."""
     sentence = demo_sentence(name)
-    return f"*{plain(sentence[:1].upper() + sentence[1:])}.*" if sentence else ""
+    return f"{sentence[:1].upper() + sentence[1:]}." if sentence else ""

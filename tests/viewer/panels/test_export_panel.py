@@ -1,6 +1,7 @@
 """What the export panel tells before anything is exported."""
 
 import asyncio
+import json
 import time
 from pathlib import Path
 from typing import Any
@@ -17,19 +18,26 @@ def test_a_disk_that_fails_is_told_until_it_works_again(tmp_path: Path):
     library.write_text("in the way")
     with running_app(library, "crosswalk") as app, connected_tab(app) as tab:
         panel, session = tab.tab._export_panel, tab.session
-        assert "focal agent ok" in panel._preflight.content
+
+        def told() -> str:
+            """What the red line on the picture says."""
+            return json.loads(tab.tab._overlay._shown["status"])["unsaved"]
+
+        assert told() == ""
         command = SetAgentSpeed(agent_ids=(session.scenario.focal_id,), speed_mps=3.0)
         tab.run(lambda: session.apply(command))
-        assert "Edits are not kept on disk" in panel._preflight.content
+        assert told().startswith("Edits are not saved: ")
+        # Once is enough: the panel tells what the export lacks.
+        assert "focal agent ok" in panel._preflight.text
+        assert "saved" not in panel._preflight.text
         name, content = tab.run(tab.tab._workspace.recipe_text)
         assert name == "crosswalk-1-edit.recipe.json"
         assert b"SetAgentSpeed" in content
         library.unlink()
         end = time.monotonic() + 20
-        while "not kept" in panel._preflight.content:
+        while told():
             assert time.monotonic() < end
             time.sleep(0.05)
-        assert "focal agent ok" in panel._preflight.content
         assert session.journal_path is not None
 
 
@@ -40,11 +48,11 @@ def test_an_ego_and_a_focal_agent_that_are_missing_are_told(tmp_path: Path):
         connected_tab(app) as tab,
     ):
         text = tab.tab._export_panel._preflight
-        assert text.content.startswith("focal agent ok · ego ok · ")
+        assert text.text.startswith("focal agent ok · ego ok · ")
         tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=("AV",))))
-        assert "ego missing" in text.content
+        assert "ego missing" in text.text
         tab.run(lambda: tab.session.apply(RemoveAllAgents()))
-        assert "**no focal agent**" in text.content
+        assert "no focal agent" in text.text
 
 
 def test_what_is_typed_while_the_panel_is_shown_again_is_not_lost(tmp_path: Path):

@@ -76,7 +76,7 @@ def test_options_reach_the_request(tab, placing):
     assert request.num_samples == 3
     assert request.guidance == (GuidanceTerm(name=LANE_GUIDANCE, weight=0.7),)
     assert not request.redrawn_state_ids
-    assert labels(tab) == ["Regenerate 2 agents, alternative 1 of 3 (placing, seed 0)"]
+    assert labels(tab) == ["Regenerate 2 agents, sample 1 of 3 (placing, seed 0)"]
     assert panel._seed.value == 1
 
 
@@ -199,7 +199,7 @@ def test_another_sample_takes_the_place_of_the_first(tab, placing):
     first = tab.session.scenario
     tab.run(lambda: panel._result._sample_chosen(3))
     now = first.current_step
-    assert labels(tab) == ["Resample 2 agents, alternative 3 of 3 (placing, seed 0)"]
+    assert labels(tab) == ["Resample 2 agents, sample 3 of 3 (placing, seed 0)"]
     np.testing.assert_allclose(
         tab.session.scenario.agents.position_m[:, now]
         - first.agents.position_m[:, now],

@@ -22,7 +22,7 @@ def test_pages_reach_every_edit_and_rows_keep_their_place(tab):
     edit(tab, 30)
     first = texts(tab)
     assert first[0].startswith("\N{BLACK RIGHT-POINTING TRIANGLE} 30. Set agent")
-    assert "30 edits in force" in panel._counts.content
+    assert "30 edits in force" in panel._counts.text
     seen = {text.lstrip("\N{BLACK RIGHT-POINTING TRIANGLE} ") for text in first}
     for _ in range(2):
         tab.run(lambda: panel._turn_page(OLDER))
@@ -42,7 +42,7 @@ def test_pages_reach_every_edit_and_rows_keep_their_place(tab):
     assert after[4] == f"(undone) {before[4]}"
     assert after[6] == before[6]
     assert panel._rows[4].color != panel._rows[5].color != panel._rows[6].color
-    assert f"{at} edits in force**, {30 - at} undone" in panel._counts.content
+    assert f"{at} edits in force, {30 - at} undone" in panel._counts.text
     tab.run(lambda: panel._turn_page(NEWER))
     tab.run(lambda: panel._turn_page(PRESENT))
     assert texts(tab) == after

@@ -5,7 +5,7 @@ pdOverlay.define("hints", (api) => {
     ["select", "Click a car", "to select it; Ctrl+drag selects several."],
     ["drag", "Drag it", "to move it; Shift+drag turns it."],
     ["bend", "Bend the road", "with a slider of the Road tab."],
-    ["regenerate", "Regenerate", "futures with the key R, or in the Drive tab."],
+    ["regenerate", "Regenerate", "trajectories with the key R, or in the Drive tab."],
   ];
   const kept = api.recall(KEPT);
   const done = new Set(Array.isArray(kept) ? kept : []);
