@@ -9,7 +9,7 @@ pytestmark = pytest.mark.browser
 def test_the_overlay_covers_the_picture_and_agrees_on_where_things_are(open_editor):
     editor = open_editor()
     editor.until(lambda: editor._tab()._overlay.is_ready, "the overlay's first word")
-    assert "signalised-junction" in editor.page.title()
+    editor.until(lambda: "signalised-junction" in editor.page.title(), "the title")
     editor.go_to_now()
     editor.settle()
     boxes = editor.page.evaluate(

@@ -109,6 +109,27 @@ def test_the_list_sorts_by_distance_to_the_focal_agent(editor):
     assert gap == sorted(gap)
 
 
+def test_an_agent_under_the_pointer_is_lit_in_the_list(editor):
+    """The row of what the pointer rests on; the ego is found by that word."""
+    scenario, page = editor.session.scenario, editor.page
+    editor.go_to_now()
+    editor.key("Control+f")
+    list_has_rows(editor)
+    page.get_by_label("Search agents").fill("ego")
+    editor.until(lambda: rows(editor).count() == 1, "the ego")
+    assert rows(editor).locator(".pd-name").inner_text() == "AV"
+    page.get_by_label("Search agents").fill("")
+    list_has_rows(editor)
+    agents, now = scenario.agents, scenario.current_step
+    position = agents.position_m[agents.row_of[scenario.focal_id], now]
+    page.mouse.move(*editor.pixel((*position, 1.0)))
+    lit = page.locator(".pd-agents-row.pd-lit .pd-name")
+    editor.until(lambda: lit.count() == 1, "a row that is lit", 10)
+    assert lit.inner_text() == scenario.focal_id
+    page.mouse.move(*editor.pixel((*(position + 9.0), 0.0)))
+    editor.until(lambda: lit.count() == 0, "no row that is lit", 10)
+
+
 def test_several_agents_show_empty_fields_that_apply_to_all(editor):
     """(D32)"""
     session = editor.session

@@ -1,5 +1,7 @@
 """Status chip, list of problems and a panel that stands still, by real mouse."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -204,6 +206,47 @@ def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(editor):
     editor.until(lambda: not panel._result.is_running, "the end")
     editor.until(lambda: "problem" in chip(editor), "problems again")
     assert not editor.session.entries
+
+
+def test_the_list_shows_every_cure_and_closes_by_escape(editor):
+    """Six actions fit; the hint steps aside; Escape closes and keeps the selection."""
+    page, session = editor.page, editor.session
+    bend(editor)
+    hint = page.get_by_role("status", name="Hint")
+    hint.wait_for()
+    page.locator(".pd-chip-main").click()
+    rows(editor).nth(0).click()
+    page.get_by_role("button", name="Ignore", exact=True).wait_for()
+    assert session.selection
+    assert not hint.is_visible()
+    overlay = editor._tab()._overlay
+    state = json.loads(overlay._shown["status"])
+    state["active"]["cures"] = [
+        "Regenerate 131326",
+        "Regenerate both",
+        "Snap 131326 to its lane",
+        "Snap 131600 to its lane",
+        "Remove 131326",
+        "Remove 131600",
+    ]
+    editor._tab()._desk.post(lambda: overlay.show("status", state))
+    page.get_by_role("button", name="Remove 131600").wait_for()
+    box = page.locator(".pd-problems").bounding_box()
+    for name in (*state["active"]["cures"], "Ignore"):
+        place = page.locator(".pd-problems").get_by_role(
+            "button", name=name, exact=True
+        )
+        visible = place.evaluate(
+            "e => { const r = e.getBoundingClientRect();"
+            " return e.contains(document.elementFromPoint("
+            "  r.x + r.width / 2, r.y + r.height - 4)); }"
+        )
+        assert visible, (name, box)
+    page.locator(".pd-chip-main").click()
+    page.locator(".pd-chip-main").click()
+    page.keyboard.press("Escape")
+    page.locator(".pd-problems").wait_for(state="hidden")
+    assert session.selection
 
 
 def test_an_empty_selection_and_a_stale_report(editor):

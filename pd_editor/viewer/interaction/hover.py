@@ -51,19 +51,25 @@ class Hover:
         playback = self._desk.workspace.playback
         if ray is None or ask is None or playback.is_playing or self._is_quiet():
             return
-        lines = self._lines(ray)
+        poses, agents = self._poses(), self._desk.session.scenario.agents
+        if poses is None:
+            return
+        row = agent_under(agents, poses, ray)
+        lines = self._lines(ray, row)
         if lines:
             self._overlay.show(
                 "tooltip",
-                {"at": [ray.x_px, ray.y_px], "lines": lines, "asked": int(ask)},
+                {
+                    "at": [ray.x_px, ray.y_px],
+                    "lines": lines,
+                    "agent": None if row is None else agents.ids[row],
+                    "asked": int(ask),
+                },
             )
 
-    def _lines(self, ray: PointerRay) -> list[str]:
-        session, poses = self._desk.session, self._poses()
+    def _lines(self, ray: PointerRay, row: int | None) -> list[str]:
+        session = self._desk.session
         scenario = session.scenario
-        if poses is None:
-            return []
-        row = agent_under(scenario.agents, poses, ray)
         if row is not None:
             step = self._desk.workspace.playback.step
             return agent_lines(scenario, session.base, row, step)

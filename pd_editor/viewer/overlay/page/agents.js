@@ -15,6 +15,7 @@
     [32, "G", "is gone by t = 0", "pd-later"],
   ];
   const NEW = 4;
+  const MAIN = 3; // focal agent and ego are found by these words, too
   const SHAPES = { vehicle: "box", bus: "long", pedestrian: "dot", cyclist: "tip",
     motorcyclist: "tip" };
 
@@ -23,6 +24,7 @@
   let kinds = [];
   let shown = [];
   let selected = new Set();
+  let underPointer = null; // id of the agent that the pointer rests on in the picture
   let redraw = () => {};
   let reveal = () => {};
 
@@ -33,7 +35,7 @@
     });
     drawer.hidden = true;
     const search = make("input", "pd-search", {
-      type: "search", placeholder: "Search by id or kind", "aria-label": "Search agents",
+      type: "search", placeholder: "Search by id, kind, focal, ego", "aria-label": "Search agents",
       spellcheck: "false", autocomplete: "off",
     });
     const close = make("button", "pd-close", {
@@ -186,6 +188,7 @@
         }
         element.style.top = `${place * ROW_PX}px`;
         element.setAttribute("aria-selected", String(selected.has(row)));
+        element.classList.toggle("pd-lit", rows[row][0] === underPointer);
         element.setAttribute("aria-posinset", String(place + 1));
         element.setAttribute("aria-setsize", String(shown.length));
       }
@@ -197,7 +200,8 @@
       const words = search.value.trim().toLowerCase().split(/\s+/).filter(Boolean);
       shown = [];
       rows.forEach(([id, kind, , , marks, isMoving], row) => {
-        const text = `${kinds[kind][0]} ${id}`.toLowerCase();
+        const main = MARKS.filter(([bit]) => marks & bit & MAIN).map(([, , word]) => word);
+        const text = [kinds[kind][0], id, ...main].join(" ").toLowerCase();
         if (words.every((word) => text.includes(word)) && (!filter.moving || isMoving) &&
             (!filter.new || marks & NEW) && (filter.kind < 0 || filter.kind === kind))
           shown.push(row);
@@ -218,13 +222,23 @@
 
     // A selected agent's row comes into sight, unless one is in sight already.
     reveal = () => {
-      const places = [...selected].map((row) => shown.indexOf(row)).filter((p) => p >= 0);
+      bringIntoSight([...selected]);
+    };
+    function bringIntoSight(wanted) {
+      const places = wanted.map((row) => shown.indexOf(row)).filter((p) => p >= 0);
       const top = list.scrollTop;
       const bottom = top + list.clientHeight - ROW_PX;
       if (!places.length || places.some((p) => p * ROW_PX >= top && p * ROW_PX <= bottom))
         return;
       list.scrollTop = places[0] * ROW_PX - list.clientHeight / 2;
-    };
+    }
+    api.listen(window, "pd-agent-under-pointer", (event) => {
+      underPointer = event.detail;
+      if (drawer.hidden) return;
+      const row = rows.findIndex(([id]) => id === underPointer);
+      if (row >= 0) bringIntoSight([row]);
+      redraw();
+    });
 
     list.addEventListener("scroll", redraw);
     list.addEventListener("pointerleave", () => point(null));

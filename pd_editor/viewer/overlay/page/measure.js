@@ -1,6 +1,7 @@
 // Distances on the ground: click points; each stretch and the whole way have a label.
 pdOverlay.define("measure", (api) => {
   const SAME_PX = 4;
+  const LEAST_TOLD_M = 0.05;
   const SVG = "http://www.w3.org/2000/svg";
   const layer = api.make("div", "pd-picture pd-measure-layer pd-gone");
   const drawing = document.createElementNS(SVG, "svg");
@@ -51,7 +52,7 @@ pdOverlay.define("measure", (api) => {
       if (!from || !to) continue;
       line(from, to, preview && i === way.length - 1 ? "pd-measure-open" : "pd-measure-line");
       // The last stretch is told by the label at its end when it is the only one.
-      if (way.length > 2)
+      if (way.length > 2 && length(way[i - 1], way[i]) >= LEAST_TOLD_M)
         label([(from[0] + to[0]) / 2, (from[1] + to[1]) / 2],
           [metres(length(way[i - 1], way[i]))], "pd-measure-part");
     }

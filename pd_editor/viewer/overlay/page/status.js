@@ -54,6 +54,8 @@ pdOverlay.define("status", (api) => {
   function toggle(wanted) {
     isOpen = wanted;
     list.hidden = !isOpen;
+    // The hint has its place where the list opens.
+    api.root.classList.toggle("pd-lists-problems", isOpen);
     main.setAttribute("aria-expanded", String(isOpen));
     caret.textContent = isOpen ? "\u25be" : "\u25b4";
   }
@@ -112,13 +114,15 @@ pdOverlay.define("status", (api) => {
         "aria-current", String(item.dataset.problem === state.active?.id));
   }
 
-  // Up and down walk the rows, and choose them; Escape closes.
+  // Escape closes the list, also with the focus on the chip that opened it.
+  api.listen(api.box, "keydown", (event) => {
+    if (event.key !== "Escape" || !isOpen) return;
+    toggle(false);
+    main.focus();
+    event.stopPropagation();
+  });
+  // Up and down walk the rows, and choose them.
   list.addEventListener("keydown", (event) => {
-    if (event.key === "Escape") {
-      toggle(false);
-      event.stopPropagation();
-      return;
-    }
     const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
     if (!step) return;
     event.preventDefault();

@@ -9,10 +9,19 @@ pdOverlay.define("tooltip", (api) => {
   let at = null;
   let timer = null;
   let asks = 0;
+  let agent = null;
+
+  // Other elements, the agent list among them, light up what the pointer rests on.
+  function tell(next) {
+    if (next === agent) return;
+    agent = next;
+    window.dispatchEvent(new CustomEvent("pd-agent-under-pointer", { detail: agent }));
+  }
 
   function hide() {
     clearTimeout(timer);
     tip.hidden = true;
+    tell(null);
     asks += 1;
   }
   function ask() {
@@ -35,11 +44,12 @@ pdOverlay.define("tooltip", (api) => {
     api.listen(window, type, hide, { capture: true, passive: true });
   api.onView(hide);
 
-  return ({ at: point, lines, asked }) => {
+  return ({ at: point, lines, agent: under, asked }) => {
     // An answer that comes after the pointer has gone on is of no use.
     if (asked !== asks || !lines.length) return;
     tip.replaceChildren(...lines.map((line) => api.make("div", "", {}, line)));
     tip.hidden = false;
+    tell(under);
     const { clientWidth, clientHeight } = api.canvas();
     const left = Math.min(point[0] + GAP_PX, clientWidth - tip.offsetWidth - 8);
     const below = point[1] + GAP_PX;
