@@ -5,7 +5,7 @@ import pytest
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory
 from pd_editor.scene.agent_tracks import empty_tracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.training.augmentation import Augmentation, augmented
@@ -126,7 +126,13 @@ def test_parked_agents_are_seen_less_often_off_the_road_and_far_away():
     beside = [(x, 40.0, 0.0, 0.0) for x, *_ in row]
     tracks = straight_drivers([(0.0, 0.0, 0.0, 5.0), *row, *beside])
     rows = np.arange(1, len(tracks))
-    parked = tracks.with_rows(rows, activity=np.full(len(rows), Activity.PARKED))
+    parked = replace(
+        tracks.with_rows(rows, activity=np.full(len(rows), Activity.PARKED)),
+        categories=(
+            AgentCategory.FOCAL,
+            *[AgentCategory.FRAGMENT] * len(rows),
+        ),
+    )
     scenario = scenario_with(parked)
     settings = replace(NOTHING, parked_seen=0.8, parked_off_road_seen=0.3)
 
