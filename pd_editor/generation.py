@@ -7,7 +7,7 @@ progress, and cancels, simply by iterating or not.
 import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
-from typing import Final, Protocol, runtime_checkable
+from typing import Final, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +26,10 @@ MAX_FUTURES: Final = 50_000
 MAX_SEED: Final = 2**63 - 1
 MAX_SIZE_M: Final = 100.0
 """Longest and widest agent that is read or generated."""
+
+
+Quality = Literal["fast", "high"]
+"""Of sampled states, against time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +100,10 @@ class GenerationRequest:
     only_on_road: bool = False
     """Whether states are drawn near lanes only, not on parking lots and the like."""
     region: Region | None = None
-    """Where states are drawn. None: the model's own choice, around the traffic."""
+    """Where states are sampled. None: where agents are, and on the mapped road around
+    the focal agent."""
+    quality: Quality = "fast"
+    """Of sampled states: "high" takes more denoising steps."""
     num_samples: int = 1
     num_denoising_steps: int | None = None
     """None: the generator's own default."""

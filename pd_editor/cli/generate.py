@@ -1,8 +1,10 @@
 """``pd-editor generate``: redraw futures, or whole traffic."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated
 
+import numpy as np
 import tyro
 
 from pd_editor.cli.arguments import FolderOption, NameOption, ScenarioArgument, Switch
@@ -21,6 +23,7 @@ from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     GenerationRequest,
     GuidanceTerm,
+    Quality,
     Region,
     ScenarioGenerator,
     guidance_terms,
@@ -30,6 +33,7 @@ from pd_editor.scenario_store import check_free, open_scenario
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import drivable_agent_ids, road_user_ids
+from pd_editor.windows.lane_pieces import lane_pieces
 
 AgentsOption = Annotated[
     tuple[str, ...],
@@ -72,6 +76,7 @@ def generate(
     moving_share: ShareOption = None,
     only_on_road: Switch = False,
     region: RegionOption = None,
+    quality: Quality = "fast",
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
     steps: StepsOption = None,
     keep_to_lanes: WeightOption = None,
@@ -93,7 +98,8 @@ def generate(
         add: Keep the present agents and add the new ones.
         moving_share: Part of the agents drawn of each kind that moves, 0 to 1.
         only_on_road: Draw no vehicles far from lanes, such as on parking lots.
-        region: Square of the scene in which states are drawn, in metres.
+        region: Square in which states are sampled, in metres of the scene or of the city.
+        quality: Of sampled states: fast, or high with more denoising steps.
         samples: How many samples to draw.
         steps: Denoising steps of futures; for states the model has its own number.
         keep_to_lanes: Strength of the guidance towards the lanes, from 0 for none to 1.
@@ -115,7 +121,8 @@ def generate(
         redrawn_state_ids=driven if redraw_states else (),
         moving_share=moving_share,
         only_on_road=only_on_road,
-        region=region and Region(center_m=region[:2], half_side_m=region[2]),
+        region=region and _region(opened, *region),
+        quality=quality,
         num_samples=samples,
         num_denoising_steps=steps,
         guidance=_guidance(keep_to_lanes, tries),
@@ -183,6 +190,33 @@ def _wanted_counts(texts: Sequence[str]) -> tuple[dict[AgentKind, int], bool]:
             )
         counts[AgentKind(name)] = counts.get(AgentKind(name), 0) + int(number)
     return counts, False
+
+
+def _region(scenario: Scenario, x: float, y: float, half_side: float) -> Region:
+    """The region with a road, in the scene's frame; or else in the city's.
+
+    Raises:
+        GenerationError: there is no road in either.
+    """
+    asked = Region(center_m=(0.0, 0.0), half_side_m=half_side)
+    points = lane_pieces(scenario.road_map).pose[:, :2]
+    frames = {"scene": np.zeros(2), "city": scenario.origin_city_m}
+    for origin in frames.values():
+        place = np.array([x, y]) - origin
+        if (np.abs(points - place) <= half_side).all(axis=1).any():
+            return replace(asked, center_m=(float(place[0]), float(place[1])))
+    if not len(points):
+        raise GenerationError("--region: there is no road in this scene.")
+    low, high = points.min(axis=0), points.max(axis=0)
+    lie = " or ".join(
+        f"x from {low[0] + at[0]:.0f} to {high[0] + at[0]:.0f} and y from "
+        f"{low[1] + at[1]:.0f} to {high[1] + at[1]:.0f} m in the frame of the {name}"
+        for name, at in frames.items()
+    )
+    raise GenerationError(
+        f"--region: there is no road within {half_side:g} m of ({x:g}, {y:g}); roads lie "
+        f"at {lie}."
+    )
 
 
 def _roles(

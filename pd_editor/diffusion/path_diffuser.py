@@ -23,12 +23,9 @@ from pd_editor.diffusion.initial_state.attributes import (
     attribute_notes,
 )
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.pipeline import (
-    Placing,
-    new_agents,
-    place_agents,
-    sample_agent_counts,
-)
+from pd_editor.diffusion.initial_state.pipeline import Placing, place_in_squares
+from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
+from pd_editor.diffusion.initial_state.squares import Placement, placings_of
 from pd_editor.diffusion.request_check import (
     MOST_AGENTS,
     check_request,
@@ -169,19 +166,20 @@ class PathDiffuser:
         for index in range(request.num_samples):
             done = index / request.num_samples
             label = f"Sample {index + 1} of {request.num_samples}"
-            placing = _placing(model, request, index)
-            scenario = yield from place_agents(
+            placings = _placings(stage, request, index)
+            scenario = yield from place_in_squares(
                 model,
                 request.scenario,
-                placing,
+                placings,
                 sample=index,
                 seed=request.seed,
-                sampler=stage.sampling["sampler"],
+                sampler=_state_sampler(request, stage),
                 guidance=stage.sampling["guidance"],
                 progress=partial(_placing_progress, label, done, share),
             )
-            placed.append((scenario, placing.ids))
-            ids = request.agent_ids + placing.new_ids
+            placed.append((scenario, tuple(n for one in placings for n in one.ids)))
+            new_ids = tuple(name for one in placings for name in one.new_ids)
+            ids = request.agent_ids + new_ids
             driven, _ = yield from self._sampled_trajectories(
                 request,
                 scenario,
@@ -261,30 +259,37 @@ def _progress(
     )
 
 
-def _placing(
-    model: InitialStateDenoiser, request: GenerationRequest, sample: int
-) -> Placing:
-    """Whom to place in a sample; the model may choose how many, in each another."""
-    placing = Placing(
+def _placings(
+    stage: TrainedStage, request: GenerationRequest, sample: int
+) -> tuple[Placing, ...]:
+    """What to place where in a sample; the model may choose how many, in each another."""
+    assert isinstance(stage.model, InitialStateDenoiser)
+    placement = Placement(
         redrawn_ids=request.redrawn_state_ids,
-        new_kinds=(),
-        new_ids=(),
+        num_new_agents=request.num_new_agents,
+        draws_num_agents=request.draws_num_agents,
+        density=stage.sampling["sampler"].fit_density,
         region=request.region,
-        traits=_wishes(request),
+        attributes=_wishes(request),
     )
-    numbers = dict(request.num_new_agents)
-    if request.draws_num_agents:
-        random = np.random.default_rng([request.seed, sample])
-        drawn = sample_agent_counts(model, request.scenario, placing, random)
-        numbers = {kind: max(drawn[kind], numbers.get(kind, 0)) for kind in drawn}
-        room = MOST_AGENTS - num_present(request.scenario)
-        if sum(numbers.values()) > room:
-            raise GenerationError(
-                f"The road asks for {sum(numbers.values())} more agents; the model "
-                f"takes {MOST_AGENTS} in all."
-            )
-    ids, kinds = new_agents(request.scenario, numbers)
-    return replace(placing, new_ids=ids, new_kinds=kinds)
+    random = np.random.default_rng([request.seed, sample])
+    placings = placings_of(stage.model, request.scenario, placement, random)
+    number = sum(len(one.new_ids) for one in placings)
+    if number > MOST_AGENTS - num_present(request.scenario):
+        raise GenerationError(
+            f"The road asks for {number} more agents; the model takes {MOST_AGENTS} "
+            "in all."
+        )
+    return placings
+
+
+def _state_sampler(
+    request: GenerationRequest, stage: TrainedStage
+) -> InitialStateSamplerConfig:
+    sampler = stage.sampling["sampler"]
+    if request.quality == "high":
+        return replace(sampler, num_steps=sampler.num_high_quality_steps)
+    return sampler
 
 
 def _wishes(request: GenerationRequest) -> AttributeRequest:

@@ -20,6 +20,7 @@ from pd_editor.generation import (
     GeneratedTraffic,
     GenerationRequest,
     GuidanceTerm,
+    Quality,
     Region,
     TrafficSample,
     check_numbers,
@@ -47,6 +48,7 @@ class RequestSummary:
     moving_share: float | None = None
     only_on_road: bool = False
     region: Region | None = None
+    quality: Quality = "fast"
     removed_ids: tuple[str, ...] = ()
     """Agents that were taken out before the generator was asked."""
     num_samples: int = 1
@@ -66,6 +68,7 @@ class RequestSummary:
             moving_share=self.moving_share,
             only_on_road=self.only_on_road,
             region=self.region,
+            quality=self.quality,
             num_samples=self.num_samples,
             num_denoising_steps=self.num_denoising_steps,
             guidance=self.guidance,
@@ -272,6 +275,7 @@ def traffic_command(
             moving_share=request.moving_share,
             only_on_road=request.only_on_road,
             region=request.region,
+            quality=request.quality,
             removed_ids=removed_ids,
             num_samples=request.num_samples,
             sample_index=sample_index,

@@ -6,6 +6,7 @@ import pytest
 
 from pd_editor import generators
 from pd_editor.cli.generate import generate
+from pd_editor.errors import GenerationError
 from pd_editor.generation import LANE_GUIDANCE, GeneratorOffer, Region
 from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
@@ -205,3 +206,38 @@ def test_as_many_as_suit_the_road_is_the_models_choice(
     (request,) = placing.requests
     assert request.draws_num_agents
     assert not request.num_new_agents
+
+
+def test_a_region_may_be_given_in_the_frame_of_the_city(
+    tmp_path: Path, placing: PlacingGenerator
+):
+    scenario = open_scenario(JUNCTION)
+    x, y = (scenario.origin_city_m + np.array([1.0, 2.0])).tolist()
+    for region in ((1.0, 2.0, 30.0), (x, y, 30.0)):
+        generate(
+            JUNCTION,
+            out=tmp_path,
+            num_agents=("2",),
+            region=region,
+            quality="high",
+            model="placing",
+            overwrite=True,
+        )
+    scene, city = placing.requests
+    assert scene.quality == city.quality == "high"
+    assert city.region is not None
+    assert scene.region is not None
+    assert np.allclose(city.region.center_m, scene.region.center_m)
+    assert city.region.half_side_m == 30.0
+    with pytest.raises(
+        GenerationError,
+        match=r"no road within 30 m of \(9000, 0\); roads lie at x from .* in the frame "
+        r"of the scene or x from .* in the frame of the city\.",
+    ):
+        generate(
+            JUNCTION,
+            out=tmp_path,
+            num_agents=("2",),
+            region=(9000.0, 0.0, 30.0),
+            model="placing",
+        )

@@ -81,6 +81,7 @@ def test_arrays_of_another_shape_are_refused_on_reading(name, shape):
         (replaced(generator="x" * 300), "generator's name"),
         (replaced(request={"agent_ids": [], "num_samples": 10**6}), "samples is"),
         (replaced(request={"agent_ids": [], "num_denoising_steps": 0}), "steps is 0"),
+        (replaced(request={"agent_ids": [], "quality": "best"}), "quality"),
         (
             replaced(request={"agent_ids": [], "num_new_agents": {"bus": 10**6}}),
             "new agents is 1000000; expected 0 to 500",

@@ -1,6 +1,6 @@
 """The first stage on a scenario: agents placed by the network, apart and on the road."""
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, TypeVar
 
@@ -15,6 +15,7 @@ from pd_editor.diffusion.initial_state.attributes import (
 )
 from pd_editor.diffusion.initial_state.conditioning import (
     CONDITIONED_NO,
+    REACH_M,
     sampling_conditioning,
 )
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
@@ -38,7 +39,7 @@ from pd_editor.scene.agent_kind import (
 )
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
-from pd_editor.windows.lane_pieces import CROSSWALK_KIND
+from pd_editor.windows.lane_pieces import CROSSWALK_KIND, lane_pieces
 from pd_editor.windows.packed_scene import LATENT_SIZE, packed
 from pd_editor.windows.scene_features import (
     AGENT_KINDS,
@@ -46,7 +47,6 @@ from pd_editor.windows.scene_features import (
     NUM_NEAR_BOUNDARY,
     NUM_NEAR_PIECES,
     SceneFeatures,
-    scene_center,
     scene_features,
 )
 
@@ -59,16 +59,19 @@ _TRAITS: Final = 1
 
 @dataclass(frozen=True, kw_only=True)
 class Placing:
-    """Whom to place, and where."""
+    """Which agents to place, and where."""
 
     redrawn_ids: tuple[str, ...]
     """Agents of the scenario that get another state."""
     new_kinds: tuple[AgentKind, ...]
     new_ids: tuple[str, ...]
-    region: Region | None = None
+    region: Region
+    """Within the size that the network is trained on."""
     traits: AttributeRequest = field(default_factory=AttributeRequest)
     repairs: bool = True
-    """Whether what is drawn is put on its lane and slid apart afterwards."""
+    """Whether sampled agents are put on their lanes and moved apart afterwards."""
+    square: int = 0
+    """Which square of the scene it is: each has random numbers of its own."""
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -76,27 +79,63 @@ class Placing:
         return self.redrawn_ids + self.new_ids
 
 
-def new_agents(
-    scenario: Scenario, numbers: Mapping[AgentKind, int]
-) -> tuple[tuple[str, ...], tuple[AgentKind, ...]]:
-    """Ids that nobody has yet, and kinds, of agents to add."""
-    kinds = [kind for kind in AGENT_KINDS for _ in range(numbers.get(kind, 0))]
+def new_agent_kinds(numbers: Mapping[AgentKind, int]) -> tuple[AgentKind, ...]:
+    """The kind of each of so many agents."""
+    return tuple(kind for kind in AGENT_KINDS for _ in range(numbers.get(kind, 0)))
+
+
+def new_agent_ids(scenario: Scenario, number: int) -> tuple[str, ...]:
+    """Ids that no agent has yet."""
     ids: list[str] = []
-    number = 0
-    while len(ids) < len(kinds):
-        number += 1
-        if f"new-{number}" not in scenario.agents.row_of:
-            ids.append(f"new-{number}")
-    return tuple(ids), tuple(kinds)
+    index = 0
+    while len(ids) < number:
+        index += 1
+        if f"new-{index}" not in scenario.agents.row_of:
+            ids.append(f"new-{index}")
+    return tuple(ids)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SquareContent:
+    """What a square of a scene holds."""
+
+    half_side_m: float
+    lane_m: float
+    """Length of vehicle lanes."""
+    num_present: Int[np.ndarray, "K"]
+    """Agents of each of ``AGENT_KINDS``."""
+
+    @classmethod
+    def of(
+        cls, scenario: Scenario, region: Region, *, only_on_road: bool
+    ) -> "SquareContent":
+        """Of a scenario; agents on the road only, if asked for."""
+        center, half_side = _square(region)
+        features = scene_features(scenario, with_candidates=False, center_m=center)
+        is_inside = (np.abs(features.agent_pose[:, :2]) <= half_side).all(axis=1)
+        scene = batch_of([packed(features, _no_latents)])
+        cells = cells_of(scene, np.resize(is_inside, scene.has_agent.shape[1]))
+        present = cells[..., 1] if only_on_road else cells.sum(axis=-1)
+        return cls(
+            half_side_m=half_side,
+            lane_m=lane_length_m(
+                features.piece_pose,
+                features.piece_shape,
+                features.piece_kind,
+                half_side,
+            ),
+            num_present=present.sum(axis=-1),
+        )
 
 
 def sample_agent_counts(
     model: InitialStateDenoiser,
-    scenario: Scenario,
-    placing: Placing,
+    square: SquareContent,
     random: np.random.Generator,
+    *,
+    only_on_road: bool,
 ) -> Mapping[AgentKind, int]:
-    """How many agents of each kind to add, so that there are as many as in training.
+    """How many agents of each kind a square like this one has in training, in all.
 
     Raises:
         GenerationError: the model does not know how many there are.
@@ -106,27 +145,15 @@ def sample_agent_counts(
         raise GenerationError(
             "These weights do not tell how many agents a road has; give numbers."
         )
-    center, half_side = _square(scenario, placing.region)
-    features = scene_features(scenario, with_candidates=False, center_m=center)
-    lane_m = lane_length_m(
-        features.piece_pose, features.piece_shape, features.piece_kind, half_side
+    return counts.draw(
+        square.lane_m, square.half_side_m, random, only_on_road=only_on_road
     )
-    is_inside = (np.abs(features.agent_pose[:, :2]) <= half_side).all(axis=1)
-    scene = batch_of([packed(features, _no_latents)])
-    only_on_road = placing.traits.only_on_road
-    cells = cells_of(scene, np.resize(is_inside, scene.has_agent.shape[1]))
-    there = (cells[..., 1] if only_on_road else cells.sum(axis=-1)).sum(axis=-1)
-    wanted = counts.draw(lane_m, half_side, random, only_on_road=only_on_road)
-    return {
-        kind: max(wanted.get(kind, 0) - int(there[index]), 0)
-        for kind, index in _KIND_INDEX.items()
-    }
 
 
-def place_agents(
+def place_in_squares(
     model: InitialStateDenoiser,
     scenario: Scenario,
-    placing: Placing,
+    placings: Sequence[Placing],
     *,
     sample: int,
     seed: int,
@@ -134,24 +161,68 @@ def place_agents(
     guidance: InitialStateGuidance | None = None,
     progress: Callable[[float], _Progress] = lambda share: share,
 ) -> Generator[_Progress, None, Scenario]:
-    """A scenario in which agents stand where the model put them; no futures yet.
+    """A scenario in which agents stand where the model put them, square by square.
 
-    Yields ``progress`` of the share that is done. Agents that are placed have the
-    current step only.
+    Each square is conditioned on what stands already. No trajectories yet: agents that
+    are placed have the current step only. Yields ``progress`` of the share that is done.
 
     Raises:
         GenerationError: there is no road where agents are to be placed.
     """
-    if not placing.ids:
-        return scenario
-    placed = _agents_to_place(scenario, placing)
-    kept = scenario.without_agents(placing.redrawn_ids)
-    center, half_side = _square(scenario, placing.region)
-    features = scene_features(kept, with_candidates=False, center_m=center)
-    if not (features.piece_kind < CROSSWALK_KIND).any():
-        raise GenerationError(
-            "There are no lanes where agents are to be placed; expected a road there."
+    redrawn = [name for placing in placings for name in placing.redrawn_ids]
+    placed = scenario.without_agents(redrawn)
+    for index, placing in enumerate(placings):
+        steps = place_agents(
+            model,
+            placed,
+            placing,
+            _agents_to_place(scenario, placing),
+            sample=sample,
+            seed=seed,
+            sampler=sampler,
+            guidance=guidance,
         )
+        try:
+            while True:
+                yield progress((index + next(steps)) / len(placings))
+        except StopIteration as stop:
+            placed = stop.value
+    return placed
+
+
+def place_agents(
+    model: InitialStateDenoiser,
+    kept: Scenario,
+    placing: Placing,
+    placed: AgentTracks,
+    *,
+    sample: int,
+    seed: int,
+    sampler: InitialStateSamplerConfig | None = None,
+    guidance: InitialStateGuidance | None = None,
+) -> Generator[float, None, Scenario]:
+    """A scenario in which the agents of one square stand where the model put them.
+
+    Yields the share that is done.
+
+    Args:
+        model: The network.
+        kept: The scenario without the agents to place.
+        placing: Which agents, and where.
+        placed: Their tracks, without any state.
+        sample: Index of the sample.
+        seed: Of all samples.
+        sampler: Steps and noise.
+        guidance: Of predicted states.
+
+    Raises:
+        GenerationError: there is no road where agents are to be placed.
+    """
+    center, half_side = _square(placing.region)
+    features = scene_features(kept, with_candidates=False, center_m=center)
+    is_near = (np.abs(features.piece_pose[:, :2]) <= REACH_M).all(axis=1)
+    if not (is_near & (features.piece_kind < CROSSWALK_KIND)).any():
+        raise GenerationError(no_lanes(kept, center))
     device = model.get_buffer("counted").device
     scene = _scene(features, placed).to(device)
     is_given = torch.zeros_like(scene.has_agent)
@@ -159,7 +230,8 @@ def place_agents(
     task = sampling_conditioning(
         scene, is_given, scene.agent_speed.new_tensor([half_side])
     )
-    random = np.random.default_rng([seed, sample, _TRAITS])
+    further = [placing.square] if placing.square else []
+    random = np.random.default_rng([seed, sample, _TRAITS, *further])
     task = with_attributes(task, scene, model.agent_counts, random, placing.traits)
     guidance = InitialStateGuidance() if guidance is None else guidance
     if placing.traits.only_on_road:
@@ -172,17 +244,18 @@ def place_agents(
         task=task,
         config=sampler,
         guide=guidance.of(scene, model.schedule, task),
+        square=placing.square,
     )
     clean = None
     for step in steps:
         clean = step.clean
-        yield progress((step.index + 1) / step.num_steps)
+        yield (step.index + 1) / step.num_steps
     assert clean is not None, "there is at least one step"
     states = finished_states(scene, task, clean)
     own = slice(len(features.agent_row), None)
     drawn = states[0, 0, own].double().cpu().numpy()
     activity = finished_activity(scene, task, clean)[0, 0, own].cpu().numpy()
-    tracks = _with_states(placed, drawn, activity, center, scenario.current_step)
+    tracks = _with_states(placed, drawn, activity, center, kept.current_step)
     result = kept.with_agents(kept.agents.joined(tracks))
     if not placing.repairs:
         return result
@@ -213,24 +286,36 @@ def _repaired(
 
 def _outside(scenario: Scenario, placing: Placing) -> set[str]:
     """Ids of the placed who are outside the square."""
-    center, half_side = _square(scenario, placing.region)
+    center, half_side = _square(placing.region)
     rows = scenario.agents.rows(placing.ids)
     place = scenario.agents.position_m[rows, scenario.current_step]
     is_out = (np.abs(place - center) > half_side).any(axis=1)
     return {name for name, out in zip(placing.ids, is_out, strict=True) if out}
 
 
-def _square(
-    scenario: Scenario, region: Region | None
-) -> tuple[Float[np.ndarray, "2"], float]:
-    if region is None:
-        return scene_center(scenario), POSITION_UNIT_M
+def _square(region: Region) -> tuple[Float[np.ndarray, "2"], float]:
     if region.half_side_m < _LEAST_HALF_SIDE_M:
         raise GenerationError(
             f"The square to place agents in reaches {region.half_side_m:g} m to each "
             f"side; expected {_LEAST_HALF_SIDE_M:g} m or more."
         )
     return np.array(region.center_m, float), min(region.half_side_m, POSITION_UNIT_M)
+
+
+def no_lanes(scenario: Scenario, place_m: Float[np.ndarray, "2"]) -> str:
+    """A sentence that there are no lanes at a place, and where they are."""
+    pieces = lane_pieces(scenario.road_map)
+    points = pieces.pose[pieces.kind < CROSSWALK_KIND, :2]
+    here = f"There are no lanes around ({place_m[0]:.0f}, {place_m[1]:.0f}) m"
+    if not len(points):
+        return f"{here}, nor anywhere in this scene; expected a road there."
+    low, high = points.min(axis=0), points.max(axis=0)
+    near = points[np.hypot(*(points - place_m).T).argmin()]
+    return (
+        f"{here}; lanes lie at x from {low[0]:.0f} to {high[0]:.0f} m and y from "
+        f"{low[1]:.0f} to {high[1]:.0f} m, the nearest one at "
+        f"({near[0]:.0f}, {near[1]:.0f}) m."
+    )
 
 
 def _agents_to_place(scenario: Scenario, placing: Placing) -> AgentTracks:

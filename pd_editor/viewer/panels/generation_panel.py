@@ -11,6 +11,7 @@ from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     GenerationRequest,
     GeneratorOffer,
+    Quality,
     Region,
     guidance_terms,
 )
@@ -30,7 +31,7 @@ SCOPE_SELECTION: Final = "The selection"
 REPLACE_ALL: Final = "All agents"
 REDRAW_SELECTION: Final = "The selection"
 ADD_AGENTS: Final = "None (add)"
-AROUND_TRAFFIC: Final = "Where the traffic was"
+AROUND_TRAFFIC: Final = "On the whole mapped road"
 AROUND_VIEW: Final = "In the middle of my view (125 m square)"
 KIND_LABELS: Final[Mapping[AgentKind, str]] = {
     AgentKind.VEHICLE: "Vehicles",
@@ -47,6 +48,7 @@ MOVING_SHARES: Final[Mapping[str, float | None]] = {
     "Three quarters": 0.75,
     "All": 1.0,
 }
+QUALITIES: Final[Mapping[str, Quality]] = {"Fast": "fast", "High, slower": "high"}
 MAX_SAMPLES: Final = 16
 MAX_STEPS: Final = 50
 MAX_TRIES: Final = 12
@@ -142,6 +144,9 @@ class GenerationPanel:
                 "Keep ego", True, hint="With its recorded motion"
             )
             self._where = gui.add_dropdown("Where", (AROUND_TRAFFIC, AROUND_VIEW))
+            self._quality = gui.add_dropdown(
+                "Quality", tuple(QUALITIES), hint="Of the agents placed"
+            )
             self._resample = gui.add_button("Resample", icon=viser.Icon.ARROWS_SHUFFLE)
             clear = gui.add_button("Clear the road", color="gray")
         self._desk.on_click(self._resample, self.resample)
@@ -269,6 +274,7 @@ class GenerationPanel:
             moving_share=MOVING_SHARES[self._moving.value] if draws_states else None,
             only_on_road=draws_states and bool(self._only_on_road.value),
             region=region,
+            quality=QUALITIES[self._quality.value] if draws_states else "fast",
             num_samples=int(self._samples.value),
             num_denoising_steps=None
             if offer.default_num_steps is None
@@ -303,7 +309,8 @@ class GenerationPanel:
     def _show_counts(self) -> None:
         places = self._generators[self._model.value].draws_states
         which = self._which.value
-        for handle in (self._which, self._moving, self._only_on_road, self._where):
+        of_states = (self._which, self._moving, self._only_on_road, self._where)
+        for handle in (*of_states, self._quality):
             set_property(handle, "disabled", not places)
         for handle in (self._keeps_focal, self._keeps_ego):
             set_property(handle, "disabled", not places or which != REPLACE_ALL)

@@ -167,3 +167,40 @@ def test_threads_are_for_many_rows(num_rows: int, threads: int) -> None:
     finally:
         torch.set_num_threads(before)
         sampler._usual_threads.cache_clear()
+
+
+def test_second_order_is_more_exact_where_steps_are_uneven() -> None:
+    """Against the exact flow of a Gaussian; part 0 is first order, part 1 second."""
+    schedule = VarianceExploding((0.01,), (40.0,))
+
+    def error(num_steps: int, ratio: float) -> torch.Tensor:
+        # Long and short steps take turns.
+        lengths = torch.tensor([1.0, ratio]).repeat(num_steps // 2).double()
+        done = torch.cat([torch.zeros(1).double(), lengths.cumsum(0) / lengths.sum()])
+        levels = [*(1 - done).tolist()[:-1], 0.0]
+
+        def denoise(noisy: torch.Tensor, index: int) -> torch.Tensor:
+            at = torch.tensor([levels[index]], dtype=torch.float64)
+            gain = SPREAD**2 / (SPREAD**2 + schedule.sigma(at).square())
+            return MEAN + gain * (noisy - MEAN)
+
+        start = 40.0 * torch.ones((1, 1, 2), dtype=torch.float64)
+        *_, last = sample_steps(
+            denoise,
+            start,
+            schedule,
+            levels,
+            SamplerConfig(extrapolation=(0.0, 1.0)),
+            RandomStreams(0, "gauss", [0]),
+        )
+        sigma = schedule.sigma(torch.zeros(1, dtype=torch.float64))
+        gain = SPREAD**2 / (SPREAD**2 + sigma.square())
+        exact = (SPREAD**2 + sigma.square()) / (SPREAD**2 + 40.0**2)
+        expected = MEAN + gain * exact.sqrt() * (40.0 - MEAN)
+        return (last.clean - expected).abs()[0, 0]
+
+    for ratio in (1.0, 2.0):
+        coarse, fine = error(40, ratio), error(160, ratio)
+        assert fine[1] < 0.2 * fine[0]
+        assert fine[0] > 0.15 * coarse[0]
+        assert fine[1] < 0.1 * coarse[1]

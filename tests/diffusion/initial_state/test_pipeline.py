@@ -105,6 +105,7 @@ def test_wishes_about_those_placed_are_answered(
         "num_new_agents": {AgentKind.VEHICLE: 6, AgentKind.PEDESTRIAN: 1},
         "num_samples": 2,
         "guidance": (SINGLE,),
+        "region": Region(center_m=(0.0, 0.0), half_side_m=62.0),
     }
     wishes = {"moving_share": 0.75, "only_on_road": True}
     traffic = generated(diffuser, scenario, (), **asked, **wishes)

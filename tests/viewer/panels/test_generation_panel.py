@@ -226,3 +226,12 @@ def test_models_of_a_users_own_are_offered_first(tmp_path):
         run_to_end(tab, panel.regenerate)
         (entry,) = tab.session.entries
         assert "(mine, seed 0)" in entry.label
+
+
+def test_the_quality_of_resampled_states_reaches_the_request(tab, placing):
+    panel = tab.tab._generation_panel
+    run_to_end(tab, panel.resample)
+    panel._quality.value = "High, slower"
+    run_to_end(tab, panel.resample)
+    run_to_end(tab, panel.regenerate)
+    assert [one.quality for one in placing.requests] == ["fast", "high", "fast"]
