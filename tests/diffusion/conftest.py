@@ -11,6 +11,7 @@ from pd_editor.diffusion.initial_state.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
+from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
 from pd_editor.scene.scenario import Scenario
@@ -38,7 +39,12 @@ def model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder,
         {
             "traj": TrainedStage(kind=TRAJECTORIES, config=driver.config, model=driver),
-            "init": TrainedStage(kind=INITIAL_STATES, config=config, model=placer),
+            "init": TrainedStage(
+                kind=INITIAL_STATES,
+                config=config,
+                model=placer,
+                sampling={"sampler": InitialStateSamplerConfig(fit_density=1.0)},
+            ),
         },
     )
     return folder

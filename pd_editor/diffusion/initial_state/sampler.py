@@ -56,9 +56,10 @@ class InitialStateSamplerConfig:
     speed_noise: float = 1.15
     """Factor of the fresh noise on speeds, which the network blurs: at 1 the median of
     those who move is 6.1 m/s, 6.9 with it, 7.8 recorded (``train``)."""
-    fit_density: float = 1.0
+    fit_density: float = 0.72
     """Where as many agents are placed as suit the road: share of the numbers of training
-    squares. 0.72 makes simulated squares as dense as recorded ones (``train``)."""
+    squares. With it simulated squares are as dense as recorded ones (``train``); 1 for
+    networks that are trained on recordings."""
     is_second_order: bool = True
     """Extrapolate the predicted clean speeds and activities of the last two steps."""
     extrapolates_poses: bool = False
