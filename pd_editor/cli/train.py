@@ -4,7 +4,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from pd_editor.training.train_loop import TrainingProgress
     from pd_editor.training.training_run import Hardware
 
-StageName = Literal["init", "traj"]
+StageName = Literal["init", "traj", "all"]
+_STAGES: tuple[Literal["init", "traj"], ...] = ("init", "traj")
 _SECONDS_BETWEEN_LINES = 30.0
 _OPTIONAL = "(optional)"
 
@@ -74,9 +75,10 @@ def train(
     /,
     *,
     data: _Roots = (),
+    validate: _Roots = (),
     weights: _Shares = (),
     out: OptionalFolder = None,
-    preset: Literal["auto", "default", "gpu", "tiny"] = "auto",
+    preset: Literal["auto", "default", "gpu", "av2", "tiny"] = "auto",
     minutes: _OptionalNumber = None,
     steps: _OptionalCount = None,
     batch_size: _OptionalCount = None,
@@ -91,23 +93,26 @@ def train(
         Path | None,
         tyro.conf.arg(name="from", metavar="MODEL", help_behavior_hint=_OPTIONAL),
     ] = None,
+    windows: _OptionalCount = None,
     copies: _OptionalCount = None,
     resume: Switch = False,
 ) -> Training:
-    """Train initial states (init) or trajectories (traj) on scenarios.
+    """Train initial states (init), trajectories (traj) or both (all) on scenarios.
 
-    Ctrl-C stops after the step in hand; --resume goes on as if nothing had happened.
+    For a model of your own Argoverse 2: train all --data av2/train --validate av2/val
+    --from models/path-diffuser --preset av2 --out models/path-diffuser-av2. Ctrl-C stops after the step in hand; --resume goes on as if nothing had happened.
 
     Args:
-        stage: What is learned: init places agents, traj drives them.
+        stage: What is learned: init places agents, traj drives them; all does one after the other and joins them into a model.
         data: Roots of Argoverse 2 datasets, and folders of synthetic shards.
+        validate: Roots that are held out and not trained on; a part of the data unless given.
         weights: Shares of the roots in what is learned from, one number for each.
-        out: New folder of the run; runs/STAGE unless given.
-        preset: Size of the network and of the batches, rate and minutes: default (for a CPU), gpu (a larger network), tiny (to try things out); auto chooses by device.
-        minutes: Time of training, without the preparation of the data; else the preset's: init 30, traj 20 (gpu 15 and 12, tiny 1).
+        out: New folder of the run, runs/STAGE unless given; of the model for all, with its runs below runs/.
+        preset: Size of the network and of the batches, rate and minutes: default (for a CPU), gpu (a larger network), av2 (to go on with a model on recordings), tiny (to try things out); auto chooses by device.
+        minutes: Time of training, without the preparation of the data; else the preset's: init 30, traj 20 (gpu 15 and 12, av2 240, tiny 1). Of each stage, for all.
         steps: Train so many steps instead.
         batch_size: Scenes of a step; else the preset's.
-        learning_rate: The highest of the run; else the preset's: init 0.002, traj 0.0015 (gpu 0.0015, tiny 0.001).
+        learning_rate: The highest of the run; else the preset's: init 0.002, traj 0.0015 (gpu 0.0015, av2 0.0005, tiny 0.001).
         device: Where to compute; auto takes a GPU if there is one.
         devices: GPUs to use.
         threads: CPU threads to use; all unless given.
@@ -115,16 +120,17 @@ def train(
         cache: Folder in which prepared scenes are kept for later runs; ~/.cache/pd-editor/scenes unless given.
         seed: Seed of everything that is drawn; 0 unless given.
         start: Start from the weights of this model, or run, instead of fresh ones; its trajectory basis is kept.
+        windows: See each scenario of Argoverse 2 at so many current steps (default: 1, av2 5).
         copies: Prepare each scenario so often, changed at random each time anew (default: 1).
         resume: Go on with the run in the folder; its settings are taken from there.
     """
     from pd_editor.training.run_request import RunRequest
     from pd_editor.training.training_run import Hardware
 
-    roots = data if isinstance(data, tuple) else (data,)
     request = RunRequest(
-        stage=stage,
-        data=tuple(str(Path(root).resolve()) for root in roots) or None,
+        stage="init" if stage == "all" else stage,
+        data=_absolute(data) or None,
+        validate=_absolute(validate) or None,
         weights=weights or None,
         preset=None if preset == "auto" else preset,
         minutes=minutes,
@@ -134,10 +140,55 @@ def train(
         precision=None if precision == "auto" else precision,
         seed=seed,
         start=None if start is None else str(Path(start).resolve()),
+        windows=windows,
         copies=copies,
     )
     hardware = Hardware(device=device, num_devices=devices, threads=threads)
+    if stage == "all":
+        return _both_trained(request, hardware, out, cache, resume=resume)
     return _trained(request, hardware, out, cache, resume=resume)
+
+
+def _absolute(roots: str | Path | tuple[str | Path, ...]) -> tuple[str, ...]:
+    several = roots if isinstance(roots, tuple) else (roots,)
+    return tuple(str(Path(root).resolve()) for root in several)
+
+
+def _both_trained(
+    request: "RunRequest",
+    hardware: "Hardware",
+    out: Path | None,
+    cache: Path | None,
+    *,
+    resume: bool,
+) -> Training:
+    """One stage after the other, then the model of both."""
+    from pd_editor.cli.model import model
+
+    folder = Path("runs/all") if out is None else Path(out)
+    found: list[Training] = []
+    for stage in _STAGES:
+        run = folder / "runs" / stage
+        found.append(
+            _trained(
+                replace(request, stage=stage),
+                hardware,
+                run,
+                cache,
+                resume=resume and run.exists(),
+            )
+        )
+        if found[-1].is_stopped:
+            return replace(found[-1], folder=folder)
+    init, traj = found
+    model(out=folder, init=init.folder, traj=traj.folder)
+    return replace(
+        traj,
+        folder=folder,
+        model=folder,
+        steps=init.steps + traj.steps,
+        minutes=init.minutes + traj.minutes,
+    )
 
 
 def _trained(

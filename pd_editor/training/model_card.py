@@ -8,6 +8,12 @@ from typing import Final
 from pd_editor.diffusion.checkpoints.model_folder import StageKind, TrainedStage
 from pd_editor.training.run_folder import CURVES_NAME
 
+LICENCE_OF_RECORDED: Final = (
+    "**Licence.** These weights were trained on recordings. If they are of Argoverse 2, "
+    "its licence, CC BY-NC-SA 4.0, holds for what is made of them: no commercial use, "
+    "attribution to Argoverse 2 (Wilson et al., 2021), and the same licence when they are "
+    "passed on."
+)
 CARD_NAME: Final = "MODEL_CARD.md"
 
 
@@ -29,6 +35,8 @@ def card_of(name: str, stages: Mapping[str, TrainedStage]) -> str:
             str(told.get("held_out_loss")),
         ]
         lines.append(f"| {' | '.join(cells)} |")
+    if any(stage.about.get("is_recorded") for stage in stages.values()):
+        lines += ["", LICENCE_OF_RECORDED]
     return "\n".join(lines) + "\n"
 
 

@@ -8,7 +8,7 @@ from pd_editor.diffusion.initial_state.denoiser import InitialStateConfig
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
 from pd_editor.training.run_config import Optimisation
 
-PresetName = Literal["default", "gpu", "tiny"]
+PresetName = Literal["default", "gpu", "av2", "tiny"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,6 +18,8 @@ class Preset:
     model: Mapping[str, Any]
     optimisation: Optimisation
     minutes: float
+    windows: int = 1
+    """Current steps at which each scenario of Argoverse 2 is seen."""
 
 
 PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
@@ -31,6 +33,14 @@ PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
             model=asdict(TrajectoryConfig(width=192, num_blocks=4)),
             optimisation=Optimisation(batch_size=256, learning_rate=1.5e-3),
             minutes=12.0,
+        ),
+        "av2": Preset(
+            model=asdict(TrajectoryConfig()),
+            optimisation=Optimisation(
+                batch_size=64, learning_rate=5e-4, ema_decay=0.9995
+            ),
+            minutes=240.0,
+            windows=5,
         ),
         "tiny": Preset(
             model=asdict(
@@ -50,6 +60,14 @@ PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
             model=asdict(InitialStateConfig(width=192, num_layers=4)),
             optimisation=Optimisation(batch_size=192, learning_rate=1.5e-3),
             minutes=15.0,
+        ),
+        "av2": Preset(
+            model=asdict(InitialStateConfig()),
+            optimisation=Optimisation(
+                batch_size=64, learning_rate=5e-4, ema_decay=0.9995
+            ),
+            minutes=240.0,
+            windows=5,
         ),
         "tiny": Preset(
             model=asdict(InitialStateConfig(width=32, num_layers=1, relation_width=16)),

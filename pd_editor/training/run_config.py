@@ -10,6 +10,7 @@ from pd_editor.errors import TrainingError
 MAX_STEPS: Final = 1_000_000_000
 MAX_MINUTES: Final = 1e6
 MAX_COPIES: Final = 64
+MAX_WINDOWS: Final = 40
 Precision = Literal["32", "bf16"]
 _Part = TypeVar("_Part")
 
@@ -93,6 +94,10 @@ class RunConfig:
     """Configuration of the stage's network."""
     start: str = ""
     """Folder of the model that the weights start from; empty: fresh weights."""
+    validate: tuple[str, ...] = ()
+    """Roots that are held out; empty: part of the data."""
+    windows: int = 1
+    """Current steps at which each scenario of Argoverse 2 is seen."""
     copies: int = 1
     """Each scenario is prepared so often, changed at random each time anew."""
     optimisation: Optimisation
@@ -101,6 +106,7 @@ class RunConfig:
     def __post_init__(self) -> None:
         _check_range(self, 0, 2**63 - 1, "seed")
         _check_range(self, 1, MAX_COPIES, "copies")
+        _check_range(self, 1, MAX_WINDOWS, "windows")
         if self.weights and len(self.weights) != len(self.data):
             raise TrainingError(
                 f"{len(self.weights)} weights were given for {len(self.data)} data "
@@ -131,6 +137,7 @@ class RunConfig:
             values,
             data=tuple,
             weights=tuple,
+            validate=tuple,
             optimisation=lambda part: _part(Optimisation, part),
             budget=lambda part: _part(Budget, part),
         )

@@ -29,6 +29,9 @@ class RunRequest:
     seed: int | None = None
     start: str | None = None
     """Absolute path of a model."""
+    validate: tuple[str, ...] | None = None
+    """Absolute paths of roots."""
+    windows: int | None = None
     copies: int | None = None
 
 
@@ -54,6 +57,8 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
         precision=request.precision or fast_precision(is_gpu=is_gpu),
         model=preset.model,
         start=request.start or "",
+        validate=request.validate or (),
+        windows=request.windows or preset.windows,
         copies=request.copies or 1,
         optimisation=replace(preset.optimisation, **asked),
         budget=_asked_budget(Budget(minutes=preset.minutes), request),
@@ -79,6 +84,8 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
         "precision": (request.precision, earlier.precision),
         "seed": (request.seed, earlier.seed),
         "from": (request.start, earlier.start),
+        "validate": (request.validate, earlier.validate),
+        "windows": (request.windows, earlier.windows),
         "copies": (request.copies, earlier.copies),
     }
     other = [name for name, (new, old) in same.items() if new not in (None, old)]

@@ -54,10 +54,11 @@ class _Work:
     augmentation: Augmentation | None
     seed: int
     copy: int = 0
+    windows: int = 1
 
     def features(self, *, with_candidates: bool) -> Iterator[tuple[str, SceneFeatures]]:
         """Group and features of each scenario that can be used."""
-        source = _opened(self.root)
+        source = _opened(self.root, self.windows)
         root = source.roots[0]
         for number in self.numbers:
             random = np.random.default_rng(
@@ -89,8 +90,8 @@ class _Work:
 
 
 @lru_cache(maxsize=4)
-def _opened(root: Path) -> ScenarioSource:
-    return open_roots([root])
+def _opened(root: Path, windows: int) -> ScenarioSource:
+    return open_roots([root], windows)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,21 +124,32 @@ def prepare_features(
     seed: int = 0,
     most_per_root: int | None = None,
     copies: int = 1,
+    windows: int = 1,
     on_progress: Callable[[WorkProgress], None] | None = None,
 ) -> FeatureStore:
     """The store in a folder, made or completed: the same arguments, the same bytes.
 
     Scenarios that cannot be read are left out, so the store may be shorter than the
     roots. ``most_per_root`` takes scenarios evenly spread over each root. ``copies`` of
-    each are made, changed at random each time anew.
+    each are made, changed at random each time anew. Scenarios of Argoverse 2 are seen at
+    ``windows`` current steps.
 
     Raises:
         InputError: a root is neither a dataset nor shards.
         TrainingError: the folder holds other features, or no scenario can be used.
     """
     folder = Path(folder)
-    source = open_roots(roots)
-    works = _parts(source, roots, augmentation, seed, most_per_root, PART_SIZE, copies)
+    source = open_roots(roots, windows)
+    works = _parts(
+        source,
+        roots,
+        augmentation,
+        seed,
+        most_per_root,
+        PART_SIZE,
+        copies=copies,
+        windows=windows,
+    )
     index = StoreIndex(
         fingerprint=_fingerprint(
             source, basis, augmentation, seed, most_per_root, copies
@@ -231,7 +243,9 @@ def _parts(
     seed: int,
     most_per_root: int | None,
     size: int,
+    *,
     copies: int = 1,
+    windows: int = 1,
 ) -> dict[str, _Work]:
     """Work by name; names sort as roots and scenarios do."""
     works = {}
@@ -247,6 +261,7 @@ def _parts(
                 augmentation=augmentation,
                 seed=seed,
                 copy=copy,
+                windows=windows,
             )
     return works
 

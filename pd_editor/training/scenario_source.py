@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final, Protocol, runtime_checkable
@@ -17,6 +18,10 @@ from pd_editor.windows.tracking_noise import TrackingNoise
 
 BLUR_ONLY: Final = TrackingNoise(range_m=np.inf, occlusions_per_s=0.0)
 """Tracks of simulated agents are blurred, but not broken off: futures stay whole."""
+
+
+FIRST_STEP: Final = 10
+"""The earliest current step of a window of an Argoverse 2 scenario."""
 
 
 @runtime_checkable
@@ -114,12 +119,18 @@ class Av2Root:
 
     is_simulated = False
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, windows: int = 1) -> None:
         """List the scenarios' folders.
+
+        Args:
+            path: a folder of the dataset.
+            windows: each scenario counts so often, with another current step each time:
+                the networks see no past, so that earlier steps will do.
 
         Raises:
             InputError: there is no such folder, or no scenario in it.
         """
+        self._windows = windows
         index = DatasetIndex(path)
         index.scan()
         self._root = path
@@ -134,17 +145,23 @@ class Av2Root:
 
     @property
     def fingerprint(self) -> str:
-        """Of the names of the folders."""
-        return _digest([one.relative_to(self._root) for one in self._folders])
+        """Of the names of the folders, and the number of windows."""
+        names = [one.relative_to(self._root) for one in self._folders]
+        return _digest([*names, self._windows])
 
     def __len__(self) -> int:
-        return len(self._folders)
+        return len(self._folders) * self._windows
 
     def scenario(self, index: int) -> Scenario:
-        """The scenario of a folder."""
-        found = read_scenario(self._folders[index])
+        """The scenario of a folder, at the current step of the window."""
+        folder, window = divmod(index, self._windows)
+        found = read_scenario(self._folders[folder])
         self._city = (index, found.city)
-        return found
+        axis = found.time_axis
+        steps = np.linspace(axis.current_step, FIRST_STEP, self._windows).round()
+        return replace(
+            found, time_axis=replace(axis, current_step=max(int(steps[window]), 0))
+        )
 
     def group(self, index: int) -> str:
         """The city."""
@@ -153,14 +170,18 @@ class Av2Root:
         return self._city[1]
 
 
-def open_root(path: Path) -> ScenarioRoot:
+def open_root(path: Path, windows: int = 1) -> ScenarioRoot:
     """A folder of shards, or an Argoverse 2 dataset.
 
     Raises:
         InputError: it is neither, or damaged.
     """
-    is_shards = path.suffix == SHARD_SUFFIX or any(path.glob(f"*{SHARD_SUFFIX}"))
-    return ShardRoot(path) if is_shards else Av2Root(path)
+    return ShardRoot(path) if not is_recorded(path) else Av2Root(path, windows)
+
+
+def is_recorded(path: Path) -> bool:
+    """Whether a root is a dataset of recordings, not simulated shards."""
+    return path.suffix != SHARD_SUFFIX and not any(path.glob(f"*{SHARD_SUFFIX}"))
 
 
 class ScenarioSource:
@@ -191,8 +212,8 @@ class ScenarioSource:
         return self.roots[root].scenario(number)
 
 
-def open_roots(paths: Sequence[Path]) -> ScenarioSource:
-    """The scenarios of all roots.
+def open_roots(paths: Sequence[Path], windows: int = 1) -> ScenarioSource:
+    """The scenarios of all roots; those of Argoverse 2 as so many windows each.
 
     Raises:
         InputError: one is neither a dataset nor shards, or damaged.
@@ -200,7 +221,7 @@ def open_roots(paths: Sequence[Path]) -> ScenarioSource:
     """
     if not paths:
         raise TrainingError("No data root was given; expected at least one.")
-    return ScenarioSource([open_root(Path(path)) for path in paths])
+    return ScenarioSource([open_root(Path(path), windows) for path in paths])
 
 
 def _digest(values: Sequence[object]) -> str:

@@ -16,6 +16,7 @@ from pd_editor.diffusion.checkpoints.tensor_file import read_tensors, write_tens
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.errors import TrainingError
+from pd_editor.training.augmentation import DEFAULT_AUGMENTATION, Augmentation
 from pd_editor.training.run_config import Budget
 from pd_editor.training.scenario_dataset import (
     fit_basis,
@@ -25,6 +26,7 @@ from pd_editor.training.scenario_dataset import (
 from pd_editor.training.stages import augmented_scenes
 from pd_editor.training.train_loop import TrainingData
 from pd_editor.windows.feature_store import FORMAT_VERSION, FeatureStore
+from pd_editor.windows.packed_scene import PackedScene
 from pd_editor.work_engine.work_engine import WorkProgress
 
 _BASIS_NAME: Final = "basis.safetensors"
@@ -55,6 +57,8 @@ def prepared_data(
     *,
     basis: TrajectoryBasis | None = None,
     copies: int = 1,
+    windows: int = 1,
+    augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
     workers: int | None = None,
     on_progress: Callable[[WorkProgress], None] | None = None,
 ) -> PreparedData:
@@ -68,6 +72,8 @@ def prepared_data(
         cache: folder for what is prepared.
         basis: of the trajectories; None fits one to the data.
         copies: of each scenario, changed at random each time anew.
+        windows: current steps at which each scenario of Argoverse 2 is seen.
+        augmentation: how scenarios are changed; None leaves them as they are.
         workers: processes.
         on_progress: told how far the preparation is.
 
@@ -75,10 +81,10 @@ def prepared_data(
         InputError: a root is neither a dataset nor shards.
         TrainingError: no scenario can be used, or the cache cannot be written.
     """
-    source = open_roots(roots)
+    source = open_roots(roots, windows)
     prints = [root.fingerprint for root in source.roots]
     names = [str(Path(root).resolve()) for root in roots]
-    parts = [*names, *prints, str(FORMAT_VERSION), str(copies)]
+    parts = [*names, *prints, str(FORMAT_VERSION), str(copies), str(augmentation)]
     if basis is not None:
         parts += [repr(one.tolist()) for one in basis.arrays().values()]
     key = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
@@ -93,6 +99,8 @@ def prepared_data(
                 folder / _STORE_NAME,
                 basis,
                 copies=copies,
+                windows=windows,
+                augmentation=augmentation,
                 workers=workers,
                 on_progress=on_progress,
             )
@@ -132,13 +140,25 @@ def _basis(roots: Sequence[Path], path: Path, workers: int | None) -> Trajectory
     return basis
 
 
-def training_data(store: FeatureStore, budget: Budget, seed: int) -> TrainingData:
-    """What of a store is trained on and what is held out.
+def training_data(
+    store: FeatureStore,
+    budget: Budget,
+    seed: int,
+    validation: FeatureStore | None = None,
+) -> TrainingData:
+    """What is trained on and what is held out.
+
+    Args:
+        store: scenes to train on; part of it is held out where there is no ``validation``.
+        budget: how much is held out.
+        seed: of the choice.
+        validation: scenes that are held out.
 
     Raises:
         TrainingError: a root has too few scenes.
     """
-    held_out = held_out_scenes(store.group, budget.held_out_share, seed)
+    share = budget.held_out_share if validation is None else 0.0
+    held_out = held_out_scenes(store.group, share, seed)
     rows = np.arange(len(store))
     training = tuple(
         rows[(store.root == root) & ~held_out] for root in range(len(store.roots))
@@ -150,15 +170,24 @@ def training_data(store: FeatureStore, budget: Budget, seed: int) -> TrainingDat
                 f"expected {_LEAST_SCENES} or more."
             )
     checked = rows[held_out]
+    if validation is not None:
+        checked = len(store) + np.arange(len(validation))
     step = -(-len(checked) // max(budget.held_out_scenes, 1))
 
     def batch(chosen: Int[np.ndarray, "_"]) -> SceneTensors:
-        return batch_of([store[int(row)] for row in chosen])
+        return batch_of([scene(int(row)) for row in chosen])
+
+    def scene(row: int) -> PackedScene:
+        if row < len(store) or validation is None:
+            return store[row]
+        return validation[row - len(store)]
+
+    stores = [store] if validation is None else [store, validation]
 
     return TrainingData(
         training_rows=training,
         held_out_rows=checked[:: max(step, 1)],
-        size=store.num_agents + store.num_pieces // 16,
+        size=np.concatenate([one.num_agents + one.num_pieces // 16 for one in stores]),
         batch=batch,
         augment=augmented_scenes,
     )

@@ -4,7 +4,7 @@ import importlib.metadata
 import logging
 import math
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -23,6 +23,7 @@ from pd_editor.training.loss_curves import loss_curves_png
 from pd_editor.training.run_config import Precision, RunConfig
 from pd_editor.training.run_folder import RunFolder
 from pd_editor.training.run_request import RunRequest, continued_config, new_config
+from pd_editor.training.scenario_source import is_recorded
 from pd_editor.training.stages import STAGES
 from pd_editor.training.stop_request import stop_requests
 from pd_editor.training.train_loop import TrainingProgress, TrainLoop
@@ -35,6 +36,7 @@ from pd_editor.training.training_data import (
 )
 from pd_editor.training.training_state import Standing
 from pd_editor.training.warm_start import basis_of, start_from, starting_model
+from pd_editor.windows.feature_store import FeatureStore
 from pd_editor.work_engine.work_engine import WorkProgress
 
 MAX_DEVICES: Final = 64
@@ -153,31 +155,34 @@ def run_asked_for(
     if fabric.is_global_zero:
         _begin(config, run, cache, resume=resume, on_preparation=on_preparation)
     fabric.barrier()
-    prepared = prepared_data(
-        _roots(config), cache, basis=_kept_basis(run), copies=config.copies
-    )
+    prepared = _prepared(config, cache, _kept_basis(run))
     return _train(config, run, prepared, fabric, on_progress)
 
 
 def _train(
     config: RunConfig,
     run: RunFolder,
-    prepared: PreparedData,
+    prepared: "_Prepared",
     fabric: Fabric,
     on_progress: Callable[[TrainingProgress], None],
 ) -> RunOutcome:
     stage = STAGES[config.stage]
     model_config = config_from_json(stage.kind.config_type, config.model, run.path)
-    model = stage.fresh_model(model_config, prepared.basis, config.seed)
-    if config.start and not run.state_path.exists():
+    model = stage.fresh_model(model_config, prepared.data.basis, config.seed)
+    sampling: Mapping[str, Any] = {}
+    if config.start:
         earlier = starting_model(Path(config.start)).stage(config.stage)
-        start_from(model, earlier.model.state_dict(), config.start)
-    stage.take_in(model, prepared.store)
+        sampling = earlier.sampling
+        if not run.state_path.exists():
+            start_from(model, earlier.model.state_dict(), config.start)
+    stage.take_in(model, prepared.data.store)
     loop = TrainLoop(
         config,
         model,
         stage.loss,
-        training_data(prepared.store, config.budget, config.seed),
+        training_data(
+            prepared.data.store, config.budget, config.seed, prepared.validation
+        ),
         run,
         fabric,
     )
@@ -189,7 +194,8 @@ def _train(
             kind=stage.kind,
             config=model_config,
             model=loop.averaged_model,
-            about=_about(config, prepared, loop),
+            sampling=sampling or stage.kind.default_sampling(),
+            about=_about(config, prepared.data, loop),
         )
         save_model(run.model_path, {stage.kind.name: trained})
         write_curves(run, config)
@@ -203,8 +209,8 @@ def _train(
             model=run.model_path,
             standing=loop.standing,
             held_out_loss=loop.held_out_loss,
-            num_scenes=len(prepared.store),
-            num_left_out=prepared.num_left_out,
+            num_scenes=len(prepared.data.store),
+            num_left_out=prepared.data.num_left_out,
             is_stopped=is_stopped(),
             is_first=fabric.is_global_zero,
         )
@@ -230,13 +236,7 @@ def _begin(
     basis = _kept_basis(run)
     if config.start and not resume:
         basis = basis_of(starting_model(Path(config.start)))
-    prepared = prepared_data(
-        _roots(config),
-        cache,
-        basis=basis,
-        copies=config.copies,
-        on_progress=on_preparation,
-    )
+    prepared = _prepared(config, cache, basis, on_preparation).data
     data = {
         "fingerprint": prepared.store.fingerprint,
         "scenes": len(prepared.store),
@@ -250,6 +250,36 @@ def _begin(
         run.begin(config, data)
         if basis is not None:
             write_basis(run.basis_path, basis)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Prepared:
+    data: PreparedData
+    validation: FeatureStore | None
+
+
+def _prepared(
+    config: RunConfig,
+    cache: Path,
+    basis: TrajectoryBasis | None,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> _Prepared:
+    """The data, and that of the roots that are held out, on one basis."""
+    data = prepared_data(
+        _roots(config.data),
+        cache,
+        basis=basis,
+        copies=config.copies,
+        windows=config.windows,
+        on_progress=on_progress,
+    )
+    if not config.validate:
+        return _Prepared(data=data, validation=None)
+    # Held-out scenes are as they were recorded, and at their own current step.
+    held_out = prepared_data(
+        _roots(config.validate), cache, basis=data.basis, augmentation=None
+    )
+    return _Prepared(data=data, validation=held_out.store)
 
 
 def _kept_basis(run: RunFolder) -> TrajectoryBasis | None:
@@ -272,8 +302,8 @@ def _commit() -> str:
     return found.stdout.strip()
 
 
-def _roots(config: RunConfig) -> list[Path]:
-    return [Path(root) for root in config.data]
+def _roots(roots: Sequence[str]) -> list[Path]:
+    return [Path(root) for root in roots]
 
 
 def _about(
@@ -289,6 +319,9 @@ def _about(
         "held_out_loss": None if math.isnan(held_out) else round(held_out, 6),
         "scenes": len(prepared.store),
         "roots": [Path(root).name for root in config.data],
+        "validate": [Path(root).name for root in config.validate],
+        "windows": config.windows,
+        "is_recorded": any(map(is_recorded, _roots(config.data))),
         "data_fingerprint": prepared.store.fingerprint,
         "batch_size": config.optimisation.batch_size,
         "precision": config.precision,

@@ -219,3 +219,43 @@ def test_a_run_starts_from_a_model_and_keeps_its_basis(
         stage, out=tmp_path / "run", steps=2, resume=True, cache=cache
     )
     assert resumed.steps == 2
+
+
+def test_one_command_makes_a_model_of_ones_own_recordings(
+    runs: Path, cache: Path, tmp_path: Path, av2_scenario_folders: list[Path]
+):
+    """Several windows of each scenario, another root to validate on, licence told."""
+    roots = [tmp_path / "train", tmp_path / "val"]
+    for root, folders in zip(
+        roots, (av2_scenario_folders[:5], av2_scenario_folders[5:7]), strict=True
+    ):
+        for folder in folders:
+            shutil.copytree(folder, root / folder.name)
+    options = {"cache": cache, "preset": "tiny", "device": "cpu", "precision": "32"}
+    start = pd_editor.model(
+        out=tmp_path / "start", init=runs / "init", traj=runs / "traj"
+    )
+    out = pd_editor.train(
+        "all",
+        data=roots[0],
+        validate=roots[1],
+        start=start.folder,
+        windows=3,
+        steps=2,
+        out=tmp_path / "own",
+        **options,
+    )
+    assert out.num_scenes == 15
+    assert out.steps == 4
+    assert out.model == tmp_path / "own"
+    stages = load_model(out.model, STAGE_KINDS).stages
+    assert set(stages) == {"init", "traj"}
+    for stage in stages.values():
+        assert stage.about["validate"] == ["val"]
+        assert stage.about["held_out_loss"] is not None
+        assert len(stage.about["commit"]) >= 40
+    assert "CC BY-NC-SA" in (out.model / "MODEL_CARD.md").read_text()
+    resumed = pd_editor.train(
+        "all", out=tmp_path / "own", steps=3, resume=True, cache=cache
+    )
+    assert resumed.steps == 6
