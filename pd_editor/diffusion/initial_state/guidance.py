@@ -1,6 +1,7 @@
 """Guidance of predicted clean states: boxes apart, moving agents on lanes."""
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import torch
 from jaxtyping import Bool, Complex, Float
@@ -19,11 +20,15 @@ from pd_editor.diffusion.initial_state.features import as_complex
 from pd_editor.diffusion.initial_state.lane_distance import CenterLines, follows_lanes
 from pd_editor.diffusion.initial_state.sampler import InitialStateGuide
 from pd_editor.diffusion.initial_state.state_encoding import (
+    NUM_MOTION_PARTS,
     POSITION_UNIT_M,
     is_standing,
     unit_vectors,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+
+_SURELY: Final = 0.5
+"""Codes are means of -0.5 and 0.5: by so much is one activity likelier than another."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,9 +40,10 @@ class InitialStateGuidance:
     pull: float = 0.8
     """Share of the way to the lane that each step goes."""
     moving_offset_m: float = 2.0
-    """Moving agents within this distance of a centre line are left alone."""
+    """Moving agents, and those that surely wait in traffic, are left alone within this
+    distance of a centre line."""
     standing_offset_m: float = 10.0
-    """The same of standing ones: cars park beside lanes, in driveways and on lots."""
+    """The same of other standing ones: cars park beside lanes, in driveways, on lots."""
     on_road_offset_m: float = 3.5
     """The same of standing ones that are told to be on the road; who is told to be off
     the road is left alone anywhere."""
@@ -83,7 +89,7 @@ class InitialStateGuidance:
             if noise * POSITION_UNIT_M > self.first_noise_m:
                 return clean
             start = as_complex(clean[..., :2] * POSITION_UNIT_M)
-            place = start + self._pull(start, is_standing(clean), lines, pulled)
+            place = start + self._pull(start, _may_park(clean), lines, pulled)
             axis = as_complex(unit_vectors(clean[..., 2:4]))
             for _ in range(self.num_pushes if level > 0 else self.num_last_pushes):
                 push = self._push(place, axis, overlaps, given)
@@ -112,7 +118,7 @@ class InitialStateGuidance:
     def _pull(
         self,
         place_m: Complex[Tensor, "S B A"],
-        stands: Bool[Tensor, "S B A"],
+        may_park: Bool[Tensor, "S B A"],
         lines: CenterLines,
         pulled: "_Pulled",
     ) -> Complex[Tensor, "S B A"]:
@@ -121,11 +127,20 @@ class InitialStateGuidance:
         Nobody is pulled out of the square: a lane beyond its border is not meant.
         """
         offset, length_m = lines.offset_m(place_m)
-        allowed = torch.where(stands, pulled.standing_offset_m, self.moving_offset_m)
+        allowed = torch.where(may_park, pulled.standing_offset_m, self.moving_offset_m)
         too_far = (length_m - allowed).clamp_(0, 1e3) * pulled.share
         way = -offset * (too_far / length_m.clamp(1e-6, 1e6))
         end = torch.view_as_real(place_m + way).abs()
         return way * (end.amax(dim=-1) <= pulled.half_side_m)
+
+
+def _may_park(clean: Float[Tensor, "S B A P"]) -> Bool[Tensor, "S B A"]:
+    """Standing agents, but for those that are predicted to wait rather than to park."""
+    stands = is_standing(clean)
+    if clean.shape[-1] == NUM_MOTION_PARTS:
+        return stands
+    parked, waiting, _ = clean[..., NUM_MOTION_PARTS:].unbind(-1)
+    return stands & (waiting - parked < _SURELY)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

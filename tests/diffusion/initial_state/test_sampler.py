@@ -30,6 +30,7 @@ from pd_editor.diffusion.initial_state.state_encoding import (
     encode_states,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.scene.activity import Activity
 from tests.diffusion.initial_state.scenes import scene_batch, small_model
 
 SCHEDULE = InitialStateConfig().schedule()
@@ -217,6 +218,24 @@ def test_guidance_keeps_those_on_the_road_who_are_told_to_be_there():
     assert (reached[CONDITIONED_YES] <= 3.6).all()
     assert torch.equal(reached[UNCONDITIONED], reached[CONDITIONED_NO])
     assert (reached[UNCONDITIONED] > 5).all()
+
+
+def test_guidance_pulls_waiting_agents_towards_lanes_and_leaves_parked_ones():
+    scene = scene_batch(12)
+    away = scene.agent_pose.clone()
+    away[..., 1] = 9.0
+    still = torch.zeros_like(scene.agent_speed)
+    cars = torch.zeros_like(scene.agent_kind)
+    scene = replace(scene, agent_pose=away, agent_speed=still, agent_kind=cars)
+    guide = InitialStateGuidance(push=0.0).of(scene, SCHEDULE)
+    moved = {}
+    for activity in (Activity.UNKNOWN, Activity.PARKED, Activity.WAITING):
+        now = torch.full_like(scene.agent_kind, activity)
+        codes = encode_states(scene.agent_pose, still, now)[None]
+        moved[activity] = (guide(codes, 0.0) - codes)[..., 1].abs() * 62.0
+    assert (moved[Activity.WAITING] > 2.0).all()
+    assert (moved[Activity.PARKED] == 0).all()
+    assert (moved[Activity.UNKNOWN] == 0).all()
 
 
 def test_guidance_keeps_all_within_lanes_where_nobody_is_wished_off_the_road():
