@@ -1,4 +1,4 @@
-"""``pd-editor generate``: redraw futures, or whole traffic."""
+"""``pd-editor generate``: regenerate trajectories, or resample whole traffic."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -32,7 +32,7 @@ from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scenario_store import check_free, open_scenario
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids, road_user_ids
+from pd_editor.scene.traffic_choice import drivable_agent_ids, replaceable_agent_ids
 from pd_editor.windows.lane_pieces import lane_pieces
 
 AgentsOption = Annotated[
@@ -73,6 +73,7 @@ def generate(
     redraw_states: Switch = False,
     num_agents: NumAgentsOption = (),
     add: Switch = False,
+    replace_ego_and_focal: Switch = False,
     moving_share: ShareOption = None,
     only_on_road: Switch = False,
     region: RegionOption = None,
@@ -87,32 +88,38 @@ def generate(
     name: NameOption = "",
     overwrite: Switch = False,
 ) -> Outcome:
-    """Redraw futures; or whole traffic, states and all, where the model can.
+    """Regenerate trajectories; or resample whole traffic, where the model can.
 
     Args:
         scenario: A demo's name or an Argoverse 2 scenario folder.
         out: Folder that receives DIR/<name>/; several samples get -1, -2, ...
-        agents: Ids of the agents to drive; the others keep their futures.
-        redraw_states: Draw the states of these agents anew too.
-        num_agents: Put new agents in the place of all: 20 (vehicles), vehicle=12 pedestrian=4, or fit (as many as suit the road).
+        agents: Ids of the agents to drive; the others keep their trajectories.
+        redraw_states: Resample the initial states of these agents, too.
+        num_agents: Put new agents in the place of all but the ego and the focal agent: 20 (vehicles), vehicle=12 pedestrian=4, or fit (as many as suit the road).
         add: Keep the present agents and add the new ones.
+        replace_ego_and_focal: Let new agents replace the ego and the focal agent as well.
         moving_share: Part of the agents drawn of each kind that moves, 0 to 1.
         only_on_road: Draw no vehicles far from lanes, such as on parking lots.
         region: Square in which states are sampled, in metres of the scene or of the city.
         quality: Of sampled states: fast, or high with more denoising steps.
         samples: How many samples to draw.
-        steps: Denoising steps of futures; for states the model has its own number.
+        steps: Denoising steps of trajectories; for states the model has its own number.
         keep_to_lanes: Strength of the guidance towards the lanes, from 0 for none to 1.
-        tries: Futures of each agent, of which those that avoid others are taken; an agent that would still collide waits. 0: raw model.
+        tries: Trajectories of each agent, of which those that avoid others are taken; an agent that would still collide waits. 0: raw model.
         seed: Seed of the draw; the same seed gives the same files.
-        model: path-diffuser, lane-follower (futures only), or the folder of a trained model.
+        model: path-diffuser, lane-follower (trajectories only), or the folder of a trained model.
         device: Where a model computes; auto takes a GPU if there is one.
         name: Id of the new scenario, such as 000c4929-s3.
         overwrite: Replace what earlier runs wrote.
     """
     generator, opened = make_generator(model, device=device), open_scenario(scenario)
     wanted, (counts, fits) = tuple(dict.fromkeys(agents)), _wanted_counts(num_agents)
-    removed, driven = _roles(opened, wanted, bool(num_agents), redraw_states, add)
+    _refuse_contradictions(
+        bool(wanted), bool(num_agents), redraw_states, add, replace_ego_and_focal
+    )
+    removed, driven = _roles(
+        opened, wanted, bool(num_agents), add, replace_ego_and_focal
+    )
     request = GenerationRequest(
         scenario=opened.without_agents(removed),
         agent_ids=driven,
@@ -219,31 +226,53 @@ def _region(scenario: Scenario, x: float, y: float, half_side: float) -> Region:
     )
 
 
-def _roles(
-    opened: Scenario,
-    wanted: tuple[str, ...],
+def _refuse_contradictions(
+    names_agents: bool,
     draws_agents: bool,
     redraws_states: bool,
     adds: bool,
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Ids of agents that are removed for new ones, and of those that are driven.
+    replaces_ego_and_focal: bool,
+) -> None:
+    """Refuse options that contradict each other.
 
     Raises:
-        GenerationError: options contradict each other.
+        GenerationError: they do.
     """
     if redraws_states and draws_agents:
         raise GenerationError(
             "--redraw-states is for agents that stay, --num-agents for new ones; give "
             "one of them."
         )
-    if wanted and draws_agents and not adds:
+    if names_agents and draws_agents and not adds:
         raise GenerationError(
             "--num-agents puts new agents in the place of all, so no agent is left for "
             "--agents; give --add to keep them."
         )
     if adds and not draws_agents:
         raise GenerationError("--add needs --num-agents, which says how many.")
-    removed = road_user_ids(opened) if draws_agents and not adds else ()
+    if replaces_ego_and_focal and (adds or not draws_agents):
+        raise GenerationError(
+            "--replace-ego-and-focal needs --num-agents without --add: new agents "
+            "replace nothing otherwise."
+        )
+
+
+def _roles(
+    opened: Scenario,
+    wanted: tuple[str, ...],
+    draws_agents: bool,
+    adds: bool,
+    replaces_ego_and_focal: bool,
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Ids of agents that are removed for new ones, and of those that are driven.
+
+    As in the browser the ego and the focal agent stay unless told otherwise, so that
+    an export keeps the two tracks that predictors and data sets ask for.
+    """
+    removed = ()
+    if draws_agents and not adds:
+        keeps = not replaces_ego_and_focal
+        removed = replaceable_agent_ids(opened, keeps_ego=keeps, keeps_focal=keeps)
     drives = not draws_agents or (wanted and adds)
     return removed, drivable_agent_ids(opened, wanted or None) if drives else ()
 
@@ -260,7 +289,7 @@ def _left_out(
     """A word about agents that were named but cannot be driven."""
     step = scenario.current_step
     return tuple(
-        f"Agent {name} keeps its future: it is "
+        f"Agent {name} keeps its trajectory: it is "
         + (
             f"a {scenario.agents.kinds[row].value}, not a road user."
             if scenario.agents.is_valid[row, step]

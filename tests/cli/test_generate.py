@@ -10,6 +10,7 @@ from pd_editor.errors import GenerationError
 from pd_editor.generation import LANE_GUIDANCE, GeneratorOffer, Region
 from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.scenario import EGO_ID
 from tests.cli.shell import JUNCTION, Shell, files_of
 from tests.editor.fake_generators import PlacingGenerator
 
@@ -94,6 +95,7 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
         ("--samples 1000 --tries 64", "at most 50000 are drawn at once."),
         ("--region 0 0 0", "expected more than 0 and at most 5000 m."),
         ("--add", "--add needs --num-agents"),
+        ("--replace-ego-and-focal", "needs --num-agents without --add"),
         ("--keep-to-lanes 3", "must be between 0 and 1"),
         (
             "--tries -1",
@@ -143,8 +145,8 @@ def test_who_cannot_be_driven_is_said(av2_scenario_folders: list[Path], tmp_path
             break
     names = (scenario.focal_id, things[0], gone[0])
     done = generate(folder, agents=names, out=tmp_path)
-    assert f"Agent {things[0]} keeps its future" in done.remarks[0]
-    assert f"Agent {gone[0]} keeps its future" in done.remarks[1]
+    assert f"Agent {things[0]} keeps its trajectory" in done.remarks[0]
+    assert f"Agent {gone[0]} keeps its trajectory" in done.remarks[1]
 
 
 @pytest.fixture
@@ -155,15 +157,39 @@ def placing(monkeypatch: pytest.MonkeyPatch) -> PlacingGenerator:
     return generator
 
 
-def test_new_agents_take_the_place_of_all(tmp_path: Path, placing: PlacingGenerator):
-    done = generate(
-        JUNCTION, out=tmp_path, num_agents=("2", "pedestrian=1"), model="placing"
-    )
+def test_new_agents_take_the_place_of_all_but_ego_and_focal_agent(
+    shell: Shell, tmp_path: Path, placing: PlacingGenerator
+):
+    """As in the browser, which keeps both; before, an export had neither."""
+    before = open_scenario(JUNCTION)
+    counts = ("--num-agents", 2, "pedestrian=1", "--model", "placing")
+    result = shell.run("generate", JUNCTION, *counts, "--out", tmp_path)
+    assert result.code == 0
     (request,) = placing.requests
     assert request.num_new_agents == {AgentKind.VEHICLE: 2, AgentKind.PEDESTRIAN: 1}
-    written = open_scenario(done.folder)
-    present = written.agents.kind_mask(ROAD_USER_KINDS)
-    assert present.sum() == 3
+    after = open_scenario(tmp_path / f"{JUNCTION}-s0")
+    assert after.focal_id == before.focal_id
+    users = after.agents.kind_mask(ROAD_USER_KINDS)
+    assert users.sum() == 5
+    for name in (before.focal_id, EGO_ID):
+        np.testing.assert_allclose(
+            after.agents.position_m[after.agents.row_of[name]],
+            before.agents.position_m[before.agents.row_of[name]],
+            atol=1e-3,
+        )
+
+
+def test_new_agents_replace_ego_and_focal_agent_if_told(
+    shell: Shell, tmp_path: Path, placing: PlacingGenerator
+):
+    counts = ("--num-agents", 2, "pedestrian=1", "--model", "placing")
+    result = shell.run(
+        "generate", JUNCTION, *counts, "--replace-ego-and-focal", "--out", tmp_path
+    )
+    assert result.code == 0
+    written = open_scenario(tmp_path / f"{JUNCTION}-s0")
+    assert written.agents.kind_mask(ROAD_USER_KINDS).sum() == 3
+    assert EGO_ID not in written.agents.ids
     assert written.focal_id in written.agents.ids
 
 
