@@ -77,10 +77,7 @@ def test_wheel_zooms_to_the_pointer_and_pans_keep_the_ground_under_it(editor, vi
         editor.page.mouse.wheel(0, 120)
         editor.page.wait_for_timeout(80)
     camera_rests(editor)
-    editor.until(
-        lambda: np.allclose(editor.client.camera.position, start, rtol=1e-3, atol=0.05),
-        "the camera back where it was, once it has eased out",
-    )
+    assert np.allclose(editor.client.camera.position, start, rtol=1e-3, atol=0.05)
 
     def drag(button: str) -> None:
         here = ground(editor, x, y)
@@ -106,7 +103,7 @@ def test_wheel_zooms_to_the_pointer_and_pans_keep_the_ground_under_it(editor, vi
         editor.page.keyboard.up("h")
     camera = editor.client.camera
     turned = np.subtract(camera.position, camera.look_at)
-    assert np.allclose(turned, look, rtol=5e-3, atol=0.1)
+    assert np.allclose(turned, look, atol=1e-2)
     assert not editor.session.selection
     assert not editor.session.entries
 

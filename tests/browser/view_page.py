@@ -29,6 +29,8 @@ def camera_rests(editor) -> None:
     former = []
 
     def stands_still() -> bool:
+        # A busy browser may draw nothing between two looks, and ease on later.
+        editor.settle()
         camera = editor.client.camera
         now = np.concatenate([camera.position, camera.look_at, camera.up_direction])
         there = editor.page.evaluate(

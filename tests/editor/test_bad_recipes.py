@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from pd_editor.editor.agent_commands import DuplicateAgents
-from pd_editor.editor.commands import command_from_json
+from pd_editor.editor.commands import (
+    AdoptTrajectory,
+    ReplaceTraffic,
+    command_from_json,
+)
 from pd_editor.editor.json_values import to_json
 from pd_editor.editor.place_command import PlaceAgent
 from pd_editor.errors import EditError, RecipeError
@@ -52,8 +56,15 @@ def replaced(sample: dict[str, object] | None = None, **changes: object):
 
 
 def test_what_the_cases_start_from_is_read():
-    for good in (adopted(), replaced()):
-        command_from_json(good, "Entry 1")
+    """Otherwise the cases below could be refused for another reason than theirs."""
+    adopts = command_from_json(adopted(), "Entry 1")
+    assert isinstance(adopts, AdoptTrajectory)
+    assert adopts.agent_id == "100"
+    np.testing.assert_array_equal(adopts.position_m, np.ones((60, 2)))
+    replaces = command_from_json(replaced(), "Entry 1")
+    assert isinstance(replaces, ReplaceTraffic)
+    assert replaces.sample.ids == ("100",)
+    np.testing.assert_array_equal(replaces.sample.position_m, np.ones((1, 60, 2)))
 
 
 SHAPES = [(), (60,), (2, 60), (60, 3), (0,), (1, 1, 1, 1), (59, 2), (60, 2, 1)]

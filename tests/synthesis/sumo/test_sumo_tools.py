@@ -50,8 +50,9 @@ def test_a_simulation_may_take_longer_than_other_tools(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     slow = tmp_path / "sumo"
-    slow.write_text("#!/bin/sh\nexec sleep 0.5\n")
+    slow.write_text("#!/bin/sh\nsleep 0.5 && echo done > finished\n")
     slow.chmod(0o755)
     monkeypatch.setattr(sumo_tools, "sumo_tool", lambda _: slow)
     monkeypatch.setattr(sumo_tools, "TIME_LIMIT_S", 0.1)
     run_sumo_tool("sumo", [], tmp_path, limit_s=SIMULATION_LIMIT_S)
+    assert (tmp_path / "finished").read_text() == "done\n"
