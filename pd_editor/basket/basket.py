@@ -28,6 +28,8 @@ class BasketEntry:
     row: IndexRow
     starred_at: float
     """Seconds since 1970."""
+    thumbnail: str = ""
+    """A small picture of it, as SVG; empty where none was made."""
 
     @property
     def name(self) -> str:
@@ -51,14 +53,19 @@ class Basket:
         return (self._folder / name).exists()
 
     def add(
-        self, row: IndexRow, files: Mapping[str, bytes], *, starred_at: float
+        self,
+        row: IndexRow,
+        files: Mapping[str, bytes],
+        *,
+        starred_at: float,
+        thumbnail: str = "",
     ) -> BasketEntry:
         """Keep an exported scenario.
 
         Raises:
             ExportError: the name is taken, or the disk refuses.
         """
-        entry = BasketEntry(row=row, starred_at=starred_at)
+        entry = BasketEntry(row=row, starred_at=starred_at, thumbnail=thumbnail)
         about = json.dumps(to_json(entry)).encode()
         with self._adding:
             write_files(

@@ -230,7 +230,7 @@ class BrowserSession:
             )
             self._unfinished_panel = UnfinishedPanel(desk)
             self._dataset_panel = DatasetPanel(desk)
-            self._basket_panel = BasketPanel(desk)
+            self._basket_panel = BasketPanel(desk, self._unfinished_panel.refresh)
         with tabs.add_tab("Road"):
             self._road_panel = RoadPanel(
                 desk,

@@ -2,14 +2,18 @@
 
 import csv
 import io
+import json
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
-from pd_editor.basket.basket import Basket
+from pd_editor.basket.basket import ENTRY_NAME, Basket
 from pd_editor.basket.index_table import index_csv, index_row, problem_counts
+from pd_editor.basket.thumbnail import thumbnail
 from pd_editor.editor.commands import TransformAgents
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
@@ -88,3 +92,47 @@ def test_problems_of_an_earlier_export_are_not_the_recordings():
 
 def test_a_table_of_nothing_has_its_head():
     assert index_csv([]).startswith(b"id,name,base_id,city")
+
+
+def test_a_thumbnail_shows_the_state(tmp_path: Path):
+    """Ground, one box per agent that is there, the focal agent in its own colour."""
+    scenario = two_agents_that_pass()
+    drawn = ElementTree.fromstring(thumbnail(scenario))
+    boxes = [one for one in drawn.iter() if one.tag.endswith("polygon")]
+    assert len(boxes) == 2
+    assert len({box.get("fill") for box in boxes}) == 2
+    corners = np.array(
+        [point.split(",") for point in boxes[0].get("points", "").split()], float
+    )
+    # Around the focal agent, in metres, with y down.
+    focal = scenario.agents.row_of[scenario.focal_id]
+    step = scenario.current_step
+    position = (
+        scenario.agents.position_m[:, step] - scenario.agents.position_m[focal, step]
+    )
+    np.testing.assert_allclose(corners.mean(axis=0), position[0] * [1, -1], atol=0.1)
+    (ground,) = [one for one in drawn.iter() if one.tag.endswith("path")]
+    assert ground.get("d", "").startswith("M")
+
+    basket = Basket(tmp_path)
+    session = EditorSession(scenario)
+    recipe = session.recipe()
+    entry = basket.add(
+        index_row(scenario, scenario, recipe),
+        exported_files(scenario, recipe),
+        starred_at=1.0,
+        thumbnail=thumbnail(scenario),
+    )
+    assert basket.entries() == [entry]
+    # Entries of earlier versions have none.
+    about = basket._folder / entry.name / ENTRY_NAME
+    former = json.loads(about.read_bytes())
+    del former["thumbnail"]
+    about.write_text(json.dumps(former))
+    assert basket.entries()[0].thumbnail == ""
+
+
+def test_a_thumbnail_of_an_empty_road(tmp_path: Path):
+    scenario = two_agents_that_pass()
+    empty = scenario.without_agents(scenario.agents.ids)
+    assert "<polygon" not in thumbnail(empty)

@@ -202,6 +202,9 @@ def test_rows_of_the_history_keep_their_place(editor):
         editor.until(lambda n=number: len(session.entries) == n, f"edit {number}")
     editor.open_tab("History")
     row = editor.page.get_by_role("button", name="1. Set agent")
+    # Nothing of the text is cut off, such as the lower part of a "g".
+    text = row.locator(".mantine-Button-label").bounding_box()
+    assert text["height"] >= 16
     before = top_of(row)
     row.click()
     editor.until(lambda: session.state.position == 1, "a jump back")

@@ -11,6 +11,7 @@ from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
 from pd_editor.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+from pd_editor.viewer.panels.basket_panel import ROW_PX
 
 pytestmark = pytest.mark.browser
 
@@ -85,6 +86,10 @@ def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
         assert recipe["variant"]["name"] == one
         assert f"{one}/scenario_{one}.parquet" in archive.namelist()
     editor.reload()
+    row = editor.page.get_by_role("button", name="My-slow-one" + _problems(rows[1]))
+    assert row.bounding_box()["height"] == pytest.approx(ROW_PX, abs=1)
+    picture = row.evaluate("e => getComputedStyle(e).backgroundImage")
+    assert picture.startswith('url("data:image/svg+xml;base64,')
     editor.press("My-slow-one" + _problems(rows[1]))
     editor.page.get_by_role("button", name="Download 1 scenario", exact=True).wait_for()
     editor.press("Remove the ticked")

@@ -1,18 +1,26 @@
 """The basket: starred scenarios, listed at the end of the tab, downloaded together."""
 
+import base64
+from collections.abc import Callable
+
 import viser
 
 from pd_editor.basket.basket import BasketEntry
 from pd_editor.viewer.state.desk import Desk, set_property
 
 ZIP_NAME = "scenarios.zip"
+ROW_PX = 72
 
 
 class BasketPanel:
     """Buttons on top, which stay in place; below them the list, which grows."""
 
-    def __init__(self, desk: Desk) -> None:
-        """Build it into the current container, as the last thing in it."""
+    def __init__(self, desk: Desk, on_removed: Callable[[], None]) -> None:
+        """Build it into the current container, as the last thing in it.
+
+        ``on_removed`` is told that scenarios were taken out.
+        """
+        self._on_removed = on_removed
         self._desk = desk
         self._workspace = desk.workspace
         self._entries: list[BasketEntry] = []
@@ -30,6 +38,7 @@ class BasketPanel:
                 "Remove the ticked", color="gray", disabled=True
             )
             self._hint = gui.add_markdown("")
+            self._style = gui.add_html("")
         desk.on_click(self._download, self.download)
         desk.on_click(self._remove, self._remove_ticked)
         self.refresh()
@@ -42,9 +51,12 @@ class BasketPanel:
             return
         entry = self._workspace.star()
         self.refresh()
-        count = entry.row.num_problems
-        problems = f"{count} open problem{'s' if count != 1 else ''}"
-        self._desk.notify(f"Starred: {entry.name}", f"With {problems}.", "success")
+        self._desk.notify(
+            f"Starred: {entry.name}",
+            f"With {entry.row.num_problems or 'no'} open problem"
+            f"{'s' if entry.row.num_problems != 1 else ''}.",
+            "success",
+        )
 
     def refresh(self) -> None:
         """Show what is in the basket by now."""
@@ -57,6 +69,11 @@ class BasketPanel:
             for entry in self._entries:
                 if entry.name not in self._rows:
                     self._add_row(entry)
+        rules = [
+            _look(self._rows[entry.name]._impl.uuid, entry.thumbnail)
+            for entry in self._entries
+        ]
+        set_property(self._style, "content", f"<style>{''.join(rules)}</style>")
         self._show_count()
 
     def download(self) -> None:
@@ -88,6 +105,7 @@ class BasketPanel:
         for name in self._ticked():
             self._workspace.basket.remove(name)
         self.refresh()
+        self._on_removed()
 
     def _ticked(self) -> list[str]:
         unticked = self._workspace.unticked
@@ -105,3 +123,20 @@ class BasketPanel:
             set_property(button, "disabled", count == 0)
         hint = "" if self._entries else "*Empty: S puts the scenario at hand in here.*"
         set_property(self._hint, "content", hint)
+
+
+def _look(uuid: str, thumbnail: str) -> str:
+    """Style rules of a row: the picture at the left, the name beside it."""
+    row = f'[id="{uuid}"]'
+    content = base64.b64encode(thumbnail.encode()).decode()
+    picture = f'url("data:image/svg+xml;base64,{content}")' if thumbnail else "none"
+    return (
+        f"{row}{{height:{ROW_PX}px !important;padding:0 0.6em 0 {ROW_PX * 3 // 2 + 8}px;"
+        "font-weight:500;color:var(--mantine-color-text);border-radius:3px;"
+        "border:1px solid rgba(128,144,160,0.4);"
+        f"background:{picture} no-repeat left center/{ROW_PX * 3 // 2}px {ROW_PX - 2}px,"
+        "rgba(128,144,160,0.1)}"
+        f"{row} .mantine-Button-inner{{justify-content:flex-start}}"
+        f"{row} .mantine-Button-label{{display:block;height:auto;text-box:normal;line-height:1.3;"
+        "text-align:left;white-space:normal;overflow-wrap:anywhere}"
+    )

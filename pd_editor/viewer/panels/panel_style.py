@@ -29,7 +29,9 @@ class PanelStyle:
             ":hover:not([data-disabled]){background:rgba(128,144,160,0.3)}",
             "[data-disabled]{opacity:0.4;background:none}",
             " .mantine-Button-inner{justify-content:flex-start}",
-            " .mantine-Button-label{display:block;height:auto;line-height:1.8;"
+            # Mantine trims a block's text to its capitals, which cuts a "g".
+            " .mantine-Button-label{display:block;height:auto;text-box:normal;"
+            "line-height:1.5;"
             "overflow:hidden;text-overflow:ellipsis;white-space:nowrap}",
         )
 

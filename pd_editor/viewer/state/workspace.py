@@ -12,6 +12,7 @@ from pd_editor.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
 from pd_editor.av2_io.upload import file_in_upload, scenario_from_upload
 from pd_editor.basket.basket import Basket, BasketEntry
 from pd_editor.basket.index_table import index_row
+from pd_editor.basket.thumbnail import thumbnail
 from pd_editor.editor.journal import (
     Journal,
     UnfinishedWork,
@@ -363,6 +364,7 @@ class Workspace:
             index_row(session.scenario, session.base, recipe),
             exported_files(session.scenario, recipe),
             starred_at=time.time(),
+            thumbnail=thumbnail(session.scenario),
         )
         self._given[recipe.result_id] = session.scenario
         if not self._is_exported:
