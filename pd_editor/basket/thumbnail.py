@@ -61,9 +61,9 @@ def _middle(scenario: Scenario) -> Float[np.ndarray, "2"]:
     if there.any():
         return np.median(agents.position_m[there, now], axis=0)
     ground = drivable_ground(scenario.road_map)
-    if ground.is_empty:
+    if shapely.is_empty(ground):
         return np.zeros(2)
-    return np.array([ground.centroid.x, ground.centroid.y])
+    return shapely.get_coordinates(shapely.centroid(ground))[0]
 
 
 def _color(scenario: Scenario, row: int) -> str:
@@ -80,10 +80,10 @@ def _ground_path(scenario: Scenario, middle: Float[np.ndarray, "2"]) -> str:
     window = shapely.box(
         x - HALF_WIDTH_M, y - HALF_HEIGHT_M, x + HALF_WIDTH_M, y + HALF_HEIGHT_M
     )
-    ground = drivable_ground(scenario.road_map).intersection(window)
+    ground = shapely.intersection(drivable_ground(scenario.road_map), window)
     rings = [
         ring
-        for part in shapely.get_parts(ground.simplify(_SIMPLER_M))
+        for part in shapely.get_parts(shapely.simplify(ground, _SIMPLER_M))
         if isinstance(part, shapely.Polygon)
         for ring in (part.exterior, *part.interiors)
     ]
