@@ -182,6 +182,9 @@ class GeneratedTraffic:
     elapsed_s: float = 0.0
     notes: tuple[str, ...] = ()
     """What the user should know, such as agents that found no lane."""
+    slowed_ids: tuple[tuple[str, ...], ...] = ()
+    """Agents of each sample that yield: they were slowed to avoid a collision. Empty
+    where no agent of any sample was."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,8 +236,8 @@ LANE_GUIDANCE: Final = "nearest-candidate"
 """Name of the term that pulls every agent to the nearest way along the lanes."""
 AVOIDANCE: Final = "avoidance"
 """Name of the term by which, of ``tries`` futures of each agent, those that avoid
-others are taken, and who would still run into somebody waits; ``tries`` is its
-parameter. With none, futures stay as drawn."""
+others are taken, and agents that would still collide yield, unless its parameter
+``yields`` is 0. With no tries, futures are those of the model."""
 
 
 def check_numbers(
@@ -265,15 +268,17 @@ def check_numbers(
 
 
 def guidance_terms(
-    lane_weight: float | None, num_tries: int | None
+    lane_weight: float | None, num_tries: int | None, *, yields: bool = True
 ) -> tuple[GuidanceTerm, ...]:
     """The usual terms; None leaves one to the generator."""
     terms: list[GuidanceTerm] = []
     if lane_weight is not None:
         terms.append(GuidanceTerm(name=LANE_GUIDANCE, weight=lane_weight))
-    if num_tries is not None:
-        tries = {"tries": float(num_tries)}
-        terms.append(GuidanceTerm(name=AVOIDANCE, parameters=tries))
+    told = {} if num_tries is None else {"tries": float(num_tries)}
+    if not yields:
+        told["yields"] = 0.0
+    if told:
+        terms.append(GuidanceTerm(name=AVOIDANCE, parameters=told))
     return tuple(terms)
 
 

@@ -82,6 +82,7 @@ def generate(
     steps: StepsOption = None,
     keep_to_lanes: WeightOption = None,
     tries: TriesOption = None,
+    no_yielding: Switch = False,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
     device: DeviceName = "auto",
@@ -105,7 +106,8 @@ def generate(
         samples: How many samples to draw.
         steps: Denoising steps of trajectories; for states the model has its own number.
         keep_to_lanes: Strength of the guidance towards the lanes, from 0 for none to 1.
-        tries: Trajectories of each agent, of which those that avoid others are taken; an agent that would still collide waits. 0: raw model.
+        tries: Trajectories of each agent, of which those that avoid others are taken; an agent that would still collide yields. 0: raw model.
+        no_yielding: Do not slow agents that would collide.
         seed: Seed of the draw; the same seed gives the same files.
         model: path-diffuser, lane-follower (trajectories only), or the folder of a trained model.
         device: Where a model computes; auto takes a GPU if there is one.
@@ -132,7 +134,7 @@ def generate(
         quality=quality,
         num_samples=samples,
         num_denoising_steps=steps,
-        guidance=_guidance(keep_to_lanes, tries),
+        guidance=_guidance(keep_to_lanes, tries, yields=not no_yielding),
         seed=seed,
     )
     names = _names(opened, name, request)
@@ -277,10 +279,12 @@ def _roles(
     return removed, drivable_agent_ids(opened, wanted or None) if drives else ()
 
 
-def _guidance(weight: float | None, tries: int | None) -> tuple[GuidanceTerm, ...]:
+def _guidance(
+    weight: float | None, tries: int | None, *, yields: bool
+) -> tuple[GuidanceTerm, ...]:
     if weight is not None and not 0 <= weight <= 1:
         raise GenerationError(f"--keep-to-lanes must be between 0 and 1, not {weight}.")
-    return guidance_terms(weight, tries)
+    return guidance_terms(weight, tries, yields=yields)
 
 
 def _left_out(

@@ -54,6 +54,8 @@ from pd_editor.scene.scenario import Scenario
 
 Preview = Callable[[], tuple[TrafficSample, ...]]
 
+_MOST_NAMED: Final = 6
+"""Agents that a note lists."""
 _PLACING_SHARE: Final = 0.5
 """Of the progress of a sample whose states are drawn too."""
 
@@ -129,10 +131,10 @@ class PathDiffuser:
                 "There is nobody to generate; expected at least one agent."
             )
         if request.draws_states:
-            samples, notes = yield from self._sampled_states_and_trajectories(request)
+            found = yield from self._sampled_states_and_trajectories(request)
         else:
             label = f"{len(request.agent_ids)} agents"
-            samples, notes = yield from self._sampled_trajectories(
+            found = yield from self._sampled_trajectories(
                 request,
                 request.scenario,
                 request.agent_ids,
@@ -140,12 +142,13 @@ class PathDiffuser:
                 partial(_progress, label, 0.0, 1.0),
             )
         return GeneratedTraffic(
-            samples=tuple(samples),
+            samples=found.samples,
             generator=self.name,
             model_sha256=model.sha256,
             seed=request.seed,
             elapsed_s=time.perf_counter() - began,
-            notes=(*notes, *_notes(request)),
+            notes=(*found.notes, *found.yielding_notes(), *_notes(request)),
+            slowed_ids=found.slowed_ids if any(found.slowed_ids) else (),
         )
 
     def _initial_states(self) -> TrainedStage:
@@ -156,11 +159,11 @@ class PathDiffuser:
 
     def _sampled_states_and_trajectories(
         self, request: GenerationRequest
-    ) -> Generator[GenerationProgress, None, tuple[list[TrafficSample], list[str]]]:
+    ) -> Generator[GenerationProgress, None, "_Sampled"]:
         stage = self._initial_states()
         model = stage.model
         assert isinstance(model, InitialStateDenoiser)
-        samples: list[TrafficSample] = []
+        samples: list[_Sampled] = []
         placed: list[tuple[Scenario, tuple[str, ...]]] = []
         share = _PLACING_SHARE / request.num_samples
         for index in range(request.num_samples):
@@ -180,14 +183,14 @@ class PathDiffuser:
             placed.append((scenario, tuple(n for one in placings for n in one.ids)))
             new_ids = tuple(name for one in placings for name in one.new_ids)
             ids = request.agent_ids + new_ids
-            driven, _ = yield from self._sampled_trajectories(
+            driven = yield from self._sampled_trajectories(
                 request,
                 scenario,
                 ids,
                 range(index, index + 1),
                 partial(_progress, label, done + share, share),
             )
-            samples += driven
+            samples.append(driven)
         notes = list(attribute_notes(placed, _wishes(request)))
         num_empty = sum(not ids for _, ids in placed)
         if num_empty:
@@ -195,7 +198,11 @@ class PathDiffuser:
                 f"Nobody was placed in {num_empty} of {len(placed)} samples: there are "
                 "as many road users as suit the road."
             )
-        return samples, notes
+        return _Sampled(
+            samples=tuple(one for driven in samples for one in driven.samples),
+            slowed_ids=tuple(one for driven in samples for one in driven.slowed_ids),
+            notes=tuple(notes),
+        )
 
     def _sampled_trajectories(
         self,
@@ -204,7 +211,7 @@ class PathDiffuser:
         ids: tuple[str, ...],
         indices: range,
         progress: Callable[[float, Preview], DenoisingProgress],
-    ) -> Generator[DenoisingProgress, None, tuple[list[TrafficSample], list[str]]]:
+    ) -> Generator[DenoisingProgress, None, "_Sampled"]:
         stage = self._trajectories()
         model = stage.model
         assert isinstance(model, TrajectoryDenoiser)
@@ -230,17 +237,34 @@ class PathDiffuser:
             notes.append(
                 f"Distance to lanes: {before:.1f} -> {after:.1f} m by guidance."
             )
-        samples = list(_samples(task, rows, drawn.motion))
-        if _num_tries(request):
-            given = [with_yielding(scenario, rows, sample) for sample in samples]
-            samples = [sample for sample, _ in given]
-            num_waiting = sum(len(waiting) for _, waiting in given)
-            if num_waiting:
-                notes.append(
-                    f"{num_waiting} agent{'s' if num_waiting > 1 else ''} slowed down "
-                    "to avoid a collision."
-                )
-        return samples, notes
+        samples = [(one, ()) for one in _samples(task, rows, drawn.motion)]
+        if _yields(request):
+            samples = [with_yielding(scenario, rows, one) for one, _ in samples]
+        return _Sampled(
+            samples=tuple(sample for sample, _ in samples),
+            slowed_ids=tuple(slowed for _, slowed in samples),
+            notes=tuple(notes),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sampled:
+    """Samples, the agents of each that were slowed, and what there is to tell."""
+
+    samples: tuple[TrafficSample, ...]
+    slowed_ids: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...]
+
+    def yielding_notes(self) -> list[str]:
+        """Which agents were slowed."""
+        count = sum(map(len, self.slowed_ids))
+        if not count:
+            return []
+        names = list(dict.fromkeys(name for one in self.slowed_ids for name in one))
+        told = ", ".join(names[:_MOST_NAMED])
+        more = f" and {len(names) - _MOST_NAMED} more" * (len(names) > _MOST_NAMED)
+        agents = "agent" if count == 1 else "agents"
+        return [f"{count} {agents} slowed down to avoid a collision: {told}{more}."]
 
 
 def _placing_progress(
@@ -299,12 +323,19 @@ def _wishes(request: GenerationRequest) -> AttributeRequest:
 
 
 def _num_tries(request: GenerationRequest) -> int:
-    """Of each future; 0 where nobody is to avoid others."""
+    """Of each future; 0 where no agent is to avoid others."""
     avoids = [term for term in request.guidance if term.name == AVOIDANCE]
     if not avoids:
         return NUM_TRIES
     wanted = int(avoids[-1].parameters.get("tries", NUM_TRIES))
     return max(wanted, 0) if avoids[-1].weight > 0 else 0
+
+
+def _yields(request: GenerationRequest) -> bool:
+    """Whether agents that would collide are slowed."""
+    avoids = [term for term in request.guidance if term.name == AVOIDANCE]
+    wanted = avoids[-1].parameters.get("yields", 1.0) if avoids else 1.0
+    return bool(_num_tries(request)) and wanted > 0
 
 
 def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptions:
@@ -313,7 +344,8 @@ def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptio
         sampler = replace(sampler, num_steps=request.num_denoising_steps)
     lanes = [term for term in request.guidance if term.name == LANE_GUIDANCE]
     if lanes:
-        guidance = replace(guidance, weight=lanes[-1].weight)
+        strength = lanes[-1].weight
+        guidance = replace(guidance, weight=strength, warped_weight=strength)
     return TrajectoryOptions(
         sampler=sampler,
         guidance=guidance,

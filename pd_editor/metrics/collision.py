@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 
 from pd_editor.geometry.oriented_box import box_corners, overlap_area
 from pd_editor.metrics.path_pieces import bounds_m, rectangles_meet
@@ -106,17 +106,35 @@ def boxes_touch(
     size_a_m: Float[np.ndarray, "N 2"],
     size_b_m: Float[np.ndarray, "N 2"],
 ) -> Bool[np.ndarray, "N"]:
-    """Separating axis test on centres, headings and half sizes."""
-    turn = heading_b_rad - heading_a_rad
-    cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    """Separating axis test on centres, headings and sizes."""
+    return turned_boxes_touch(
+        offset_m[:, 0] + 1j * offset_m[:, 1],
+        np.exp(1j * heading_a_rad),
+        np.exp(1j * heading_b_rad),
+        size_a_m,
+        size_b_m,
+    )
+
+
+def turned_boxes_touch(
+    offset_m: Complex[np.ndarray, "N"],
+    direction_a: Complex[np.ndarray, "N"],
+    direction_b: Complex[np.ndarray, "N"],
+    size_a_m: Float[np.ndarray, "N 2"],
+    size_b_m: Float[np.ndarray, "N 2"],
+) -> Bool[np.ndarray, "N"]:
+    """The same of plane vectors as complex numbers; directions are unit vectors."""
+    turn = direction_b * direction_a.conj()
+    cos, sin = np.abs(np.real(turn)), np.abs(np.imag(turn))
     touch = np.ones(len(turn), bool)
-    for heading, own, other in (
-        (heading_a_rad, size_a_m, size_b_m),
-        (heading_b_rad, size_b_m, size_a_m),
+    for direction, own, other in (
+        (direction_a, size_a_m, size_b_m),
+        (direction_b, size_b_m, size_a_m),
     ):
-        x, y = np.cos(heading), np.sin(heading)
-        along = np.abs(offset_m[:, 0] * x + offset_m[:, 1] * y)
-        aside = np.abs(offset_m[:, 1] * x - offset_m[:, 0] * y)
-        touch &= along < (own[:, 0] + other[:, 0] * cos + other[:, 1] * sin) / 2
-        touch &= aside < (own[:, 1] + other[:, 0] * sin + other[:, 1] * cos) / 2
+        place = offset_m * direction.conj()
+        length, width = other.T
+        along = own[:, 0] + length * cos + width * sin
+        aside = own[:, 1] + length * sin + width * cos
+        touch &= np.abs(np.real(place)) * 2 < along
+        touch &= np.abs(np.imag(place)) * 2 < aside
     return touch

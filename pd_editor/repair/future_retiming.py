@@ -1,4 +1,4 @@
-"""Re-timing futures so that curves can be driven and nobody is run into."""
+"""Re-timing futures so that curves can be driven and agents do not collide."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import replace
@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.geometry.angles import unit_vector
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.repair.futures import Futures
 from pd_editor.repair.report import (
@@ -17,7 +16,6 @@ from pd_editor.repair.report import (
     repairable,
     sentence,
 )
-from pd_editor.repair.waiting_plan import blocked_places, waiting_distances
 from pd_editor.scene.scenario import Scenario
 
 _MAX_ROUNDS: Final = 8
@@ -32,12 +30,11 @@ def retime_futures(
 ) -> tuple[Scenario, RepairReport]:
     """Lane followers slowed along their own paths, never ahead of their old timing.
 
-    Speeds keep v <= sqrt(mu g / kappa), with braking ahead of curves; who would run
-    into another agent brakes and waits until its path is free. Places and headings at
-    the current step stay; a current speed is lowered where a curve is too near. A
-    change that would make others overlap is left out; pairs that still run into each
-    other are named. ``agent_ids`` None means all; ``keep_ids`` None keeps the focal
-    agent.
+    Speeds keep v <= sqrt(mu g / kappa), with braking ahead of curves; agents that
+    would collide yield. Places and headings at the current step stay; a current speed
+    is lowered where a curve is too near. A change that would make others overlap is
+    left out; pairs that still collide are named. ``agent_ids`` None means all;
+    ``keep_ids`` None keeps the focal agent.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -64,13 +61,13 @@ def wait_for_others(
     *,
     keep_ids: Collection[str] | None = None,
 ) -> tuple[Scenario, tuple[str, ...]]:
-    """Lane followers who would run into somebody brake and wait, the others as before.
+    """Lane followers that would collide yield, the others drive on as before.
 
-    The part of ``retime_futures`` that is about other agents, in one round: who is too
-    fast for a curve stays so.
+    The part of ``retime_futures`` that is about other agents, in one round: agents
+    that are too fast for a curve stay so.
 
     Returns:
-        The scene, and the ids of those who wait, sorted.
+        The scene, and the ids of the agents that were slowed, sorted.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -80,7 +77,7 @@ def wait_for_others(
         friction_coefficient=DRY_ROAD_FRICTION,
         may_change=repairable(scenario, agent_ids, keep_ids),
     )
-    resolved = _resolved(futures)
+    resolved = futures.with_yielding()
     names = sorted(scenario.agents.ids[row] for row in resolved.reasons)
     return resolved.scenario, tuple(names)
 
@@ -88,73 +85,11 @@ def wait_for_others(
 def _one_round(futures: Futures) -> Futures:
     """Friction, then conflicts; without the friction step where it makes overlaps."""
     pairs, _, total = futures.conflicts()
-    slowed = _resolved(futures.slowed_to_friction())
+    slowed = futures.slowed_to_friction().with_yielding()
     new_pairs, _, new_total = slowed.conflicts()
     if len(new_pairs) <= len(pairs) and new_total <= total:
         return slowed
-    return _resolved(futures)
-
-
-def _resolved(futures: Futures) -> Futures:
-    """The best state found while those who run into others wait, one after another."""
-    pairs, steps, total = futures.conflicts()
-    best, best_count, most = futures, len(pairs), total
-    tried: set[tuple[int, int]] = set()
-    while len(pairs):
-        after = None
-        for (one, two), step in zip(pairs.tolist(), steps.tolist(), strict=True):
-            for row, other in _who_waits(futures, one, two, step):
-                if (row, other) in tried or not futures.may_change[row]:
-                    continue
-                tried.add((row, other))
-                after = _waiting(futures, row, other, len(pairs))
-                if after is not None:
-                    break
-            if after is not None:
-                break
-        if after is None:
-            return best
-        futures = after
-        pairs, steps, total = futures.conflicts()
-        if len(pairs) < best_count and total <= most:
-            best, best_count = futures, len(pairs)
-    return best
-
-
-def _who_waits(
-    futures: Futures, one: int, two: int, step: int
-) -> list[tuple[int, int]]:
-    """Both orders of a pair; the one with the other more in front of it comes first."""
-    position = futures.agents.position_m[:, step]
-    forward = unit_vector(futures.agents.heading_rad[:, step])
-    ahead_of_one = float(forward[one] @ (position[two] - position[one]))
-    ahead_of_two = float(forward[two] @ (position[one] - position[two]))
-    if ahead_of_one > ahead_of_two:
-        return [(one, two), (two, one)]
-    return [(two, one), (one, two)]
-
-
-def _waiting(
-    futures: Futures, row: int, other: int, max_conflicts: int
-) -> Futures | None:
-    """The scene with one agent behind another; None if that does not help."""
-    path = futures.own_path(row)
-    if path.along_m[-1] <= 0:
-        return None
-    blocked = blocked_places(path, futures.others(row))
-    step_s = futures.scenario.time_axis.step_s
-    pair = sorted((row, other))
-    for distance, speed in waiting_distances(path, blocked, step_s):
-        after = futures.retimed(
-            np.array([row]),
-            distance[None],
-            speed[None],
-            f"behind {name_of(futures.agents, other)}",
-        )
-        pairs, _, _ = after.conflicts()
-        if len(pairs) <= max_conflicts and pair not in pairs.tolist():
-            return after
-    return None
+    return futures.with_yielding()
 
 
 def _changes(scenario: Scenario, futures: Futures) -> tuple[RepairChange, ...]:

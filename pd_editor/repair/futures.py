@@ -1,6 +1,6 @@
 """Futures of a scene while they are re-timed."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -20,14 +20,15 @@ from pd_editor.repair.friction_pass import (
     slowed_distance,
     speed_limit,
 )
-from pd_editor.repair.waiting_plan import OtherBoxes, OwnPath
+from pd_editor.repair.report import name_of
+from pd_editor.repair.yielding import yielding
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Futures:
-    """Agents of a scene, some of whom may be driven slower along their own paths."""
+    """Agents of a scene, some of which may be driven slower along their own paths."""
 
     scenario: Scenario
     friction_coefficient: float
@@ -63,7 +64,7 @@ class Futures:
         return curve, heading, travelled_m(curve)
 
     def slowed_to_friction(self) -> "Futures":
-        """Futures with everybody who is too fast for its own curve slowed."""
+        """Futures with all agents slowed that are too fast for their own curves."""
         rows, step_s = self.moving_rows(), self.scenario.time_axis.step_s
         if len(rows) == 0 or self.scenario.time_axis.num_future_steps < 1:
             return self
@@ -119,18 +120,42 @@ class Futures:
         reasons = dict(self.reasons)
         for row in rows.tolist():
             reasons[row] = tuple(dict.fromkeys((*reasons.get(row, ()), reason)))
-        return Futures(
-            scenario=self.scenario.with_agents(changed),
-            friction_coefficient=self.friction_coefficient,
-            may_change=self.may_change,
-            reasons=reasons,
+        return replace(
+            self, scenario=self.scenario.with_agents(changed), reasons=reasons
+        )
+
+    def with_yielding(self) -> "Futures":
+        """Futures with agents that yield where they would collide."""
+        step, agents = self.scenario.current_step, self.agents
+        found = yielding(agents, step, self.may_change, self.scenario.time_axis.step_s)
+        if not len(found.row):
+            return self
+        is_valid = agents.is_valid[found.row, step:]
+
+        def later(recorded: np.ndarray, driven: np.ndarray) -> np.ndarray:
+            there = is_valid.reshape(*is_valid.shape, *[1] * (driven.ndim - 2))
+            driven = np.where(there, driven, 0.0)
+            return np.concatenate([recorded[found.row, :step], driven], axis=1)
+
+        changed = agents.with_rows(
+            found.row,
+            position_m=later(agents.position_m, found.position_m),
+            heading_rad=later(agents.heading_rad, found.heading_rad),
+            velocity_mps=later(agents.velocity_mps, found.velocity_mps),
+        )
+        reasons = dict(self.reasons)
+        for row, other in zip(found.row.tolist(), found.behind.tolist(), strict=True):
+            why = f"behind {name_of(agents, other)}"
+            reasons[row] = tuple(dict.fromkeys((*reasons.get(row, ()), why)))
+        return replace(
+            self, scenario=self.scenario.with_agents(changed), reasons=reasons
         )
 
     def conflicts(self) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P"], int]:
-        """Pairs that run into each other, first step of each; number of all overlaps.
+        """Pairs that collide, first step of each; number of all overlaps.
 
-        Pairs that overlap now already are no matter of timing, nor are tracks that
-        begin later: recordings often lose somebody and find him again as another one.
+        Pairs that overlap now are no matter of timing, nor are tracks that begin later:
+        recordings often lose an agent and find it again as another one.
         """
         now = self.scenario.current_step
         later = np.arange(now + 1, self.agents.num_steps)
@@ -141,34 +166,3 @@ class Futures:
         matters = counted(self.agents, pairs) & new & there
         order = np.lexsort((pairs[matters, 1], pairs[matters, 0], steps[matters]))
         return pairs[matters][order], steps[matters][order], len(pairs)
-
-    def own_path(self, row: int) -> OwnPath:
-        """The future of an agent as a path."""
-        step = self.scenario.current_step
-        curve, heading, along = self.paths(np.array([row]))
-        speed = np.gradient(along, self.scenario.time_axis.step_s, axis=1)
-        limit = speed_limit(curve, heading, self.friction_coefficient)
-        return OwnPath(
-            along_m=along[0],
-            position_m=curve[0],
-            heading_rad=heading[0],
-            is_valid=self.agents.is_valid[row, step:],
-            size_m=self.agents.size_m[row],
-            speed_mps=float(np.hypot(*self.agents.velocity_mps[row, step])),
-            allowed_mps=np.minimum(speed.max(), drivable_speed(along, limit)[0]),
-        )
-
-    def others(self, row: int) -> OtherBoxes:
-        """Everybody whom an agent must not run into."""
-        agents, step = self.agents, self.scenario.current_step
-        other = np.delete(np.arange(len(agents)), row)
-        pairs = np.stack([np.full(len(other), row), other], axis=1)
-        other = other[counted(agents, pairs) & agents.is_valid[other, step]]
-        now = {tuple(pair) for pair in overlapping_pairs(agents, step).tolist()}
-        apart = [one for one in other.tolist() if not {(row, one), (one, row)} & now]
-        return OtherBoxes(
-            position_m=agents.position_m[apart, step:],
-            heading_rad=agents.heading_rad[apart, step:],
-            is_valid=agents.is_valid[apart, step:],
-            size_m=agents.size_m[apart],
-        )

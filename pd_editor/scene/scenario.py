@@ -85,6 +85,11 @@ class Scenario:
         return self.applied_warp.original_road_map
 
     @property
+    def is_warped(self) -> bool:
+        """Whether the road is warped, here or before it was exported."""
+        return self.applied_warp is not None or self.provenance.is_bent
+
+    @property
     def reference(self) -> BaseReference:
         """How a recipe names this scenario as its base, as it was opened."""
         return BaseReference(

@@ -5,7 +5,9 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 from pd_editor.diffusion.initial_state.denoiser import InitialStateConfig
+from pd_editor.diffusion.initial_state.loss import InitialStateLossConfig
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
+from pd_editor.diffusion.trajectory.loss import TrajectoryLossConfig
 from pd_editor.training.run_config import Optimisation
 
 PresetName = Literal["default", "gpu", "av2", "tiny"]
@@ -22,6 +24,11 @@ class Preset:
     """Current steps at which each scenario of Argoverse 2 is seen."""
 
 
+LOSSES: Final[Mapping[str, type[Any]]] = {
+    "traj": TrajectoryLossConfig,
+    "init": InitialStateLossConfig,
+}
+"""Settings of each stage's loss; the defaults are those of all presets."""
 PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
     "traj": {
         "default": Preset(

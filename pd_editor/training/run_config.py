@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Final, Literal, TypeVar
 
 from pd_editor.errors import TrainingError
@@ -92,6 +92,8 @@ class RunConfig:
     precision: Precision = "32"
     model: Mapping[str, Any]
     """Configuration of the stage's network."""
+    loss: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of the stage's loss; those that are missing are as usual."""
     start: str = ""
     """Folder of the model that the weights start from; empty: fresh weights."""
     validate: tuple[str, ...] = ()
@@ -132,6 +134,9 @@ class RunConfig:
             raise TrainingError(f"The run's configuration is no JSON ({error}).") from (
                 error
             )
+        if isinstance(values, dict):
+            # Runs from before there was this field.
+            values = {"loss": {}} | values
         return _part(
             cls,
             values,

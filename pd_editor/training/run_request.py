@@ -1,12 +1,12 @@
 """What somebody asks of a run, and the settings that come of it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import torch
 
 from pd_editor.errors import TrainingError
-from pd_editor.training.presets import PRESETS, PresetName
+from pd_editor.training.presets import LOSSES, PRESETS, PresetName
 from pd_editor.training.run_config import Budget, Precision, RunConfig
 
 StageName = Literal["init", "traj"]
@@ -56,6 +56,7 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
         seed=request.seed or 0,
         precision=request.precision or fast_precision(is_gpu=is_gpu),
         model=preset.model,
+        loss=asdict(LOSSES[request.stage]()),
         start=request.start or "",
         validate=request.validate or (),
         windows=request.windows or preset.windows,

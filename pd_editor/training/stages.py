@@ -1,13 +1,14 @@
 """How each stage is trained: its network on the data's basis, and its loss."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import torch
 from torch import nn
 
 from pd_editor.diffusion.checkpoints.model_folder import StageKind, made_model
+from pd_editor.diffusion.checkpoints.tensor_file import config_from_json
 from pd_editor.diffusion.initial_state.agent_count_prior import (
     MOST_ROWS,
     fit_agent_counts,
@@ -18,7 +19,11 @@ from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory.loss import trajectory_loss
+from pd_editor.diffusion.trajectory.loss import (
+    TrajectoryLossConfig,
+    trajectory_loss,
+)
+from pd_editor.training.presets import LOSSES
 from pd_editor.training.train_loop import Loss
 from pd_editor.windows.feature_store import FeatureStore
 
@@ -28,12 +33,33 @@ class Stage:
     """One of the model's stages, as it is trained."""
 
     kind: StageKind
-    loss: Loss
+    loss_type: type[Any]
+    """Flat dataclass of plain values with defaults, the last argument of the loss."""
+    configured_loss: Callable[
+        [Any, Any, torch.Generator, float, Any],
+        tuple[torch.Tensor, Mapping[str, torch.Tensor]],
+    ]
     with_basis: Callable[[Any, TrajectoryBasis], nn.Module]
     """A fresh network for latents of a basis."""
 
     take_in: Callable[[nn.Module, FeatureStore], None] = lambda _model, _store: None
     """Keeps in the network what it is to know of the data besides its weights."""
+
+    def loss(self, settings: Mapping[str, Any]) -> Loss:
+        """The loss by its settings; those that are not given are as usual.
+
+        Raises:
+            ModelError: a setting is unknown or holds something else.
+        """
+        usual = asdict(self.loss_type())
+        config = config_from_json(self.loss_type, usual | dict(settings), "loss")
+
+        def loss(
+            model: Any, batch: Any, random: torch.Generator, progress: float
+        ) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
+            return self.configured_loss(model, batch, random, progress, config)
+
+        return loss
 
     def fresh_model(self, config: Any, basis: TrajectoryBasis, seed: int) -> nn.Module:
         """The network before training; the seed decides its weights."""
@@ -58,21 +84,24 @@ def _trajectory_loss(
     batch: SceneTensors,
     random: torch.Generator,
     _progress: float,
+    config: TrajectoryLossConfig,
 ) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
     assert isinstance(model, TrajectoryDenoiser)
-    return trajectory_loss(model, batch, random)
+    return trajectory_loss(model, batch, random, config)
 
 
 STAGES: Final[Mapping[str, Stage]] = {
     "init": Stage(
         kind=INITIAL_STATES,
-        loss=initial_state_loss,
+        loss_type=LOSSES["init"],
+        configured_loss=initial_state_loss,
         with_basis=lambda config, _: INITIAL_STATES.make_model(config),
         take_in=_count_agents,
     ),
     "traj": Stage(
         kind=TRAJECTORIES,
-        loss=_trajectory_loss,
+        loss_type=LOSSES["traj"],
+        configured_loss=_trajectory_loss,
         with_basis=TrajectoryDenoiser,
     ),
 }

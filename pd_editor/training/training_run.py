@@ -179,7 +179,7 @@ def _train(
     loop = TrainLoop(
         config,
         model,
-        stage.loss,
+        stage.loss(config.loss),
         training_data(
             prepared.data.store, config.budget, config.seed, prepared.validation
         ),
@@ -324,6 +324,7 @@ def _about(
         "is_recorded": any(map(is_recorded, _roots(config.data))),
         "data_fingerprint": prepared.store.fingerprint,
         "batch_size": config.optimisation.batch_size,
+        "loss": dict(config.loss),
         "precision": config.precision,
         "seed": config.seed,
         "start": Path(config.start).name,

@@ -60,7 +60,7 @@ def main() -> None:
             loop = TrainLoop(
                 run,
                 stage.fresh_model(config, prepared.basis, 0),
-                stage.loss,
+                stage.loss({}),
                 data,
                 RunFolder(Path("/dev/null")),
                 Fabric(

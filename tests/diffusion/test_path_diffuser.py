@@ -73,7 +73,7 @@ def test_progress_is_told_after_each_step_with_what_is_believed_in(
         assert len(one.preview()) == 2
 
 
-def test_nobody_waits_only_where_there_are_no_tries(
+def test_agents_yield_unless_there_are_no_tries_or_they_shall_not(
     diffuser: PathDiffuser, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[TrafficSample] = []
@@ -84,13 +84,35 @@ def test_nobody_waits_only_where_there_are_no_tries(
 
     monkeypatch.setattr(path_diffuser, "with_yielding", recorded)
     ids, calls = scenario.agents.ids, {}
-    for tries in (0, 1, 3):
+    for tries, yields in ((0, True), (1, True), (3, True), (1, False)):
         asked.clear()
-        guidance = guidance_terms(0.0, tries)
+        guidance = guidance_terms(0.0, tries, yields=yields)
         traffic = generated(diffuser, scenario, ids, guidance=guidance, num_samples=2)
-        calls[tries] = len(asked)
-        assert any("slowed down" in note for note in traffic.notes) == (tries > 0)
-    assert calls == {0: 0, 1: 2, 3: 2}
+        calls[tries, yields] = len(asked)
+        slows = bool(yields and tries)
+        told = "2 agents slowed down to avoid a collision: somebody."
+        assert (told in traffic.notes) == slows
+        assert traffic.slowed_ids == ((("somebody",),) * 2 if slows else ())
+    assert calls == {(0, True): 0, (1, True): 2, (3, True): 2, (1, False): 0}
+
+
+def test_slowed_agents_are_named_where_states_are_sampled_too(
+    diffuser: PathDiffuser, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slowed(_scenario: Scenario, _rows: object, sample: TrafficSample) -> Any:
+        return sample, sample.ids[:1]
+
+    monkeypatch.setattr(path_diffuser, "with_yielding", slowed)
+    traffic = generated(
+        diffuser,
+        scenario,
+        scenario.agents.ids,
+        redrawn_state_ids=scenario.agents.ids,
+        num_samples=2,
+    )
+    first = scenario.agents.ids[0]
+    assert traffic.slowed_ids == ((first,), (first,))
+    assert any(note.endswith(f"collision: {first}.") for note in traffic.notes)
 
 
 def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 
 from pd_editor.perturbation.friction_limit import GRAVITY_MPS2
 from pd_editor.repair import retime_futures
+from pd_editor.repair.yielding import MAX_BRAKING_MPS2
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
@@ -55,20 +56,29 @@ def test_a_follower_stops_behind_a_standing_car():
     end = agents.position_m[0, -1, 0]
     assert 40 - 4.6 - 3 < end <= 40 - 4.6
     speed = agents.speed_mps()[0, NOW:]
-    assert speed[-1] < 0.05
+    # It can stop before the standing car.
+    assert speed[-1] ** 2 / (2 * MAX_BRAKING_MPS2) < 40 - 4.6 - end
     assert np.diff(speed).min() / STEP_S > -3.2
     assert np.diff(speed).max() / STEP_S < 0.5
     assert changed_ids(scenario, repaired) == {"100"}
     assert report.changes[0].message.endswith("behind vehicle 101.")
-    assert report.changes[0].slowdown_mps == pytest.approx(10, abs=0.1)
+    assert report.changes[0].slowdown_mps == pytest.approx(10, abs=1.1)
 
 
 def test_too_near_to_brake_gently_it_brakes_hard():
-    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (14, 0, 0, 0)]))
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (17.5, 0, 0, 0)]))
     repaired, _ = retime_futures(scenario, keep_ids=())
     assert overlaps_later(repaired) == set()
     rate = np.diff(repaired.agents.speed_mps()[0, NOW:]) / STEP_S
-    assert -8.5 < rate.min() < -4
+    assert -MAX_BRAKING_MPS2 - 0.2 < rate.min() < -3.5
+
+
+def test_too_near_to_brake_at_all_it_goes_on_and_is_named():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (14, 0, 0, 0)]))
+    repaired, report = retime_futures(scenario, keep_ids=())
+    assert repaired is scenario
+    (problem,) = report.problems
+    assert problem.agent_ids == ("100", "101")
 
 
 def test_a_queue_stops_one_behind_the_other():

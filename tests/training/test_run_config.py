@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from pd_editor.errors import TrainingError
+from pd_editor.errors import ModelError, TrainingError
 from pd_editor.training.presets import PRESETS
 from pd_editor.training.run_config import Budget, Optimisation, RunConfig
 from pd_editor.training.run_request import RunRequest, continued_config, new_config
@@ -23,6 +23,23 @@ CONFIG = RunConfig(
 
 def test_it_comes_back_from_text():
     assert RunConfig.from_json(CONFIG.to_json()) == CONFIG
+
+
+def test_new_runs_tell_the_settings_of_their_loss():
+    request = RunRequest(stage="traj", data=("/a",))
+    config = new_config(request, is_gpu=False)
+    assert config.loss["starting_weight"] == 1.0
+    assert RunConfig.from_json(config.to_json()).loss == config.loss
+    for stage in STAGES.values():
+        stage.loss({})
+        with pytest.raises(ModelError, match="loss"):
+            stage.loss({"no_such_weight": 1.0})
+
+
+def test_a_run_from_before_losses_had_settings_goes_on():
+    values = json.loads(CONFIG.to_json())
+    del values["loss"]
+    assert RunConfig.from_json(json.dumps(values)) == CONFIG
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def loop_of(name, prepared, folder, *, steps, precision="32", optimisation=None)
     return TrainLoop(
         config,
         stage.fresh_model(stage.kind.config_type(**preset.model), prepared.basis, 0),
-        stage.loss,
+        stage.loss({}),
         training_data(prepared.store, config.budget, 0),
         RunFolder(folder),
         Fabric(
@@ -106,7 +106,7 @@ def test_shipped_weights_give_nearly_the_same_loss(name, prepared, tmp_path):
     scene = data.batch(data.training_rows[0])
     with torch.no_grad():
         first, second = (
-            stage.loss(one, scene, torch.Generator().manual_seed(0), 1.0)[0]
+            stage.loss({})(one, scene, torch.Generator().manual_seed(0), 1.0)[0]
             for one in (model, loaded)
         )
     assert float(second) == pytest.approx(float(first), rel=5e-3)

@@ -13,7 +13,12 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.core.config_limits import check_settings
-from pd_editor.diffusion.defaults import DEFAULT_WEIGHT
+from pd_editor.diffusion.core.noise_schedule import even_levels
+from pd_editor.diffusion.defaults import (
+    DEFAULT_WARPED_WEIGHT,
+    DEFAULT_WEIGHT,
+    NUM_STEPS,
+)
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.features import STANDING_MPS
@@ -25,6 +30,10 @@ class TrajectoryGuidance:
 
     weight: float = DEFAULT_WEIGHT
     """Share of the way to the candidate, unless a request says otherwise."""
+    warped_weight: float = DEFAULT_WARPED_WEIGHT
+    """The same where the road is warped."""
+    is_last_step_guided: bool = field(default=False, metadata={"when_absent": True})
+    """Whether the prediction of the last step, which is the result, is pulled too."""
     first_level: float = 0.7
     """Above this noise level nothing is changed."""
     standing_first_level: float = 0.35
@@ -64,6 +73,8 @@ class NearestCandidateGuide:
     """Standing still, in metres."""
     scale: Float[Tensor, "10"]
     """Metres of root mean square distance per unit of each latent."""
+    last_level: float = 0.0
+    """Noise level of the last step."""
     _last: tuple[Float[Tensor, "S B A 10"], Float[Tensor, "S B A"]] | None = field(
         default=None, init=False
     )
@@ -76,6 +87,7 @@ class NearestCandidateGuide:
         scene: SceneTensors,
         weight: Float[Tensor, "B A"],
         config: TrajectoryGuidance | None = None,
+        num_steps: int = NUM_STEPS,
     ) -> "NearestCandidateGuide":
         """A guide for the agents of a scene; the weight is 0 of those left alone."""
         config = TrajectoryGuidance() if config is None else config
@@ -93,6 +105,7 @@ class NearestCandidateGuide:
             stays=stays & scene.has_candidate,
             still=still,
             scale=scale,
+            last_level=even_levels(num_steps)[-1],
         )
 
     def __call__(
@@ -100,6 +113,8 @@ class NearestCandidateGuide:
     ) -> Float[Tensor, "S B A 10"]:
         """Predicted clean latents, nearer to candidates."""
         if level > self.config.first_level:
+            return clean
+        if level <= self.last_level and not self.config.is_last_step_guided:
             return clean
         predicted = clean * self.scale
         stays = self.is_standing

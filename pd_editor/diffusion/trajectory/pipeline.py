@@ -146,8 +146,9 @@ def sample_task(
         )
     basis = model.decoder.basis
     tries = options.num_tries
+    pull = _pull(task, options)
     guide = NearestCandidateGuide.of(
-        model, task.scene, _pull(task, options), options.guidance
+        model, task.scene, pull, options.guidance, options.sampler.num_steps
     )
     motions: list[Motion] = []
     at_once = max(1, _MOST_AT_ONCE // tries)
@@ -163,7 +164,7 @@ def sample_task(
             ),
             num_tries=tries,
             config=options.sampler,
-            guide=guide if options.guidance.weight > 0 else None,
+            guide=guide if bool(pull.any()) else None,
         )
         latent = None
         for step in steps:
@@ -206,7 +207,9 @@ def _pull(
     if options.lane_agent_ids:
         rows = task.scenario.agents.rows(options.lane_agent_ids)
         wanted &= np.isin(task.features.agent_row, rows)
-    weight = torch.from_numpy(wanted * options.guidance.weight)[None]
+    guidance = options.guidance
+    strength = guidance.warped_weight if task.scenario.is_warped else guidance.weight
+    weight = torch.from_numpy(wanted * strength)[None]
     return weight.to(task.scene.agent_speed)
 
 

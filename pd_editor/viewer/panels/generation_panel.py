@@ -54,6 +54,7 @@ MAX_STEPS: Final = 50
 MAX_TRIES: Final = 12
 MAX_AGENTS_OF_A_KIND: Final = 100
 REGION_HALF_SIDE_M: Final = 62.0
+_SAME: Final = 1e-6
 
 
 class GenerationPanel:
@@ -94,7 +95,13 @@ class GenerationPanel:
                 "Denoising steps", 1, MAX_STEPS, 1, 4, hint="More are slower"
             )
             self._guidance = gui.add_slider(
-                "Keep to lanes", 0.0, 1.0, 0.05, 0.3, hint="Strength of the guidance"
+                "Keep to lanes",
+                0.0,
+                1.0,
+                0.05,
+                0.3,
+                hint="Strength of the guidance; untouched, it is stronger on warped "
+                "roads",
             )
             self._tries = gui.add_slider(
                 "Attempts to avoid collisions",
@@ -102,8 +109,12 @@ class GenerationPanel:
                 MAX_TRIES,
                 1,
                 4,
-                hint="The best of so many is taken; an agent that still collides waits. "
-                "0: raw model",
+                hint="The best of so many is taken. 0: raw model",
+            )
+            self._yields = gui.add_checkbox(
+                "Slow down to avoid collisions",
+                True,
+                hint="Agents that would still collide yield",
             )
         with gui.add_folder("Regenerate trajectories"):
             self._scope = gui.add_dropdown("Agents", (SCOPE_ALL, SCOPE_SELECTION))
@@ -259,11 +270,11 @@ class GenerationPanel:
         if draws_states and self._where.value == AROUND_VIEW:
             x, y = (float(value) for value in self._looked_at_m())
             region = Region(center_m=(x, y), half_side_m=REGION_HALF_SIDE_M)
-        takes_weight = offer.default_guidance is not None
         takes_tries = offer.default_num_tries is not None
         guidance = guidance_terms(
-            float(self._guidance.value) if takes_weight else None,
+            self._lane_weight(offer),
             int(self._tries.value) if takes_tries else None,
+            yields=not takes_tries or bool(self._yields.value),
         )
         request = GenerationRequest(
             scenario=base.without_agents(removed_ids),
@@ -287,6 +298,11 @@ class GenerationPanel:
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)
 
+    def _lane_weight(self, offer: GeneratorOffer) -> float | None:
+        """Strength of the guidance; None leaves it to the model."""
+        usual, asked = offer.default_guidance, float(self._guidance.value)
+        return None if usual is None or abs(asked - usual) < _SAME else asked
+
     def _model_chosen(self) -> None:
         self._result.forget()
         self._show_options()
@@ -298,6 +314,7 @@ class GenerationPanel:
         set_property(self._steps, "disabled", offer.default_num_steps is None)
         set_property(self._guidance, "disabled", offer.default_guidance is None)
         set_property(self._tries, "disabled", offer.default_num_tries is None)
+        set_property(self._yields, "disabled", offer.default_num_tries is None)
         self._show_counts()
         if offer.default_num_tries is not None:
             set_value(self._tries, offer.default_num_tries)

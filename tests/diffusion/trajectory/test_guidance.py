@@ -1,6 +1,9 @@
 import torch
 
-from pd_editor.diffusion.trajectory.guidance import NearestCandidateGuide
+from pd_editor.diffusion.trajectory.guidance import (
+    NearestCandidateGuide,
+    TrajectoryGuidance,
+)
 
 STILL, CREEPS, LEAVES = 0.0, 0.3, 20.0
 
@@ -24,6 +27,17 @@ def guided(predicted: float, level: float, *, is_standing: bool) -> float:
     clean = torch.zeros(1, 1, 1, 10)
     clean[..., 0] = predicted
     return float(guide_of_one(is_standing=is_standing)(clean, level)[..., 0])
+
+
+def test_the_last_step_is_left_to_the_network() -> None:
+    """What is returned is the network's own prediction."""
+    guide = guide_of_one(is_standing=False)
+    clean = torch.full((1, 1, 1, 10), 5.0)
+    guide.last_level = 0.2
+    assert torch.equal(guide(clean, 0.2), clean)
+    assert not torch.equal(guide(clean, 0.4), clean)
+    guide.config = TrajectoryGuidance(is_last_step_guided=True)
+    assert not torch.equal(guide(clean, 0.2), clean)
 
 
 def test_who_stands_is_guided_late() -> None:

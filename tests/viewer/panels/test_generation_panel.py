@@ -80,6 +80,13 @@ def test_options_reach_the_request(tab, placing):
     assert panel._seed.value == 1
 
 
+def test_untouched_guidance_is_the_models_own_choice(tab, placing):
+    panel = tab.tab._generation_panel
+    run_to_end(tab, panel.regenerate)
+    (request,) = placing.requests
+    assert not request.guidance
+
+
 def test_a_plain_generator_is_offered_without_what_it_does_not_know(tab, placing):
     panel = tab.tab._generation_panel
     assert (panel._steps.value, panel._guidance.value) == (6, 0.4)

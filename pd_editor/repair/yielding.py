@@ -1,0 +1,425 @@
+"""Yielding: agents that would run into another one drive their own futures later.
+
+An agent that yields follows its future by a clock of its own, which never runs faster
+than time: it brakes, drives slower or waits, and goes on. No place is passed faster
+than before, so limits of curves stay kept.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+
+from pd_editor.geometry.angles import unit_vector, wrap_angle
+from pd_editor.metrics.collision import (
+    boxes_touch,
+    overlaps_of_pairs,
+    pairs_that_meet,
+    turned_boxes_touch,
+)
+from pd_editor.paths.retiming import fill_gaps, fill_heading_gaps
+from pd_editor.repair.box_overlaps import counted
+from pd_editor.scene.agent_tracks import AgentTracks
+
+MAX_BRAKING_MPS2: Final = 4.5
+"""An agent that yields brakes at most so hard, unless its own future does."""
+GAP_M: Final = 1.0
+"""Room kept ahead and behind, where there is as much now."""
+_GENTLE_MPS2: Final = 3.0
+"""Clocks that ask for no harder braking come first."""
+_BEGINS_S: Final = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+_BRAKES_S: Final = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
+_STAYS_S: Final = (0.5, 1.5, np.inf)
+_RECOVERY_1PS: Final = 0.2
+"""How fast a clock catches up with time again."""
+_MOST_ROUNDS: Final = 8
+_BEYOND_S: Final = 1.5
+"""Agents go on so long after the end, so that none ends right before another one."""
+_STRIDE: Final = 2
+"""Every how many steps clocks are compared with other agents."""
+_LEAST_WAY_M: Final = 0.5
+"""Agents with a shorter future cannot yield."""
+_STANDS_MPS: Final = 0.3
+_MOST_CHECKED: Final = 16
+"""Clocks of an agent whose braking is looked at closely."""
+_TOLERANCE_MPS2: Final = 0.2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Clocks:
+    """K clocks, sorted by how much later they make an agent; the first one is time."""
+
+    step: Float[np.ndarray, "K N"]
+    """Step of the own future that is driven at each step."""
+    rate: Float[np.ndarray, "K N"]
+    """Of the clock at each step, 0 to 1."""
+    slope_1ps: Float[np.ndarray, "K"]
+    """How fast the rate falls."""
+    window: Int[np.ndarray, "K"]
+    """When it falls: index of begin and duration; -1 of those that wait at the start."""
+    cell: Int[np.ndarray, "K T"]
+    """Index into a table of T compared steps and N steps of the own future."""
+
+
+@lru_cache(maxsize=8)
+def clocks(num_steps: int, step_s: float) -> Clocks:
+    """Clocks that slow down, stay slow for a time or for good, and recover.
+
+    Others wait before they start, which only agents that stand can do.
+    """
+    time = np.arange(num_steps) * step_s
+    rates, slopes, windows = [np.ones(num_steps)], [0.0], [0]
+    for window, (begins, brakes) in enumerate(product(_BEGINS_S, _BRAKES_S)):
+        for slowest, stays in product(np.arange(0.0, 0.95, 0.1), _STAYS_S):
+            slope = (1 - slowest) / brakes
+            down = np.maximum(1 - slope * np.maximum(time - begins, 0), slowest)
+            late = np.maximum(time - begins - brakes - stays, 0)
+            rates.append(np.minimum(down + _RECOVERY_1PS * late, 1.0))
+            slopes.append(slope)
+            windows.append(window)
+    for wait in np.arange(0.5, 6.1, 0.5):
+        rates.append((time >= wait).astype(float))
+        slopes.append(0.0)
+        windows.append(-1)
+    rate = np.array(rates)
+    step = np.zeros_like(rate)
+    np.cumsum((rate[:, 1:] + rate[:, :-1]) / 2, axis=1, out=step[:, 1:])
+    order = np.argsort(-step.sum(axis=1), kind="stable")
+    compared = _compared(num_steps)
+    cell = np.rint(step[order][:, compared]).astype(int)
+    return Clocks(
+        step=step[order],
+        rate=rate[order],
+        slope_1ps=np.array(slopes)[order],
+        window=np.array(windows)[order],
+        cell=np.arange(len(compared)) * num_steps + cell,
+    )
+
+
+def _compared(num_steps: int) -> Int[np.ndarray, "T"]:
+    return np.arange(_STRIDE, num_steps, _STRIDE)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Yielded:
+    """What the G agents do that yield, from the current step on."""
+
+    row: Int[np.ndarray, "G"]
+    behind: Int[np.ndarray, "G"]
+    """The agent that each yields to."""
+    position_m: Float[np.ndarray, "G H 2"]
+    heading_rad: Float[np.ndarray, "G H"]
+    velocity_mps: Float[np.ndarray, "G H 2"]
+
+
+def yielding(
+    agents: AgentTracks, now: int, may_yield: Bool[np.ndarray, "A"], step_s: float
+) -> Yielded:
+    """Which agents yield to avoid collisions, and how they drive then.
+
+    Of two that would collide the one yields that has the other in front of it, or the
+    other one if that does not help. Pairs that overlap now are left out, and so are
+    agents that are not there now. Who cannot avoid anything drives on as before.
+    """
+    scene = _Scene.of(agents, now, may_yield, step_s)
+    plans = _Plans.of(scene)
+    best, behind, fewest = plans.clock.copy(), plans.behind.copy(), plans.num_conflicts
+    for _ in range(_MOST_ROUNDS):
+        if not plans.num_conflicts or not plans.advanced(scene):
+            break
+        if plans.num_conflicts < fewest:
+            best, behind = plans.clock.copy(), plans.behind.copy()
+            fewest = plans.num_conflicts
+    rows = np.flatnonzero(best)
+    position, heading = scene.driven(rows, best[rows])
+    position, heading = position[:, : scene.num_steps], heading[:, : scene.num_steps]
+    velocity = np.zeros_like(position)
+    if len(rows):
+        velocity = np.gradient(position, step_s, axis=1)
+        velocity[:, 0] = agents.velocity_mps[rows, now]
+    heading = wrap_angle(heading)
+    heading[:, 0] = agents.heading_rad[rows, now]
+    return Yielded(
+        row=rows,
+        behind=behind[rows],
+        position_m=position,
+        heading_rad=heading,
+        velocity_mps=velocity,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Scene:
+    """A agents from the current step on: H steps, N with those that follow the end."""
+
+    position_m: Float[np.ndarray, "A N 2"]
+    heading_rad: Float[np.ndarray, "A N"]
+    """Without jumps of a whole turn."""
+    speed_mps: Float[np.ndarray, "A N"]
+    is_valid: Bool[np.ndarray, "A N"]
+    size_m: Float[np.ndarray, "A 2"]
+    may_yield: Bool[np.ndarray, "A"]
+    pairs: Int[np.ndarray, "P 2"]
+    """Those that could ever meet and of which one may yield."""
+    keeps_gap: Bool[np.ndarray, "P"]
+    """Whether they have the room of ``GAP_M`` now."""
+    clocks: Clocks
+    step_s: float
+    num_steps: int
+
+    @classmethod
+    def of(
+        cls,
+        agents: AgentTracks,
+        now: int,
+        may_yield: Bool[np.ndarray, "A"],
+        step_s: float,
+    ) -> "_Scene":
+        is_valid = agents.is_valid[:, now:]
+        position = fill_gaps(agents.position_m[:, now:], is_valid)
+        heading = fill_heading_gaps(agents.heading_rad[:, now:], is_valid)
+        num_steps, beyond = position.shape[1], round(_BEYOND_S / step_s)
+        last = position[:, -1:] - position[:, -2:-1]
+        more = position[:, -1:] + np.arange(1, beyond + 1)[:, None] * last
+        position = np.concatenate([position, more], axis=1)
+        heading = np.pad(heading, [(0, 0), (0, beyond)], mode="edge")
+        is_valid = np.pad(is_valid, [(0, 0), (0, beyond)], mode="edge")
+        is_valid = is_valid & is_valid[:, :1]
+        way = np.linalg.norm(np.diff(position, axis=1), axis=-1)
+        mean = (way[:, 1:] + way[:, :-1]) / 2
+        speed = np.concatenate([way[:, :1], mean, way[:, -1:]], axis=1) / step_s
+        size = agents.size_m
+        radius = np.hypot(size[:, 0] + 2 * GAP_M, size[:, 1]) / 2
+        pairs = pairs_that_meet(position, is_valid, radius)
+        may_yield = may_yield & (way.sum(axis=1) > _LEAST_WAY_M)
+        pairs = pairs[counted(agents, pairs) & may_yield[pairs].any(axis=1)]
+
+        def apart(grown_m: Float[np.ndarray, "A 2"]) -> Bool[np.ndarray, "P"]:
+            one, two = pairs.T
+            return ~boxes_touch(
+                position[two, 0] - position[one, 0],
+                heading[one, 0],
+                heading[two, 0],
+                grown_m[one],
+                grown_m[two],
+            )
+
+        keeps_gap = apart(size + np.array([GAP_M, 0.0]))
+        is_apart = apart(size)
+        return cls(
+            position_m=position,
+            heading_rad=heading,
+            speed_mps=speed,
+            is_valid=is_valid,
+            size_m=size,
+            may_yield=may_yield,
+            pairs=pairs[is_apart],
+            keeps_gap=keeps_gap[is_apart],
+            clocks=clocks(num_steps + beyond, step_s),
+            step_s=step_s,
+            num_steps=num_steps,
+        )
+
+    def driven(
+        self, rows: Int[np.ndarray, "G"], clock: Int[np.ndarray, "G"]
+    ) -> tuple[Float[np.ndarray, "G N 2"], Float[np.ndarray, "G N"]]:
+        """Positions and headings of agents by their clocks."""
+        step = self.clocks.step[clock]
+        before = np.minimum(step.astype(int), step.shape[1] - 2)
+        fraction = step - before
+        row = rows[:, None]
+        heading = self.heading_rad[row, before]
+        heading += fraction * (self.heading_rad[row, before + 1] - heading)
+        position = self.position_m[row, before]
+        step_m = self.position_m[row, before + 1] - position
+        return position + fraction[..., None] * step_m, heading
+
+    def rough_braking(self, rows: Int[np.ndarray, "G"]) -> Float[np.ndarray, "G K"]:
+        """Braking that each clock asks for, roughly; infinite where it is impossible."""
+        speed = self.speed_mps[rows]
+        fastest = np.empty((len(rows), len(_BEGINS_S) * len(_BRAKES_S)))
+        for window, (begins, brakes) in enumerate(product(_BEGINS_S, _BRAKES_S)):
+            first, last = round(begins / self.step_s), round(brakes / self.step_s)
+            part = speed[:, first : first + last + 1]
+            fastest[:, window] = part.max(axis=1, initial=0.0)
+        stands = speed[:, :1] < _STANDS_MPS
+        braking = fastest[:, self.clocks.window] * self.clocks.slope_1ps
+        waiting = np.where(stands, 0.0, np.inf)
+        return np.where(self.clocks.window < 0, waiting, braking)
+
+    def hardest_braking(
+        self, row: int, clock: Int[np.ndarray, "K"]
+    ) -> Float[np.ndarray, "K"]:
+        """The hardest braking of an agent by some clocks."""
+        steps = np.arange(self.speed_mps.shape[1])
+        speed = np.interp(self.clocks.step[clock], steps, self.speed_mps[row])
+        speed *= self.clocks.rate[clock]
+        return -np.diff(speed, axis=1).min(axis=1, initial=0.0) / self.step_s
+
+
+@dataclass(kw_only=True, eq=False)
+class _Plans:
+    """The clocks of all agents, and which pairs collide then."""
+
+    clock: Int[np.ndarray, "A"]
+    behind: Int[np.ndarray, "A"]
+    position_m: Float[np.ndarray, "A N 2"]
+    heading_rad: Float[np.ndarray, "A N"]
+    first_step: Int[np.ndarray, "P"]
+    """First step at which each pair collides; -1 if it does not."""
+    tried: Bool[np.ndarray, "P 2"]
+    """Which of each pair have tried to yield to the other one."""
+    has_changed: bool = False
+    """Whether any clock has changed since all began to try."""
+
+    @classmethod
+    def of(cls, scene: _Scene) -> "_Plans":
+        count = len(scene.size_m)
+        plans = cls(
+            clock=np.zeros(count, int),
+            behind=np.full(count, -1),
+            position_m=scene.position_m.copy(),
+            heading_rad=scene.heading_rad.copy(),
+            first_step=np.full(len(scene.pairs), -1),
+            tried=~scene.may_yield[scene.pairs],
+        )
+        plans._find_conflicts(scene, np.arange(len(scene.pairs)))
+        return plans
+
+    @property
+    def num_conflicts(self) -> int:
+        """Number of pairs that collide."""
+        return int((self.first_step >= 0).sum())
+
+    def advanced(self, scene: _Scene) -> bool:
+        """Let one of each pair that collides yield; false if none can any more."""
+        pair = np.flatnonzero((self.first_step >= 0) & ~self.tried.all(axis=1))
+        if not len(pair) and self.has_changed:
+            # What was in the way then may be gone by now.
+            self.tried = ~scene.may_yield[scene.pairs]
+            self.has_changed = False
+            pair = np.flatnonzero((self.first_step >= 0) & ~self.tried.all(axis=1))
+        if not len(pair):
+            return False
+        pair = pair[np.argsort(self.first_step[pair], kind="stable")]
+        side = self._side_that_yields(scene, pair)
+        self.tried[pair, side] = True
+        both = scene.pairs[pair]
+        every = np.arange(len(pair))
+        row, first = np.unique(both[every, side], return_index=True)
+        clock = self._best_clocks(scene, row)
+        changed = clock != self.clock[row]
+        row, first, clock = row[changed], first[changed], clock[changed]
+        self.has_changed |= len(row) > 0
+        self.clock[row] = clock
+        self.behind[row] = both[first, 1 - side[first]]
+        self.position_m[row], self.heading_rad[row] = scene.driven(row, clock)
+        touched = np.isin(scene.pairs, row).any(axis=1)
+        self._find_conflicts(scene, np.flatnonzero(touched))
+        return True
+
+    def _side_that_yields(
+        self, scene: _Scene, pair: Int[np.ndarray, "C"]
+    ) -> Int[np.ndarray, "C"]:
+        """The one with the other in front of it, unless it has tried in vain."""
+        both, step = scene.pairs[pair], self.first_step[pair][:, None]
+        place = self.position_m[both, step]
+        forward = unit_vector(self.heading_rad[both, step])
+        gap = place[:, ::-1] - place
+        ahead = (forward * gap).sum(axis=-1)
+        side = (ahead[:, 1] >= ahead[:, 0]).astype(int)
+        has_tried = self.tried[pair, side]
+        return np.where(has_tried, 1 - side, side)
+
+    def _find_conflicts(self, scene: _Scene, pair: Int[np.ndarray, "C"]) -> None:
+        until = slice(0, scene.num_steps)
+        found, step = overlaps_of_pairs(
+            scene.pairs[pair],
+            self.position_m[:, until],
+            self.heading_rad[:, until],
+            scene.is_valid[:, until],
+            scene.size_m,
+        )
+        found, first = np.unique(found, return_index=True)
+        self.first_step[pair] = -1
+        self.first_step[pair[found]] = step[first]
+
+    def _best_clocks(
+        self, scene: _Scene, rows: Int[np.ndarray, "G"]
+    ) -> Int[np.ndarray, "G"]:
+        """The clock of each agent that avoids all others and is the least late.
+
+        With the gap if one does, else without; as now if none avoids the others.
+        """
+        near, hit = self._blocked(scene, rows)
+        braking = scene.rough_braking(rows)
+        able = [braking <= most for most in (_GENTLE_MPS2, MAX_BRAKING_MPS2)]
+        best = self.clock[rows].copy()
+        for index, row in enumerate(rows.tolist()):
+            own = -np.diff(scene.speed_mps[row]).min(initial=0.0) / scene.step_s
+            limit = max(MAX_BRAKING_MPS2, own) + _TOLERANCE_MPS2
+            for blocked in (near, hit):
+                is_free = ~blocked[index].take(scene.clocks.cell).any(axis=1)
+                free = [np.flatnonzero(is_free & ok[index]) for ok in able]
+                some = np.concatenate([one[:_MOST_CHECKED] for one in free])
+                some = some[scene.hardest_braking(row, some) <= limit]
+                if len(some):
+                    best[index] = some[0]
+                    break
+        return best
+
+    def _blocked(
+        self, scene: _Scene, rows: Int[np.ndarray, "G"]
+    ) -> tuple[Bool[np.ndarray, "G TN"], Bool[np.ndarray, "G TN"]]:
+        """Where on its own future each agent cannot be, at each compared step.
+
+        First with the gap to others, then where it would overlap them; that counts
+        until the end only. Others that have the agent in front of them are left to
+        yield themselves, unless they cannot or have tried.
+        """
+        num_steps = scene.speed_mps.shape[1]
+        place = np.full(len(scene.size_m), -1)
+        place[rows] = np.arange(len(rows))
+        pair, side = np.nonzero(place[scene.pairs] >= 0)
+        own = scene.pairs[pair, side]
+        other = scene.pairs[pair, 1 - side]
+        compared = _compared(num_steps)
+        # No clock runs ahead of time.
+        at, cell = np.nonzero(np.arange(num_steps) <= compared[:, None])
+        mine, theirs = _as_complex(scene.position_m), _as_complex(self.position_m)
+        facing = np.exp(1j * scene.heading_rad), np.exp(1j * self.heading_rad)
+        reach = np.hypot(scene.size_m[:, 0] + GAP_M, scene.size_m[:, 1]) / 2
+        far = theirs[other].take(compared[at], axis=1) - mine[own].take(cell, axis=1)
+        gap = np.real(far) ** 2
+        gap += np.imag(far) ** 2
+        close = gap < ((reach[own] + reach[other]) ** 2)[:, None]
+        is_there = (scene.is_valid[own] & scene.is_valid[other])[:, compared]
+        if not is_there.all():
+            close &= is_there.take(at, axis=1)
+        index, place_of = np.nonzero(close)
+        offset, at, cell = far[index, place_of], at[place_of], cell[place_of]
+        a, b = own[index], other[index]
+        turns = facing[0][a, cell], facing[1][b, compared[at]]
+        theirs_to_yield = scene.may_yield[other] & ~self.tried[pair, 1 - side]
+        ahead = np.real(offset * (turns[0] + turns[1]).conj())
+        counts = (ahead >= 0) | ~theirs_to_yield[index]
+        room = np.array([GAP_M, 0.0]) * scene.keeps_gap[pair][index][:, None]
+        sizes = scene.size_m[a], scene.size_m[b]
+        near = turned_boxes_touch(offset, *turns, sizes[0] + room, sizes[1] + room)
+        near &= counts
+        hit = near & (compared[at] < scene.num_steps)
+        hit[near] &= turned_boxes_touch(
+            offset[near], *(one[near] for one in turns), *(one[near] for one in sizes)
+        )
+        flat = at * num_steps + cell
+        tables = np.zeros((2, len(rows), len(compared) * num_steps), bool)
+        for table, some in zip(tables, (near, hit), strict=True):
+            table[place[a[some]], flat[some]] = True
+        return tables[0], tables[1]
+
+
+def _as_complex(points_m: Float[np.ndarray, "A N 2"]) -> Complex[np.ndarray, "A N"]:
+    return (points_m[..., 0] + 1j * points_m[..., 1]).astype(np.complex64)
