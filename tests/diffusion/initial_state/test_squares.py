@@ -9,7 +9,7 @@ import pytest
 
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.pipeline import Placing
+from pd_editor.diffusion.initial_state.pipeline import Placing, place_in_squares
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.initial_state.squares import (
     Placement,
@@ -19,6 +19,7 @@ from pd_editor.diffusion.initial_state.squares import (
 from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.errors import GenerationError
 from pd_editor.generation import Region
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
@@ -231,3 +232,28 @@ def test_high_quality_takes_more_steps(
         "fast": config.num_steps,
         "high": config.num_high_quality_steps,
     }
+
+
+def test_placed_agents_are_parked_wait_or_drive(
+    model: InitialStateDenoiser, wide: Scenario
+):
+    """Stage 2 reads it; kept agents keep theirs, also if it is unknown."""
+    known = np.array([Activity.UNKNOWN, Activity.WAITING, 0, 0, 0], np.int8)
+    scenario = wide.with_agents(replace(wide.agents, activity=known))
+    ids, found = wide.agents.ids[2:], set()
+    for seed in range(4):
+        placings = placed(model, scenario, redrawn_ids=ids)
+        steps = place_in_squares(model, scenario, placings, sample=0, seed=seed)
+        try:
+            while True:
+                next(steps)
+        except StopIteration as stop:
+            agents = stop.value.agents
+        rows = agents.rows(ids)
+        speed = np.hypot(*agents.velocity_mps[rows, scenario.current_step].T)
+        assert ((agents.activity[rows] == Activity.DRIVING) == (speed > 0)).all()
+        found |= set(agents.activity[rows].tolist())
+        kept = agents.activity[agents.rows(wide.agents.ids[:2])]
+        assert kept.tolist() == [Activity.UNKNOWN, Activity.WAITING]
+    assert Activity.UNKNOWN not in found
+    assert len(found) > 1
