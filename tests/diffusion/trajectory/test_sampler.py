@@ -8,7 +8,10 @@ import torch
 from pd_editor.diffusion.core.random_streams import RandomStreams
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory.guidance import NearestCandidateGuide
+from pd_editor.diffusion.trajectory.guidance import (
+    NearestCandidateGuide,
+    TrajectoryGuidance,
+)
 from pd_editor.diffusion.trajectory.sampler import (
     TrajectoryGuide,
     TrajectorySamplerConfig,
@@ -97,8 +100,12 @@ def test_standing_agents_start_from_a_little_more_noise() -> None:
 def guide_of(
     model: TrajectoryDenoiser, scene: SceneTensors, weight: float
 ) -> NearestCandidateGuide:
+    """A guide of all steps, the last one as well."""
     return NearestCandidateGuide.of(
-        model, scene, torch.full(scene.has_agent.shape, weight)
+        model,
+        scene,
+        torch.full(scene.has_agent.shape, weight),
+        TrajectoryGuidance(is_last_step_guided=True),
     )
 
 
