@@ -40,7 +40,7 @@ AgentsOption = Annotated[
     tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(default: all)"),
 ]
 NumAgentsOption = Annotated[
-    tuple[str, ...],
+    str | tuple[str, ...],
     tyro.conf.arg(metavar="N|KIND=N|fit", help_behavior_hint="(optional)"),
 ]
 RegionOption = Annotated[
@@ -177,12 +177,14 @@ def _names(opened: Scenario, name: str, request: GenerationRequest) -> tuple[str
     return tuple(f"{name}-{number}" for number in range(1, count + 1))
 
 
-def _wanted_counts(texts: Sequence[str]) -> tuple[dict[AgentKind, int], bool]:
+def _wanted_counts(texts: str | Sequence[str]) -> tuple[dict[AgentKind, int], bool]:
     """How many new agents of each kind, and whether that is the model's choice.
 
     Raises:
         GenerationError: a text is neither a number, nor KIND=NUMBER, nor ``fit``.
     """
+    if isinstance(texts, str):
+        texts = texts.split()
     if tuple(texts) == ("fit",):
         return {}, True
     counts: dict[AgentKind, int] = {}

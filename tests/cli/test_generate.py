@@ -228,7 +228,7 @@ def test_states_of_named_agents_are_redrawn_in_a_region(
 def test_as_many_as_suit_the_road_is_the_models_choice(
     tmp_path: Path, placing: PlacingGenerator
 ):
-    generate(JUNCTION, out=tmp_path, num_agents=("fit",), model="placing")
+    generate(JUNCTION, out=tmp_path, num_agents="fit", model="placing")
     (request,) = placing.requests
     assert request.draws_num_agents
     assert not request.num_new_agents
