@@ -1,5 +1,7 @@
 """Agents dragged by a real mouse in both views."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -167,4 +169,5 @@ def test_what_a_drag_does_to_the_future_is_told(editor):
     status = editor.page.get_by_role("status", name="Status")
     editor.until(lambda: status.inner_text() != "No new problems", "the chip", 5)
     editor.until(lambda: any(not p.is_now for p in watch.new), "a later problem", 5)
-    editor.page.get_by_text("open problem").first.wait_for(timeout=5000)
+    told = editor.page.get_by_text(re.compile(r"ego ok · [1-9]\d* open problem"))
+    told.first.wait_for(timeout=5000)

@@ -62,7 +62,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
 def test_as_many_as_suit_the_road_on_the_road_only(editor):
     session = editor.session
     editor.open_tab("Drive")
-    editor.tick("Let the model choose how many")
+    editor.tick("Model's choice")
     editor.choose("Share that moves", "Half")
     editor.press("Resample")
     editor.until(lambda: len(session.entries) == 1, "agents", 90)
