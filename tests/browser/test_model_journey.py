@@ -62,7 +62,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
 def test_as_many_as_suit_the_road_on_the_road_only(editor):
     session = editor.session
     editor.open_tab("Drive")
-    editor.tick("Model's choice")
+    editor.tick("As many as fit")
     editor.choose("Share that moves", "Half")
     editor.press("Resample")
     editor.until(lambda: len(session.entries) == 1, "agents", 90)

@@ -136,7 +136,7 @@ class GenerationPanel:
                 "Replace", (REPLACE_ALL, REDRAW_SELECTION, ADD_AGENTS)
             )
             self._fits = gui.add_checkbox(
-                "Model's choice", False, hint="As many agents as suit the road"
+                "As many as fit", False, hint="The model chooses how many suit the road"
             )
             self._counts = {
                 kind: gui.add_number(label, 0, min=0, max=MAX_AGENTS_OF_A_KIND, step=1)
@@ -242,7 +242,7 @@ class GenerationPanel:
         }
         if not counts and not self._fits.value:
             raise GenerationError(
-                "Enter how many agents of which kind to place, or tick Model's choice."
+                "Enter how many agents of which kind to place, or tick 'As many as fit'."
             )
         removed: tuple[str, ...] = ()
         if self._which.value == REPLACE_ALL:
