@@ -351,8 +351,9 @@ def print_times(
     """Milliseconds for one sample of 32 agents, as drawn and guided."""
     scene = max(scenes, key=lambda one: len(one.scenario.agents)).tensors
     rows = torch.arange(32) % scene.has_agent.shape[1]
-    names = ("agent_pose", "agent_speed", "agent_size", "agent_kind", "has_agent")
-    scene = replace(scene, **{name: getattr(scene, name)[:, rows] for name in names})
+    names = ("pose", "speed", "size", "kind", "activity")
+    fields = ("has_agent", *(f"agent_{name}" for name in names))
+    scene = replace(scene, **{name: getattr(scene, name)[:, rows] for name in fields})
     config = InitialStateSamplerConfig(num_steps=num_steps)
     for guidance in (None, InitialStateGuidance()):
         spent = []
