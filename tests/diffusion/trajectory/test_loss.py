@@ -154,7 +154,7 @@ def test_a_network_learns_one_scene_by_heart() -> None:
     random = torch.Generator().manual_seed(0)
     optimizer = torch.optim.Adam(model.parameters(), 5e-3)
     first = 0.0
-    for step in range(250):
+    for step in range(400):
         loss, _ = trajectory_loss(model, scene, random, config)
         optimizer.zero_grad()
         loss.backward()
