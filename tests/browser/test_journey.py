@@ -133,8 +133,12 @@ def test_a_candidate_chosen_in_the_list_is_adopted(editor):
     editor.open_tab("Drive")
     editor.press("Show possible trajectories")
     view = editor.until(lambda: editor._tab()._candidates.shown, "the fan")
-    labels_shown = editor._tab()._candidates_panel._choice.options
-    assert any("slowing to stop" in label for label in labels_shown)
+    # The panel lists the candidates just after the picture shows them.
+    choice = editor._tab()._candidates_panel._choice
+    editor.until(
+        lambda: any("slowing to stop" in label for label in choice.options), "the list"
+    )
+    labels_shown = choice.options
     still = next(label for label in labels_shown if "slowing to stop" in label)
     editor.choose("Trajectory", still)
     editor.press("Use this trajectory")
