@@ -115,7 +115,7 @@ class ReplaceTraffic(Command):
 
     @property
     def label(self) -> str:
-        """Says what was drawn, which sample was taken, by which generator."""
+        """What was sampled, which sample was taken, and from which generator."""
         agents = agents_in_words(self.sample.ids)
         asked = self.request
         if asked.redrawn_state_ids or asked.removed_ids:

@@ -1,4 +1,4 @@
-"""Keeping a gap: who is ahead on a path, and the Intelligent Driver Model.
+"""Keeping a gap: which agent is ahead on a path, and the Intelligent Driver Model.
 
 Treiber, Hennecke, Helbing: Congested traffic states in empirical observations and
 microscopic simulations (2000).

@@ -122,7 +122,7 @@ def yielding(
 
     Of two that would collide the one yields that has the other in front of it, or the
     other one if that does not help. Pairs that overlap now are left out, and so are
-    agents that are not there now. Who cannot avoid anything drives on as before.
+    agents that are not there now. Agents that cannot avoid anything drive on as before.
     """
     scene = _Scene.of(agents, now, may_yield, step_s)
     plans = _Plans.of(scene)

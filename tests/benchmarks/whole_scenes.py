@@ -13,12 +13,12 @@ import numpy as np
 
 import pd_editor
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.geometry.angles import wrap_angle
 from pd_editor.metrics.off_road import is_off_road
+from pd_editor.metrics.surroundings import askew
+from pd_editor.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.activity import STANDING_SPEED_MPS
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.windows.lane_pieces import lane_pieces
 from pd_editor.windows.scene_features import scene_center
 
 HALF_SIDE_M = 62.0
@@ -54,35 +54,19 @@ def generate(folder: Path, way: str, model: str, seed: int, out: Path) -> None:
 
 def vehicle_rows(scenario: Scenario) -> np.ndarray:
     """A row for each vehicle at the current step; NaN where a column says nothing."""
-    agents, step = scenario.agents, scenario.current_step
-    rows = np.flatnonzero(
-        agents.is_valid[:, step] & agents.kind_mask([AgentKind.VEHICLE])
-    )
-    place, heading = agents.position_m[rows, step], agents.heading_rad[rows, step]
-    stands = agents.speed_mps()[rows, step] < STANDING_SPEED_MPS
-    way = np.diff(agents.position_m[rows, step:], axis=1)
-    path = np.linalg.norm(way, axis=-1).sum(axis=1)
-    path[~agents.is_valid[rows, step:].all(axis=1)] = np.nan
-    pieces = lane_pieces(scenario.road_map)
-    lanes = pieces.pose[pieces.kind == 0]
-    gap = np.linalg.norm(place[:, None] - lanes[:, :2], axis=-1)
-    to_lane = folded_deg(heading - lanes[gap.argmin(axis=1), 2])
-    apart = np.linalg.norm(place[:, None] - place, axis=-1)
-    np.fill_diagonal(apart, np.inf)
-    nearest = apart.argmin(axis=1)
-    to_nearest = folded_deg(heading - heading[nearest])
-    askew = np.where(stands, (to_lane > 15) & (to_lane < 75), np.nan)
-    is_near = stands & (apart.min(axis=1) < 15)
-    beside = np.where(is_near, to_nearest > 15, np.nan)
-    off_road = is_off_road(scenario, place)
-    speed = agents.speed_mps()[rows, step]
-    return np.column_stack([speed, stands, off_road, path, askew, beside])
-
-
-def folded_deg(angle_rad: np.ndarray) -> np.ndarray:
-    """Angle between lines, 0 to 90 degrees."""
-    degrees = np.abs(np.degrees(wrap_angle(angle_rad)))
-    return np.minimum(degrees, 180 - degrees)
+    view = recorded_traffic(scenario)
+    agents = view.agents
+    speed = np.hypot(*agents.velocity_mps[:, 0].T)
+    path = np.linalg.norm(np.diff(agents.position_m, axis=1), axis=-1).sum(axis=1)
+    columns = [
+        speed,
+        speed < STANDING_SPEED_MPS,
+        is_off_road(scenario, agents.position_m[:, 0]),
+        np.where(agents.is_valid.all(axis=1), path, np.nan),
+        *(np.where(one.is_valid, one.value, np.nan) for one in askew(view)),
+    ]
+    is_vehicle = [kind == AgentKind.VEHICLE for kind in agents.kinds]
+    return np.column_stack(columns)[is_vehicle]
 
 
 def line(folders: list[Path]) -> str:

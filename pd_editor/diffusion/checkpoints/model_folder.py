@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -190,12 +190,12 @@ def _loaded_stage(
             "(SHA-256); the folder is damaged or mixed from several models."
         )
     source = f"{path}, {name}"
-    given = entry["config"]
-    if version == UPGRADED_VERSION:
-        given = _with_defaults(kind.config_type, given)
-    config = config_from_json(kind.config_type, given, source)
+    is_upgraded = version == UPGRADED_VERSION
+    config = config_from_json(
+        kind.config_type, entry["config"], source, takes_defaults=is_upgraded
+    )
     tensors = file.tensors
-    if version == UPGRADED_VERSION:
+    if is_upgraded:
         tensors = _upgraded(kind, tensors, config, folder / kind.file_name)
     # A network without numbers takes no memory, so sizes that do not fit are refused
     # before anything is allocated.
@@ -232,21 +232,9 @@ def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
             raise ModelError(f"{source}, {name}: holds no fields; expected an object.")
         part = kind.sampling_types[name]
         found[name] = config_from_json(
-            part, _with_defaults(part, values), f"{source}, {name}"
+            part, values, f"{source}, {name}", takes_defaults=True
         )
     return found
-
-
-def _with_defaults(
-    config_type: type[Any], values: Mapping[str, Any]
-) -> Mapping[str, Any]:
-    """A configuration that may have been written before some fields were added."""
-    usual = {
-        one.name: one.metadata.get("when_absent", one.default)
-        for one in fields(config_type)
-        if one.default is not MISSING
-    }
-    return usual | dict(values)
 
 
 def _upgraded(

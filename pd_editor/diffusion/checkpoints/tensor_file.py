@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, get_args, get_origin
 
@@ -172,19 +172,29 @@ def in_half_precision(model: nn.Module) -> dict[str, Tensor]:
 
 
 def config_from_json(
-    config_type: type[_Config], values: Mapping[str, Any], source: object
+    config_type: type[_Config],
+    values: Mapping[str, Any],
+    source: object,
+    *,
+    takes_defaults: bool = False,
 ) -> _Config:
     """A model's flat configuration out of a file.
 
     A field that came later than the file has the value of its metadata ``when_absent``,
-    which is what networks did before there was such a field.
+    which is what networks did before there was such a field. With ``takes_defaults``
+    other missing fields have their defaults.
 
     Raises:
         ModelError: fields are missing, unknown, or hold something else.
     """
     known = fields(config_type)  # type: ignore[arg-type]
     kinds = {one.name: one.type for one in known}
-    earlier = {
+    usual = {
+        one.name: one.default
+        for one in known
+        if takes_defaults and one.default is not MISSING
+    }
+    earlier = usual | {
         one.name: one.metadata["when_absent"]
         for one in known
         if "when_absent" in one.metadata

@@ -45,7 +45,7 @@ class InitialStateSamplerConfig:
     distance of speeds from recorded ones was .103 instead of .078; 12 are no better but
     in who is off the road (``train``)."""
     num_high_quality_steps: int = 16
-    """Where quality counts more than time: as drawn 13.2 instead of 15.2 % are off the
+    """Where quality counts more than time: raw, 13.2 instead of 15.2 % are off the
     road, and the distance of angles is .201 instead of .210 (``train``)."""
     level_emphasis: float = 0.3
     """Levels in the middle, where lanes, headings and gaps are found, are so much denser:
