@@ -31,7 +31,7 @@ test: check
 	$(BIN)/pytest $(if $(SLOW),-m '',)
 
 bench: install
-	$(BIN)/python -m tests.benchmarks $(ARGS)
+	$(BIN)/python -m benchmarks $(ARGS)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache

@@ -14,8 +14,8 @@ from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.installed_files import SENTENCES_NAME, demo_names, demo_sentence
-from pd_editor.metrics.collision import first_overlap
-from pd_editor.metrics.off_road import off_road
+from pd_editor.metrics.collisions.box_tests import first_overlap
+from pd_editor.metrics.road.off_road import off_road
 from pd_editor.problems.check import scene_problems
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.scenario import EGO_ID

@@ -1,4 +1,4 @@
-"""A short random walk; ``tests.benchmarks.random_walks`` takes long ones."""
+"""A short random walk; ``benchmarks.random_walks`` takes long ones."""
 
 from pathlib import Path
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.basket.index_table import INDEX_NAME, IndexRow, index_csv
-from pd_editor.editor.json_values import from_json, to_json
+from pd_editor.editor.commands.json_values import from_json, to_json
 from pd_editor.errors import ExportError, InputError, RecipeError
 from pd_editor.exporters.bundle import write_files, zip_folders
 

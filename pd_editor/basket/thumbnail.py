@@ -7,7 +7,7 @@ import shapely
 from jaxtyping import Float
 
 from pd_editor.geometry.oriented_box import box_corners
-from pd_editor.metrics.off_road import drivable_ground
+from pd_editor.metrics.road.off_road import drivable_ground
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import EGO_ID, Scenario
 

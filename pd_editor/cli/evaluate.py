@@ -28,14 +28,14 @@ from pd_editor.evaluation.evaluation_task import (
     EvaluationTask,
     StatesChoice,
 )
-from pd_editor.evaluation.figures import PLACING_SHOWN, SHOWN, figures_of
-from pd_editor.evaluation.html import html_of
-from pd_editor.evaluation.markdown import markdown_of
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHODS
-from pd_editor.evaluation.report import Findings, report_of
+from pd_editor.evaluation.report.figures import PLACING_SHOWN, SHOWN, figures_of
+from pd_editor.evaluation.report.html import html_of
+from pd_editor.evaluation.report.markdown import markdown_of
+from pd_editor.evaluation.report.sections import Findings, report_of
+from pd_editor.evaluation.results_folder import RunFolder
 from pd_editor.evaluation.road_condition import road_conditions
-from pd_editor.evaluation.run_folder import RunFolder
 from pd_editor.evaluation.scene_test import scene_test_tables
 from pd_editor.evaluation.summary import Summary, summarise
 from pd_editor.generation import MAX_SAMPLES, MAX_SEED

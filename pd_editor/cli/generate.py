@@ -20,6 +20,7 @@ from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.errors import GenerationError
+from pd_editor.features.lane_tokens import lane_pieces
 from pd_editor.generation import (
     GenerationRequest,
     GuidanceTerm,
@@ -33,7 +34,6 @@ from pd_editor.scenario_store import check_free, open_scenario
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import drivable_agent_ids, replaceable_agent_ids
-from pd_editor.windows.lane_pieces import lane_pieces
 
 AgentsOption = Annotated[
     tuple[str, ...],

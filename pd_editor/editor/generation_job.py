@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable
 from typing import Final
 
-from pd_editor.editor.traffic_commands import traffic_command
+from pd_editor.editor.commands.traffic import traffic_command
 from pd_editor.errors import GenerationError, PdEditorError
 from pd_editor.generation import (
     GeneratedTraffic,

@@ -1,262 +1,268 @@
-"""Journals on disk: find unfinished ones, and go on where they end."""
+"""The work of a session as it grows on disk, so that a kill loses nothing.
 
+A folder holds one JSON-lines file per opened scenario that was edited: a header, then
+one line per commit and per move along the history, each handed to the operating
+system at once. Uploaded bytes lie in a folder beside it, and so does a lock that the
+writing process holds; the system drops it when the process ends, however it ends, so a
+journal without a holder is unfinished work.
+"""
+
+import contextlib
+import errno
+import json
 import logging
-import threading
+import os
+import re
+import shutil
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache
+import uuid
+from collections.abc import Callable, Mapping
+from io import FileIO
 from pathlib import Path
 from typing import Any, Final
 
-from pd_editor.editor.commands import command_from_json
-from pd_editor.editor.journal_file import (
-    BASE_FILES_SUFFIX,
-    JOURNAL_FORMAT,
-    JOURNAL_SUFFIX,
-    JOURNAL_VERSION,
-    Journal,
-    journal_lock,
-    let_go,
-    remove_journal,
-    whole_lines,
-)
-from pd_editor.editor.json_values import from_json
-from pd_editor.editor.recipe import check_base, check_version, parsed_json
-from pd_editor.editor.session import EditorSession
+from filelock import FileLock, Timeout
+
+from pd_editor.editor.commands import command_to_json
+from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.json_values import to_json
 from pd_editor.editor.variant import Variant
-from pd_editor.errors import PdEditorError, RecipeError
-from pd_editor.regular_file import read_regular
-from pd_editor.scene.base_reference import BaseReference
+from pd_editor.errors import RecipeError
 from pd_editor.scene.scenario import Scenario
 
-__all__ = ["Journal", "UnfinishedWork", "find_unfinished", "restore"]
+JOURNAL_FORMAT: Final = "pd-editor journal"
+JOURNAL_VERSION: Final = 1
+JOURNAL_SUFFIX: Final = ".journal"
+BASE_FILES_SUFFIX: Final = ".base"
+LOCK_SUFFIX: Final = ".lock"
+_SAFE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
+PROBE_S: Final = 0.1
+"""How long a lock is waited for, in case somebody only looks whether it is held."""
 
 _logger: Final = logging.getLogger(__name__)
-_DOINGS: Final = ("commit", "go", "describe")
-MAX_JOURNAL_BYTES: Final = 256 * 2**20
-_looking: Final = threading.Lock()
 
 
-@dataclass(frozen=True, kw_only=True)
-class UnfinishedWork:
-    """A journal without a living writer."""
+class Journal:
+    """Writes what one session commits; a file appears with the first edit.
 
-    path: Path
-    base: BaseReference
-    num_edits: int
-    """Number of commands in force at its end; undone ones are kept as well."""
-    started_at: float
-    """When the scenario was opened, in seconds since 1970."""
-    last_time: float
-    """When the last edit was made, in seconds since 1970."""
-    variant: Variant
-    """Name, tags and note that the user gave."""
-    base_files: tuple[Path, ...]
-    """The uploaded files that the base was opened from; none if it has a source."""
+    A disk that fails does not stop the session: ``problem`` says so, and what could
+    not be written waits for the next try.
+    """
 
-    @property
-    def scenario_id(self) -> str:
-        """Id of the edited scenario."""
-        return self.base.scenario_id
+    def __init__(self, folder: Path, *, clock: Callable[[], float] = time.time) -> None:
+        """Keep journals in a folder, which is made when needed."""
+        self._folder = folder
+        self._clock = clock
+        self._base: Scenario | None = None
+        self._base_files: Mapping[str, bytes] = {}
+        self._opened_at = 0.0
+        self._variant = Variant()
+        self._path: Path | None = None
+        self._file: FileIO | None = None
+        self._size = 0
+        """Length of the file up to the last line that was written as a whole."""
+        self._waiting: list[bytes] = []
+        """Lines that are not in the file yet."""
+        self._lock: FileLock | None = None
+        self.problem: str | None = None
+        """Why edits are not kept at the moment; None while they are."""
 
-    def discard(self) -> None:
-        """Forget the work for good.
+    @classmethod
+    def resumed(cls, path: Path, *, clock: Callable[[], float]) -> "Journal":
+        """Go on writing an unfinished journal, from its last whole line.
 
         Raises:
-            RecipeError: somebody has taken it up meanwhile.
+            RecipeError: another process, or another session, writes it.
         """
+        journal = cls(path.parent, clock=clock)
         try:
-            lock = journal_lock(self.path)
-        except FileNotFoundError:
+            lock = journal_lock(path)
+        except OSError as error:
+            raise RecipeError(f"The journal {path.name} is gone.") from error
+        try:
+            file = path.open("r+b", buffering=0)
+        except OSError as error:
+            let_go(lock, path)
+            raise RecipeError(f"The journal {path.name} is gone.") from error
+        journal._size = len(whole_lines(file.read()))
+        file.truncate(journal._size)
+        file.seek(journal._size)
+        journal._path, journal._file, journal._lock = path, file, lock
+        return journal
+
+    @property
+    def path(self) -> Path | None:
+        """The file being written; None before the first edit."""
+        return None if self._file is None else self._path
+
+    def start(self, base: Scenario, base_files: Mapping[str, bytes] | None) -> None:
+        """Begin another journal; the former is let go and stays as unfinished work."""
+        self.close(discard=False)
+        self._base, self._base_files = base, dict(base_files or {})
+        self._opened_at = self._clock()
+        self._variant = Variant()
+        self._path = self._folder / f"{uuid.uuid4().hex}{JOURNAL_SUFFIX}"
+
+    def committed(
+        self, command: Command, selection: tuple[str, ...], time_s: float
+    ) -> None:
+        """Keep a committed command, and what was selected before it."""
+        entry = {
+            "do": "commit",
+            "time_s": time_s,
+            "selection": selection,
+            **command_to_json(command),
+        }
+        self._append(entry)
+
+    def moved_to(self, position: int, time_s: float) -> None:
+        """Keep that the history was gone along."""
+        self._append({"do": "go", "time_s": time_s, "position": position})
+
+    def described(self, variant: Variant, time_s: float) -> None:
+        """Keep name, tags and note; before the first edit they wait for it."""
+        if self._file is None and not self._waiting:
+            self._variant = variant
             return
-        remove_journal(self.path)
-        let_go(lock, self.path)
+        self._append({"do": "describe", "time_s": time_s, "variant": to_json(variant)})
 
+    def retry(self) -> None:
+        """Write what waits, if anything."""
+        if self._waiting:
+            self._write_waiting()
 
-def find_unfinished(folder: Path) -> list[UnfinishedWork]:
-    """Unfinished work with at least one edit, the newest first.
+    def close(self, *, discard: bool) -> None:
+        """Let go of the file; ``discard`` removes it, its work being finished."""
+        if not discard:
+            self.retry()
+        if self._file is not None and self._path is not None:
+            self._file.close()
+            if discard:
+                remove_journal(self._path)
+            if self._lock is not None:
+                let_go(self._lock, self._path)
+        elif self._path is not None:
+            remove_journal(self._path)
+        self._file = self._lock = self._base = self._path = self.problem = None
+        self._waiting.clear()
+        self._size = 0
 
-    Files that some process is writing, or that cannot be read, are left out; the
-    latter are logged.
-    """
-    found: list[UnfinishedWork] = []
-    for path in sorted(folder.glob(f"*{JOURNAL_SUFFIX}")):
+    def _append(self, entry: dict[str, Any]) -> None:
+        self._waiting.append(json.dumps(entry).encode() + b"\n")
+        self._write_waiting()
+
+    def _write_waiting(self) -> None:
         try:
-            if _is_held(path):
-                continue
-            state = path.stat()
-            work = _summary(path, state.st_mtime_ns, state.st_size)
+            self._take_back_deleted()
+            if self._file is None:
+                self._begin()
+            assert self._file is not None
+            content = b"".join(self._waiting)
+            _write_at(self._file, self._size, content)
         except (OSError, RecipeError) as error:
-            _logger.warning("The journal %s cannot be read: %s", path.name, error)
-            continue
-        if work is not None:
-            found.append(work)
-    return sorted(found, key=lambda work: work.last_time, reverse=True)
-
-
-@lru_cache(maxsize=1024)
-def _summary(path: Path, _changed_ns: int, _size: int) -> UnfinishedWork | None:
-    """What a journal holds; None if that is no edit."""
-    header, entries = _read(path)
-    edits = [entry for entry in entries if entry.variant is None]
-    if not edits:
-        return None
-    beside = path.with_suffix(BASE_FILES_SUFFIX)
-    described = [entry.variant for entry in entries if entry.variant is not None]
-    return UnfinishedWork(
-        path=path,
-        base=header.base,
-        num_edits=_final_position(edits),
-        started_at=header.time_s,
-        last_time=entries[-1].time_s,
-        variant=described[-1] if described else header.variant,
-        base_files=tuple(sorted(beside.iterdir())) if beside.is_dir() else (),
-    )
-
-
-def restore(
-    work: UnfinishedWork,
-    base: Scenario,
-    *,
-    clock: Callable[[], float] = time.time,
-    max_undo: int = 200,
-) -> EditorSession:
-    """The session as it was when its journal ended; it goes on in the same journal.
-
-    ``base`` is the scenario opened again, from ``work.base`` or ``work.base_files``.
-
-    Raises:
-        RecipeError: another base, a line that does not apply, or somebody has taken
-            the work up meanwhile.
-    """
-    check_base(work.base, base)
-    journal = Journal.resumed(work.path, clock=clock)
-    try:
-        replay_clock = _ReplayClock(live=clock)
-        session = EditorSession(base, clock=replay_clock, max_undo=max_undo)
-        header, entries = _read(work.path)
-        session.describe(header.variant)
-        for entry in entries:
-            replay_clock.recorded_s = entry.time_s
-            _redo(session, entry)
-        replay_clock.recorded_s = None
-    except PdEditorError:
-        journal.close(discard=False)
-        raise
-    session.continue_journal(journal)
-    return session
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Header:
-    base: BaseReference
-    time_s: float
-    variant: Variant
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Entry:
-    """A line whose command is not decoded yet."""
-
-    number: int
-    time_s: float
-    position: int | None
-    """Where the history was gone to; None for a commit."""
-    selection: tuple[str, ...] = ()
-    command: dict[str, Any] | None = None
-    variant: Variant | None = None
-
-
-@dataclass
-class _ReplayClock:
-    """Tells recorded times while it has one, else that of a live clock."""
-
-    live: Callable[[], float]
-    recorded_s: float | None = None
-
-    def __call__(self) -> float:
-        return self.live() if self.recorded_s is None else self.recorded_s
-
-
-def _redo(session: EditorSession, entry: _Entry) -> None:
-    where = f"Line {entry.number} of the journal"
-    try:
-        if entry.variant is not None:
-            session.describe(entry.variant)
+            reason = getattr(error, "strerror", None) or str(error).rstrip(".")
+            problem = f"Edits are not kept on disk: {reason}."
+            if problem != self.problem:
+                _logger.warning("The journal cannot be written: %s", reason)
+            self.problem = problem
             return
-        if entry.position is not None:
-            session.jump_to(entry.position)
+        self._size += len(content)
+        self._waiting.clear()
+        self.problem = None
+
+    def _take_back_deleted(self) -> None:
+        """Where the file was deleted meanwhile, let its content wait to be written."""
+        file, path = self._file, self._path
+        if file is None or path is None or os.fstat(file.fileno()).st_nlink:
             return
-        there = session.scenario.agents.row_of
-        session.select(name for name in entry.selection if name in there)
-        session.apply(command_from_json(entry.command, where))
-    except RecipeError:
-        raise
-    except PdEditorError as error:
-        raise RecipeError(f"{where}: {error}") from error
+        file.seek(0)
+        content = file.read(self._size)
+        file.close()
+        if self._lock is not None:
+            let_go(self._lock, path)
+        self._file = self._lock = None
+        self._size = 0
+        self._waiting.insert(0, content or b"")
 
-
-def _is_held(path: Path) -> bool:
-    """Whether a living process, this one included, writes the journal."""
-    # Looking takes the lock for a moment, which another look must not mistake.
-    with _looking:
+    def _begin(self) -> None:
+        """Make the file under its lock; a header is the first thing to be written."""
+        path = self._path
+        assert path is not None, "an edit before a scenario was opened"
+        self._folder.mkdir(parents=True, exist_ok=True)
+        beside = path.with_suffix(BASE_FILES_SUFFIX)
+        for name, content in _safe_names(self._base_files).items():
+            beside.mkdir(exist_ok=True)
+            (beside / name).write_bytes(content)
+        lock = journal_lock(path)
         try:
-            let_go(journal_lock(path, timeout_s=0), path)
-        except RecipeError:
-            return True
-    return False
+            self._file = path.open("x+b", buffering=0)
+        except OSError:
+            let_go(lock, path)
+            raise
+        self._lock = lock
+        if self._base is not None:
+            header = {
+                "format": JOURNAL_FORMAT,
+                "version": JOURNAL_VERSION,
+                "time_s": self._opened_at,
+                "base": to_json(self._base.reference),
+                "variant": to_json(self._variant),
+            }
+            self._waiting.insert(0, json.dumps(header).encode() + b"\n")
+            self._base = None
 
 
-def _read(path: Path) -> tuple[_Header, list[_Entry]]:
-    """Header and lines; a torn last line is left out.
+def _write_at(file: FileIO, size: int, content: bytes) -> None:
+    """Write behind the last whole line; an earlier failure may have left a torn one."""
+    file.seek(size)
+    file.truncate()
+    if file.write(content) != len(content):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _safe_names(files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """The files under names that any disk takes; their endings tell what they are."""
+    safe: dict[str, bytes] = {}
+    for number, (name, content) in enumerate(files.items()):
+        if _SAFE_NAME.fullmatch(name) is None or name in safe:
+            known = (".zip", ".parquet", ".json")
+            suffix = next((one for one in known if name.lower().endswith(one)), "")
+            name = f"upload-{number}{suffix}"  # noqa: PLW2901
+        safe[name] = content
+    return safe
+
+
+def journal_lock(path: Path, *, timeout_s: float = PROBE_S) -> FileLock:
+    """Take the exclusive lock of a journal, which any thread may let go.
 
     Raises:
-        RecipeError: a line is not what a journal holds.
+        RecipeError: somebody else holds it.
+        OSError: its folder is gone.
     """
-    content = read_regular(path, max_bytes=MAX_JOURNAL_BYTES, error=RecipeError)
-    lines = whole_lines(content).splitlines()
-    if not lines:
-        raise RecipeError("The journal ends within its first line.")
-    head = parsed_json(lines[0], "The journal's first line")
-    if not isinstance(head, dict) or head.get("format") != JOURNAL_FORMAT:
-        raise RecipeError(f'This is not a journal; its format is "{JOURNAL_FORMAT}".')
-    check_version(head.get("version"), JOURNAL_VERSION, "journal")
-    header = _Header(
-        base=from_json(BaseReference, head.get("base"), "The journal's base"),
-        time_s=from_json(float, head.get("time_s"), "The journal's time"),
-        variant=from_json(Variant, head.get("variant", {}), "The journal's variant"),
-    )
-    return header, [
-        _entry(number, line) for number, line in enumerate(lines[1:], start=2)
-    ]
+    lock = FileLock(path.with_suffix(LOCK_SUFFIX), thread_local=False)
+    try:
+        lock.acquire(timeout=timeout_s)
+    except Timeout:
+        raise RecipeError("This work is open in another session already.") from None
+    return lock
 
 
-def _entry(number: int, line: bytes) -> _Entry:
-    where = f"Line {number} of the journal"
-    data = parsed_json(line, where)
-    if not isinstance(data, dict) or data.get("do") not in _DOINGS:
-        raise RecipeError(f"{where} is neither a commit, a move nor a description.")
-    time_s = from_json(float, data.get("time_s"), f"{where}: its time")
-    if data["do"] == "go":
-        position = from_json(int, data.get("position"), f"{where}: its position")
-        return _Entry(number=number, time_s=time_s, position=position)
-    if data["do"] == "describe":
-        variant = from_json(Variant, data.get("variant"), f"{where}: its variant")
-        return _Entry(number=number, time_s=time_s, position=None, variant=variant)
-    names = from_json(tuple[str, ...], data.get("selection"), f"{where}: selection")
-    command = {
-        key: value
-        for key, value in data.items()
-        if key not in ("do", "time_s", "selection")
-    }
-    return _Entry(
-        number=number, time_s=time_s, position=None, selection=names, command=command
-    )
+def let_go(lock: FileLock, path: Path) -> None:
+    """Release a journal's lock; the lock's file goes when the journal has gone."""
+    lock.release()
+    if not path.exists():
+        # Windows keeps a file that somebody is looking at.
+        with contextlib.suppress(OSError):
+            path.with_suffix(LOCK_SUFFIX).unlink(missing_ok=True)
 
 
-def _final_position(entries: list[_Entry]) -> int:
-    position = 0
-    for entry in entries:
-        position = position + 1 if entry.position is None else entry.position
-    return position
+def whole_lines(content: bytes) -> bytes:
+    """The content without a last line that was torn while it was written."""
+    return content[: content.rfind(b"\n") + 1]
+
+
+def remove_journal(path: Path) -> None:
+    """Remove a journal and the files beside it, if the disk lets that be done."""
+    with contextlib.suppress(OSError):
+        path.unlink(missing_ok=True)
+    shutil.rmtree(path.with_suffix(BASE_FILES_SUFFIX), ignore_errors=True)

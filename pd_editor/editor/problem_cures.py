@@ -4,11 +4,11 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from pd_editor.editor.agent_commands import DeleteAgents
-from pd_editor.editor.command import Command
-from pd_editor.editor.motion_commands import SlowToFrictionLimit
-from pd_editor.editor.pose_commands import SnapToLane
-from pd_editor.editor.road_commands import SetRoadWarp
+from pd_editor.editor.commands.agents import DeleteAgents
+from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.motion import SlowToFrictionLimit
+from pd_editor.editor.commands.poses import SnapToLane
+from pd_editor.editor.commands.road import SetRoadWarp
 from pd_editor.errors import PdEditorError
 from pd_editor.problems.check import scene_problems
 from pd_editor.problems.friction import friction_coefficient_of

@@ -16,7 +16,7 @@ from pd_editor.editor.commands import (
     command_to_json,
     traffic_command,
 )
-from pd_editor.editor.json_values import from_json, to_json
+from pd_editor.editor.commands.json_values import from_json, to_json
 from pd_editor.editor.variant import Variant
 from pd_editor.errors import PdEditorError, RecipeError
 from pd_editor.generation import ScenarioGenerator, run_to_end

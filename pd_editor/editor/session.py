@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from pd_editor.editor.command import Command
+from pd_editor.editor.commands.command import Command
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
 from pd_editor.editor.recipe import Recipe, check_base
 from pd_editor.editor.variant import Variant, proposed_name

@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from pd_editor.editor.command import Command
-from pd_editor.editor.road_commands import SetRoadWarp
-from pd_editor.editor.traffic_commands import ReplaceTraffic
+from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.road import SetRoadWarp
+from pd_editor.editor.commands.traffic import ReplaceTraffic
 from pd_editor.errors import EditError
 from pd_editor.scene.scenario import Scenario
 

@@ -11,11 +11,11 @@ from jaxtyping import Bool, Float
 
 from pd_editor.evaluation.evaluation_task import EvaluationTask
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH
-from pd_editor.evaluation.report_tables import ReportTable
-from pd_editor.metrics.distribution_distance import HISTOGRAMS, Histogram
+from pd_editor.evaluation.report.tables import ReportTable
+from pd_editor.metrics.distributions.distribution_distance import HISTOGRAMS, Histogram
+from pd_editor.metrics.distributions.noise_floor import NUM_DRAWS, noise_floor
 from pd_editor.metrics.metric_table import METRICS
-from pd_editor.metrics.metric_values import MetricValues, measured
-from pd_editor.metrics.noise_floor import NUM_DRAWS, noise_floor
+from pd_editor.metrics.values import MetricValues, measured
 
 PLAIN: Final = "none"
 STATE_METRICS: Final = (

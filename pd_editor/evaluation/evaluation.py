@@ -12,8 +12,8 @@ from pd_editor.av2_io.dataset import CardFilter, DatasetIndex
 from pd_editor.errors import ExportError, InputError
 from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.evaluation.method import Method
+from pd_editor.evaluation.results_folder import RunFolder, RunSettings
 from pd_editor.evaluation.road_condition import RoadCondition
-from pd_editor.evaluation.run_folder import RunFolder, RunSettings
 from pd_editor.evaluation.scene_rows import (
     ROW_SCHEMA,
     SceneItem,

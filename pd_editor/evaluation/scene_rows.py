@@ -15,17 +15,17 @@ from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.evaluation.method import JudgedTraffic, Method
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.generation import GenerationRequest
-from pd_editor.metrics.kinematics import STANDING_MPS
 from pd_editor.metrics.metric_table import METRICS
-from pd_editor.metrics.metric_values import MetricValues
-from pd_editor.metrics.off_lane import OFF_LANE_M, nearest_edge
-from pd_editor.metrics.report import agent_values, sample_values
+from pd_editor.metrics.motion.kinematics import STANDING_MPS
+from pd_editor.metrics.road.off_lane import OFF_LANE_M, nearest_edge
+from pd_editor.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.metrics.traffic_view import (
     GROUP_KINDS,
     AgentStates,
     TrafficView,
     recorded_traffic,
 )
+from pd_editor.metrics.values import MetricValues
 
 LISTS: Final = ("local_density", "surroundings")
 """Metrics with several values for each agent."""

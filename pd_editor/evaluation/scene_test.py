@@ -16,9 +16,9 @@ import pyarrow.parquet as pq
 from jaxtyping import Float
 
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH
-from pd_editor.evaluation.report_tables import ReportTable
+from pd_editor.evaluation.report.tables import ReportTable
 from pd_editor.evaluation.road_condition import PLAIN
-from pd_editor.metrics.surroundings import FEATURES
+from pd_editor.metrics.road.surroundings import FEATURES
 
 NUM_FOLDS: Final = 8
 NUM_SEEDS: Final = 3

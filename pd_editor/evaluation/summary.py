@@ -11,9 +11,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.evaluation.bootstrap import Estimate, mean_over_scenes, scene_weights
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.evaluation.road_condition import RoadCondition
+from pd_editor.evaluation.scene_bootstrap import (
+    Estimate,
+    mean_over_scenes,
+    scene_weights,
+)
 from pd_editor.evaluation.scene_rows import METRIC_COLUMNS
 
 PERTURBED: Final = "perturbed"

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.metrics.metric_values import MetricValues
+from pd_editor.metrics.values import MetricValues
 
 NUM_DRAWS: Final = 2000
 LEVEL: Final = 0.95

@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Bool
 
-from pd_editor.metrics.map_points import map_points, nearest_points
-from pd_editor.metrics.off_lane import OFF_LANE_M
+from pd_editor.metrics.road.map_points import map_points, nearest_points
+from pd_editor.metrics.road.off_lane import OFF_LANE_M
 from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.scene.agent_kind import MOVER_KINDS, AgentCategory, AgentKind
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.oriented_box import box_corners, overlap_area
-from pd_editor.metrics.collision import overlaps_of_pairs, pairs_that_meet
+from pd_editor.metrics.collisions.box_tests import overlaps_of_pairs, pairs_that_meet
 from pd_editor.problems.scene_problem import (
     SceneProblem,
     agent_name,

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import left_of
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.metrics.kinematics import (
+from pd_editor.metrics.motion.kinematics import (
     DEGREE,
     WINDOW_STEPS,
     derivative_operators,

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int
 
-from pd_editor.metrics.off_road import drivable_ground, is_off_road
+from pd_editor.metrics.road.off_road import drivable_ground, is_off_road
 from pd_editor.problems.scene_problem import (
     SceneProblem,
     agent_name,

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.oriented_box import box_corners, overlap_area
-from pd_editor.metrics.collision import MIN_OVERLAP_M2
+from pd_editor.metrics.collisions.box_tests import MIN_OVERLAP_M2
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 

@@ -9,7 +9,8 @@ from pd_editor.geometry.angles import wrap_angle
 from pd_editor.paths.lane_graph import LaneGraph, lane_graph
 from pd_editor.paths.retiming import STANDING_SPEED_MPS
 from pd_editor.paths.route_choice import MAX_TURN_RAD
-from pd_editor.repair.report import (
+from pd_editor.repair.current_states import States
+from pd_editor.repair.repair_report import (
     RepairChange,
     RepairProblem,
     RepairReport,
@@ -23,7 +24,6 @@ from pd_editor.repair.sliding import (
     poses_along,
     slides_m,
 )
-from pd_editor.repair.states import States
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 

@@ -3,10 +3,10 @@
 from collections.abc import Collection, Iterable
 
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
-from pd_editor.repair.future_retiming import retime_futures
 from pd_editor.repair.lane_projection import project_to_lanes
-from pd_editor.repair.report import RepairReport
+from pd_editor.repair.repair_report import RepairReport
 from pd_editor.repair.separation import separate_overlaps
+from pd_editor.repair.trajectory_retiming import retime_futures
 from pd_editor.scene.scenario import Scenario
 
 

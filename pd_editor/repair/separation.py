@@ -7,11 +7,12 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from pd_editor.geometry.angles import wrap_angle
-from pd_editor.metrics.collision import overlapping_pairs
+from pd_editor.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.paths.lane_graph import LaneGraph, lane_graph
 from pd_editor.paths.route_choice import MAX_TURN_RAD
 from pd_editor.repair.box_overlaps import counted
-from pd_editor.repair.report import (
+from pd_editor.repair.current_states import States
+from pd_editor.repair.repair_report import (
     RepairChange,
     RepairProblem,
     RepairReport,
@@ -20,7 +21,6 @@ from pd_editor.repair.report import (
     sentence,
 )
 from pd_editor.repair.sliding import SLIDE_REACH_M, lanes_of, slid_poses, slides_m
-from pd_editor.repair.states import States
 from pd_editor.scene.scenario import Scenario
 
 GAP_M: Final = 0.5

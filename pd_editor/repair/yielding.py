@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from pd_editor.geometry.angles import unit_vector, wrap_angle
-from pd_editor.metrics.collision import (
+from pd_editor.metrics.collisions.box_tests import (
     boxes_touch,
     overlaps_of_pairs,
     pairs_that_meet,

@@ -66,7 +66,7 @@ DEFAULT_SIZE_M: Final[dict[AgentKind, tuple[float, float]]] = {
 
 Medians of the measured boxes in Argoverse 2 sensor logs, rounded to 0.1 m: vehicles
 161 tracks, pedestrians 45, static things 59, construction 8, riderless bicycles 15
-(``tests/benchmarks/default_sizes.py``). Kinds with fewer than 5 tracks there (buses,
+(``benchmarks/default_sizes.py``). Kinds with fewer than 5 tracks there (buses,
 motorcyclists, cyclists, background, unknown) have a usual size instead.
 """
 

@@ -13,11 +13,11 @@ from lightning_fabric import Fabric
 from torch import Tensor, nn
 
 from pd_editor.errors import TrainingError
-from pd_editor.training.batch_sampler import BatchSampler
-from pd_editor.training.prefetch import prefetched
-from pd_editor.training.run_config import Budget, Optimisation, RunConfig
-from pd_editor.training.run_folder import RunFolder
-from pd_editor.training.training_state import Standing, read_state, write_state
+from pd_editor.training.data.batch_sampler import BatchSampler
+from pd_editor.training.data.prefetch import prefetched
+from pd_editor.training.run.run_config import Budget, Optimisation, RunConfig
+from pd_editor.training.run.run_folder import RunFolder
+from pd_editor.training.run.training_state import Standing, read_state, write_state
 from pd_editor.training.weight_average import WeightAverage
 
 _STEPS_PER_LINE = 25

@@ -25,9 +25,9 @@ from pd_editor.av2_io.tracks_writer import tracks_bytes
 from pd_editor.av2_io.upload import scenario_from_upload
 from pd_editor.cli.main import main
 from pd_editor.editor.commands import AdoptTrajectory, SetAgentSpeed, traffic_command
-from pd_editor.editor.journal import Journal, find_unfinished, restore
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.session import EditorSession
+from pd_editor.editor.unfinished_work import Journal, find_unfinished, restore
 from pd_editor.generation import GenerationRequest, run_to_end
 from pd_editor.generators import SHIPPED_MODEL
 from pd_editor.installed_files import demo_folder, models_folder

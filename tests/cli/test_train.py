@@ -12,10 +12,10 @@ import pytest
 import pd_editor
 from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.stages import STAGE_KINDS
-from pd_editor.windows.shards import write_shard
-from pd_editor.windows.window_choice import choose_windows
+from pd_editor.recordings.clip_selection import choose_windows
+from pd_editor.recordings.shards import write_shard
 from tests.cli.shell import ROOT, Shell
-from tests.windows.recordings import drive
+from tests.recordings.recordings import drive
 
 FILES = {"data.json", "log.jsonl", "loss.png", "model", "run.json", "state.safetensors"}
 TINY = ("--preset", "tiny", "--device", "cpu", "--threads", "1", "--precision", "32")

@@ -5,8 +5,8 @@ import time
 from pathlib import Path
 
 from pd_editor.editor.commands import TransformAgents
-from pd_editor.editor.journal import Journal
 from pd_editor.editor.session import EditorSession
+from pd_editor.editor.unfinished_work import Journal
 from tests.editor.command_strategies import busy_scenario
 
 

@@ -7,14 +7,14 @@ import zlib
 import numpy as np
 import pytest
 
-from pd_editor.editor.agent_commands import DuplicateAgents
 from pd_editor.editor.commands import (
     AdoptTrajectory,
     ReplaceTraffic,
     command_from_json,
 )
-from pd_editor.editor.json_values import to_json
-from pd_editor.editor.place_command import PlaceAgent
+from pd_editor.editor.commands.agents import DuplicateAgents
+from pd_editor.editor.commands.json_values import to_json
+from pd_editor.editor.commands.placement import PlaceAgent
 from pd_editor.errors import EditError, RecipeError
 from pd_editor.scene.agent_kind import AgentKind
 from tests.builders import scenario_with, straight_drivers, two_agents_that_pass

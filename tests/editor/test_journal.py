@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pd_editor.editor import journal_file
+from pd_editor.editor import journal as journal_file
 from pd_editor.editor.commands import DeleteAgents, TransformAgents
-from pd_editor.editor.journal import (
+from pd_editor.editor.session import EditorSession
+from pd_editor.editor.unfinished_work import (
     Journal,
     UnfinishedWork,
     find_unfinished,
     restore,
 )
-from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
 from pd_editor.errors import RecipeError
 from tests.editor.command_strategies import busy_scenario

@@ -14,9 +14,9 @@ from pd_editor.editor.commands import (
     new_agent_id,
     traffic_command,
 )
-from pd_editor.editor.journal import Journal, find_unfinished, restore
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession
+from pd_editor.editor.unfinished_work import Journal, find_unfinished, restore
 from pd_editor.generation import GenerationRequest, run_to_end
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.agent_kind import AgentKind

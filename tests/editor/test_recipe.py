@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pd_editor.editor.commands import DeleteAgents, TransformAgents
+from pd_editor.editor.commands.traffic import traffic_command
 from pd_editor.editor.recipe import Recipe, regenerate, replay
-from pd_editor.editor.traffic_commands import traffic_command
 from pd_editor.errors import RecipeError
 from pd_editor.generation import GenerationRequest, run_to_end
 from pd_editor.scene.scenario import Provenance

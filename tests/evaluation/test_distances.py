@@ -5,7 +5,7 @@ import pytest
 
 from pd_editor.evaluation.distances import distance_tables
 from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
-from pd_editor.metrics.distribution_distance import histogram_of
+from pd_editor.metrics.distributions.distribution_distance import histogram_of
 
 LN2_ROOT = np.sqrt(np.log(2))
 

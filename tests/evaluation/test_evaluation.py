@@ -6,7 +6,7 @@ import pytest
 
 from pd_editor.errors import InputError
 from pd_editor.evaluation.evaluation import ROWS_NAME, run_evaluation, scenes_of
-from pd_editor.evaluation.run_folder import RunFolder
+from pd_editor.evaluation.results_folder import RunFolder
 from pd_editor.work_engine import LocalProcesses
 from tests.builders import scenario_with, straight_drivers
 from tests.evaluation.small_dataset import (

@@ -3,7 +3,7 @@ import pytest
 
 from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
 from pd_editor.generation import GenerationRequest
-from pd_editor.metrics.displacement import ade
+from pd_editor.metrics.motion.displacement import ade
 from pd_editor.metrics.traffic_view import generated_traffic
 from pd_editor.paths.motion_primitives import candidates
 from tests.builders import scenario_with, straight_drivers

@@ -13,7 +13,7 @@ from pd_editor.evaluation.scene_test import (
     scene_test,
     scene_test_tables,
 )
-from pd_editor.metrics.surroundings import FEATURES
+from pd_editor.metrics.road.surroundings import FEATURES
 
 NUM_SCENES, NUM_VEHICLES = 6, 30
 

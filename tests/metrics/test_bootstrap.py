@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pd_editor.metrics.bootstrap import difference_interval, mean_interval
-from pd_editor.metrics.metric_values import measured
+from pd_editor.metrics.values import measured
 
 
 def scene(values, is_valid=None):

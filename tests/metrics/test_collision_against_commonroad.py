@@ -15,7 +15,11 @@ import shapely
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.oriented_box import box_corners, overlap_area
-from pd_editor.metrics.collision import MIN_OVERLAP_M2, boxes_touch, overlapping_pairs
+from pd_editor.metrics.collisions.box_tests import (
+    MIN_OVERLAP_M2,
+    boxes_touch,
+    overlapping_pairs,
+)
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from tests.metrics.commonroad.environment import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pd_editor.errors import EditError
-from pd_editor.metrics.report import agent_values
+from pd_editor.metrics.scene_metrics import agent_values
 from pd_editor.metrics.traffic_view import generated_traffic, recorded_traffic
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import empty_tracks

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.metrics.collision import first_overlap, overlapping_pairs
-from pd_editor.metrics.off_road import off_road
+from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
+from pd_editor.metrics.road.off_road import off_road
 from pd_editor.repair import repair_scene
 from pd_editor.scene.agent_kind import MOVER_KINDS
 from pd_editor.scene.agent_tracks import empty_tracks

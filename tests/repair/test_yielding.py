@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from benchmarks.repair import at_constant_velocity
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.metrics.collision import first_overlap, overlapping_pairs
+from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.repair.yielding import MAX_BRAKING_MPS2, Yielded, clocks, yielding
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.scenario import Scenario
-from tests.benchmarks.repair import at_constant_velocity
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import Crowd, crowded_road, crowds
 

@@ -8,8 +8,8 @@ import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
 
-from pd_editor.training.run_config import Budget, Optimisation, RunConfig
-from pd_editor.training.run_folder import RunFolder
+from pd_editor.training.run.run_config import Budget, Optimisation, RunConfig
+from pd_editor.training.run.run_folder import RunFolder
 from pd_editor.training.train_loop import TrainingData, TrainLoop
 
 

@@ -14,10 +14,10 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.diffusion.initial_state.lane_distance import follows_lanes, is_on_road
 from pd_editor.diffusion.initial_state.state_encoding import STANDING_SPEED_MPS
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.features.encoded_scene import PackedScene
+from pd_editor.features.lane_tokens import PIECE_LENGTH_M
+from pd_editor.features.scene_features import AGENT_KINDS
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.windows.lane_pieces import PIECE_LENGTH_M
-from pd_editor.windows.packed_scene import PackedScene
-from pd_editor.windows.scene_features import AGENT_KINDS
 
 HALF_SIDES_M: Final = (31.0, 44.0, 62.0)
 """Squares that are counted around the middle of each scene."""

@@ -20,7 +20,7 @@ from pd_editor.diffusion.initial_state.lane_distance import follows_lanes
 from pd_editor.diffusion.initial_state.state_encoding import STANDING_SPEED_MPS
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.errors import GenerationError
-from pd_editor.metrics.off_road import is_off_road
+from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.scenario import Scenario
 

@@ -12,7 +12,7 @@ from pd_editor.diffusion.initial_state.state_encoding import (
     unit_vectors,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.windows.scene_features import PEDESTRIAN
+from pd_editor.features.scene_features import PEDESTRIAN
 
 _PLACES: Final = (-1.0, 0.0, 1.0)
 

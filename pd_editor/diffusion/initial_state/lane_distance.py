@@ -9,9 +9,9 @@ from torch import Tensor
 
 from pd_editor.diffusion.initial_state.features import as_complex
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.metrics.off_lane import OFF_LANE_M
-from pd_editor.windows.lane_pieces import CROSSWALK_KIND, PIECE_LENGTH_M
-from pd_editor.windows.scene_features import PEDESTRIAN
+from pd_editor.features.lane_tokens import CROSSWALK_KIND, PIECE_LENGTH_M
+from pd_editor.features.scene_features import PEDESTRIAN
+from pd_editor.metrics.road.off_lane import OFF_LANE_M
 
 
 def is_on_road(scene: SceneTensors) -> Bool[Tensor, "B A"]:

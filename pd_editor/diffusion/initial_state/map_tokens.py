@@ -17,8 +17,8 @@ from pd_editor.diffusion.initial_state.features import (
     piece_relations,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.windows.lane_pieces import CROSSWALK_KIND
-from pd_editor.windows.scene_features import PEDESTRIAN
+from pd_editor.features.lane_tokens import CROSSWALK_KIND
+from pd_editor.features.scene_features import PEDESTRIAN
 
 
 class TokenGroup(NamedTuple):

@@ -29,6 +29,16 @@ from pd_editor.diffusion.initial_state.sampler import (
 from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.errors import GenerationError
+from pd_editor.features.encoded_scene import LATENT_SIZE, packed
+from pd_editor.features.lane_tokens import CROSSWALK_KIND, lane_pieces
+from pd_editor.features.scene_features import (
+    AGENT_KINDS,
+    NUM_NEAR_AGENTS,
+    NUM_NEAR_BOUNDARY,
+    NUM_NEAR_PIECES,
+    SceneFeatures,
+    scene_features,
+)
 from pd_editor.generation import Region
 from pd_editor.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.scene.agent_kind import (
@@ -39,16 +49,6 @@ from pd_editor.scene.agent_kind import (
 )
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
-from pd_editor.windows.lane_pieces import CROSSWALK_KIND, lane_pieces
-from pd_editor.windows.packed_scene import LATENT_SIZE, packed
-from pd_editor.windows.scene_features import (
-    AGENT_KINDS,
-    NUM_NEAR_AGENTS,
-    NUM_NEAR_BOUNDARY,
-    NUM_NEAR_PIECES,
-    SceneFeatures,
-    scene_features,
-)
 
 _KIND_INDEX: Final = {kind: index for index, kind in enumerate(AGENT_KINDS)}
 _LEAST_HALF_SIDE_M: Final = 5.0

@@ -19,15 +19,15 @@ from pd_editor.diffusion.initial_state.pipeline import (
 )
 from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.errors import GenerationError
-from pd_editor.generation import Region
-from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.scenario import Scenario
-from pd_editor.windows.lane_pieces import (
+from pd_editor.features.lane_tokens import (
     CROSSWALK_KIND,
     PIECE_LENGTH_M,
     lane_pieces,
 )
-from pd_editor.windows.scene_features import AGENT_KINDS, scene_center
+from pd_editor.features.scene_features import AGENT_KINDS, scene_center
+from pd_editor.generation import Region
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.scenario import Scenario
 
 _OUTER_DENSITY: Final = 0.56
 """Road users for each metre of lane beyond the square around the focal agent, as a share

@@ -10,9 +10,9 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.inputs.trajectory_pca import MIRRORED_LATENT_SIGNS
-from pd_editor.windows.boundary_pieces import MIRRORED_BOUNDARY
-from pd_editor.windows.packed_scene import PackedScene
-from pd_editor.windows.scene_features import MIRRORED_SHAPE, MIRRORED_SHAPE_SIGNS
+from pd_editor.features.boundary_tokens import MIRRORED_BOUNDARY
+from pd_editor.features.encoded_scene import PackedScene
+from pd_editor.features.scene_features import MIRRORED_SHAPE, MIRRORED_SHAPE_SIGNS
 
 _SIZE_STEP: Final = 8
 """Padded sizes are multiples of it, so that few distinct shapes occur."""

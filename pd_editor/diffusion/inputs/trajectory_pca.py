@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from pd_editor.features.encoded_scene import LATENT_SIZE
 from pd_editor.geometry.angles import wrap_angle
-from pd_editor.windows.packed_scene import LATENT_SIZE
 
 NUM_ALONG: Final = 5
 NUM_ACROSS: Final = LATENT_SIZE - NUM_ALONG

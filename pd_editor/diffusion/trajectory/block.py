@@ -11,7 +11,7 @@ from pd_editor.diffusion.core.attention import batched_product, scale_query_rows
 from pd_editor.diffusion.trajectory.interaction_features import (
     NUM_WAYPOINT_FEATURES,
 )
-from pd_editor.windows.packed_scene import LATENT_SIZE
+from pd_editor.features.encoded_scene import LATENT_SIZE
 
 NUM_TOKEN_SETS: Final = 2
 """Map tokens and candidates, each with heads of its own."""

@@ -14,9 +14,9 @@ from pd_editor.diffusion.inputs.trajectory_pca import (
     TrajectoryBasis,
     heading_along,
 )
+from pd_editor.features.encoded_scene import LATENT_SIZE
 from pd_editor.geometry.angles import unit_vector
 from pd_editor.scene.time_axis import TimeAxis
-from pd_editor.windows.packed_scene import LATENT_SIZE
 
 _STANDS_MPS: Final = 0.3
 _STAYS_M: Final = 0.5

@@ -53,9 +53,9 @@ from pd_editor.diffusion.trajectory.interaction_features import (
     InteractionGeometry,
 )
 from pd_editor.diffusion.trajectory.token_encoder import TokenEncoder
+from pd_editor.features.encoded_scene import LATENT_SIZE
+from pd_editor.features.scene_features import NUM_FUTURE_STEPS
 from pd_editor.scene.activity import Activity
-from pd_editor.windows.packed_scene import LATENT_SIZE
-from pd_editor.windows.scene_features import NUM_FUTURE_STEPS
 
 
 def _added(value: Any, *, before: Any) -> Any:

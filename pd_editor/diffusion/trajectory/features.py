@@ -14,7 +14,7 @@ from pd_editor.diffusion.inputs.relative_pose import (
     relative_pose,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.windows.scene_features import (
+from pd_editor.features.scene_features import (
     AGENT_KINDS,
     BOUNDARY_SHAPE,
     NUM_PIECE_KINDS,

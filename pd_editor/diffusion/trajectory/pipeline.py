@@ -24,9 +24,9 @@ from pd_editor.diffusion.trajectory.sampler import (
     TrajectorySamplerConfig,
     sample_trajectories,
 )
+from pd_editor.features.encoded_scene import packed
+from pd_editor.features.scene_features import SceneFeatures, scene_features
 from pd_editor.scene.scenario import Scenario
-from pd_editor.windows.packed_scene import packed
-from pd_editor.windows.scene_features import SceneFeatures, scene_features
 
 _LEAST_KNOWN_STEPS: Final = 10
 """A context agent with fewer future steps is sampled like the others, and kept."""

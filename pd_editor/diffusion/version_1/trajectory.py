@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
-from pd_editor.windows.packed_scene import LATENT_SIZE
+from pd_editor.features.encoded_scene import LATENT_SIZE
 
 _RENAMED = {
     "way_points.": "decoder.",

@@ -9,6 +9,11 @@ from typing import Final
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import SynthesisError
+from pd_editor.recordings.clip import cut_scenario
+from pd_editor.recordings.clip_selection import choose_windows
+from pd_editor.recordings.recording import Recording, Window
+from pd_editor.recordings.shards import SHARD_SUFFIX, write_shard
+from pd_editor.recordings.tracking_noise import TrackingNoise
 from pd_editor.synthesis.av2_to_sumo.network_conversion import network_of_map
 from pd_editor.synthesis.dataset.dataset_folder import (
     NetworkRecord,
@@ -17,11 +22,6 @@ from pd_editor.synthesis.dataset.dataset_folder import (
 from pd_editor.synthesis.road_network.generator import draw_network
 from pd_editor.synthesis.traffic.demand_config import MAP_DEMAND
 from pd_editor.synthesis.traffic.simulation import simulate
-from pd_editor.windows.cut import cut_scenario
-from pd_editor.windows.recording import Recording, Window
-from pd_editor.windows.shards import SHARD_SUFFIX, write_shard
-from pd_editor.windows.tracking_noise import TrackingNoise
-from pd_editor.windows.window_choice import choose_windows
 
 WINDOW_SPACING_S: Final = 2.0
 """A recording is so much longer for each of its windows."""

@@ -9,9 +9,9 @@ import numpy as np
 from pd_editor.av2_io.dataset import CardFilter, DatasetIndex
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import InputError
+from pd_editor.recordings.shards import SHARD_SUFFIX, ShardReader
+from pd_editor.recordings.tracking_noise import TrackingNoise
 from pd_editor.scene.scenario import Scenario
-from pd_editor.windows.shards import SHARD_SUFFIX, ShardReader
-from pd_editor.windows.tracking_noise import TrackingNoise
 
 MAX_SCENES: Final = 300
 """More say little more, and take a second for every twenty."""

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from pd_editor.errors import InputError
-from pd_editor.metrics.noise_floor import noise_floor
+from pd_editor.metrics.distributions.noise_floor import noise_floor
 from pd_editor.scene.scenario import Scenario
 from pd_editor.synthesis.realism.scene_statistics import (
     QUANTITIES,

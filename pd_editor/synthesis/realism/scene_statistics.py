@@ -10,13 +10,13 @@ from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.polyline import arc_length
-from pd_editor.metrics.distribution_distance import (
+from pd_editor.metrics.collisions.interaction import local_density, nearest_distance
+from pd_editor.metrics.distributions.distribution_distance import (
     histogram_of,
     jensen_shannon_divergence,
 )
-from pd_editor.metrics.interaction import local_density, nearest_distance
-from pd_editor.metrics.kinematics import Kinematics, kinematics, motion_values
-from pd_editor.metrics.off_lane import nearest_edge
+from pd_editor.metrics.motion.kinematics import Kinematics, kinematics, motion_values
+from pd_editor.metrics.road.off_lane import nearest_edge
 from pd_editor.metrics.traffic_view import (
     AgentGroup,
     TrafficView,

@@ -8,6 +8,7 @@ from xml.etree.ElementTree import ElementTree
 
 import numpy as np
 
+from pd_editor.recordings.recording import Recording
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.synthesis.road_network.network import Network
 from pd_editor.synthesis.sumo.curve_speeds import write_with_curve_speeds
@@ -24,7 +25,6 @@ from pd_editor.synthesis.traffic.parked_vehicles import (
 )
 from pd_editor.synthesis.traffic.pedestrians import draw_walkers
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks, traffic_tracks
-from pd_editor.windows.recording import Recording
 
 STEP_S: Final = 0.1
 WARM_UP_S: Final = 20.0

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from pd_editor.editor.command import Command
+from pd_editor.editor.commands.command import Command
 from pd_editor.editor.problem_cures import Cure, cures
 from pd_editor.problems.scene_problem import ProblemKind, SceneProblem
 from pd_editor.viewer.overlay.overlay import Overlay

@@ -7,7 +7,7 @@ import viser
 
 from pd_editor.editor.commands import AdoptTrajectory
 from pd_editor.errors import EditError
-from pd_editor.metrics.path_collision import PathCollision, first_collisions
+from pd_editor.metrics.collisions.path_collision import PathCollision, first_collisions
 from pd_editor.paths.candidate_words import candidate_texts
 from pd_editor.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.scenario import Scenario

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.basket.basket import Basket
-from pd_editor.editor.journal import find_unfinished, restore
 from pd_editor.editor.session import EditorSession
+from pd_editor.editor.unfinished_work import find_unfinished, restore
 from pd_editor.errors import RecipeError
 from pd_editor.scene.scenario import Scenario
 

@@ -13,14 +13,14 @@ from pd_editor.av2_io.upload import file_in_upload, scenario_from_upload
 from pd_editor.basket.basket import Basket, BasketEntry
 from pd_editor.basket.index_table import index_row
 from pd_editor.basket.thumbnail import thumbnail
-from pd_editor.editor.journal import (
+from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.session import EditorSession
+from pd_editor.editor.unfinished_work import (
     Journal,
     UnfinishedWork,
     find_unfinished,
     restore,
 )
-from pd_editor.editor.recipe import Recipe
-from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import free_name, name_from_text, short_id
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import zip_files

@@ -8,9 +8,9 @@ from pd_editor.diffusion.initial_state.agent_count_prior import (
     fit_agent_counts,
     lane_length_m,
 )
+from pd_editor.features.encoded_scene import PackedScene
+from pd_editor.features.scene_features import AGENT_KINDS
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.windows.packed_scene import PackedScene
-from pd_editor.windows.scene_features import AGENT_KINDS
 from tests.diffusion.initial_state.scenes import packed_scene
 
 

@@ -17,7 +17,7 @@ from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.generation import (
     Region,
 )
-from pd_editor.metrics.off_road import is_off_road
+from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.repair import slow_for_gaps
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario

@@ -3,8 +3,8 @@ import torch
 
 from pd_editor.diffusion.inputs.relative_pose import pose_features, relative_pose
 from pd_editor.diffusion.inputs.scene_batch import batch_of
-from pd_editor.windows.boundary_pieces import BOUNDARY_SHAPE
-from pd_editor.windows.lane_pieces import PIECE_SHAPE
+from pd_editor.features.boundary_tokens import BOUNDARY_SHAPE
+from pd_editor.features.lane_tokens import PIECE_SHAPE
 from tests.diffusion.trajectory.scenes import arc_basis, packed_scene, scene_batch
 
 

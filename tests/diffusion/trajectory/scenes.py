@@ -9,10 +9,10 @@ import torch
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
+from pd_editor.features.boundary_tokens import BOUNDARY_SHAPE
+from pd_editor.features.encoded_scene import PackedScene
+from pd_editor.features.lane_tokens import PIECE_SHAPE
 from pd_editor.scene.activity import Activity
-from pd_editor.windows.boundary_pieces import BOUNDARY_SHAPE
-from pd_editor.windows.lane_pieces import PIECE_SHAPE
-from pd_editor.windows.packed_scene import PackedScene
 
 # More threads than free cores make tiny networks many times slower.
 torch.set_num_threads(1)

@@ -8,6 +8,7 @@ import pytest
 from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import ExportError, InputError, SynthesisError
+from pd_editor.recordings.shards import ShardReader
 from pd_editor.synthesis.dataset import network_worker as corpus_networks
 from pd_editor.synthesis.dataset.builder import (
     WINDOWS_PER_SHARD,
@@ -17,10 +18,9 @@ from pd_editor.synthesis.dataset.builder import (
 )
 from pd_editor.synthesis.dataset.dataset_folder import CorpusFolder
 from pd_editor.synthesis.road_network.generator import FAMILY_SHARES
-from pd_editor.windows.shards import ShardReader
 from pd_editor.work_engine import LocalProcesses
+from tests.recordings.recordings import drive
 from tests.synthesis.serial_engine import SerialEngine
-from tests.windows.recordings import drive
 
 TWO = CorpusPlan(num=5, seed=7, families=("grid", "town"), as_shards=True)
 

@@ -8,13 +8,13 @@ import shapely
 
 from pd_editor.errors import SynthesisError
 from pd_editor.geometry.oriented_box import box_corners
+from pd_editor.recordings.recording import Recording
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.synthesis.road_network.generator import draw_network
 from pd_editor.synthesis.road_network.network import Network
 from pd_editor.synthesis.sumo.traffic_graph import read_traffic_graph
 from pd_editor.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.synthesis.traffic.simulation import simulate
-from pd_editor.windows.recording import Recording
 
 DURATION_S = 40.0
 

@@ -7,7 +7,7 @@ import pytest
 
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import TransformAgents
-from pd_editor.editor.journal import find_unfinished
+from pd_editor.editor.unfinished_work import find_unfinished
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scenario_store import open_scenario
 from pd_editor.viewer.state.session_shelf import MAX_LIVE

@@ -1,0 +1,127 @@
+"""Second stage on 32 moving agents of a real scenario: time of each part.
+
+Parts are timed with random weights, which takes the same time. Reads the train and val folders under
+PD_EDITOR_AV2.
+"""
+
+import itertools
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from benchmarks.candidates import crowd, full_scenarios, movers_now
+from pd_editor.diffusion.inputs.scene_batch import batch_of
+from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.loss import trajectory_loss
+from pd_editor.diffusion.trajectory.pipeline import TrajectoryTask
+from pd_editor.features.encoded_scene import packed
+from pd_editor.features.scene_features import scene_features
+from pd_editor.generation import (
+    AVOIDANCE,
+    GenerationRequest,
+    GuidanceTerm,
+    run_to_end,
+)
+from pd_editor.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.scene.scenario import Scenario
+from tests.diffusion.trajectory.scenes import arc_basis
+
+NUM_AGENTS = 32
+REPEATS = 40
+
+
+def told(name: str, work: Callable[[], object], repeats: int = REPEATS) -> None:
+    """Print median, least and spread of the time of something."""
+    for _ in range(3):
+        work()
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(1e3 * (time.perf_counter() - began))
+    quarters = statistics.quantiles(times, n=4)
+    print(
+        f"{name:52s} {quarters[1]:8.2f} {min(times):8.2f} "
+        f"{quarters[0]:8.2f} - {quarters[2]:.2f}"
+    )
+
+
+def print_parts(model: TrajectoryDenoiser, scenario: Scenario) -> None:
+    """Features, context, one denoising step."""
+    basis = model.decoder.basis
+    rows = np.arange(NUM_AGENTS)
+    told("features and candidates", lambda: scene_features(scenario))
+    told(
+        "the same, packed as tensors", lambda: TrajectoryTask.of(scenario, rows, basis)
+    )
+    scene = TrajectoryTask.of(scenario, rows, basis).scene
+    with torch.inference_mode():
+        told("context", lambda: model.encode_context(scene))
+        context = model.encode_context(scene)
+        level = model.encode_level(torch.full((1, 1, 1), 0.5))
+        for samples, threads in itertools.product((1, 4, 6), (1, 2)):
+            torch.set_num_threads(threads)
+            noisy = torch.randn(samples, *scene.future.shape)
+            told(
+                f"denoising step, {samples} samples, {threads} threads",
+                lambda noisy=noisy: model.denoise(noisy, level, context),
+            )
+
+
+def print_generation(scenario: Scenario) -> None:
+    """From states to trajectories through the port, guided, with the default weights.
+
+    Without tries, futures stay as drawn; else who would collide waits.
+    """
+    diffuser = make_generator(DEFAULT_GENERATOR)
+    for tries in (0, 1, 4):
+        for steps in (4, 10):
+            request = GenerationRequest(
+                scenario=scenario,
+                agent_ids=scenario.agents.ids,
+                num_denoising_steps=steps,
+                guidance=(
+                    GuidanceTerm(name=AVOIDANCE, parameters={"tries": float(tries)}),
+                ),
+            )
+            told(
+                f"states to trajectories, {steps} steps, {tries} tries",
+                lambda request=request: run_to_end(diffuser.generate(request)),
+            )
+
+
+def print_training(model: TrajectoryDenoiser, scenarios: list[Scenario]) -> None:
+    """A step on 16 real scenes at four noise levels, forward and backward."""
+    basis = model.decoder.basis
+    scenes = [packed(scene_features(one), basis.encode) for one in scenarios]
+    batch = batch_of([one for one in scenes if len(one.agent_pose) <= 24][:16])
+    random = torch.Generator().manual_seed(0)
+
+    def step() -> None:
+        with torch.autocast("cpu", torch.bfloat16):
+            loss, _ = trajectory_loss(model, batch, random)
+        loss.backward()
+
+    told("training step, 16 scenes x 24 agents x 4 levels, bf16", step, 8)
+
+
+def main() -> None:
+    """Print a table of milliseconds."""
+    torch.set_num_threads(2)
+    scenarios = full_scenarios()
+    busiest = max(scenarios, key=lambda one: len(movers_now(one, 0.5)))
+    scenario = crowd(busiest, NUM_AGENTS)
+    torch.manual_seed(0)
+    config = TrajectoryConfig()
+    model = TrajectoryDenoiser(config, arc_basis())
+    print(f"{'milliseconds, 2 threads':52s} {'median':>8s} {'min':>8s} quartiles")
+    print_parts(model.eval(), scenario)
+    print_generation(scenario)
+    print_training(model, scenarios)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""Whole generated scenes beside recorded ones: where vehicles stand and how they move.
+
+Three ways: the agents of the square around the focal agent redrawn, all agents redrawn, as
+many agents as fit. The folders stay in ``--out`` for other programs.
+Needs PD_EDITOR_AV2.
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+import numpy as np
+
+import pd_editor
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.features.scene_features import scene_center
+from pd_editor.metrics.road.off_road import is_off_road
+from pd_editor.metrics.road.surroundings import askew
+from pd_editor.metrics.traffic_view import recorded_traffic
+from pd_editor.scene.activity import STANDING_SPEED_MPS
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.scenario import Scenario
+
+HALF_SIDE_M = 62.0
+WAYS = ("square", "redrawn", "fit")
+COLUMNS = (
+    "speed, m/s",
+    "standing, %",
+    "off drivable, %",
+    "path, m",
+    "askew to lane, %",
+    "askew to nearest, %",
+)
+
+
+def generate(folder: Path, way: str, model: str, seed: int, out: Path) -> None:
+    """One scene, one way."""
+    scenario = read_scenario(folder)
+    agents, step = scenario.agents, scenario.current_step
+    rows = np.flatnonzero(agents.is_valid[:, step] & agents.kind_mask(ROAD_USER_KINDS))
+    center = scene_center(scenario)
+    options = {"model": model, "seed": seed, "name": folder.name, "out": out}
+    if way == "fit":
+        pd_editor.generate(folder, num_agents="fit", **options)
+        return
+    region = None
+    if way == "square":
+        away = np.abs(agents.position_m[rows, step] - center).max(axis=1)
+        rows = rows[away <= HALF_SIDE_M]
+        region = (float(center[0]), float(center[1]), HALF_SIDE_M)
+    ids = tuple(agents.ids[row] for row in rows)
+    pd_editor.generate(folder, agents=ids, redraw_states=True, region=region, **options)
+
+
+def vehicle_rows(scenario: Scenario) -> np.ndarray:
+    """A row for each vehicle at the current step; NaN where a column says nothing."""
+    view = recorded_traffic(scenario)
+    agents = view.agents
+    speed = np.hypot(*agents.velocity_mps[:, 0].T)
+    path = np.linalg.norm(np.diff(agents.position_m, axis=1), axis=-1).sum(axis=1)
+    columns = [
+        speed,
+        speed < STANDING_SPEED_MPS,
+        is_off_road(scenario, agents.position_m[:, 0]),
+        np.where(agents.is_valid.all(axis=1), path, np.nan),
+        *(np.where(one.is_valid, one.value, np.nan) for one in askew(view)),
+    ]
+    is_vehicle = [kind == AgentKind.VEHICLE for kind in agents.kinds]
+    return np.column_stack(columns)[is_vehicle]
+
+
+def line(folders: list[Path]) -> str:
+    """Means over all vehicles of some scenes."""
+    tables = [vehicle_rows(read_scenario(folder)) for folder in folders]
+    means = np.nanmean(np.concatenate(tables), axis=0) * [1, 100, 100, 1, 100, 100]
+    count = sum(map(len, tables)) / len(tables)
+    return f"{count:12.1f}" + "".join(f"{value:20.2f}" for value in means)
+
+
+def main() -> None:
+    """Print a line for the recordings and one for each way, over all seeds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--model", default="path-diffuser")
+    parser.add_argument("--split", default="val")
+    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    root = Path(os.environ["PD_EDITOR_AV2"])
+    folders = sorted(
+        path.parent for path in (root / options.split).glob("*/scenario*.parquet")
+    )
+    print(f"{'':10}{'vehicles':>12}" + "".join(f"{name:>20}" for name in COLUMNS))
+    print(f"{'recorded':10}{line(folders)}")
+    for way in WAYS:
+        made: list[Path] = []
+        for seed in range(options.seeds):
+            out = options.out / f"{way}-{seed}"
+            for folder in folders:
+                generate(folder, way, options.model, seed, out)
+                made.append(out / folder.name)
+        print(f"{way:10}{line(made)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""All edits, by name, and their JSON form."""
+
+from typing import Any, Final
+
+from pd_editor.editor.commands.agents import (
+    DeleteAgents,
+    DuplicateAgents,
+    RemoveAllAgents,
+    SetAgentKind,
+    SetAgentSize,
+    SetFocalAgent,
+    new_agent_id,
+    new_agent_ids,
+)
+from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.json_values import from_json, to_json
+from pd_editor.editor.commands.motion import (
+    AdoptTrajectory,
+    SetAgentSpeed,
+    SlowToFrictionLimit,
+)
+from pd_editor.editor.commands.placement import PlaceAgent
+from pd_editor.editor.commands.poses import (
+    SetAgentHeading,
+    SetAgentPosition,
+    SnapToLane,
+    TransformAgents,
+)
+from pd_editor.editor.commands.road import SetRoadWarp
+from pd_editor.editor.commands.traffic import (
+    ReplaceTraffic,
+    RequestSummary,
+    traffic_command,
+)
+from pd_editor.errors import RecipeError
+
+COMMANDS: Final[dict[str, type[Command]]] = {
+    command.__name__: command
+    for command in (
+        SetRoadWarp,
+        TransformAgents,
+        SetAgentPosition,
+        SetAgentHeading,
+        SnapToLane,
+        SetAgentSpeed,
+        SlowToFrictionLimit,
+        AdoptTrajectory,
+        SetAgentKind,
+        SetAgentSize,
+        PlaceAgent,
+        DuplicateAgents,
+        DeleteAgents,
+        RemoveAllAgents,
+        SetFocalAgent,
+        ReplaceTraffic,
+    )
+}
+"""Every command by the name it has in recipes."""
+
+__all__ = [
+    "COMMANDS",
+    "AdoptTrajectory",
+    "Command",
+    "DeleteAgents",
+    "DuplicateAgents",
+    "PlaceAgent",
+    "RemoveAllAgents",
+    "ReplaceTraffic",
+    "RequestSummary",
+    "SetAgentHeading",
+    "SetAgentKind",
+    "SetAgentPosition",
+    "SetAgentSize",
+    "SetAgentSpeed",
+    "SetFocalAgent",
+    "SetRoadWarp",
+    "SlowToFrictionLimit",
+    "SnapToLane",
+    "TransformAgents",
+    "command_from_json",
+    "command_to_json",
+    "new_agent_id",
+    "new_agent_ids",
+    "traffic_command",
+]
+
+
+def command_to_json(command: Command) -> dict[str, Any]:
+    """The command's name and fields."""
+    return {"command": type(command).__name__, **to_json(command)}
+
+
+def command_from_json(data: Any, where: str) -> Command:
+    """The inverse of ``command_to_json``.
+
+    Raises:
+        RecipeError: unknown command or bad fields; the sentence starts with ``where``.
+    """
+    if not isinstance(data, dict) or not isinstance(data.get("command"), str):
+        raise RecipeError(f"{where} must be an object that names its command.")
+    name = data["command"]
+    if name not in COMMANDS:
+        raise RecipeError(f"{where} is of the unknown command {name!r}.")
+    values = {key: value for key, value in data.items() if key != "command"}
+    return from_json(COMMANDS[name], values, f"{where} ({name})")

@@ -1,0 +1,250 @@
+"""Edits of how agents move, from where they are now."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from pd_editor.editor.commands.command import Command, agents_in_words, names_after
+from pd_editor.editor.commands.edit_limits import (
+    check_finite,
+    check_positions,
+    check_speed,
+    check_velocities,
+    present_rows,
+)
+from pd_editor.errors import EditError
+from pd_editor.geometry.angles import unit_vector, wrap_angle
+from pd_editor.paths.retiming import STANDING_SPEED_MPS, with_new_speed
+from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.problems.friction import slowed_to_limit
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
+
+MAX_START_GAP_M: Final = 1.0
+"""How far from an agent's state a trajectory to adopt may start."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetAgentSpeed(Command):
+    """Give agents a speed now; where they are and where they look stays.
+
+    The future is re-timed along its own curve by ``with_new_speed``, and the past
+    likewise backwards in time, so that both leave the state at the new speed; beyond
+    their ends curves go straight on. An agent that changes between forwards and
+    backwards (negative speed) gets a straight line at that speed instead.
+    """
+
+    agent_ids: tuple[str, ...]
+    speed_mps: float
+
+    def __post_init__(self) -> None:
+        check_speed(self.speed_mps)
+
+    @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
+    def label(self) -> str:
+        """Says the speed."""
+        return f"Set {agents_in_words(self.agent_ids)} to {self.speed_mps:.1f} m/s{names_after(self.agent_ids)}"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with re-timed tracks."""
+        rows = present_rows(scenario, self.agent_ids)
+        now, step_s = scenario.current_step, scenario.time_axis.step_s
+        rolls_back = _rolls_back(scenario.agents, now)[rows]
+        speed = scenario.agents.speed_mps()[rows, now] * np.where(rolls_back, -1, 1)
+        turns = np.where(rolls_back, self.speed_mps > 0, self.speed_mps < 0)
+        agents = scenario.agents
+        for some, change in (
+            (rows[~turns & (speed != self.speed_mps)], _retimed),
+            (rows[turns], _straight),
+        ):
+            if len(some):
+                arrays = change(agents.taken(some), now, self.speed_mps, step_s)
+                agents = agents.with_rows(some, **arrays)
+        return scenario if agents is scenario.agents else scenario.with_agents(agents)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlowToFrictionLimit(Command):
+    """Re-time agents along their own futures until friction holds them in curves."""
+
+    agent_ids: tuple[str, ...]
+    friction_coefficient: float = DRY_ROAD_FRICTION
+
+    def __post_init__(self) -> None:
+        mu = self.friction_coefficient
+        check_finite(friction_coefficient=mu)
+        if not 0.01 <= mu <= 2.0:
+            raise EditError(f"Friction coefficient {mu:g} is outside 0.01..2.")
+
+    @property
+    def label(self) -> str:
+        """Names or counts the agents, and says the coefficient."""
+        return (
+            f"Slow {agents_in_words(self.agent_ids)} to the friction limit"
+            f" (mu {self.friction_coefficient:g})"
+        )
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with slower agents; the same one if none is too fast."""
+        agents = slowed_to_limit(scenario, self.agent_ids, self.friction_coefficient)
+        return scenario if agents is scenario.agents else scenario.with_agents(agents)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AdoptTrajectory(Command):
+    """Drive an agent along a given trajectory from its current state on.
+
+    Arrays hold S states: the current one and all later ones. The state itself stays as it
+    is; the later rows are replaced.
+    """
+
+    agent_id: str
+    position_m: Float32[np.ndarray, "S 2"]
+    heading_rad: Float32[np.ndarray, "S"]
+    velocity_mps: Float32[np.ndarray, "S 2"]
+
+    def __post_init__(self) -> None:
+        lengths = {len(self.position_m), len(self.heading_rad), len(self.velocity_mps)}
+        if len(lengths) != 1:
+            raise EditError("A trajectory's arrays must have the same number of steps.")
+        check_positions(self.position_m)
+        if not np.isfinite(self.heading_rad).all():
+            raise EditError("A trajectory's heading holds NaN or infinity.")
+        check_velocities(self.velocity_mps)
+
+    @classmethod
+    def of_arrays(
+        cls,
+        *,
+        agent_id: str,
+        position_m: Float[np.ndarray, "S 2"],
+        heading_rad: Float[np.ndarray, "S"],
+        velocity_mps: Float[np.ndarray, "S 2"],
+    ) -> "AdoptTrajectory":
+        """The command for arrays of any precision; it keeps float32."""
+        return cls(
+            agent_id=agent_id,
+            position_m=position_m.astype(np.float32),
+            heading_rad=heading_rad.astype(np.float32),
+            velocity_mps=velocity_mps.astype(np.float32),
+        )
+
+    @property
+    def label(self) -> str:
+        """Says how far it leads and how fast it is at its end."""
+        steps = np.diff(self.position_m.astype(float), axis=0)
+        length = float(np.hypot(*steps.T).sum())
+        end = float(np.hypot(*self.velocity_mps[-1])) if len(self.velocity_mps) else 0.0
+        return (
+            f"Use a trajectory for {agents_in_words((self.agent_id,))}:"
+            f" {length:.0f} m, {end:.1f} m/s at its end"
+        )
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with another future."""
+        rows = present_rows(scenario, (self.agent_id,))
+        agents, now = scenario.agents, scenario.current_step
+        future = slice(now + 1, agents.num_steps)
+        expected = scenario.time_axis.num_future_steps + 1
+        if len(self.position_m) != expected:
+            raise EditError(
+                f"The trajectory has {len(self.position_m)} steps; this scenario needs"
+                f" {expected}, the current one and all later ones."
+            )
+        gap = float(np.hypot(*(self.position_m[0] - agents.position_m[rows[0], now])))
+        if gap > MAX_START_GAP_M:
+            raise EditError(
+                f"The trajectory starts {gap:.1f} m away from agent {self.agent_id};"
+                " it was made for another state."
+            )
+        return scenario.with_agents(
+            agents_with_future(
+                agents,
+                rows,
+                future,
+                position_m=self.position_m[None, 1:],
+                heading_rad=self.heading_rad[None, 1:],
+                velocity_mps=self.velocity_mps[None, 1:],
+            )
+        )
+
+
+def agents_with_future(
+    agents: AgentTracks,
+    rows: np.ndarray,
+    steps: slice,
+    *,
+    position_m: Float[np.ndarray, "G S 2"],
+    heading_rad: Float[np.ndarray, "G S"],
+    velocity_mps: Float[np.ndarray, "G S 2"],
+) -> AgentTracks:
+    """Agents that follow given states at the steps of a slice, all of them valid."""
+    position, heading = agents.position_m[rows], agents.heading_rad[rows]
+    velocity, is_valid = agents.velocity_mps[rows], agents.is_valid[rows]
+    position[:, steps] = position_m
+    heading[:, steps] = wrap_angle(heading_rad.astype(float))
+    velocity[:, steps] = velocity_mps
+    is_valid[:, steps] = True
+    return agents.with_rows(
+        rows,
+        position_m=position,
+        heading_rad=heading,
+        velocity_mps=velocity,
+        is_valid=is_valid,
+    )
+
+
+def _rolls_back(agents: AgentTracks, now: int) -> np.ndarray:
+    """Whether each agent moves against its heading."""
+    ahead = unit_vector(agents.heading_rad[:, now])
+    return (agents.velocity_mps[:, now] * ahead).sum(-1) < -STANDING_SPEED_MPS
+
+
+def _retimed(
+    some: AgentTracks, now: int, speed_mps: float, step_s: float
+) -> dict[str, np.ndarray]:
+    """Tracks with both halves re-timed along their curves."""
+    position, heading = some.position_m.copy(), some.heading_rad.copy()
+    velocity = some.velocity_mps.copy()
+    speed = np.full(len(some), abs(float(speed_mps)))
+    future = np.arange(now, some.num_steps)
+    # Backwards in time the past is a drive that leaves the state the other way.
+    for steps, sign, turn in ((np.arange(now, -1, -1), -1, np.pi), (future, 1, 0.0)):
+        is_valid = some.is_valid[:, steps]
+        moved, headed, driven = with_new_speed(
+            some.position_m[:, steps],
+            some.heading_rad[:, steps] + turn,
+            sign * some.velocity_mps[:, steps],
+            is_valid,
+            speed,
+            step_s,
+        )
+        position[:, steps] = moved
+        heading[:, steps] = np.where(is_valid, wrap_angle(headed - turn), 0.0)
+        velocity[:, steps] = sign * driven
+    position[:, now] = some.position_m[:, now]
+    heading[:, now] = some.heading_rad[:, now]
+    return {"position_m": position, "heading_rad": heading, "velocity_mps": velocity}
+
+
+def _straight(
+    some: AgentTracks, now: int, speed_mps: float, step_s: float
+) -> dict[str, np.ndarray]:
+    """Tracks at constant velocity along the current heading."""
+    heading = some.heading_rad[:, [now]]
+    velocity = speed_mps * unit_vector(heading)
+    time = (np.arange(some.num_steps) - now) * step_s
+    position = some.position_m[:, [now]] + time[:, None] * velocity
+    valid = some.is_valid
+    return {
+        "position_m": np.where(valid[..., None], position, 0.0),
+        "heading_rad": np.where(valid, heading, 0.0),
+        "velocity_mps": np.where(valid[..., None], velocity, 0.0),
+    }

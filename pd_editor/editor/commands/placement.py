@@ -1,0 +1,127 @@
+"""The edit that puts a new agent onto the road."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.edit_limits import (
+    check_finite,
+    check_new_id,
+    check_number_of_agents,
+    check_position,
+    check_speed,
+)
+from pd_editor.editor.commands.motion import agents_with_future
+from pd_editor.editor.commands.reconstructed_history import back_cast_positions
+from pd_editor.geometry.angles import unit_vector, wrap_angle
+from pd_editor.paths.motion_primitives import candidates
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.focal_agent import with_focal_agent
+from pd_editor.scene.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceAgent(Command):
+    """Add an agent with a state now, a future at its speed, and no past.
+
+    The future follows the lane the agent is on, else goes straight ahead; an agent
+    that rolls backwards goes straight. With ``back_cast`` it has a past at the same
+    speed along the lane, and provenance says so.
+    """
+
+    agent_id: str
+    kind: AgentKind
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float
+    back_cast: bool = False
+
+    def __post_init__(self) -> None:
+        check_position(self.x_m, self.y_m)
+        check_finite(heading_rad=self.heading_rad)
+        check_speed(self.speed_mps)
+
+    @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
+    def label(self) -> str:
+        """Says the kind."""
+        return f"Place a {self.kind.value.replace('_', ' ')} ({self.agent_id})"
+
+    @property
+    def selects(self) -> tuple[str, ...]:
+        """The new agent."""
+        return (self.agent_id,)
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with the agent appended."""
+        check_new_id(scenario, self.agent_id)
+        check_number_of_agents(len(scenario.agents) + 1)
+        placed = self._track(scenario)
+        joined = scenario.with_agents(
+            scenario.agents.joined(placed),
+            f"The past of agent {self.agent_id} was back-cast at its speed."
+            if self.back_cast
+            else None,
+        )
+        if self.speed_mps >= 0:
+            joined = _on_its_lane(joined, len(joined.agents) - 1)
+        return with_focal_agent(joined)
+
+    def _track(self, scenario: Scenario) -> AgentTracks:
+        """The agent alone: its past, if wanted, and a straight future."""
+        axis = scenario.time_axis
+        times, now = axis.times_s(), axis.current_step
+        state = np.array([self.x_m, self.y_m], float)
+        heading = wrap_angle(np.full(len(times), self.heading_rad))
+        position = state + times[:, None] * self.speed_mps * unit_vector(heading)
+        is_past = np.arange(len(times)) < now
+        if self.back_cast and self.speed_mps > 0:
+            position[:now], heading[:now] = back_cast_positions(
+                scenario.road_map,
+                self.kind,
+                state,
+                self.heading_rad,
+                -times[:now] * self.speed_mps,
+            )
+        velocity = self.speed_mps * unit_vector(heading)
+        is_valid = ~is_past | self.back_cast
+        return AgentTracks(
+            ids=(self.agent_id,),
+            kinds=(self.kind,),
+            categories=(AgentCategory.UNSCORED,),
+            size_m=default_sizes_m((self.kind,)),
+            has_known_size=np.zeros(1, bool),
+            position_m=np.where(is_valid[:, None], position, 0.0)[None],
+            heading_rad=np.where(is_valid, wrap_angle(heading), 0.0)[None],
+            velocity_mps=np.where(is_valid[:, None], velocity, 0.0)[None],
+            is_valid=is_valid[None],
+            observed=(is_past & is_valid)[None],
+        )
+
+
+def _on_its_lane(scenario: Scenario, row: int) -> Scenario:
+    """The scenario in which one agent drives the lane it is on, at its own speed."""
+    axis = scenario.time_axis
+    if axis.num_future_steps < 1:
+        return scenario
+    rows = np.array([row])
+    found = candidates(scenario, rows)
+    if not (found.has_lane[0] and found.is_valid[0, 0]):
+        return scenario
+    # The first candidate keeps the agent's own speed on the most natural route.
+    agents = agents_with_future(
+        scenario.agents,
+        rows,
+        slice(axis.current_step + 1, axis.num_steps),
+        position_m=found.position_m[:, 0, 1:],
+        heading_rad=found.heading_rad[:, 0, 1:],
+        velocity_mps=found.velocity_mps[:, 0, 1:],
+    )
+    return scenario.with_agents(agents)

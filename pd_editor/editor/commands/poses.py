@@ -1,0 +1,217 @@
+"""Edits of where agents are; each carries an agent's whole track rigidly."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pd_editor.editor.commands.command import Command, agents_in_words, names_after
+from pd_editor.editor.commands.edit_limits import (
+    check_finite,
+    check_position,
+    check_positions,
+    present_rows,
+)
+from pd_editor.errors import EditError
+from pd_editor.geometry.angles import wrap_angle
+from pd_editor.paths.nearest_lane import DRIVING_LANES, nearest_lanes
+from pd_editor.paths.route_choice import lane_kinds_of
+from pd_editor.scene.scenario import Scenario
+
+MAX_SNAP_M: Final = 15.0
+"""Furthest that an agent may be from the centre line it is snapped to."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransformAgents(Command):
+    """Turn agents about their common centre at the current step, then shift them."""
+
+    agent_ids: tuple[str, ...]
+    dx_m: float = 0.0
+    dy_m: float = 0.0
+    rotation_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_finite(rotation_rad=self.rotation_rad)
+        check_position(self.dx_m, self.dy_m)
+
+    @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
+    def label(self) -> str:
+        """Says how far and by which angle."""
+        agents, names = agents_in_words(self.agent_ids), names_after(self.agent_ids)
+        distance = math.hypot(self.dx_m, self.dy_m)
+        turn = f"{math.degrees(self.rotation_rad):+.0f}°"
+        if not self.rotation_rad:
+            return f"Move {agents} by {distance:.1f} m{names}"
+        if not distance:
+            return f"Turn {agents} by {turn}{names}"
+        return f"Move {agents} by {distance:.1f} m, turn by {turn}{names}"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with whole tracks moved."""
+        rows = present_rows(scenario, self.agent_ids)
+        if not (self.dx_m or self.dy_m or self.rotation_rad):
+            return scenario
+        now = scenario.agents.position_m[rows, scenario.current_step]
+        centre = now.mean(axis=0)
+        shift = np.array([self.dx_m, self.dy_m])
+        turned = _turned(now - centre, np.full(len(rows), self.rotation_rad))
+        target = now + shift
+        if self.rotation_rad:
+            target = centre + turned + shift
+        turn = np.full(len(rows), self.rotation_rad)
+        return _carried(scenario, rows, target, turn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetAgentPosition(Command):
+    """Shift an agent so that it is at a point now."""
+
+    agent_id: str
+    x_m: float
+    y_m: float
+
+    def __post_init__(self) -> None:
+        check_position(self.x_m, self.y_m)
+
+    @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
+    def label(self) -> str:
+        """Says where to."""
+        agent = agents_in_words((self.agent_id,))
+        return f"Move {agent} to ({self.x_m:.1f}, {self.y_m:.1f}) m"
+
+    def label_after(self, before: Scenario) -> str:
+        """Says how far."""
+        row = before.agents.row_of[self.agent_id]
+        x, y = before.agents.position_m[row, before.current_step]
+        distance = math.hypot(self.x_m - x, self.y_m - y)
+        return f"Move {agents_in_words((self.agent_id,))} by {distance:.1f} m"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with the whole track shifted."""
+        rows = present_rows(scenario, (self.agent_id,))
+        target = np.array([[self.x_m, self.y_m]], float)
+        return _carried(scenario, rows, target, np.zeros(1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetAgentHeading(Command):
+    """Turn each agent about itself so that it has a heading now."""
+
+    agent_ids: tuple[str, ...]
+    heading_rad: float
+
+    def __post_init__(self) -> None:
+        check_finite(heading_rad=self.heading_rad)
+
+    @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
+    def label(self) -> str:
+        """Says the heading in degrees."""
+        degrees = math.degrees(self.heading_rad)
+        return f"Turn {agents_in_words(self.agent_ids)} to {degrees:.0f}°{names_after(self.agent_ids)}"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with whole tracks turned."""
+        rows = present_rows(scenario, self.agent_ids)
+        now = scenario.current_step
+        turn = self.heading_rad - scenario.agents.heading_rad[rows, now]
+        target = scenario.agents.position_m[rows, now]
+        return _carried(scenario, rows, target, turn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SnapToLane(Command):
+    """Put agents onto the nearest centre line, heading along the lane."""
+
+    agent_ids: tuple[str, ...]
+
+    @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+    @property
+    def label(self) -> str:
+        """Names or counts the agents."""
+        return f"Snap {agents_in_words(self.agent_ids)} to lane{names_after(self.agent_ids)}"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with whole tracks carried onto lanes."""
+        rows = present_rows(scenario, self.agent_ids)
+        agents, now = scenario.agents, scenario.current_step
+        position, heading = agents.position_m[rows, now], agents.heading_rad[rows, now]
+        target, lane_heading = np.empty_like(position), np.empty_like(heading)
+        lanes_of = [lane_kinds_of(agents.kinds[row]) or DRIVING_LANES for row in rows]
+        for kinds in set(lanes_of):
+            some = np.array([lanes == kinds for lanes in lanes_of])
+            match = nearest_lanes(
+                scenario.road_map,
+                position[some],
+                heading_rad=heading[some],
+                kinds=kinds,
+            )
+            far = ~match.is_valid | (match.distance_m > MAX_SNAP_M)
+            if far.any():
+                name = agents.ids[rows[some][far][0]]
+                raise EditError(
+                    f"Agent {name} has no lane within {MAX_SNAP_M:g} m to snap to."
+                )
+            normal = np.stack(
+                [-np.sin(match.heading_rad), np.cos(match.heading_rad)], axis=-1
+            )
+            target[some] = position[some] - match.offset_m[:, None] * normal
+            lane_heading[some] = match.heading_rad
+        return _carried(scenario, rows, target, lane_heading - heading)
+
+
+def _turned(
+    vectors: Float[np.ndarray, "G *rest 2"], angle_rad: Float[np.ndarray, "G"]
+) -> Float[np.ndarray, "G *rest 2"]:
+    """Vectors of each agent turned by the agent's own angle."""
+    shape = (len(angle_rad), *(1,) * (vectors.ndim - 2))
+    cos, sin = np.cos(angle_rad).reshape(shape), np.sin(angle_rad).reshape(shape)
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+
+
+def _carried(
+    scenario: Scenario,
+    rows: Int[np.ndarray, "G"],
+    target_m: Float[np.ndarray, "G 2"],
+    turn_rad: Float[np.ndarray, "G"],
+) -> Scenario:
+    """Whole tracks moved rigidly so that the current positions become ``target_m``."""
+    check_positions(target_m)
+    agents, now = scenario.agents, scenario.current_step
+    position, is_valid = agents.position_m[rows], agents.is_valid[rows]
+    current = position[:, now]
+    if (current == target_m).all() and not turn_rad.any():
+        return scenario
+    changed: dict[str, np.ndarray] = {}
+    if turn_rad.any():
+        position = current[:, None] + _turned(position - current[:, None], turn_rad)
+        heading = wrap_angle(agents.heading_rad[rows] + turn_rad[:, None])
+        velocity = _turned(agents.velocity_mps[rows], turn_rad)
+        changed["heading_rad"] = np.where(is_valid, heading, 0.0)
+        changed["velocity_mps"] = np.where(is_valid[..., None], velocity, 0.0)
+    position = position + (target_m - current)[:, None]
+    position[:, now] = target_m
+    changed["position_m"] = np.where(is_valid[..., None], position, 0.0)
+    return scenario.with_agents(agents.with_rows(rows, **changed))

@@ -1,0 +1,140 @@
+"""Edits of the road."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.edit_limits import check_finite
+from pd_editor.errors import EditError
+from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.road_warp import RoadWarp, WarpKind, WarpTerm
+from pd_editor.scene.scenario import Scenario
+
+WARP_NAME: Final[dict[WarpKind, str]] = {
+    "smooth-turn": "bend",
+    "double-turn": "S-bend",
+    "ripple-road": "waves",
+}
+"""Everyday names of the kinds of warp."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetRoadWarp(Command):
+    """Bend the original road, or give it back; takes the place of a former warp."""
+
+    warp: RoadWarp | None
+    friction_coefficient: float | None = None
+    """mu of the speed limit that agents are slowed to; None leaves their speeds."""
+
+    def __post_init__(self) -> None:
+        mu = self.friction_coefficient
+        if mu is not None:
+            check_finite(friction_coefficient=mu)
+            if not 0.01 <= mu <= 2.0:
+                raise EditError(f"Friction coefficient {mu:g} is outside 0.01..2.")
+        if self.warp is not None:
+            anchor = self.warp.anchor
+            check_finite(
+                anchor_x_m=anchor.x_m,
+                anchor_y_m=anchor.y_m,
+                anchor_rotation_rad=anchor.rotation_rad,
+            )
+
+    @property
+    def label(self) -> str:
+        """Says kinds and powers of the bends."""
+        if self.warp is None or self.warp.is_identity:
+            return "Reset the road"
+        bends = ", ".join(
+            f"{WARP_NAME[term.kind]} {term.power:+g}" for term in _bends(self.warp)
+        )
+        mu = self.friction_coefficient
+        return f"Bend the road: {bends}" + ("" if mu is None else f", friction {mu:g}")
+
+    def label_after(self, before: Scenario) -> str:
+        """Says what differs from the warp in force."""
+        applied = before.applied_warp
+        if applied is None or self.warp is None or self.warp.is_identity:
+            return self.label
+        changes = [
+            *_anchor_changes(applied.warp, self.warp),
+            *_bend_changes(applied.warp, self.warp),
+            *_friction_changes(applied.friction_coefficient, self.friction_coefficient),
+        ]
+        return f"Road: {', '.join(changes)}" if changes else self.label
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario under this warp alone."""
+        applied = scenario.applied_warp
+        if applied is None and (self.warp is None or self.warp.is_identity):
+            return scenario
+        if applied is not None and (
+            (applied.warp, applied.friction_coefficient)
+            == (self.warp, self.friction_coefficient)
+            and applied.warped_agents is scenario.agents
+        ):
+            return scenario
+        return warp_scenario(
+            scenario, self.warp, friction_coefficient=self.friction_coefficient
+        )
+
+
+def _bends(warp: RoadWarp) -> tuple[WarpTerm, ...]:
+    """The terms that bend at all."""
+    return tuple(term for term in warp.terms if term.power != 0)
+
+
+def _anchor_changes(before: RoadWarp, after: RoadWarp) -> Iterator[str]:
+    one, other = before.anchor, after.anchor
+    distance = math.hypot(other.x_m - one.x_m, other.y_m - one.y_m)
+    if distance >= 0.05:
+        yield (
+            f"anchor moved {distance:.1f} m"
+            if distance < 10
+            else (f"anchor moved {distance:.0f} m")
+        )
+    turn = math.degrees(
+        math.remainder(other.rotation_rad - one.rotation_rad, 2 * math.pi)
+    )
+    if abs(turn) >= 0.5:
+        yield f"anchor turned {turn:+.0f}°"
+
+
+def _bend_changes(before: RoadWarp, after: RoadWarp) -> Iterator[str]:
+    old = {term.kind: term for term in _bends(before)}
+    new = {term.kind: term for term in _bends(after)}
+    for kind, name in WARP_NAME.items():
+        if kind in old and kind in new:
+            one, other = old[kind], new[kind]
+            if one.power != other.power:
+                yield f"{name} {one.power:+g} to {other.power:+g}"
+            if one.length_m != other.length_m:
+                yield f"length of the {name} {one.length_m:g} to {other.length_m:g} m"
+        elif kind in new:
+            yield f"{name} {new[kind].power:+g} added"
+        elif kind in old:
+            yield f"{name} taken away"
+    yield from _shape_changes(tuple(old.values()), tuple(new.values()))
+
+
+def _shape_changes(
+    old: tuple[WarpTerm, ...], new: tuple[WarpTerm, ...]
+) -> Iterator[str]:
+    """Border and exponent, which a user sets for all bends alike."""
+    if not (old and new):
+        return
+    if old[0].border_m != new[0].border_m:
+        yield f"starts after {old[0].border_m:g} to {new[0].border_m:g} m"
+    if old[0].exponent != new[0].exponent:
+        yield f"sharpness {old[0].exponent:g} to {new[0].exponent:g}"
+
+
+def _friction_changes(before: float | None, after: float | None) -> Iterator[str]:
+    if before is None and after is not None:
+        yield f"agents slowed at friction {after:g}"
+    elif before is not None and after is None:
+        yield "agents not slowed any more"
+    elif before != after:
+        yield f"friction {before:g} to {after:g}"

@@ -1,0 +1,344 @@
+"""Edits that take over what a generator drew."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from pd_editor.editor.commands.agents import new_agent_ids
+from pd_editor.editor.commands.command import Command, agents_in_words
+from pd_editor.editor.commands.edit_limits import (
+    check_new_id,
+    check_number_of_agents,
+    check_positions,
+    check_velocities,
+)
+from pd_editor.editor.commands.motion import agents_with_future
+from pd_editor.errors import EditError, GenerationError
+from pd_editor.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    GuidanceTerm,
+    Quality,
+    Region,
+    TrafficSample,
+    check_numbers,
+)
+from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.focal_agent import focal_place_m, with_focal_agent
+from pd_editor.scene.scenario import EGO_ID, Scenario
+
+NEW_PREFIX: Final = "new"
+"""Generated agents are called ``new-1``, ``new-2``, ..."""
+SAME_STATE_M: Final = 0.01
+"""A generated current state this close to the present one counts as the same."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RequestSummary:
+    """What was asked of a generator, without the scenario that it was asked about."""
+
+    agent_ids: tuple[str, ...]
+    num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
+    draws_num_agents: bool = False
+    redrawn_state_ids: tuple[str, ...] = ()
+    moving_share: float | None = None
+    only_on_road: bool = False
+    region: Region | None = None
+    quality: Quality = "fast"
+    removed_ids: tuple[str, ...] = ()
+    """Agents that were taken out before the generator was asked."""
+    num_samples: int = 1
+    sample_index: int = 0
+    """Which of the samples was taken."""
+    num_denoising_steps: int | None = None
+    guidance: tuple[GuidanceTerm, ...] = ()
+
+    def request(self, scenario: Scenario, seed: int) -> GenerationRequest:
+        """The same request about a scenario that holds the removed agents still."""
+        return GenerationRequest(
+            scenario=scenario.without_agents(self.removed_ids),
+            agent_ids=self.agent_ids,
+            num_new_agents=self.num_new_agents,
+            draws_num_agents=self.draws_num_agents,
+            redrawn_state_ids=self.redrawn_state_ids,
+            moving_share=self.moving_share,
+            only_on_road=self.only_on_road,
+            region=self.region,
+            quality=self.quality,
+            num_samples=self.num_samples,
+            num_denoising_steps=self.num_denoising_steps,
+            guidance=self.guidance,
+            seed=seed,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReplaceTraffic(Command):
+    """Give agents the futures that a generator drew, and add those it invented.
+
+    Agents that the new ones replace leave first. If the focal agent is among them, the
+    moving vehicle nearest to where it was becomes the focal one.
+
+    Agents of the scenario keep their kind, their size and, where the sample agrees
+    with it, their current state; where it does not, the sample's state counts and
+    the past, which no longer leads there, is dropped. Arrays are kept as float32.
+    """
+
+    sample: TrafficSample
+    generator: str
+    model_sha256: str = ""
+    seed: int = 0
+    request: RequestSummary
+
+    def __post_init__(self) -> None:
+        check_sample(self.sample)
+        check_positions(self.sample.position_m)
+        check_velocities(self.sample.velocity_mps)
+        asked = self.request
+        check_numbers(
+            num_samples=asked.num_samples,
+            num_denoising_steps=asked.num_denoising_steps,
+            num_new_agents=asked.num_new_agents,
+            seed=self.seed,
+        )
+        for text in (self.generator, self.model_sha256):
+            if not is_plain(text):
+                raise EditError(
+                    f"{text!r} cannot be a generator's name; expected a printable text"
+                    f" of at most {MAX_NAME_BYTES} bytes."
+                )
+        object.__setattr__(self, "sample", _as_float32(self.sample))
+
+    @property
+    def label(self) -> str:
+        """What was sampled, which sample was taken, and from which generator."""
+        agents = agents_in_words(self.sample.ids)
+        asked = self.request
+        if asked.redrawn_state_ids or asked.removed_ids:
+            done = f"Resample {agents}"
+        elif asked.draws_num_agents or any(asked.num_new_agents.values()):
+            done = f"Add {agents}"
+        else:
+            done = f"Regenerate {agents}"
+        which = ""
+        if asked.num_samples > 1:
+            which = f", sample {asked.sample_index + 1} of {asked.num_samples}"
+        return f"{done}{which} ({self.generator}, seed {self.seed})"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with other traffic."""
+        sample, axis = self.sample, scenario.time_axis
+        if sample.position_m.shape[1] != axis.num_future_steps + 1:
+            raise EditError(
+                f"The generated traffic has {sample.position_m.shape[1]} steps; this"
+                f" scenario needs {axis.num_future_steps + 1}."
+            )
+        place = focal_place_m(scenario)
+        had_ego = EGO_ID in scenario.agents.row_of
+        scenario = scenario.without_agents(self.request.removed_ids)
+        there = scenario.agents.row_of
+        gone = [name for name in self.request.agent_ids if name not in there]
+        if gone:
+            raise EditError(
+                f"Agent {gone[0]} is not in the scenario any more, so the generated"
+                " traffic does not fit it."
+            )
+        clash = [
+            name
+            for name in sample.ids
+            if name in there and name not in self.request.agent_ids
+        ]
+        if clash:
+            raise EditError(
+                f"There is already an agent {clash[0]!r} here, so the generated traffic"
+                " does not fit."
+            )
+        if had_ego and EGO_ID not in there:
+            scenario = scenario.with_agents(
+                scenario.agents, f"The ego vehicle ({EGO_ID}) was removed."
+            )
+        if not sample.ids:
+            return with_focal_agent(scenario, place)
+        what = "Motion" if set(sample.ids) <= set(there) else "State and motion"
+        note = (
+            f"{what} of {agents_in_words(sample.ids)} was drawn by {self.generator},"
+            f" seed {self.seed}."
+        )
+        new = [name for name in sample.ids if name not in there]
+        for name in new:
+            check_new_id(scenario, name)
+        check_number_of_agents(len(there) + len(new))
+        old = np.array([name in there for name in sample.ids])
+        agents = scenario.agents
+        if (~old).any():
+            agents = agents.joined(_blank(sample, np.flatnonzero(~old), axis.num_steps))
+        now = axis.current_step
+        rows = agents.rows(sample.ids)
+        same = agents.is_valid[rows, now] & (
+            np.linalg.norm(
+                agents.position_m[rows, now] - sample.position_m[:, 0], axis=-1
+            )
+            <= SAME_STATE_M
+        )
+        for some, first in ((same, now + 1), (~same, now)):
+            if some.any() and first < axis.num_steps:
+                agents = agents_with_future(
+                    agents,
+                    rows[some],
+                    slice(first, axis.num_steps),
+                    position_m=sample.position_m[some, first - now :],
+                    heading_rad=sample.heading_rad[some, first - now :],
+                    velocity_mps=sample.velocity_mps[some, first - now :],
+                )
+        agents = _without_past(agents, rows[~same], now)
+        return with_focal_agent(scenario.with_agents(agents, note), place)
+
+
+def check_sample(sample: TrafficSample) -> None:
+    """Refuse a sample whose arrays do not fit one another.
+
+    Raises:
+        GenerationError: a shape is wrong, or an id comes twice.
+    """
+    count = len(sample.ids)
+    if sample.position_m.ndim != 3:
+        raise GenerationError(
+            f"The generated position_m has shape {list(sample.position_m.shape)}; "
+            "expected agents, steps, and x and y."
+        )
+    steps = sample.position_m.shape[1]
+    shapes = {
+        "size_m": (count, 2),
+        "position_m": (count, steps, 2),
+        "heading_rad": (count, steps),
+        "velocity_mps": (count, steps, 2),
+    }
+    for name, shape in shapes.items():
+        found = getattr(sample, name).shape
+        if found != shape:
+            raise GenerationError(
+                f"The generated {name} has shape {list(found)}, not {list(shape)}."
+            )
+    if len(sample.kinds) != count or len(set(sample.ids)) != count:
+        raise GenerationError("The generated agents need one kind and one id each.")
+
+
+def traffic_command(
+    request: GenerationRequest,
+    traffic: GeneratedTraffic,
+    sample_index: int = 0,
+    *,
+    removed_ids: tuple[str, ...] = (),
+) -> ReplaceTraffic:
+    """The command that takes over one generated sample.
+
+    ``removed_ids`` are the agents that had been taken out for the request.
+
+    Raises:
+        GenerationError: there is no such sample, its shape is wrong, or it speaks of
+            agents that it was not asked about.
+    """
+    if not 0 <= sample_index < len(traffic.samples):
+        raise GenerationError(
+            f"Sample {sample_index} was asked for, but {traffic.generator} drew"
+            f" {len(traffic.samples)}."
+        )
+    sample, axis = traffic.samples[sample_index], request.scenario.time_axis
+    if sample.position_m.ndim != 3 or sample.position_m.shape[1] != (
+        axis.num_future_steps + 1
+    ):
+        raise GenerationError(
+            f"The generated position_m has shape {list(sample.position_m.shape)}; the"
+            f" scenario needs {axis.num_future_steps + 1} steps of x and y."
+        )
+    check_sample(sample)
+    taken = set(request.scenario.agents.ids) - set(request.agent_ids)
+    for name in sample.ids:
+        if name in taken:
+            raise GenerationError(
+                f"{traffic.generator} drew agent {name}, which was to be kept."
+            )
+    return ReplaceTraffic(
+        sample=_with_unused_ids(sample, request),
+        generator=traffic.generator,
+        model_sha256=traffic.model_sha256,
+        seed=request.seed,
+        request=RequestSummary(
+            agent_ids=request.agent_ids,
+            num_new_agents=dict(request.num_new_agents),
+            draws_num_agents=request.draws_num_agents,
+            redrawn_state_ids=request.redrawn_state_ids,
+            moving_share=request.moving_share,
+            only_on_road=request.only_on_road,
+            region=request.region,
+            quality=request.quality,
+            removed_ids=removed_ids,
+            num_samples=request.num_samples,
+            sample_index=sample_index,
+            num_denoising_steps=request.num_denoising_steps,
+            guidance=request.guidance,
+        ),
+    )
+
+
+def _with_unused_ids(
+    sample: TrafficSample, request: GenerationRequest
+) -> TrafficSample:
+    """The sample whose new agents have ids that no agent of the history has had."""
+    driven = set(request.agent_ids)
+    is_new = [name not in driven for name in sample.ids]
+    if not any(
+        new and request.scenario.has_ever_had(name)
+        for new, name in zip(is_new, sample.ids, strict=True)
+    ):
+        return sample
+    fresh = iter(new_agent_ids(request.scenario, sum(is_new), NEW_PREFIX))
+    ids = tuple(
+        next(fresh) if new else name
+        for new, name in zip(is_new, sample.ids, strict=True)
+    )
+    return replace(sample, ids=ids)
+
+
+def _as_float32(sample: TrafficSample) -> TrafficSample:
+    return replace(
+        sample,
+        size_m=sample.size_m.astype(np.float32),
+        position_m=sample.position_m.astype(np.float32),
+        heading_rad=sample.heading_rad.astype(np.float32),
+        velocity_mps=sample.velocity_mps.astype(np.float32),
+    )
+
+
+def _blank(sample: TrafficSample, index: np.ndarray, num_steps: int) -> AgentTracks:
+    """Agents of a sample that the scenario lacks, without any valid step yet."""
+    count = len(index)
+    return AgentTracks(
+        ids=tuple(sample.ids[one] for one in index),
+        kinds=tuple(sample.kinds[one] for one in index),
+        categories=(AgentCategory.UNSCORED,) * count,
+        size_m=sample.size_m[index].astype(float),
+        has_known_size=np.ones(count, bool),
+        position_m=np.zeros((count, num_steps, 2)),
+        heading_rad=np.zeros((count, num_steps)),
+        velocity_mps=np.zeros((count, num_steps, 2)),
+        is_valid=np.zeros((count, num_steps), bool),
+        observed=np.zeros((count, num_steps), bool),
+    )
+
+
+def _without_past(agents: AgentTracks, rows: np.ndarray, now: int) -> AgentTracks:
+    """Agents of which some begin at the current step."""
+    if not len(rows):
+        return agents
+    cut: dict[str, np.ndarray] = {}
+    names = ("position_m", "heading_rad", "velocity_mps", "is_valid", "observed")
+    for name in names:
+        values = getattr(agents, name)[rows]
+        values[:, :now] = 0
+        cut[name] = values
+    return agents.with_rows(rows, **cut)

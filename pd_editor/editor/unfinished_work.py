@@ -1,0 +1,262 @@
+"""Journals on disk: find unfinished ones, and go on where they end."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+from pd_editor.editor.commands import command_from_json
+from pd_editor.editor.commands.json_values import from_json
+from pd_editor.editor.journal import (
+    BASE_FILES_SUFFIX,
+    JOURNAL_FORMAT,
+    JOURNAL_SUFFIX,
+    JOURNAL_VERSION,
+    Journal,
+    journal_lock,
+    let_go,
+    remove_journal,
+    whole_lines,
+)
+from pd_editor.editor.recipe import check_base, check_version, parsed_json
+from pd_editor.editor.session import EditorSession
+from pd_editor.editor.variant import Variant
+from pd_editor.errors import PdEditorError, RecipeError
+from pd_editor.regular_file import read_regular
+from pd_editor.scene.base_reference import BaseReference
+from pd_editor.scene.scenario import Scenario
+
+__all__ = ["Journal", "UnfinishedWork", "find_unfinished", "restore"]
+
+_logger: Final = logging.getLogger(__name__)
+_DOINGS: Final = ("commit", "go", "describe")
+MAX_JOURNAL_BYTES: Final = 256 * 2**20
+_looking: Final = threading.Lock()
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnfinishedWork:
+    """A journal without a living writer."""
+
+    path: Path
+    base: BaseReference
+    num_edits: int
+    """Number of commands in force at its end; undone ones are kept as well."""
+    started_at: float
+    """When the scenario was opened, in seconds since 1970."""
+    last_time: float
+    """When the last edit was made, in seconds since 1970."""
+    variant: Variant
+    """Name, tags and note that the user gave."""
+    base_files: tuple[Path, ...]
+    """The uploaded files that the base was opened from; none if it has a source."""
+
+    @property
+    def scenario_id(self) -> str:
+        """Id of the edited scenario."""
+        return self.base.scenario_id
+
+    def discard(self) -> None:
+        """Forget the work for good.
+
+        Raises:
+            RecipeError: somebody has taken it up meanwhile.
+        """
+        try:
+            lock = journal_lock(self.path)
+        except FileNotFoundError:
+            return
+        remove_journal(self.path)
+        let_go(lock, self.path)
+
+
+def find_unfinished(folder: Path) -> list[UnfinishedWork]:
+    """Unfinished work with at least one edit, the newest first.
+
+    Files that some process is writing, or that cannot be read, are left out; the
+    latter are logged.
+    """
+    found: list[UnfinishedWork] = []
+    for path in sorted(folder.glob(f"*{JOURNAL_SUFFIX}")):
+        try:
+            if _is_held(path):
+                continue
+            state = path.stat()
+            work = _summary(path, state.st_mtime_ns, state.st_size)
+        except (OSError, RecipeError) as error:
+            _logger.warning("The journal %s cannot be read: %s", path.name, error)
+            continue
+        if work is not None:
+            found.append(work)
+    return sorted(found, key=lambda work: work.last_time, reverse=True)
+
+
+@lru_cache(maxsize=1024)
+def _summary(path: Path, _changed_ns: int, _size: int) -> UnfinishedWork | None:
+    """What a journal holds; None if that is no edit."""
+    header, entries = _read(path)
+    edits = [entry for entry in entries if entry.variant is None]
+    if not edits:
+        return None
+    beside = path.with_suffix(BASE_FILES_SUFFIX)
+    described = [entry.variant for entry in entries if entry.variant is not None]
+    return UnfinishedWork(
+        path=path,
+        base=header.base,
+        num_edits=_final_position(edits),
+        started_at=header.time_s,
+        last_time=entries[-1].time_s,
+        variant=described[-1] if described else header.variant,
+        base_files=tuple(sorted(beside.iterdir())) if beside.is_dir() else (),
+    )
+
+
+def restore(
+    work: UnfinishedWork,
+    base: Scenario,
+    *,
+    clock: Callable[[], float] = time.time,
+    max_undo: int = 200,
+) -> EditorSession:
+    """The session as it was when its journal ended; it goes on in the same journal.
+
+    ``base`` is the scenario opened again, from ``work.base`` or ``work.base_files``.
+
+    Raises:
+        RecipeError: another base, a line that does not apply, or somebody has taken
+            the work up meanwhile.
+    """
+    check_base(work.base, base)
+    journal = Journal.resumed(work.path, clock=clock)
+    try:
+        replay_clock = _ReplayClock(live=clock)
+        session = EditorSession(base, clock=replay_clock, max_undo=max_undo)
+        header, entries = _read(work.path)
+        session.describe(header.variant)
+        for entry in entries:
+            replay_clock.recorded_s = entry.time_s
+            _redo(session, entry)
+        replay_clock.recorded_s = None
+    except PdEditorError:
+        journal.close(discard=False)
+        raise
+    session.continue_journal(journal)
+    return session
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Header:
+    base: BaseReference
+    time_s: float
+    variant: Variant
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Entry:
+    """A line whose command is not decoded yet."""
+
+    number: int
+    time_s: float
+    position: int | None
+    """Where the history was gone to; None for a commit."""
+    selection: tuple[str, ...] = ()
+    command: dict[str, Any] | None = None
+    variant: Variant | None = None
+
+
+@dataclass
+class _ReplayClock:
+    """Tells recorded times while it has one, else that of a live clock."""
+
+    live: Callable[[], float]
+    recorded_s: float | None = None
+
+    def __call__(self) -> float:
+        return self.live() if self.recorded_s is None else self.recorded_s
+
+
+def _redo(session: EditorSession, entry: _Entry) -> None:
+    where = f"Line {entry.number} of the journal"
+    try:
+        if entry.variant is not None:
+            session.describe(entry.variant)
+            return
+        if entry.position is not None:
+            session.jump_to(entry.position)
+            return
+        there = session.scenario.agents.row_of
+        session.select(name for name in entry.selection if name in there)
+        session.apply(command_from_json(entry.command, where))
+    except RecipeError:
+        raise
+    except PdEditorError as error:
+        raise RecipeError(f"{where}: {error}") from error
+
+
+def _is_held(path: Path) -> bool:
+    """Whether a living process, this one included, writes the journal."""
+    # Looking takes the lock for a moment, which another look must not mistake.
+    with _looking:
+        try:
+            let_go(journal_lock(path, timeout_s=0), path)
+        except RecipeError:
+            return True
+    return False
+
+
+def _read(path: Path) -> tuple[_Header, list[_Entry]]:
+    """Header and lines; a torn last line is left out.
+
+    Raises:
+        RecipeError: a line is not what a journal holds.
+    """
+    content = read_regular(path, max_bytes=MAX_JOURNAL_BYTES, error=RecipeError)
+    lines = whole_lines(content).splitlines()
+    if not lines:
+        raise RecipeError("The journal ends within its first line.")
+    head = parsed_json(lines[0], "The journal's first line")
+    if not isinstance(head, dict) or head.get("format") != JOURNAL_FORMAT:
+        raise RecipeError(f'This is not a journal; its format is "{JOURNAL_FORMAT}".')
+    check_version(head.get("version"), JOURNAL_VERSION, "journal")
+    header = _Header(
+        base=from_json(BaseReference, head.get("base"), "The journal's base"),
+        time_s=from_json(float, head.get("time_s"), "The journal's time"),
+        variant=from_json(Variant, head.get("variant", {}), "The journal's variant"),
+    )
+    return header, [
+        _entry(number, line) for number, line in enumerate(lines[1:], start=2)
+    ]
+
+
+def _entry(number: int, line: bytes) -> _Entry:
+    where = f"Line {number} of the journal"
+    data = parsed_json(line, where)
+    if not isinstance(data, dict) or data.get("do") not in _DOINGS:
+        raise RecipeError(f"{where} is neither a commit, a move nor a description.")
+    time_s = from_json(float, data.get("time_s"), f"{where}: its time")
+    if data["do"] == "go":
+        position = from_json(int, data.get("position"), f"{where}: its position")
+        return _Entry(number=number, time_s=time_s, position=position)
+    if data["do"] == "describe":
+        variant = from_json(Variant, data.get("variant"), f"{where}: its variant")
+        return _Entry(number=number, time_s=time_s, position=None, variant=variant)
+    names = from_json(tuple[str, ...], data.get("selection"), f"{where}: selection")
+    command = {
+        key: value
+        for key, value in data.items()
+        if key not in ("do", "time_s", "selection")
+    }
+    return _Entry(
+        number=number, time_s=time_s, position=None, selection=names, command=command
+    )
+
+
+def _final_position(entries: list[_Entry]) -> int:
+    position = 0
+    for entry in entries:
+        position = position + 1 if entry.position is None else entry.position
+    return position

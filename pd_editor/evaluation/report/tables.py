@@ -1,0 +1,283 @@
+"""The tables of a report, as text in cells."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from pd_editor.evaluation.reference_methods import GROUND_TRUTH
+from pd_editor.evaluation.road_condition import PLAIN
+from pd_editor.evaluation.scene_bootstrap import Estimate
+from pd_editor.evaluation.scene_rows import METRIC_COLUMNS
+from pd_editor.evaluation.summary import FAR_FROM_LANE, PERTURBED, Summary
+from pd_editor.metrics.metric_table import METRICS
+
+HEADLINES: Final = (
+    ("lateral_deviation_final", "final lateral deviation, m"),
+    (FAR_FROM_LANE, "ends > 2 m off, %"),
+    ("new_overlap", "new overlap, %"),
+    ("path_length", "path length, m"),
+    ("ade", "ADE, m"),
+    ("fde", "FDE, m"),
+    ("missed", "missed, %"),
+    ("min_ade", "best ADE, m"),
+    ("end_spread", "end spread, m"),
+    ("off_road_4m", "off-road 4 m, %"),
+    ("off_drivable_steps", "SOR, %"),
+    ("off_drivable", "HOR, %"),
+)
+"""Lateral deviation alone is met by whoever stays on a lane, so all stand together."""
+PLACING_HEADLINES: Final = (
+    ("init_collision_2m", "collision 2 m, %"),
+    ("init_overlap", "boxes overlap, %"),
+    ("init_off_road_4m", "placed off-road 4 m, %"),
+    ("init_off_drivable", "off drivable, %"),
+    ("askew_to_lane", "askew to lane, %"),
+    ("askew_to_neighbour", "askew to neighbour, %"),
+    ("nearest_edge", "to a centre line, m"),
+    ("standing", "standing, %"),
+    ("speed", "speed, m/s"),
+    *(
+        (name, title)
+        for name, title in HEADLINES
+        if name not in ("ade", "fde", "missed", "min_ade", "end_spread")
+    ),
+)
+"""Where states are drawn: nobody is on the way of an agent of the log."""
+COMPARED: Final = (
+    "lateral_deviation_final",
+    FAR_FROM_LANE,
+    "new_overlap",
+    "path_length",
+    "off_road_4m",
+    "off_drivable_steps",
+    "wrong_way",
+    "uncomfortable",
+    "impossible",
+)
+"""Metrics that the log has a value of, so that methods can be compared with it."""
+BY_ROAD: Final = (
+    "lateral_deviation_final",
+    "new_overlap",
+    "path_length",
+    "ade",
+    "end_spread",
+)
+MEDIAN: Final = "median"
+NONE: Final = "-"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportTable:
+    """Text in rows under a header."""
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+
+def headline_tables(
+    summary: Summary, headlines: Sequence[tuple[str, str]]
+) -> list[ReportTable]:
+    """For each group, the most telling metrics on plain and on perturbed roads."""
+    return [
+        table
+        for group in summary.groups
+        for road in _main_roads(summary)
+        if (table := _headline(summary, headlines, group, road)) is not None
+    ]
+
+
+def _headline(
+    summary: Summary, headlines: Sequence[tuple[str, str]], group: str, road: str
+) -> ReportTable | None:
+    w, g = summary.roads.index(road), summary.groups.index(group)
+    if not summary.num_agents[:, w, g].any():
+        return None
+    of_median = 1 + [name for name, _ in headlines].index("lateral_deviation_final")
+    rows = []
+    for m, method in enumerate(summary.methods):
+        cells = [
+            cell(summary.statistics[name].mean, (m, w, g), unit_of(name))
+            for name, _ in headlines
+        ]
+        cells.insert(of_median, _number(summary.median_final_m[m, w, g]))
+        counts = f"{summary.num_agents[m, w, g]} / {summary.num_scenes[m, w, g]}"
+        rows.append((method, counts, *cells))
+    titles = [title for _, title in headlines]
+    titles.insert(of_median, "its median, m")
+    return ReportTable(
+        title=f"{group.capitalize()}, {_in_words(road)}",
+        header=("method", "agents / scenes", *titles),
+        rows=tuple(rows),
+    )
+
+
+def difference_tables(summary: Summary) -> list[ReportTable]:
+    """For each group, methods minus the log on the same agents."""
+    tables = []
+    for g, group in enumerate(summary.groups):
+        for road in _main_roads(summary):
+            w = summary.roads.index(road)
+            rows = []
+            for m, method in enumerate(summary.methods):
+                pairs = summary.statistics[COMPARED[0]].num_pairs[m, w, g]
+                if method == GROUND_TRUTH or not summary.num_agents[m, w, g]:
+                    continue
+                cells = [
+                    cell(
+                        summary.statistics[name].difference,
+                        (m, w, g),
+                        unit_of(name),
+                        signed=True,
+                    )
+                    for name in COMPARED
+                ]
+                rows.append((method, str(pairs), *cells))
+            if rows:
+                tables.append(
+                    ReportTable(
+                        title=f"{group.capitalize()}, {_in_words(road)}: minus the log",
+                        header=("method", "pairs", *(map(named, COMPARED))),
+                        rows=tuple(rows),
+                    )
+                )
+    return tables
+
+
+def road_tables(summary: Summary) -> list[ReportTable]:
+    """Each road by itself, one table for each of the metrics that belong together."""
+    if PERTURBED not in summary.roads:
+        return []
+    return [
+        _road_table(summary, group, name)
+        for group in ("movers", "movers on their way")
+        for name in (MEDIAN, *BY_ROAD)
+    ]
+
+
+def _road_table(summary: Summary, group: str, name: str) -> ReportTable:
+    g, roads = summary.groups.index(group), range(len(summary.roads))
+    if name == MEDIAN:
+        texts = [
+            [_number(summary.median_final_m[m, w, g]) for w in roads]
+            for m in range(len(summary.methods))
+        ]
+    else:
+        mean, unit = summary.statistics[name].mean, unit_of(name)
+        texts = [
+            [cell(mean, (m, w, g), unit, with_interval=False) for w in roads]
+            for m in range(len(summary.methods))
+        ]
+    title = "median of lateral_deviation_final, m" if name == MEDIAN else named(name)
+    return ReportTable(
+        title=f"{group.capitalize()}, by road: {title}",
+        header=("method", *summary.roads),
+        rows=tuple(
+            (method, *row) for method, row in zip(summary.methods, texts, strict=True)
+        ),
+    )
+
+
+def complete_tables(summary: Summary) -> list[ReportTable]:
+    """Every metric of every method, for each group on plain and perturbed roads."""
+    names = (*METRIC_COLUMNS, FAR_FROM_LANE)
+    tables = []
+    for g, group in enumerate(summary.groups):
+        for road in _main_roads(summary):
+            w = summary.roads.index(road)
+            rows = [
+                (named(name), *cells)
+                for name in names
+                if set(cells := _metric_row(summary, name, w, g)) != {NONE}
+            ]
+            if rows:
+                tables.append(
+                    ReportTable(
+                        title=f"{group.capitalize()}, {_in_words(road)}: all metrics",
+                        header=("metric", *summary.methods),
+                        rows=tuple(rows),
+                    )
+                )
+    return tables
+
+
+def _metric_row(summary: Summary, name: str, road: int, group: int) -> tuple[str, ...]:
+    return tuple(
+        cell(summary.statistics[name].mean, (m, road, group), unit_of(name))
+        for m in range(len(summary.methods))
+    )
+
+
+def definition_table() -> ReportTable:
+    """What each metric means and whose definition it is."""
+    rows = [
+        (
+            metric.name,
+            metric.source,
+            _shown_unit(metric.unit),
+            metric.better,
+            metric.definition,
+        )
+        for metric in METRICS.values()
+        if metric.name in METRIC_COLUMNS
+    ]
+    words = "Share of agents whose final lateral deviation exceeds 2 m."
+    rows.append((FAR_FROM_LANE, "ours", "%", "lower", words))
+    return ReportTable(
+        title="Definitions",
+        header=("metric", "source", "unit", "better", "definition"),
+        rows=tuple(rows),
+    )
+
+
+def cell(
+    estimate: Estimate,
+    at: tuple[int, int, int],
+    unit: str,
+    *,
+    signed: bool = False,
+    with_interval: bool = True,
+) -> str:
+    """A mean with its interval; shares in per cent."""
+    scale = 100.0 if unit == "share" else 1.0
+    numbers = [
+        scale * float(part[at])
+        for part in (estimate.value, estimate.low, estimate.high)
+    ]
+    if np.isnan(numbers[0]):
+        return NONE
+    digits = 1 if unit == "share" else 2
+    texts = [f"{number:{'+' if signed else ''}.{digits}f}" for number in numbers]
+    if not with_interval or np.isnan(numbers[1]):
+        return texts[0]
+    return f"{texts[0]} [{texts[1]}, {texts[2]}]"
+
+
+def _number(value: float) -> str:
+    return NONE if np.isnan(value) else f"{value:.2f}"
+
+
+def unit_of(name: str) -> str:
+    """Unit of a metric or of what was derived from one."""
+    return "share" if name == FAR_FROM_LANE else METRICS[name].unit
+
+
+def named(name: str) -> str:
+    """A metric with its unit, marked if it is the paper's."""
+    mark = " *paper*" if name in METRICS and METRICS[name].source == "paper" else ""
+    return f"{name}, {_shown_unit(unit_of(name))}{mark}"
+
+
+def _shown_unit(unit: str) -> str:
+    return "%" if unit == "share" else unit
+
+
+def _main_roads(summary: Summary) -> Sequence[str]:
+    return [road for road in (PLAIN, PERTURBED) if road in summary.roads]
+
+
+def _in_words(road: str) -> str:
+    return "plain roads" if road == PLAIN else "perturbed roads"

@@ -1,0 +1,349 @@
+"""Packed scenes of many windows on disk, read one by one in any order.
+
+A store is a folder of parts. Each part holds five arrays: rows of scenes, of pieces, of
+pieces of the boundary, of agents and of candidates, where a scene's rows begin at its offsets. A part appears
+whole or not at all, so that an interrupted preparation goes on where it was.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Int
+
+from pd_editor.errors import TrainingError
+from pd_editor.features.boundary_tokens import BOUNDARY_SHAPE
+from pd_editor.features.encoded_scene import LATENT_SIZE, PackedScene
+from pd_editor.features.lane_tokens import PIECE_SHAPE
+from pd_editor.features.scene_features import (
+    NUM_CANDIDATES,
+    NUM_NEAR_AGENTS,
+    NUM_NEAR_BOUNDARY,
+    NUM_NEAR_PIECES,
+)
+
+FORMAT_VERSION: Final = 5
+"""Also of what the numbers mean."""
+_INDEX_NAME: Final = "store.json"
+_PART_PREFIX: Final = "part-"
+_MOST_HALF: Final = 6e4
+"""About the largest number that float16 holds."""
+
+_SCENE: Final = np.dtype(
+    [
+        ("piece", np.int64),
+        ("boundary", np.int64),
+        ("agent", np.int64),
+        ("candidate", np.int64),
+        ("root", np.int16),
+        ("group", "U48"),
+    ]
+)
+"""Where a scene's rows begin, and where it comes from; one row more closes them."""
+_PIECE: Final = np.dtype(
+    [
+        ("pose", np.float32, 3),
+        ("shape", np.float16, len(PIECE_SHAPE)),
+        ("kind", np.int8),
+    ]
+)
+_BOUNDARY: Final = np.dtype(
+    [("pose", np.float32, 3), ("shape", np.float16, len(BOUNDARY_SHAPE))]
+)
+_AGENT: Final = np.dtype(
+    [
+        ("pose", np.float32, 3),
+        ("speed", np.float32),
+        ("size", np.float16, 2),
+        ("kind", np.int8),
+        ("activity", np.int8),
+        ("near_pieces", np.int16, NUM_NEAR_PIECES),
+        ("near_boundary", np.int16, NUM_NEAR_BOUNDARY),
+        ("near_agents", np.int16, NUM_NEAR_AGENTS),
+        ("num_candidates", np.int8),
+        ("future", np.float16, LATENT_SIZE),
+        ("has_future", np.bool_),
+    ]
+)
+_ARRAYS: Final = ("scenes", "pieces", "boundary", "agents", "candidates")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreIndex:
+    """What a store is made of and how; two that differ must not be mixed."""
+
+    fingerprint: str
+    """Of data and settings together."""
+    roots: tuple[str, ...]
+    settings: str
+    """Told in words, for people."""
+    version: int = FORMAT_VERSION
+
+
+def open_for_writing(folder: Path, index: StoreIndex) -> frozenset[str]:
+    """Make the folder, or go on with it; the names of the parts that are there.
+
+    Raises:
+        TrainingError: the folder holds something else, or cannot be written.
+    """
+    path = folder / _INDEX_NAME
+    try:
+        if path.exists():
+            found = _read_index(folder)
+            if found.fingerprint != index.fingerprint:
+                raise TrainingError(
+                    f"{folder}: holds features of other data or settings; expected "
+                    "another folder, or this one emptied."
+                )
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+            _write_whole(path, _index_text(index))
+    except OSError as error:
+        raise TrainingError(f"{folder}: cannot be written ({error.strerror}).") from (
+            error
+        )
+    return frozenset(name.removeprefix(_PART_PREFIX) for name in _part_names(folder))
+
+
+def write_part(
+    folder: Path,
+    name: str,
+    scenes: Sequence[PackedScene],
+    groups: Sequence[str],
+    root: int,
+) -> None:
+    """Add scenes of a root to a store; ``groups`` are their networks or cities.
+
+    Nothing happens where another process has just added a part of this name.
+    """
+    whole = folder / f"{_PART_PREFIX}{name}"
+    beside = folder / f".{name}-{os.getpid()}"
+    shutil.rmtree(beside, ignore_errors=True)
+    beside.mkdir()
+    for title, array in zip(_ARRAYS, _tables(scenes, groups, root), strict=True):
+        np.save(beside / f"{title}.npy", array)
+    try:
+        beside.rename(whole)
+    except OSError:
+        if not whole.is_dir():
+            raise
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+class FeatureStore:
+    """The packed scenes of a folder, in the order of the parts' names."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open a store; arrays are mapped, not read.
+
+        Raises:
+            TrainingError: there is no store, or one of another version.
+        """
+        self.folder = Path(folder)
+        self.index = _read_index(self.folder)
+        self._parts = [
+            _Part.opened(self.folder / name) for name in _part_names(self.folder)
+        ]
+        counts = [len(part.scenes) - 1 for part in self._parts]
+        self._first = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
+
+    def __len__(self) -> int:
+        return int(self._first[-1])
+
+    @property
+    def fingerprint(self) -> str:
+        """Of data and settings together."""
+        return self.index.fingerprint
+
+    @property
+    def roots(self) -> tuple[str, ...]:
+        """The data roots, as they were given."""
+        return self.index.roots
+
+    @property
+    def root(self) -> Int[np.ndarray, "N"]:
+        """Which root each scene is from."""
+        return self._column("root").astype(np.int64)
+
+    @property
+    def group(self) -> np.ndarray:
+        """Network or city of each scene, as text [N]; no two roots share one."""
+        return self._column("group")
+
+    @property
+    def num_agents(self) -> Int[np.ndarray, "N"]:
+        """Number of agents of each scene."""
+        return self._counts("agent")
+
+    @property
+    def num_pieces(self) -> Int[np.ndarray, "N"]:
+        """Number of pieces of each scene."""
+        return self._counts("piece")
+
+    def __getitem__(self, index: int) -> PackedScene:
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        part = int(np.searchsorted(self._first, index, side="right")) - 1
+        return self._parts[part].scene(index - int(self._first[part]))
+
+    def _column(self, name: str) -> np.ndarray:
+        columns = [part.scenes[name][:-1] for part in self._parts]
+        return np.concatenate(columns) if columns else np.zeros(0, _SCENE[name])
+
+    def _counts(self, name: str) -> Int[np.ndarray, "N"]:
+        counts = [np.diff(part.scenes[name]) for part in self._parts]
+        return np.concatenate([np.zeros(0, np.int64), *counts])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Part:
+    scenes: np.ndarray
+    pieces: np.ndarray
+    boundary: np.ndarray
+    agents: np.ndarray
+    candidates: np.ndarray
+
+    @classmethod
+    def opened(cls, folder: Path) -> "_Part":
+        arrays: dict[str, np.ndarray] = {}
+        for title in _ARRAYS:
+            path = folder / f"{title}.npy"
+            try:
+                values = np.load(path, mmap_mode="r", allow_pickle=False)
+            except (OSError, ValueError) as error:
+                raise TrainingError(
+                    f"{path}: is missing or damaged; expected the part as it was "
+                    "written, or none of it."
+                ) from error
+            arrays[title] = np.asarray(values)
+        return cls(**arrays)
+
+    def scene(self, index: int) -> PackedScene:
+        here, after = self.scenes[index], self.scenes[index + 1]
+        pieces = self.pieces[here["piece"] : after["piece"]]
+        boundary = self.boundary[here["boundary"] : after["boundary"]]
+        agents = self.agents[here["agent"] : after["agent"]]
+        latents = self.candidates[here["candidate"] : after["candidate"]]
+        has_candidate = np.arange(NUM_CANDIDATES) < agents["num_candidates"][:, None]
+        candidates = np.zeros((*has_candidate.shape, LATENT_SIZE), np.float32)
+        candidates[has_candidate] = latents
+        return PackedScene(
+            piece_pose=np.ascontiguousarray(pieces["pose"]),
+            piece_shape=pieces["shape"].astype(np.float32),
+            piece_kind=pieces["kind"].astype(np.int64),
+            boundary_pose=np.ascontiguousarray(boundary["pose"]),
+            boundary_shape=boundary["shape"].astype(np.float32),
+            agent_pose=np.ascontiguousarray(agents["pose"]),
+            agent_speed=np.ascontiguousarray(agents["speed"]),
+            agent_size=agents["size"].astype(np.float32),
+            agent_kind=agents["kind"].astype(np.int64),
+            agent_activity=agents["activity"].astype(np.int64),
+            near_pieces=agents["near_pieces"].astype(np.int64),
+            near_boundary=agents["near_boundary"].astype(np.int64),
+            near_agents=agents["near_agents"].astype(np.int64),
+            candidates=candidates,
+            has_candidate=has_candidate,
+            future=agents["future"].astype(np.float32),
+            has_future=np.ascontiguousarray(agents["has_future"]),
+        )
+
+
+def _tables(
+    scenes: Sequence[PackedScene], groups: Sequence[str], root: int
+) -> tuple[np.ndarray, ...]:
+    """Rows of scenes, pieces, pieces of the boundary, agents and candidates."""
+    counts = np.array(
+        [
+            (
+                len(one.piece_pose),
+                len(one.boundary_pose),
+                len(one.agent_pose),
+                int(one.has_candidate.sum()),
+            )
+            for one in scenes
+        ],
+        dtype=np.int64,
+    ).reshape(-1, 4)
+    table = np.zeros(len(scenes) + 1, _SCENE)
+    for column, name in enumerate(("piece", "boundary", "agent", "candidate")):
+        table[name][1:] = np.cumsum(counts[:, column])
+    table["root"] = root
+    table["group"][:-1] = groups
+    pieces = np.zeros(counts[:, 0].sum(), _PIECE)
+    boundary = np.zeros(counts[:, 1].sum(), _BOUNDARY)
+    agents = np.zeros(counts[:, 2].sum(), _AGENT)
+    if not scenes:
+        latents = np.zeros((0, LATENT_SIZE), np.float16)
+        return table, pieces, boundary, agents, latents
+    for name in ("pose", "shape", "kind"):
+        pieces[name] = np.concatenate([getattr(one, f"piece_{name}") for one in scenes])
+    for name in ("pose", "shape"):
+        boundary[name] = np.concatenate(
+            [getattr(one, f"boundary_{name}") for one in scenes]
+        )
+    for name in ("pose", "speed", "size", "kind", "activity"):
+        agents[name] = np.concatenate([getattr(one, f"agent_{name}") for one in scenes])
+    for name in ("near_pieces", "near_boundary", "near_agents", "has_future"):
+        agents[name] = np.concatenate([getattr(one, name) for one in scenes])
+    agents["future"] = _half([one.future for one in scenes])
+    agents["num_candidates"] = np.concatenate(
+        [one.has_candidate.sum(1) for one in scenes]
+    )
+    latents = _half([one.candidates[one.has_candidate] for one in scenes])
+    return table, pieces, boundary, agents, latents
+
+
+def _half(latents: list[np.ndarray]) -> np.ndarray:
+    values = np.concatenate(latents)
+    return np.clip(values, -_MOST_HALF, _MOST_HALF).astype(np.float16)
+
+
+def _part_names(folder: Path) -> list[str]:
+    return sorted(
+        entry.name for entry in folder.iterdir() if entry.name.startswith(_PART_PREFIX)
+    )
+
+
+def _index_text(index: StoreIndex) -> str:
+    return json.dumps(
+        {
+            "fingerprint": index.fingerprint,
+            "roots": list(index.roots),
+            "settings": index.settings,
+            "version": index.version,
+        },
+        indent=2,
+    )
+
+
+def _read_index(folder: Path) -> StoreIndex:
+    path = folder / _INDEX_NAME
+    try:
+        values = json.loads(path.read_text())
+        index = StoreIndex(
+            fingerprint=str(values["fingerprint"]),
+            roots=tuple(map(str, values["roots"])),
+            settings=str(values["settings"]),
+            version=int(values["version"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise TrainingError(
+            f"{folder}: is no feature store; expected a folder with {_INDEX_NAME}."
+        ) from error
+    if index.version != FORMAT_VERSION:
+        raise TrainingError(
+            f"{folder}: holds features of format {index.version}; expected "
+            f"{FORMAT_VERSION}, so prepare them anew."
+        )
+    return index
+
+
+def _write_whole(path: Path, text: str) -> None:
+    beside = path.with_name(f".{path.name}-{os.getpid()}")
+    beside.write_text(text)
+    beside.replace(path)

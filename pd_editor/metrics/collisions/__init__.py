@@ -1,0 +1,1 @@
+"""Collisions: boxes that overlap, centres too near, paths that would meet, time to collision."""

@@ -1,0 +1,87 @@
+"""How often boxes overlap: at the state, and newly within the window."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from pd_editor.metrics.collisions.box_tests import overlaps_of_pairs, pairs_that_meet
+from pd_editor.metrics.traffic_view import AgentStates, TrafficView
+from pd_editor.metrics.values import (
+    MetricValues,
+    any_step,
+    mean_over_steps,
+    measured,
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoxOverlap:
+    """Overlaps of A judged agents with anybody at H steps, the state first."""
+
+    is_valid: Bool[np.ndarray, "A H"]
+    is_overlapping: Bool[np.ndarray, "A H"]
+    is_new: Bool[np.ndarray, "A H"]
+    """Overlaps of pairs that do not overlap at the state."""
+
+    def at_state(self) -> MetricValues:
+        """``init_overlap`` [A]."""
+        return measured("init_overlap", self.is_overlapping[:, 0], self.is_valid[:, 0])
+
+    def newly(self) -> MetricValues:
+        """``new_overlap`` [A]."""
+        return any_step("new_overlap", self.is_new[:, 1:], self.is_valid[:, 1:])
+
+    def new_steps(self) -> MetricValues:
+        """``new_overlap_steps`` [A]."""
+        return mean_over_steps(
+            "new_overlap_steps", self.is_new[:, 1:], self.is_valid[:, 1:]
+        )
+
+
+def box_overlap(view: TrafficView) -> BoxOverlap:
+    """Overlaps of the judged agents with each other and with the kept ones.
+
+    Two pedestrians never count: they walk in groups.
+    """
+    everyone = view.everyone
+    num_agents, num_steps = len(view), view.num_steps
+    radius = np.hypot(everyone.size_m[:, 0], everyone.size_m[:, 1]) / 2
+    pairs = pairs_that_meet(everyone.position_m, everyone.is_valid, radius)
+    pairs = pairs[pairs_that_matter(everyone, pairs) & (pairs[:, 0] < num_agents)]
+    pair, at = overlaps_of_pairs(
+        pairs,
+        everyone.position_m,
+        everyone.heading_rad,
+        everyone.is_valid,
+        everyone.size_m,
+    )
+    hit = np.zeros((len(pairs), num_steps), bool)
+    hit[pair, at] = True
+    is_new = hit & ~hit[:, :1]
+    return BoxOverlap(
+        is_valid=view.agents.is_valid,
+        is_overlapping=_of_agents(hit, pairs, num_agents),
+        is_new=_of_agents(is_new, pairs, num_agents),
+    )
+
+
+def pairs_that_matter(
+    agents: AgentStates, pairs: Int[np.ndarray, "P 2"]
+) -> Bool[np.ndarray, "P"]:
+    """Pairs of road users of which not both are pedestrians."""
+    walks = agents.is_in("pedestrians")
+    is_road_user = agents.group >= 0
+    a, b = pairs[:, 0], pairs[:, 1]
+    return is_road_user[a] & is_road_user[b] & ~(walks[a] & walks[b])
+
+
+def _of_agents(
+    hit: Bool[np.ndarray, "P H"], pairs: Int[np.ndarray, "P 2"], num_agents: int
+) -> Bool[np.ndarray, "A H"]:
+    """Hits of pairs, given to both agents of each."""
+    result = np.zeros((num_agents, hit.shape[1]), bool)
+    for side in (0, 1):
+        judged = pairs[:, side] < num_agents
+        np.logical_or.at(result, pairs[judged, side], hit[judged])
+    return result

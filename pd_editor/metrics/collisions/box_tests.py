@@ -1,0 +1,140 @@
+"""Which agents overlap, now and later."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+
+from pd_editor.geometry.oriented_box import box_corners, overlap_area
+from pd_editor.metrics.road.path_pieces import bounds_m, rectangles_meet
+from pd_editor.scene.agent_tracks import AgentTracks
+
+MIN_OVERLAP_M2: Final = 0.05
+"""Boxes that share no more than this merely touch."""
+_PORTION: Final = 50_000
+"""Pairs times steps looked at in one go."""
+
+
+def overlapping_pairs(agents: AgentTracks, step: int) -> Int[np.ndarray, "P 2"]:
+    """Pairs of rows, the lower one first, whose boxes overlap at a step."""
+    pairs, _ = first_overlap(agents, np.array([step]))
+    return pairs
+
+
+def first_overlap(
+    agents: AgentTracks, steps: Int[np.ndarray, "S"]
+) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P"]]:
+    """Pairs of rows that overlap at one of the steps, and the first such step.
+
+    ``steps`` must rise. Pairs are sorted by row, the lower one first.
+    """
+    position, is_valid = agents.position_m[:, steps], agents.is_valid[:, steps]
+    radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
+    pairs = pairs_that_meet(position, is_valid, radius)
+    heading, first = agents.heading_rad[:, steps], np.full(len(pairs), -1)
+    for part, some in _parts(len(pairs), position.shape[1]):
+        # Pairs that were found to overlap need not be looked at again.
+        open_pairs = part[first[part] < 0]
+        pair, at = overlaps_of_pairs(
+            pairs[open_pairs],
+            position[:, some],
+            heading[:, some],
+            is_valid[:, some],
+            agents.size_m,
+        )
+        found, index = np.unique(pair, return_index=True)
+        first[open_pairs[found]] = some.start + at[index]
+    overlaps = first >= 0
+    return pairs[overlaps], np.asarray(steps)[first[overlaps]]
+
+
+def _parts(num_pairs: int, num_steps: int) -> Iterator[tuple[np.ndarray, slice]]:
+    """Pairs and steps in portions that fit in little memory, early steps first."""
+    at_once = max(_PORTION // max(num_pairs, 1), 1)
+    for start in range(0, num_steps, at_once):
+        for low in range(0, num_pairs, _PORTION):
+            high = min(low + _PORTION, num_pairs)
+            yield np.arange(low, high), slice(start, start + at_once)
+
+
+def pairs_that_meet(
+    position_m: Float[np.ndarray, "A S 2"],
+    is_valid: Bool[np.ndarray, "A S"],
+    radius_m: Float[np.ndarray, "A"],
+) -> Int[np.ndarray, "P 2"]:
+    """Pairs whose discs sweep upright rectangles that have a common point.
+
+    Only such pairs can come so close that their discs touch. Pairs are sorted by
+    row, the lower one first.
+    """
+    low, high = bounds_m(position_m, is_valid)
+    low, high = low - radius_m[:, None], high + radius_m[:, None]
+    meet = rectangles_meet(low[:, None], high[:, None], low, high)
+    return np.argwhere(np.triu(meet, 1))
+
+
+def overlaps_of_pairs(
+    pairs: Int[np.ndarray, "P 2"],
+    position_m: Float[np.ndarray, "A S 2"],
+    heading_rad: Float[np.ndarray, "A S"],
+    is_valid: Bool[np.ndarray, "A S"],
+    size_m: Float[np.ndarray, "A 2"],
+) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
+    """Which of the pairs overlap, at which steps; sorted by pair, then by step."""
+    pair, at = np.nonzero(is_valid[pairs[:, 0]] & is_valid[pairs[:, 1]])
+    a, b = pairs[pair, 0], pairs[pair, 1]
+    offset = position_m[b, at] - position_m[a, at]
+    radius = np.hypot(size_m[:, 0], size_m[:, 1]) / 2
+    near = np.einsum("nd,nd->n", offset, offset) < (radius[a] + radius[b]) ** 2
+    pair, at, a, b, offset = pair[near], at[near], a[near], b[near], offset[near]
+    touching = boxes_touch(
+        offset, heading_rad[a, at], heading_rad[b, at], size_m[a], size_m[b]
+    )
+    pair, at, a, b = pair[touching], at[touching], a[touching], b[touching]
+    area = overlap_area(
+        box_corners(position_m[a, at], heading_rad[a, at], size_m[a]),
+        box_corners(position_m[b, at], heading_rad[b, at], size_m[b]),
+    )
+    return pair[area > MIN_OVERLAP_M2], at[area > MIN_OVERLAP_M2]
+
+
+def boxes_touch(
+    offset_m: Float[np.ndarray, "N 2"],
+    heading_a_rad: Float[np.ndarray, "N"],
+    heading_b_rad: Float[np.ndarray, "N"],
+    size_a_m: Float[np.ndarray, "N 2"],
+    size_b_m: Float[np.ndarray, "N 2"],
+) -> Bool[np.ndarray, "N"]:
+    """Separating axis test on centres, headings and sizes."""
+    return turned_boxes_touch(
+        offset_m[:, 0] + 1j * offset_m[:, 1],
+        np.exp(1j * heading_a_rad),
+        np.exp(1j * heading_b_rad),
+        size_a_m,
+        size_b_m,
+    )
+
+
+def turned_boxes_touch(
+    offset_m: Complex[np.ndarray, "N"],
+    direction_a: Complex[np.ndarray, "N"],
+    direction_b: Complex[np.ndarray, "N"],
+    size_a_m: Float[np.ndarray, "N 2"],
+    size_b_m: Float[np.ndarray, "N 2"],
+) -> Bool[np.ndarray, "N"]:
+    """The same of plane vectors as complex numbers; directions are unit vectors."""
+    turn = direction_b * direction_a.conj()
+    cos, sin = np.abs(np.real(turn)), np.abs(np.imag(turn))
+    touch = np.ones(len(turn), bool)
+    for direction, own, other in (
+        (direction_a, size_a_m, size_b_m),
+        (direction_b, size_b_m, size_a_m),
+    ):
+        place = offset_m * direction.conj()
+        length, width = other.T
+        along = own[:, 0] + length * cos + width * sin
+        aside = own[:, 1] + length * sin + width * cos
+        touch &= np.abs(np.real(place)) * 2 < along
+        touch &= np.abs(np.imag(place)) * 2 < aside
+    return touch

@@ -1,0 +1,74 @@
+"""Whether agents would be hit on trajectories that they do not drive yet."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pd_editor.geometry.oriented_box import box_corners, overlap_area
+from pd_editor.metrics.collisions.box_tests import MIN_OVERLAP_M2, boxes_touch
+from pd_editor.scene.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathCollision:
+    """The first agent that a trajectory meets."""
+
+    agent_id: str
+    step: int
+
+
+def first_collisions(
+    scenario: Scenario,
+    row: int,
+    position_m: Float[np.ndarray, "C H 2"],
+    heading_rad: Float[np.ndarray, "C H"],
+    is_valid: Bool[np.ndarray, "C"],
+) -> tuple[PathCollision | None, ...]:
+    """The first collision of an agent on each of C trajectories.
+
+    Trajectories begin at the current step; the other agents move as they do in the
+    scenario. Agents that the box overlaps at the start are left out.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    num_paths, num_points = position_m.shape[:2]
+    steps = slice(now, now + num_points)
+    there = agents.is_valid[:, steps].copy()
+    there[row] = False
+    reach = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
+    offset = agents.position_m[None, :, steps] - position_m[:, None]
+    near = (offset**2).sum(-1) < (reach + reach[row])[None, :, None] ** 2
+    path, other, at = np.nonzero(near & there[None] & is_valid[:, None, None])
+    own_size = np.broadcast_to(agents.size_m[row], (len(path), 2))
+    own_heading, their_heading = (
+        heading_rad[path, at],
+        agents.heading_rad[other, now + at],
+    )
+    touch = boxes_touch(
+        offset[path, other, at],
+        own_heading,
+        their_heading,
+        own_size,
+        agents.size_m[other],
+    )
+    path, other, at = path[touch], other[touch], at[touch]
+    area = overlap_area(
+        box_corners(position_m[path, at], heading_rad[path, at], own_size[touch]),
+        box_corners(
+            agents.position_m[other, now + at],
+            agents.heading_rad[other, now + at],
+            agents.size_m[other],
+        ),
+    )
+    hit = area > MIN_OVERLAP_M2
+    path, other, at = path[hit], other[hit], at[hit]
+    at_start = np.zeros((num_paths, len(agents)), bool)
+    at_start[path[at == 0], other[at == 0]] = True
+    found: list[PathCollision | None] = [None] * num_paths
+    for index in np.argsort(at, kind="stable"):
+        one = path[index]
+        if found[one] is None and not at_start[one, other[index]]:
+            found[one] = PathCollision(
+                agent_id=agents.ids[other[index]], step=int(now + at[index])
+            )
+    return tuple(found)

@@ -1,0 +1,278 @@
+"""How near agents come to touching: gap, time to collision, post-encroachment time."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.geometry.angles import left_of, unit_vector
+from pd_editor.geometry.oriented_box import box_corners
+from pd_editor.metrics.collisions.box_collision import pairs_that_matter
+from pd_editor.metrics.collisions.box_tests import boxes_touch, pairs_that_meet
+from pd_editor.metrics.road.path_pieces import (
+    PIECE_STEPS,
+    bounds_m,
+    in_pieces,
+    rectangles_meet,
+)
+from pd_editor.metrics.traffic_view import AgentStates, TrafficView
+from pd_editor.metrics.values import MetricValues, measured
+
+HORIZON_S: Final = 5.0
+"""Times to collision beyond this are none."""
+CRITICAL_S: Final = 0.95
+CLOSING_MPS: Final = 0.5
+"""Agents that approach more slowly are not on a collision course."""
+MOVED_M: Final = 1.0
+"""Post-encroachment times are those of agents that both move further than this."""
+
+
+def safety_values(view: TrafficView) -> dict[str, MetricValues]:
+    """Gap and times by name, each [A].
+
+    Against everybody but pedestrian against pedestrian. Pairs whose boxes touch at
+    the state are left out of the times: default box sizes make many of them.
+    """
+    pairs = _Pairs.of(view)
+    to_collision = pairs.least(*_times_to_collision_s(pairs))
+    encroachment = pairs.least(*_post_encroachment_s(pairs, view.step_s))
+    gap = pairs.least(*_gaps_m(pairs))
+    exists = view.agents.is_valid[:, 0]
+    has_course, has_conflict = np.isfinite(to_collision), np.isfinite(encroachment)
+    return {
+        "time_to_collision": _finite("time_to_collision", to_collision, has_course),
+        "critical_time_to_collision": measured(
+            "critical_time_to_collision", to_collision < CRITICAL_S, exists
+        ),
+        "post_encroachment_time": _finite(
+            "post_encroachment_time", encroachment, has_conflict
+        ),
+        "minimum_gap": _finite("minimum_gap", gap, np.isfinite(gap)),
+    }
+
+
+def _finite(
+    name: str, value: Float[np.ndarray, "A"], is_valid: Bool[np.ndarray, "A"]
+) -> MetricValues:
+    return measured(name, np.where(is_valid, value, 0.0), is_valid)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pairs:
+    """P pairs (a, b) of agents, a judged, at H steps."""
+
+    agents: AgentStates
+    num_judged: int
+    a: Int[np.ndarray, "P"]
+    b: Int[np.ndarray, "P"]
+    is_valid: Bool[np.ndarray, "P H"]
+    offset_m: Float[np.ndarray, "P H 2"]
+    """From a to b."""
+    distance_m: Float[np.ndarray, "P H"]
+    radius_m: Float[np.ndarray, "P"]
+    """Sum of the radii of the boxes' outer circles."""
+    touches_at_state: Bool[np.ndarray, "P"]
+
+    @classmethod
+    def of(cls, view: TrafficView) -> "_Pairs":
+        agents, num_judged = view.everyone, len(view)
+        pairs = np.argwhere(np.triu(np.ones((len(agents), len(agents)), bool), 1))
+        pairs = pairs[(pairs[:, 0] < num_judged) & pairs_that_matter(agents, pairs)]
+        a, b = pairs.T
+        radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
+        offset = agents.position_m[b] - agents.position_m[a]
+        is_valid = agents.is_valid[a] & agents.is_valid[b]
+        touches = boxes_touch(
+            offset[:, 0],
+            agents.heading_rad[a, 0],
+            agents.heading_rad[b, 0],
+            agents.size_m[a],
+            agents.size_m[b],
+        )
+        return cls(
+            agents=agents,
+            num_judged=num_judged,
+            a=a,
+            b=b,
+            is_valid=is_valid,
+            offset_m=offset,
+            distance_m=np.hypot(offset[..., 0], offset[..., 1]),
+            radius_m=radius[a] + radius[b],
+            touches_at_state=touches & is_valid[:, 0],
+        )
+
+    def least(
+        self, pair: Int[np.ndarray, "N"], value: Float[np.ndarray, "N"]
+    ) -> Float[np.ndarray, "A"]:
+        """Each judged agent's least value among its pairs; infinite without any."""
+        result = np.full(len(self.agents), np.inf)
+        np.minimum.at(result, self.a[pair], value)
+        np.minimum.at(result, self.b[pair], value)
+        return result[: self.num_judged]
+
+
+def _times_to_collision_s(
+    pairs: _Pairs,
+) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
+    """Times until boxes at constant velocity would touch, for pairs at some step."""
+    agents, a, b = pairs.agents, pairs.a, pairs.b
+    velocity = agents.velocity_mps[b] - agents.velocity_mps[a]
+    offset = pairs.offset_m
+    speed_squared = np.einsum("phd,phd->ph", velocity, velocity)
+    closing = -np.einsum("phd,phd->ph", offset, velocity)
+    is_closing = closing > CLOSING_MPS * pairs.distance_m
+    is_closing &= pairs.is_valid & ~pairs.touches_at_state[:, None]
+    pair, at = np.nonzero(is_closing)
+    offset, velocity = offset[pair, at], velocity[pair, at]
+    time = np.minimum(closing[pair, at] / speed_squared[pair, at], HORIZON_S)
+    nearest = offset + time[:, None] * velocity
+    near = np.hypot(nearest[:, 0], nearest[:, 1]) < pairs.radius_m[pair]
+    pair, at, offset, velocity = pair[near], at[near], offset[near], velocity[near]
+    a, b = a[pair], b[pair]
+    enter, leave = sweep_times_s(
+        offset,
+        velocity,
+        (agents.heading_rad[a, at], agents.heading_rad[b, at]),
+        (agents.size_m[a], agents.size_m[b]),
+    )
+    meets = (enter < leave) & (leave > 0) & (enter <= HORIZON_S)
+    return pair[meets], np.maximum(enter[meets], 0.0)
+
+
+def sweep_times_s(
+    offset_m: Float[np.ndarray, "N 2"],
+    velocity_mps: Float[np.ndarray, "N 2"],
+    heading_rad: tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]],
+    size_m: tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]],
+) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
+    """When boxes begin and cease to share a point; never if the first is not less.
+
+    Offset and velocity are those of the second box seen from the first. Along each
+    of the four axes that could part the boxes, they meet during one interval.
+    """
+    enter = np.full(len(offset_m), -np.inf)
+    leave = np.full(len(offset_m), np.inf)
+    turn = heading_rad[1] - heading_rad[0]
+    cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    for own, other in ((0, 1), (1, 0)):
+        forward = unit_vector(heading_rad[own])
+        mine, theirs = size_m[own], size_m[other]
+        for axis, half in (
+            (forward, mine[:, 0] + theirs[:, 0] * cos + theirs[:, 1] * sin),
+            (left_of(forward), mine[:, 1] + theirs[:, 0] * sin + theirs[:, 1] * cos),
+        ):
+            away = (offset_m * axis).sum(-1)
+            rate = (velocity_mps * axis).sum(-1)
+            moves = np.abs(rate) > 1e-9
+            middle = -away / np.where(moves, rate, 1.0)
+            width = half / 2 / np.where(moves, np.abs(rate), 1.0)
+            always = np.where(np.abs(away) < half / 2, np.inf, -np.inf)
+            enter = np.maximum(enter, np.where(moves, middle - width, -always))
+            leave = np.minimum(leave, np.where(moves, middle + width, always))
+    return enter, leave
+
+
+def _post_encroachment_s(
+    pairs: _Pairs, step_s: float
+) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
+    """Times between pairs' boxes being at the same place."""
+    agents = pairs.agents
+    position, is_valid = agents.position_m, agents.is_valid
+    offset = position - position[:, :1]
+    away = np.hypot(offset[..., 0], offset[..., 1]) > MOVED_M
+    moves = np.any(away & is_valid, axis=1)
+    radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
+    meet = np.zeros((len(agents), len(agents)), bool)
+    meet[tuple(pairs_that_meet(position, is_valid, radius).T)] = True
+    chosen = meet[pairs.a, pairs.b] & moves[pairs.a] & moves[pairs.b]
+    chosen = np.flatnonzero(chosen & ~pairs.touches_at_state)
+    if not len(chosen):
+        return np.zeros(0, int), np.zeros(0)
+    row, at, other = _steps_nearby(pairs, chosen)
+    a, b = pairs.a[chosen[row]], pairs.b[chosen[row]]
+    touches = boxes_touch(
+        position[b, other] - position[a, at],
+        agents.heading_rad[a, at],
+        agents.heading_rad[b, other],
+        agents.size_m[a],
+        agents.size_m[b],
+    )
+    return chosen[row[touches]], np.abs(at - other)[touches] * step_s
+
+
+def _steps_nearby(
+    pairs: _Pairs, chosen: Int[np.ndarray, "Q"]
+) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
+    """Pairs, a step of a and one of b, at which the boxes' outer circles meet.
+
+    First by bounding boxes of pieces of paths, then step by step.
+    """
+    agents = pairs.agents
+    position, is_valid = in_pieces(agents.position_m), in_pieces(agents.is_valid)
+    a, b = pairs.a[chosen], pairs.b[chosen]
+    low, high = bounds_m(position, is_valid)
+    reach = pairs.radius_m[chosen]
+    spare = reach[:, None, None, None]
+    meet = rectangles_meet(
+        low[a][:, :, None] - spare,
+        high[a][:, :, None] + spare,
+        low[b][:, None],
+        high[b][:, None],
+    )
+    row, first, second = np.nonzero(meet)
+    a, b = a[row], b[row]
+    one, two = position[a, first][:, :, None], position[b, second][:, None]
+    squared = (two[..., 0] - one[..., 0]) ** 2
+    squared += (two[..., 1] - one[..., 1]) ** 2
+    near = squared < reach[row, None, None] ** 2
+    near &= is_valid[b, second][:, None] & is_valid[a, first][:, :, None]
+    pair, at, other = np.nonzero(near)
+    return (
+        row[pair],
+        first[pair] * PIECE_STEPS + at,
+        second[pair] * PIECE_STEPS + other,
+    )
+
+
+def _gaps_m(pairs: _Pairs) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
+    """Distances of boxes, for the pairs and steps that can hold an agent's least."""
+    agents, a, b = pairs.agents, pairs.a, pairs.b
+    half_width = agents.size_m.min(axis=1) / 2
+    distance = np.where(pairs.is_valid, pairs.distance_m, np.inf)
+    at_most = np.min(distance, axis=1, initial=np.inf) - half_width[a] - half_width[b]
+    least = np.full(len(agents), np.inf)
+    np.minimum.at(least, a, at_most)
+    np.minimum.at(least, b, at_most)
+    bound = np.maximum(least[a], least[b])
+    pair, at = np.nonzero(distance - pairs.radius_m[:, None] <= bound[:, None])
+    pair, at = pair[pairs.is_valid[pair, at]], at[pairs.is_valid[pair, at]]
+    a, b = a[pair], b[pair]
+    return pair, box_gap_m(
+        pairs.offset_m[pair, at],
+        (agents.heading_rad[a, at], agents.heading_rad[b, at]),
+        (agents.size_m[a], agents.size_m[b]),
+    )
+
+
+def box_gap_m(
+    offset_m: Float[np.ndarray, "N 2"],
+    heading_rad: tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]],
+    size_m: tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]],
+) -> Float[np.ndarray, "N"]:
+    """Distance between boxes, the second one at an offset; 0 where they touch.
+
+    Between rectangles apart, the least distance begins at a corner of one of them.
+    """
+    gap = np.full(len(offset_m), np.inf)
+    centers = (np.zeros_like(offset_m), offset_m)
+    for own, other in ((0, 1), (1, 0)):
+        corners = box_corners(centers[other], heading_rad[other], size_m[other])
+        rel = corners - centers[own][:, None]
+        forward = unit_vector(heading_rad[own])[:, None]
+        half = size_m[own][:, None] / 2
+        ahead = np.maximum(np.abs((rel * forward).sum(-1)) - half[..., 0], 0)
+        aside = np.maximum(np.abs((rel * left_of(forward)).sum(-1)) - half[..., 1], 0)
+        gap = np.minimum(gap, np.hypot(ahead, aside).min(axis=1, initial=np.inf))
+    touches = boxes_touch(offset_m, *heading_rad, *size_m)
+    return np.where(touches, 0.0, gap)

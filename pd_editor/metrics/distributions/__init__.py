@@ -1,0 +1,1 @@
+"""Distances of distributions, and the noise floor of recordings against recordings."""

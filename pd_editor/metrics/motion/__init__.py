@@ -1,0 +1,1 @@
+"""Motion of trajectories: displacement errors, diversity, speed, acceleration, jerk."""

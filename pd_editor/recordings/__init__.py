@@ -1,0 +1,1 @@
+"""Recordings of simulated traffic, the clips taken from them, and their files."""

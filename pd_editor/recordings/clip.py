@@ -1,0 +1,254 @@
+"""Cuts a scenario in Argoverse 2's form out of a recording.
+
+Measured on 35 scenarios of Argoverse 2's train split, and followed here:
+
+- focal, scored and unscored tracks, and the ego ``AV``, have all 110 steps; every other
+  track is a fragment of at least 10 steps without a gap;
+- the map has the lanes within 35 m (31..37 m) of the paths of focal, scored and ego;
+- half of the tracks are within 40 m of the ego, nine of ten within 86 m.
+"""
+
+import uuid
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from pd_editor.recordings.map_crop import cropped_map
+from pd_editor.recordings.recording import Recording, Window
+from pd_editor.recordings.tracking_noise import TrackingNoise, noisy, seen
+from pd_editor.scene.activity import true_activity
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
+from pd_editor.scene.time_axis import TimeAxis
+
+SIDE_M: Final = 200.0
+"""Side of the square whose agents are in a scenario."""
+PAST_STEPS: Final = 50
+FUTURE_STEPS: Final = 59
+MIN_TRACK_STEPS: Final = 10
+MEAN_NUM_SCORED: Final = 2.6
+_NEAR_M: Final = 14.0
+"""Distance from the focal agent over which ego and scored agents become rarer by e."""
+_PATH_STRIDE: Final = 5
+_ID_SPACE: Final = uuid.UUID("6f1c1a52-31f3-5c0e-9f2d-3a0c54f1b7d6")
+_EPOCH_NS: Final = 315_964_800_000_000_000
+"""Argoverse 2's clocks show about this."""
+_NOTE: Final = "Synthetic traffic, simulated with SUMO."
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Cast:
+    """Who plays which part among the agents of a window; -1 if nobody does."""
+
+    focal: int
+    ego: int
+    scored: Int[np.ndarray, "S"]
+
+    @property
+    def main(self) -> Int[np.ndarray, "M"]:
+        """Rows of all of them."""
+        rows = np.array([self.focal, self.ego, *self.scored], int)
+        return rows[rows >= 0]
+
+    @property
+    def observer(self) -> int:
+        """From whose place the others are seen."""
+        return self.ego if self.ego >= 0 else self.focal
+
+
+def cut_scenario(
+    recording: Recording,
+    window: Window,
+    *,
+    side_m: float = SIDE_M,
+    past_steps: int = PAST_STEPS,
+    future_steps: int = FUTURE_STEPS,
+    noise: TrackingNoise | None = None,
+) -> Scenario:
+    """The scenario that a window shows, in the recording's frame.
+
+    Agents in the square of side ``side_m`` at the current step are there as long as the
+    recording has them; others only while they are in it. With ``noise``, tracks also
+    begin and end as a tracker's do, and states are blurred. Equal arguments give equal
+    scenarios.
+    """
+    num_steps = past_steps + 1 + future_steps
+    first = window.current_step - past_steps
+    assert first >= 0
+    assert first + num_steps <= recording.num_steps
+    rows, tracks = _gathered(recording, window, first, num_steps, side_m)
+    random = np.random.default_rng(window.seed)
+    cast = _cast(recording, window, rows, tracks, past_steps, random)
+    paths = tracks.position_m[cast.main][:, ::_PATH_STRIDE]
+    road_map = cropped_map(recording.road_map, paths)
+    is_valid = tracks.is_valid
+    if noise is not None:
+        is_valid = seen(
+            tracks, cast.observer, cast.main, noise, random, recording.step_s
+        )
+    tracks = _finished(tracks, cast, is_valid, past_steps)
+    if noise is not None:
+        tracks = noisy(tracks, noise, random, recording.step_s)
+    name = f"{recording.name}/{window.current_step}/{window.focal_id}/{window.seed}"
+    return Scenario(
+        scenario_id=str(uuid.uuid5(_ID_SPACE, name)),
+        city=recording.city,
+        origin_city_m=recording.origin_city_m,
+        road_map=road_map,
+        agents=tracks,
+        time_axis=_time_axis(recording, first, num_steps, past_steps),
+        focal_id=window.focal_id,
+        provenance=Provenance(notes=(_NOTE,)),
+    )
+
+
+def has_focal_agent(
+    recording: Recording,
+    window: Window,
+    past_steps: int = PAST_STEPS,
+    future_steps: int = FUTURE_STEPS,
+) -> bool:
+    """Whether the window's focal agent is in the square, and exists all the time."""
+    if window.focal_id not in recording.ids:
+        return False
+    row = recording.ids.index(window.focal_id)
+    start, end = recording.first_row[row : row + 2]
+    at = window.current_step - int(recording.first_step[row])
+    if at < past_steps or at + future_steps >= end - start:
+        return False
+    away = np.abs(recording.position_m[start + at] - np.array(window.center_m))
+    return bool(away.max() <= SIDE_M / 2)
+
+
+def _time_axis(
+    recording: Recording, first: int, num_steps: int, past_steps: int
+) -> TimeAxis:
+    step_ns = recording.step_s * 1e9
+    start = _EPOCH_NS + round(first * step_ns)
+    return TimeAxis(
+        num_steps=num_steps,
+        current_step=past_steps,
+        step_s=recording.step_s,
+        start_timestamp_ns=float(start),
+        end_timestamp_ns=float(start + round((num_steps - 1) * step_ns)),
+    )
+
+
+def _gathered(
+    recording: Recording, window: Window, first: int, num_steps: int, side_m: float
+) -> tuple[Int[np.ndarray, "A"], AgentTracks]:
+    """Agents that enter the square for a while: their rows in the recording, tracks."""
+    counts = np.diff(recording.first_row)
+    ends = recording.first_step + counts
+    common = np.minimum(ends, first + num_steps) - np.maximum(
+        recording.first_step, first
+    )
+    low, high = np.array(window.center_m) + side_m / 2 * np.array([[-1], [1]])
+    least, greatest = recording.extent_m
+    comes = ((least <= high) & (greatest >= low)).all(axis=1)
+    there = np.flatnonzero(comes & (common >= MIN_TRACK_STEPS))
+    steps = first + np.arange(num_steps) - recording.first_step[there, None]
+    is_valid = (steps >= 0) & (steps < counts[there, None])
+    row = recording.first_row[there, None] + np.clip(steps, 0, counts[there, None] - 1)
+    position = recording.position_m[row]
+    is_in_square = (position >= low) & (position <= high)
+    is_inside = is_valid & is_in_square[..., 0] & is_in_square[..., 1]
+    current = window.current_step - first
+    is_valid &= is_inside[:, current, None] | is_inside
+    stays = np.flatnonzero(is_valid.sum(axis=1) >= MIN_TRACK_STEPS)
+    row, is_valid, there = row[stays], is_valid[stays], there[stays]
+    position = position[stays]
+    speed = np.hypot(*recording.velocity_mps[row[:, current]].T)
+    ids = tuple(recording.ids[one] for one in there)
+    kinds = tuple(recording.kinds[one] for one in there)
+    return there, AgentTracks(
+        ids=ids,
+        kinds=kinds,
+        categories=(AgentCategory.FRAGMENT,) * len(there),
+        size_m=recording.size_m[there],
+        has_known_size=np.ones(len(there), bool),
+        position_m=np.where(is_valid[..., None], position, 0.0),
+        heading_rad=np.where(is_valid, recording.heading_rad[row], 0.0),
+        velocity_mps=np.where(is_valid[..., None], recording.velocity_mps[row], 0.0),
+        is_valid=is_valid,
+        observed=is_valid & (np.arange(num_steps) < current),
+        activity=true_activity(recording.is_parked[there], speed).astype(np.int8),
+    )
+
+
+def runs_of(
+    is_valid: Bool[np.ndarray, "A T"],
+) -> tuple[Int[np.ndarray, "R"], Bool[np.ndarray, "R T"]]:
+    """Row and steps of each run of true values of at least ``MIN_TRACK_STEPS``."""
+    padded = np.pad(is_valid, ((0, 0), (1, 1))).astype(np.int8)
+    change = np.diff(padded, axis=1)
+    rows, begins = np.nonzero(change == 1)
+    ends = np.nonzero(change == -1)[1]
+    is_long = ends - begins >= MIN_TRACK_STEPS
+    rows, begins, ends = rows[is_long], begins[is_long], ends[is_long]
+    steps = np.arange(is_valid.shape[1])
+    return rows, (steps >= begins[:, None]) & (steps < ends[:, None])
+
+
+def _cast(
+    recording: Recording,
+    window: Window,
+    rows: Int[np.ndarray, "A"],
+    tracks: AgentTracks,
+    current: int,
+    random: np.random.Generator,
+) -> _Cast:
+    """The focal agent, an ego near it, and a few scored ones."""
+    focal = tracks.row_of[window.focal_id]
+    assert tracks.is_valid[focal].all(), "the focal agent must be there all the time"
+    is_free = tracks.is_valid.all(axis=1) & ~recording.is_parked[rows]
+    is_free[focal] = False
+    gap = np.linalg.norm(
+        tracks.position_m[:, current] - tracks.position_m[focal, current], axis=-1
+    )
+    # One draw per agent, the smallest wins: drawing by weight without replacement.
+    wait = random.exponential(size=len(tracks)) * np.exp(gap / _NEAR_M)
+    cars = np.flatnonzero(is_free & tracks.kind_mask({AgentKind.VEHICLE}))
+    ego = int(cars[wait[cars].argmin()]) if len(cars) else -1
+    if len(cars):
+        is_free[ego] = False
+    others = np.flatnonzero(is_free & tracks.kind_mask(ROAD_USER_KINDS) & (gap < 100))
+    num = random.geometric(1 / (1 + MEAN_NUM_SCORED)) - 1
+    return _Cast(focal=focal, ego=ego, scored=others[np.argsort(wait[others])][:num])
+
+
+def _finished(
+    tracks: AgentTracks, cast: _Cast, is_valid: Bool[np.ndarray, "A T"], current: int
+) -> AgentTracks:
+    """A track for each run of valid steps, with categories, the ego under its name."""
+    categories = np.full(len(tracks), AgentCategory.UNSCORED)
+    categories[cast.scored] = AgentCategory.SCORED
+    categories[cast.focal] = AgentCategory.FOCAL
+    names = list(tracks.ids)
+    if cast.ego >= 0:
+        names[cast.ego] = EGO_ID
+    rows, is_valid = runs_of(is_valid)
+    is_full = is_valid.all(axis=1)
+    categories = np.where(is_full, categories[rows], AgentCategory.FRAGMENT)
+    # Whoever is seen again after a while gets another id, as from a tracker.
+    again = np.arange(len(rows)) - np.searchsorted(rows, rows)
+    ids = [
+        f"{names[row]}-{1 + number}" if number else names[row]
+        for row, number in zip(rows.tolist(), again.tolist(), strict=True)
+    ]
+    return AgentTracks(
+        ids=tuple(ids),
+        kinds=tuple(tracks.kinds[row] for row in rows),
+        categories=tuple(AgentCategory(int(value)) for value in categories),
+        size_m=tracks.size_m[rows],
+        has_known_size=tracks.has_known_size[rows],
+        position_m=np.where(is_valid[..., None], tracks.position_m[rows], 0.0),
+        heading_rad=np.where(is_valid, tracks.heading_rad[rows], 0.0),
+        velocity_mps=np.where(is_valid[..., None], tracks.velocity_mps[rows], 0.0),
+        is_valid=is_valid,
+        observed=is_valid & (np.arange(tracks.num_steps) < current),
+        activity=tracks.activity[rows],
+    )

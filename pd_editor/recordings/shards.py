@@ -1,0 +1,221 @@
+"""Recordings with their windows in one small file, for training.
+
+A shard is a zip archive. ``index.json`` has the format's version and the windows;
+``N/about.json`` describes recording N and its map, ``N/rows.bin`` has its states and
+``N/points.bin`` the map's points, both as integers (see ``integer_coding``). Positions
+are rounded to 1 cm, headings to 1 mrad, velocities to 2 cm/s, the map to 1 mm. Equal
+contents give equal bytes.
+"""
+
+import io
+import json
+import lzma
+import zipfile
+import zlib
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from pd_editor.errors import ExportError, InputError
+from pd_editor.recordings.clip import (
+    FUTURE_STEPS,
+    PAST_STEPS,
+    SIDE_M,
+    cut_scenario,
+    has_focal_agent,
+)
+from pd_editor.recordings.recording import Recording, Window
+from pd_editor.recordings.recording_codec import coded_recording, decoded_recording
+from pd_editor.recordings.tracking_noise import TrackingNoise
+from pd_editor.scene.scenario import Scenario
+
+SHARD_SUFFIX: Final = ".shard"
+FORMAT_VERSION: Final = 1
+_INDEX_NAME: Final = "index.json"
+_PART_NAMES: Final = ("about.json", "rows.bin", "points.bin")
+_DATE: Final = (1980, 1, 1, 0, 0, 0)
+_DAMAGE: Final = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    EOFError,
+    KeyError,
+    IndexError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    AssertionError,
+    NotImplementedError,
+    RuntimeError,
+    OverflowError,
+)
+"""What the standard library and NumPy raise on bytes that were changed."""
+
+
+def write_shard(
+    path: Path, recordings: Iterable[tuple[Recording, Sequence[Window]]]
+) -> None:
+    """Write a file with recordings and the windows of each, whole or not at all.
+
+    Raises:
+        ExportError: it cannot be written.
+    """
+    fresh = path.with_name(f".{path.name}.new")
+    try:
+        fresh.write_bytes(shard_bytes(recordings))
+        fresh.replace(path)
+    except OSError as error:
+        raise ExportError(f"{path}: cannot be written ({error.strerror}).") from error
+
+
+def shard_bytes(recordings: Iterable[tuple[Recording, Sequence[Window]]]) -> bytes:
+    """The bytes of a shard."""
+    sink = io.BytesIO()
+    entries = []
+    with zipfile.ZipFile(sink, "w") as archive:
+        for number, (recording, windows) in enumerate(recordings):
+            about, rows, points = coded_recording(recording)
+            parts = (_json_bytes(about), rows, points)
+            for name, data in zip(_PART_NAMES, parts, strict=True):
+                _store(archive, f"{number}/{name}", data)
+            entries.append(
+                {
+                    "name": recording.name,
+                    "num_steps": recording.num_steps,
+                    "windows": [
+                        [one.current_step, *one.center_m, one.focal_id, one.seed]
+                        for one in windows
+                    ],
+                }
+            )
+        index = {"version": FORMAT_VERSION, "recordings": entries}
+        _store(archive, _INDEX_NAME, _json_bytes(index))
+    return sink.getvalue()
+
+
+def _store(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
+    info = zipfile.ZipInfo(name, _DATE)
+    info.compress_type = zipfile.ZIP_LZMA
+    archive.writestr(info, data)
+
+
+def _json_bytes(value: Any) -> bytes:
+    return json.dumps(value, separators=(",", ":")).encode()
+
+
+class ShardReader:
+    """The windows of a shard, or of all shards in a folder in the order of their names.
+
+    A recording is decoded when a window of it is asked for, and kept for a while, so
+    neighbouring windows are cheap. Readers can be pickled; no file is kept open.
+    """
+
+    def __init__(self, path: Path | str, *, num_kept: int = 8) -> None:
+        """Read what windows there are; ``num_kept`` decoded recordings are kept.
+
+        Raises:
+            InputError: there is no shard, or one is damaged.
+        """
+        path = Path(path)
+        files = sorted(path.glob(f"*{SHARD_SUFFIX}")) if path.is_dir() else [path]
+        if not files:
+            raise InputError(f"{path}: there is no shard (*{SHARD_SUFFIX}) in it.")
+        self.num_kept = num_kept
+        self.recordings: list[tuple[Path, int]] = []
+        """File and number within it of each recording."""
+        self.windows: list[tuple[int, Window]] = []
+        """Recording's place in ``recordings``, and window."""
+        for file in files:
+            self._add(file)
+        self._kept: OrderedDict[int, Recording] = OrderedDict()
+
+    def _add(self, file: Path) -> None:
+        for number, entry in enumerate(_read_index(file)):
+            self.windows += [(len(self.recordings), one) for one in entry]
+            self.recordings.append((file, number))
+
+    def __len__(self) -> int:
+        return len(self.windows)
+
+    def recording(self, place: int) -> Recording:
+        """A decoded recording, by its place in ``recordings``.
+
+        Raises:
+            InputError: the file is damaged or gone.
+        """
+        found = self._kept.pop(place, None)
+        if found is None:
+            found = _read_recording(*self.recordings[place])
+            while len(self._kept) >= self.num_kept:
+                self._kept.popitem(last=False)
+        self._kept[place] = found
+        return found
+
+    def window(
+        self, index: int, *, side_m: float = SIDE_M, noise: TrackingNoise | None = None
+    ) -> Scenario:
+        """The scenario of a window, cut as ``cut_scenario`` does.
+
+        Raises:
+            InputError: the file is damaged or gone.
+        """
+        place, window = self.windows[index]
+        recording = self.recording(place)
+        if not has_focal_agent(recording, window):
+            raise _damaged(self.recordings[place][0], "a window has no focal agent")
+        return cut_scenario(recording, window, side_m=side_m, noise=noise)
+
+
+def _read_index(file: Path) -> list[list[Window]]:
+    """The windows of each recording of a shard."""
+    data = _members(file, [_INDEX_NAME])[0]
+    try:
+        index = json.loads(data)
+        version = index["version"]
+        if version != FORMAT_VERSION:
+            raise InputError(
+                f"{file}: is a shard of version {version}; this program reads version "
+                f"{FORMAT_VERSION}."
+            )
+        return [
+            [_window(values, entry["num_steps"]) for values in entry["windows"]]
+            for entry in index["recordings"]
+        ]
+    except _DAMAGE as error:
+        raise _damaged(file, str(error)) from error
+
+
+def _window(values: list[Any], num_steps: int) -> Window:
+    step, x, y, focal_id, seed = values
+    if not PAST_STEPS <= step < num_steps - FUTURE_STEPS:
+        raise ValueError(f"a window is at step {step} of {num_steps}")
+    return Window(
+        current_step=step,
+        center_m=(float(x), float(y)),
+        focal_id=str(focal_id),
+        seed=int(seed),
+    )
+
+
+def _read_recording(file: Path, number: int) -> Recording:
+    names = [f"{number}/{name}" for name in _PART_NAMES]
+    about, rows, points = _members(file, names)
+    try:
+        return decoded_recording(json.loads(about), rows, points)
+    except _DAMAGE as error:
+        raise _damaged(file, str(error)) from error
+
+
+def _members(file: Path, names: list[str]) -> list[bytes]:
+    try:
+        with zipfile.ZipFile(file) as archive:
+            return [archive.read(name) for name in names]
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror}).") from error
+    except _DAMAGE as error:
+        raise _damaged(file, str(error)) from error
+
+
+def _damaged(file: Path, reason: str) -> InputError:
+    return InputError(f"{file}: is damaged or not a shard ({reason}).")

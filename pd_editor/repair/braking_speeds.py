@@ -1,0 +1,126 @@
+"""Speeds from which an agent can still brake behind whoever is ahead of it."""
+
+from collections.abc import Collection, Iterable
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.geometry.angles import unit_vector
+from pd_editor.paths.speed_profiles import MAX_BRAKING_MPS2
+from pd_editor.repair.box_overlaps import counted
+from pd_editor.repair.repair_report import (
+    RepairChange,
+    RepairReport,
+    name_of,
+    repairable,
+    sentence,
+)
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
+
+STANDING_GAP_M: Final = 0.5
+"""What is left between two who stand in line."""
+_TOUCH_M: Final = 0.1
+"""Who sticks no further than this into the strip ahead is passed by."""
+_LEAST_CHANGE_MPS: Final = 0.01
+_SETTLED_MPS: Final = 1e-5
+_MOST_ROUNDS: Final = 1000
+"""A queue takes one for each agent; rings of agents without gaps take many."""
+
+
+def slow_for_gaps(
+    scenario: Scenario,
+    agent_ids: Iterable[str] | None = None,
+    *,
+    keep_ids: Collection[str] | None = None,
+) -> tuple[Scenario, RepairReport]:
+    """Lane followers too fast for the gap ahead of them, slowed at the current step.
+
+    Ahead is the strip that an agent sweeps when it drives straight on. With a gap g to
+    somebody whose speed in its direction is u, it may have at most sqrt(u^2 + 2 b g),
+    b being the hardest braking of candidates. Only current velocities change: this is
+    for agents that have just been placed. ``agent_ids`` None means all; ``keep_ids``
+    None keeps the focal agent.
+
+    Raises:
+        EditError: an id is not in the scenario.
+    """
+    may_change = repairable(scenario, agent_ids, keep_ids)
+    if not may_change.any():
+        return scenario, RepairReport()
+    agents, step = scenario.agents, scenario.current_step
+    velocity = agents.velocity_mps[:, step]
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    gap = _gaps_ahead_m(agents, step)
+    slowed, ahead = _slowed(gap, agents.heading_rad[:, step], velocity, may_change)
+    rows = np.flatnonzero(speed - slowed > _LEAST_CHANGE_MPS)
+    if not len(rows):
+        return scenario, RepairReport()
+    later = agents.velocity_mps[rows].copy()
+    later[:, step] *= (slowed[rows] / speed[rows])[:, None]
+    changes = tuple(
+        RepairChange(
+            repair="slow-for-gaps",
+            agent_id=agents.ids[row],
+            shift_m=0.0,
+            turn_deg=0.0,
+            slowdown_mps=float(speed[row] - slowed[row]),
+            message=sentence(
+                f"{name_of(agents, row)} is {speed[row] - slowed[row]:.1f} m/s slower, "
+                f"behind {name_of(agents, int(ahead[row]))}"
+            ),
+        )
+        for row in rows.tolist()
+    )
+    changed = scenario.with_agents(agents.with_rows(rows, velocity_mps=later))
+    return changed, RepairReport(changes=changes)
+
+
+def _slowed(
+    gap_m: Float[np.ndarray, "A A"],
+    heading_rad: Float[np.ndarray, "A"],
+    velocity_mps: Float[np.ndarray, "A 2"],
+    may_change: Bool[np.ndarray, "A"],
+) -> tuple[Float[np.ndarray, "A"], Int[np.ndarray, "A"]]:
+    """Speeds that the gaps allow, and who is in the way most.
+
+    Whoever is slowed may slow those behind, so it is looked again until nothing changes.
+    Of two who are in each other's strip, each takes the other for standing.
+    """
+    forward = unit_vector(heading_rad)
+    speed = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1])
+    braking = 2 * MAX_BRAKING_MPS2 * np.maximum(gap_m - STANDING_GAP_M, 0.0)
+    # Share of its speed that each of them drives in the direction of the one behind.
+    along = velocity_mps @ forward.T / np.maximum(speed, 1e-9)[:, None]
+    is_mutual = np.isfinite(gap_m) & np.isfinite(gap_m.T)
+    along = np.where(is_mutual, 0.0, np.maximum(along.T, 0.0))
+    allowed = braking
+    for _ in range(_MOST_ROUNDS):
+        allowed = np.sqrt((along * speed) ** 2 + braking)
+        new = np.where(may_change, np.minimum(speed, allowed.min(axis=1)), speed)
+        is_done = np.allclose(new, speed, rtol=0, atol=_SETTLED_MPS)
+        speed = new
+        if is_done:
+            break
+    return speed, allowed.argmin(axis=1)
+
+
+def _gaps_ahead_m(agents: AgentTracks, step: int) -> Float[np.ndarray, "A A"]:
+    """Free way of each agent to each other one in its strip; infinite to the rest."""
+    position, heading = agents.position_m[:, step], agents.heading_rad[:, step]
+    length, width = agents.size_m.T
+    forward = unit_vector(heading)
+    offset = position[None] - position[:, None]
+    along = np.einsum("abd,ad->ab", offset, forward)
+    aside = offset[..., 1] * forward[:, :1] - offset[..., 0] * forward[:, 1:]
+    turn = heading[None] - heading[:, None]
+    cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    reach = (length * cos + width * sin) / 2
+    side = (length * sin + width * cos) / 2
+    pairs = np.argwhere(np.ones(along.shape, bool))
+    matters = counted(agents, pairs).reshape(along.shape)
+    matters &= agents.is_valid[:, step] & ~np.eye(len(agents), dtype=bool)
+    matters &= (along > 0) & (np.abs(aside) < width[:, None] / 2 + side - _TOUCH_M)
+    gap = along - length[:, None] / 2 - reach
+    return np.where(matters, gap, np.inf)

@@ -1,0 +1,168 @@
+"""Futures of a scene while they are re-timed."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
+from pd_editor.paths.retiming import (
+    STANDING_EXTENT_M,
+    fill_gaps,
+    fill_heading_gaps,
+    retime,
+    travelled_m,
+)
+from pd_editor.repair.box_overlaps import counted
+from pd_editor.repair.friction_pass import (
+    drivable_speed,
+    exceeds,
+    slowed_distance,
+    speed_limit,
+)
+from pd_editor.repair.repair_report import name_of
+from pd_editor.repair.yielding import yielding
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Futures:
+    """Agents of a scene, some of which may be driven slower along their own paths."""
+
+    scenario: Scenario
+    friction_coefficient: float
+    may_change: Bool[np.ndarray, "A"]
+    reasons: dict[int, tuple[str, ...]] = field(default_factory=dict)
+    """Why each row was re-timed."""
+
+    @property
+    def agents(self) -> AgentTracks:
+        """All agents as they are now."""
+        return self.scenario.agents
+
+    def moving_rows(self) -> Int[np.ndarray, "G"]:
+        """Rows that may change and leave their place."""
+        step = self.scenario.current_step
+        rows = np.flatnonzero(self.may_change)
+        curve = fill_gaps(
+            self.agents.position_m[rows, step:], self.agents.is_valid[rows, step:]
+        )
+        extent = np.linalg.norm(curve - curve[:, :1], axis=-1).max(axis=1, initial=0)
+        return rows[extent > STANDING_EXTENT_M]
+
+    def paths(
+        self, rows: Int[np.ndarray, "G"]
+    ) -> tuple[
+        Float[np.ndarray, "G H 2"], Float[np.ndarray, "G H"], Float[np.ndarray, "G H"]
+    ]:
+        """Curve, headings and distance along of futures, without gaps."""
+        step = self.scenario.current_step
+        is_valid = self.agents.is_valid[rows, step:]
+        curve = fill_gaps(self.agents.position_m[rows, step:], is_valid)
+        heading = fill_heading_gaps(self.agents.heading_rad[rows, step:], is_valid)
+        return curve, heading, travelled_m(curve)
+
+    def slowed_to_friction(self) -> "Futures":
+        """Futures with all agents slowed that are too fast for their own curves."""
+        rows, step_s = self.moving_rows(), self.scenario.time_axis.step_s
+        if len(rows) == 0 or self.scenario.time_axis.num_future_steps < 1:
+            return self
+        curve, heading, along = self.paths(rows)
+        speed = np.gradient(along, step_s, axis=1)
+        now = self.agents.velocity_mps[rows, self.scenario.current_step]
+        speed[:, 0] = np.hypot(now[:, 0], now[:, 1])
+        limit = speed_limit(curve, heading, self.friction_coefficient)
+        fast = exceeds(speed, limit)
+        if not fast.any():
+            return self
+        along, speed, limit = along[fast], speed[fast], limit[fast]
+        distance, slowed = slowed_distance(
+            along, speed, drivable_speed(along, limit), step_s
+        )
+        reason = "to keep the friction limit of its curve"
+        return self.retimed(rows[fast], distance, slowed, reason)
+
+    def retimed(
+        self,
+        rows: Int[np.ndarray, "G"],
+        distance_m: Float[np.ndarray, "G H"],
+        speed_mps: Float[np.ndarray, "G H"],
+        reason: str,
+    ) -> "Futures":
+        """Futures with some agents at other distances along their own paths."""
+        step = self.scenario.current_step
+        agents = self.agents
+        old = agents.position_m[rows], agents.heading_rad[rows]
+        is_valid = agents.is_valid[rows, step:]
+        position, heading, velocity = retime(
+            old[0][:, step:],
+            old[1][:, step:],
+            is_valid,
+            distance_m,
+            self.scenario.time_axis.step_s,
+            speed_mps,
+        )
+        position[:, 0], heading[:, 0] = old[0][:, step], old[1][:, step]
+        now = agents.velocity_mps[rows, step]
+        length = np.hypot(now[:, 0], now[:, 1])
+        factor = np.minimum(speed_mps[:, 0] / np.maximum(length, 1e-9), 1.0)
+        velocity[:, 0] = factor[:, None] * now
+        past = slice(None, step)
+        changed = agents.with_rows(
+            rows,
+            position_m=np.concatenate([old[0][:, past], position], axis=1),
+            heading_rad=np.concatenate([old[1][:, past], heading], axis=1),
+            velocity_mps=np.concatenate(
+                [agents.velocity_mps[rows, past], velocity], axis=1
+            ),
+        )
+        reasons = dict(self.reasons)
+        for row in rows.tolist():
+            reasons[row] = tuple(dict.fromkeys((*reasons.get(row, ()), reason)))
+        return replace(
+            self, scenario=self.scenario.with_agents(changed), reasons=reasons
+        )
+
+    def with_yielding(self) -> "Futures":
+        """Futures with agents that yield where they would collide."""
+        step, agents = self.scenario.current_step, self.agents
+        found = yielding(agents, step, self.may_change, self.scenario.time_axis.step_s)
+        if not len(found.row):
+            return self
+        is_valid = agents.is_valid[found.row, step:]
+
+        def later(recorded: np.ndarray, driven: np.ndarray) -> np.ndarray:
+            there = is_valid.reshape(*is_valid.shape, *[1] * (driven.ndim - 2))
+            driven = np.where(there, driven, 0.0)
+            return np.concatenate([recorded[found.row, :step], driven], axis=1)
+
+        changed = agents.with_rows(
+            found.row,
+            position_m=later(agents.position_m, found.position_m),
+            heading_rad=later(agents.heading_rad, found.heading_rad),
+            velocity_mps=later(agents.velocity_mps, found.velocity_mps),
+        )
+        reasons = dict(self.reasons)
+        for row, other in zip(found.row.tolist(), found.behind.tolist(), strict=True):
+            why = f"behind {name_of(agents, other)}"
+            reasons[row] = tuple(dict.fromkeys((*reasons.get(row, ()), why)))
+        return replace(
+            self, scenario=self.scenario.with_agents(changed), reasons=reasons
+        )
+
+    def conflicts(self) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P"], int]:
+        """Pairs that collide, first step of each; number of all overlaps.
+
+        Pairs that overlap now are no matter of timing, nor are tracks that begin later:
+        recordings often lose an agent and find it again as another one.
+        """
+        now = self.scenario.current_step
+        later = np.arange(now + 1, self.agents.num_steps)
+        pairs, steps = first_overlap(self.agents, later)
+        already = {tuple(pair) for pair in overlapping_pairs(self.agents, now).tolist()}
+        new = np.array([tuple(pair) not in already for pair in pairs.tolist()], bool)
+        there = np.all(self.agents.is_valid[pairs, now], axis=1)
+        matters = counted(self.agents, pairs) & new & there
+        order = np.lexsort((pairs[matters, 1], pairs[matters, 0], steps[matters]))
+        return pairs[matters][order], steps[matters][order], len(pairs)

@@ -1,0 +1,284 @@
+"""Features of all scenarios of some data roots, prepared once and kept on disk."""
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.errors import PdEditorError, TrainingError
+from pd_editor.features.encoded_scene import packed
+from pd_editor.features.feature_store import (
+    FORMAT_VERSION,
+    FeatureStore,
+    StoreIndex,
+    open_for_writing,
+    write_part,
+)
+from pd_editor.features.scene_features import (
+    NUM_FUTURE_STEPS,
+    SceneFeatures,
+    scene_center,
+    scene_features,
+)
+from pd_editor.scene.scenario import Scenario
+from pd_editor.training.data.augmentation import (
+    DEFAULT_AUGMENTATION,
+    Augmentation,
+    augmented,
+)
+from pd_editor.training.data.scenario_source import ScenarioSource, open_roots
+from pd_editor.work_engine import LocalProcesses, WorkResult, run_items
+from pd_editor.work_engine.work_engine import WorkFailure, WorkProgress
+
+__all__ = ["ScenarioSource", "fit_basis", "open_roots", "prepare_features"]
+
+PART_SIZE: Final = 400
+"""Scenarios of a part, which is what is lost at most when a preparation is stopped."""
+BASIS_SCENARIOS: Final = 2000
+_FIT_SIZE: Final = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Work:
+    """Some scenarios of a root, for one process."""
+
+    root: Path
+    root_index: int
+    numbers: tuple[int, ...]
+    augmentation: Augmentation | None
+    seed: int
+    copy: int = 0
+    windows: int = 1
+
+    def features(self, *, with_candidates: bool) -> Iterator[tuple[str, SceneFeatures]]:
+        """Group and features of each scenario that can be used."""
+        source = _opened(self.root, self.windows)
+        root = source.roots[0]
+        for number in self.numbers:
+            random = np.random.default_rng(
+                [self.seed, self.root_index, number, self.copy]
+            )
+            try:
+                scenario, center = self._prepared(
+                    source[number], random, hides_agents=root.is_simulated
+                )
+                found = scene_features(
+                    scenario, with_candidates=with_candidates, center_m=center
+                )
+            except PdEditorError:
+                # Counted by what is missing; the rest must not wait for it.
+                continue
+            yield root.group(number), found
+
+    def _prepared(
+        self, scenario: Scenario, random: np.random.Generator, *, hides_agents: bool
+    ) -> tuple[Scenario, np.ndarray]:
+        center = scene_center(scenario)
+        if self.augmentation is None:
+            return scenario, center
+        center = center + self.augmentation.center_m * random.standard_normal(2)
+        changed = augmented(
+            scenario, self.augmentation, random, hides_agents=hides_agents
+        )
+        return changed, center
+
+
+@lru_cache(maxsize=4)
+def _opened(root: Path, windows: int) -> ScenarioSource:
+    return open_roots([root], windows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PartWriter:
+    """Prepares a part; runs in a worker."""
+
+    folder: Path
+    basis: TrajectoryBasis
+
+    def __call__(self, named: tuple[str, _Work]) -> int:
+        name, work = named
+        found = list(work.features(with_candidates=True))
+        write_part(
+            self.folder,
+            name,
+            [packed(features, self.basis.encode) for _, features in found],
+            [group for group, _ in found],
+            work.root_index,
+        )
+        return len(found)
+
+
+def prepare_features(
+    roots: Sequence[Path],
+    folder: Path,
+    basis: TrajectoryBasis,
+    *,
+    workers: int | None = None,
+    augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
+    seed: int = 0,
+    most_per_root: int | None = None,
+    copies: int = 1,
+    windows: int = 1,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> FeatureStore:
+    """The store in a folder, made or completed: the same arguments, the same bytes.
+
+    Scenarios that cannot be read are left out, so the store may be shorter than the
+    roots. ``most_per_root`` takes scenarios evenly spread over each root. ``copies`` of
+    each are made, changed at random each time anew. Scenarios of Argoverse 2 are seen at
+    ``windows`` current steps.
+
+    Raises:
+        InputError: a root is neither a dataset nor shards.
+        TrainingError: the folder holds other features, or no scenario can be used.
+    """
+    folder = Path(folder)
+    source = open_roots(roots, windows)
+    works = _parts(
+        source,
+        roots,
+        augmentation,
+        seed,
+        most_per_root,
+        PART_SIZE,
+        copies=copies,
+        windows=windows,
+    )
+    index = StoreIndex(
+        fingerprint=_fingerprint(
+            source, basis, augmentation, seed, most_per_root, copies
+        ),
+        roots=tuple(map(str, roots)),
+        settings=f"{augmentation}, seed {seed}, at most {most_per_root} of each root",
+    )
+    done = open_for_writing(folder, index)
+    failures: list[WorkFailure] = []
+
+    def take(result: WorkResult[int]) -> None:
+        if result.failure is not None:
+            failures.append(result.failure)
+
+    run_items(
+        LocalProcesses(num_workers=workers),
+        _PartWriter(folder=folder, basis=basis),
+        {name: (name, work) for name, work in works.items()},
+        on_result=take,
+        on_progress=on_progress,
+        done=done,
+    )
+    if failures:
+        raise TrainingError(
+            f"{folder}: {len(failures)} of {len(works)} parts failed, the first with "
+            f"{failures[0].error}: {failures[0].message}"
+        )
+    store = FeatureStore(folder)
+    if not len(store):
+        raise TrainingError(f"None of {len(source)} scenarios can be used.")
+    return store
+
+
+def fit_basis(
+    roots: Sequence[Path],
+    *,
+    count: int = BASIS_SCENARIOS,
+    workers: int | None = None,
+    augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
+    seed: int = 1,
+) -> TrajectoryBasis:
+    """The basis of the futures in about ``count`` scenarios, evenly over the roots.
+
+    Raises:
+        InputError: a root is neither a dataset nor shards.
+        TrainingError: no agent has a whole future, or a part could not be read.
+    """
+    source = open_roots(roots)
+    most = max(1, count // len(source.roots))
+    works = _parts(source, roots, augmentation, seed, most, _FIT_SIZE)
+    futures: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    failures: list[WorkFailure] = []
+
+    def take(result: WorkResult[tuple[np.ndarray, np.ndarray]]) -> None:
+        if result.failure is not None:
+            failures.append(result.failure)
+        if result.value is not None:
+            futures[result.key] = result.value
+
+    run_items(LocalProcesses(num_workers=workers), _futures_of, works, on_result=take)
+    if failures:
+        raise TrainingError(
+            f"{len(failures)} of {len(works)} parts of the data could not be read for the "
+            f"trajectory basis, the first with {failures[0].error}: "
+            f"{failures[0].message}"
+        )
+    points = [futures[name][0] for name in sorted(futures)]
+    if not sum(map(len, points)):
+        raise TrainingError("No agent of the data roots has a whole future.")
+    speeds = np.concatenate([futures[name][1] for name in sorted(futures)])
+    return TrajectoryBasis.fit(np.concatenate(points), speeds)
+
+
+def _futures_of(work: _Work) -> tuple[np.ndarray, np.ndarray]:
+    """Futures and speeds of the agents that have a whole future."""
+    found = [one for _, one in work.features(with_candidates=False)]
+    points = [one.future_m[one.has_future] for one in found]
+    speeds = [one.agent_speed[one.has_future] for one in found]
+    if not found:
+        return np.zeros((0, NUM_FUTURE_STEPS, 2)), np.zeros(0)
+    return (
+        np.concatenate(points).astype(float),
+        np.concatenate(speeds).astype(float),
+    )
+
+
+def _parts(
+    source: ScenarioSource,
+    roots: Sequence[Path],
+    augmentation: Augmentation | None,
+    seed: int,
+    most_per_root: int | None,
+    size: int,
+    *,
+    copies: int = 1,
+    windows: int = 1,
+) -> dict[str, _Work]:
+    """Work by name; names sort as roots and scenarios do."""
+    works = {}
+    for place, (path, root) in enumerate(zip(roots, source.roots, strict=True)):
+        count = min(len(root), most_per_root or len(root))
+        chosen = np.arange(count) * len(root) // max(count, 1)
+        firsts = range(0, count, size)
+        for part, (copy, first) in enumerate(product(range(copies), firsts)):
+            works[f"{place:03d}-{part:05d}"] = _Work(
+                root=Path(path),
+                root_index=place,
+                numbers=tuple(chosen[first : first + size].tolist()),
+                augmentation=augmentation,
+                seed=seed,
+                copy=copy,
+                windows=windows,
+            )
+    return works
+
+
+def _fingerprint(
+    source: ScenarioSource,
+    basis: TrajectoryBasis,
+    augmentation: Augmentation | None,
+    seed: int,
+    most_per_root: int | None,
+    copies: int,
+) -> str:
+    digest = hashlib.sha256()
+    for root in source.roots:
+        digest.update(root.fingerprint.encode())
+    for name, values in sorted(basis.arrays().items()):
+        digest.update(name.encode() + np.ascontiguousarray(values).tobytes())
+    told = (augmentation, seed, most_per_root, copies, PART_SIZE, FORMAT_VERSION)
+    digest.update(repr(told).encode())
+    return digest.hexdigest()

@@ -1,0 +1,229 @@
+"""Scenarios of several data roots: Argoverse 2 datasets and synthetic shards alike."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Final, Protocol, runtime_checkable
+
+import numpy as np
+
+from pd_editor.av2_io.dataset import DatasetIndex
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.errors import InputError, TrainingError
+from pd_editor.recordings.shards import SHARD_SUFFIX, ShardReader
+from pd_editor.recordings.tracking_noise import TrackingNoise
+from pd_editor.scene.scenario import Scenario
+
+BLUR_ONLY: Final = TrackingNoise(range_m=np.inf, occlusions_per_s=0.0)
+"""Tracks of simulated agents are blurred, but not broken off: futures stay whole."""
+
+
+FIRST_STEP: Final = 10
+"""The earliest current step of a window of an Argoverse 2 scenario."""
+
+
+@runtime_checkable
+class ScenarioRoot(Protocol):
+    """Scenarios by number."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Differs where the scenarios do."""
+        ...
+
+    @property
+    def num_damaged(self) -> int:
+        """Files or folders that hold no scenario, though they should."""
+        ...
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether every agent is in it, not only those that a tracker saw."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def scenario(self, index: int) -> Scenario:
+        """A scenario; equal each time.
+
+        Raises:
+            InputError: it is damaged.
+        """
+        ...
+
+    def group(self, index: int) -> str:
+        """The network or city it is from, asked for after the scenario."""
+        ...
+
+
+class ShardRoot:
+    """The windows of a folder of shards, blurred as by a tracker."""
+
+    is_simulated = True
+
+    def __init__(self, path: Path, noise: TrackingNoise | None = BLUR_ONLY) -> None:
+        """Read which windows there are; shards that are damaged are left out.
+
+        Raises:
+            InputError: there is no shard that can be read.
+        """
+        files = sorted(path.glob(f"*{SHARD_SUFFIX}")) if path.is_dir() else [path]
+        self._files: list[Path] = []
+        counts: list[int] = []
+        error: InputError | None = None
+        for file in files:
+            try:
+                counts.append(len(ShardReader(file)))
+                self._files.append(file)
+            except InputError as caught:
+                error = caught
+        if not self._files:
+            raise error or InputError(f"{path}: there is no shard in it.")
+        self.num_damaged = len(files) - len(self._files)
+        self._first = np.cumsum([0, *counts])
+        self._noise = noise
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the names and sizes of the shards, and of the noise."""
+        sizes = [(file.name, file.stat().st_size) for file in self._files]
+        return _digest([*sizes, self._noise])
+
+    def __len__(self) -> int:
+        return int(self._first[-1])
+
+    def _place(self, index: int) -> tuple[ShardReader, int]:
+        file = int(np.searchsorted(self._first, index, side="right")) - 1
+        return _shard(self._files[file]), index - int(self._first[file])
+
+    def scenario(self, index: int) -> Scenario:
+        """The scenario of a window."""
+        reader, number = self._place(index)
+        return reader.window(number, noise=self._noise)
+
+    def group(self, index: int) -> str:
+        """Name of the recording, which is that of its network."""
+        reader, number = self._place(index)
+        return reader.recording(reader.windows[number][0]).name
+
+
+@lru_cache(maxsize=4)
+def _shard(file: Path) -> ShardReader:
+    return ShardReader(file, num_kept=2)
+
+
+class Av2Root:
+    """The scenarios below a folder of an Argoverse 2 dataset."""
+
+    is_simulated = False
+
+    def __init__(self, path: Path, windows: int = 1) -> None:
+        """List the scenarios' folders.
+
+        Args:
+            path: a folder of the dataset.
+            windows: each scenario counts so often, with another current step each time:
+                the networks see no past, so that earlier steps will do.
+
+        Raises:
+            InputError: there is no such folder, or no scenario in it.
+        """
+        self._windows = windows
+        index = DatasetIndex(path)
+        index.scan()
+        self._root = path
+        self._folders = index.folders()
+        self.num_damaged = index.num_skipped
+        self._city: tuple[int, str] = (-1, "")
+        if not self._folders:
+            raise InputError(
+                f"{path}: holds neither Argoverse 2 scenarios nor shards "
+                f"(*{SHARD_SUFFIX})."
+            )
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the names of the folders, and the number of windows."""
+        names = [one.relative_to(self._root) for one in self._folders]
+        return _digest([*names, self._windows])
+
+    def __len__(self) -> int:
+        return len(self._folders) * self._windows
+
+    def scenario(self, index: int) -> Scenario:
+        """The scenario of a folder, at the current step of the window."""
+        folder, window = divmod(index, self._windows)
+        found = read_scenario(self._folders[folder])
+        self._city = (index, found.city)
+        axis = found.time_axis
+        steps = np.linspace(axis.current_step, FIRST_STEP, self._windows).round()
+        return replace(
+            found, time_axis=replace(axis, current_step=max(int(steps[window]), 0))
+        )
+
+    def group(self, index: int) -> str:
+        """The city."""
+        if self._city[0] != index:
+            self.scenario(index)
+        return self._city[1]
+
+
+def open_root(path: Path, windows: int = 1) -> ScenarioRoot:
+    """A folder of shards, or an Argoverse 2 dataset.
+
+    Raises:
+        InputError: it is neither, or damaged.
+    """
+    return ShardRoot(path) if not is_recorded(path) else Av2Root(path, windows)
+
+
+def is_recorded(path: Path) -> bool:
+    """Whether a root is a dataset of recordings, not simulated shards."""
+    return path.suffix != SHARD_SUFFIX and not any(path.glob(f"*{SHARD_SUFFIX}"))
+
+
+class ScenarioSource:
+    """The scenarios of several roots, one after the other."""
+
+    def __init__(self, roots: Sequence[ScenarioRoot]) -> None:
+        """Args are the roots; there is at least one."""
+        self.roots = tuple(roots)
+        self._first = np.cumsum([0, *map(len, self.roots)])
+
+    def __len__(self) -> int:
+        return int(self._first[-1])
+
+    @property
+    def num_damaged(self) -> int:
+        """Files or folders that hold no scenario, though they should."""
+        return sum(root.num_damaged for root in self.roots)
+
+    def place(self, index: int) -> tuple[int, int]:
+        """Root, and number within it, of a scenario."""
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        root = int(np.searchsorted(self._first, index, side="right")) - 1
+        return root, index - int(self._first[root])
+
+    def __getitem__(self, index: int) -> Scenario:
+        root, number = self.place(index)
+        return self.roots[root].scenario(number)
+
+
+def open_roots(paths: Sequence[Path], windows: int = 1) -> ScenarioSource:
+    """The scenarios of all roots; those of Argoverse 2 as so many windows each.
+
+    Raises:
+        InputError: one is neither a dataset nor shards, or damaged.
+        TrainingError: no root was given.
+    """
+    if not paths:
+        raise TrainingError("No data root was given; expected at least one.")
+    return ScenarioSource([open_root(Path(path), windows) for path in paths])
+
+
+def _digest(values: Sequence[object]) -> str:
+    text = "\n".join(map(str, values))
+    return hashlib.sha256(text.encode()).hexdigest()

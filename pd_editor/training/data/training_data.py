@@ -1,0 +1,211 @@
+"""Scenes to train on: prepared once for all runs on the same data, part held out."""
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+from filelock import FileLock
+from jaxtyping import Int
+
+from pd_editor.diffusion.checkpoints.tensor_file import read_tensors, write_tensors
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.errors import TrainingError
+from pd_editor.features.encoded_scene import PackedScene
+from pd_editor.features.feature_store import FORMAT_VERSION, FeatureStore
+from pd_editor.training.data.augmentation import DEFAULT_AUGMENTATION, Augmentation
+from pd_editor.training.data.feature_preparation import (
+    fit_basis,
+    open_roots,
+    prepare_features,
+)
+from pd_editor.training.run.run_config import Budget
+from pd_editor.training.stage_objective import augmented_scenes
+from pd_editor.training.train_loop import TrainingData
+from pd_editor.work_engine.work_engine import WorkProgress
+
+_BASIS_NAME: Final = "basis.safetensors"
+_BASIS_KIND: Final = "trajectory-basis"
+_STORE_NAME: Final = "scenes"
+_LEAST_SCENES: Final = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PreparedData:
+    """Scenes of some roots in the form that networks are fed, and their basis."""
+
+    store: FeatureStore
+    basis: TrajectoryBasis
+    num_left_out: int
+    """Scenarios of the roots that cannot be used, and damaged files of shards."""
+
+
+def default_cache() -> Path:
+    """Where prepared scenes are kept, unless somebody says otherwise."""
+    beside = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(beside) / "pd-editor" / "scenes"
+
+
+def prepared_data(
+    roots: Sequence[Path],
+    cache: Path,
+    *,
+    basis: TrajectoryBasis | None = None,
+    copies: int = 1,
+    windows: int = 1,
+    augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
+    workers: int | None = None,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> PreparedData:
+    """Scenes of the roots, prepared if no earlier run has done so.
+
+    Of several runs at once one prepares and the others wait. An interrupted
+    preparation goes on where it was.
+
+    Args:
+        roots: of Argoverse 2 datasets, or shards.
+        cache: folder for what is prepared.
+        basis: of the trajectories; None fits one to the data.
+        copies: of each scenario, changed at random each time anew.
+        windows: current steps at which each scenario of Argoverse 2 is seen.
+        augmentation: how scenarios are changed; None leaves them as they are.
+        workers: processes.
+        on_progress: told how far the preparation is.
+
+    Raises:
+        InputError: a root is neither a dataset nor shards.
+        TrainingError: no scenario can be used, or the cache cannot be written.
+    """
+    source = open_roots(roots, windows)
+    prints = [root.fingerprint for root in source.roots]
+    names = [str(Path(root).resolve()) for root in roots]
+    parts = [*names, *prints, str(FORMAT_VERSION), str(copies), str(augmentation)]
+    if basis is not None:
+        parts += [repr(one.tolist()) for one in basis.arrays().values()]
+    key = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    folder = cache / key
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with FileLock(folder / ".lock"):
+            if basis is None:
+                basis = _basis(roots, folder / _BASIS_NAME, workers)
+            store = prepare_features(
+                roots,
+                folder / _STORE_NAME,
+                basis,
+                copies=copies,
+                windows=windows,
+                augmentation=augmentation,
+                workers=workers,
+                on_progress=on_progress,
+            )
+    except OSError as error:
+        raise TrainingError(
+            f"{folder}: cannot be written ({error.strerror or error})."
+        ) from error
+    left_out = len(source) - len(store) // copies + source.num_damaged
+    return PreparedData(store=store, basis=basis, num_left_out=left_out)
+
+
+def read_basis(path: Path) -> TrajectoryBasis:
+    """A trajectory basis out of a file.
+
+    Raises:
+        ModelError: it holds none.
+    """
+    arrays = read_tensors(path, _BASIS_KIND).tensors
+    return TrajectoryBasis.of_arrays(
+        {name: one.numpy() for name, one in arrays.items()}
+    )
+
+
+def write_basis(path: Path, basis: TrajectoryBasis) -> None:
+    """Write what ``read_basis`` reads."""
+    arrays = {
+        name: torch.from_numpy(np.asarray(one)) for name, one in basis.arrays().items()
+    }
+    write_tensors(path, _BASIS_KIND, arrays, {})
+
+
+def _basis(roots: Sequence[Path], path: Path, workers: int | None) -> TrajectoryBasis:
+    if path.exists():
+        return read_basis(path)
+    basis = fit_basis(roots, workers=workers)
+    write_basis(path, basis)
+    return basis
+
+
+def training_data(
+    store: FeatureStore,
+    budget: Budget,
+    seed: int,
+    validation: FeatureStore | None = None,
+) -> TrainingData:
+    """What is trained on and what is held out.
+
+    Args:
+        store: scenes to train on; part of it is held out where there is no ``validation``.
+        budget: how much is held out.
+        seed: of the choice.
+        validation: scenes that are held out.
+
+    Raises:
+        TrainingError: a root has too few scenes.
+    """
+    share = budget.held_out_share if validation is None else 0.0
+    held_out = held_out_scenes(store.group, share, seed)
+    rows = np.arange(len(store))
+    training = tuple(
+        rows[(store.root == root) & ~held_out] for root in range(len(store.roots))
+    )
+    for name, part in zip(store.roots, training, strict=True):
+        if len(part) < _LEAST_SCENES:
+            raise TrainingError(
+                f"{name}: has {len(part)} scenarios to train on that can be used; "
+                f"expected {_LEAST_SCENES} or more."
+            )
+    checked = rows[held_out]
+    if validation is not None:
+        checked = len(store) + np.arange(len(validation))
+    step = -(-len(checked) // max(budget.held_out_scenes, 1))
+
+    def batch(chosen: Int[np.ndarray, "_"]) -> SceneTensors:
+        return batch_of([scene(int(row)) for row in chosen])
+
+    def scene(row: int) -> PackedScene:
+        if row < len(store) or validation is None:
+            return store[row]
+        return validation[row - len(store)]
+
+    stores = [store] if validation is None else [store, validation]
+
+    return TrainingData(
+        training_rows=training,
+        held_out_rows=checked[:: max(step, 1)],
+        size=np.concatenate([one.num_agents + one.num_pieces // 16 for one in stores]),
+        batch=batch,
+        augment=augmented_scenes,
+    )
+
+
+def held_out_scenes(group: np.ndarray, share: float, seed: int) -> np.ndarray:
+    """Which scenes [N] are not trained on: whole networks or cities, by chance.
+
+    Scenes here and there, where no network or city is small enough.
+    """
+    room = share * len(group)
+    held_out = np.zeros(len(group), bool)
+    names, place, counts = np.unique(group, return_inverse=True, return_counts=True)
+    random = np.random.default_rng([seed, 5])
+    for index in random.permutation(len(names)):
+        if counts[index] <= room:
+            held_out |= place == index
+            room -= counts[index]
+    if not held_out.any():
+        held_out[random.permutation(len(group))[: int(share * len(group))]] = True
+    return held_out

@@ -1,0 +1,1 @@
+"""A training run: its settings, folder, state, curves and model card."""

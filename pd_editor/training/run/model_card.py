@@ -1,0 +1,51 @@
+"""What is told of a model beside its weights."""
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from pd_editor.diffusion.checkpoints.model_folder import StageKind, TrainedStage
+from pd_editor.training.run.run_folder import CURVES_NAME
+
+LICENCE_OF_RECORDED: Final = (
+    "**Licence.** These weights were trained on recordings. If they are of Argoverse 2, "
+    "its licence, CC BY-NC-SA 4.0, holds for what is made of them: no commercial use, "
+    "attribution to Argoverse 2 (Wilson et al., 2021), and the same licence when they are "
+    "passed on."
+)
+CARD_NAME: Final = "MODEL_CARD.md"
+
+
+def card_of(name: str, stages: Mapping[str, TrainedStage]) -> str:
+    """The facts that are known from training, as Markdown."""
+    lines = [f"# {name}", "", "Weights in float16; `config.json` has their hashes.", ""]
+    lines += [
+        "| stage | parameters | data | scenes | steps | minutes | held-out loss |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for key, stage in sorted(stages.items()):
+        told = stage.about
+        parameters = sum(one.numel() for one in stage.model.parameters())
+        cells = [
+            key,
+            f"{parameters:,}",
+            " + ".join(told.get("roots", [])),
+            *(str(told.get(one)) for one in ("scenes", "steps", "minutes")),
+            str(told.get("held_out_loss")),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    if any(stage.about.get("is_recorded") for stage in stages.values()):
+        lines += ["", LICENCE_OF_RECORDED]
+    return "\n".join(lines) + "\n"
+
+
+def copied_curves(run: Path, folder: Path, kind: StageKind) -> list[Path]:
+    """The picture of a run's losses, beside the weights; none if there is none."""
+    source = run / CURVES_NAME
+    if not source.is_file():
+        return []
+    target = folder / f"{Path(kind.file_name).stem}_loss.png"
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
+    return [target]

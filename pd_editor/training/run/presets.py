@@ -1,0 +1,85 @@
+"""Settings that are known to work, by the hardware they are for."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
+
+from pd_editor.diffusion.initial_state.denoiser import InitialStateConfig
+from pd_editor.diffusion.initial_state.loss import InitialStateLossConfig
+from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
+from pd_editor.diffusion.trajectory.loss import TrajectoryLossConfig
+from pd_editor.training.run.run_config import Optimisation
+
+PresetName = Literal["default", "gpu", "av2", "tiny"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preset:
+    """Size of a network, how it is trained, and for how long."""
+
+    model: Mapping[str, Any]
+    optimisation: Optimisation
+    minutes: float
+    windows: int = 1
+    """Current steps at which each scenario of Argoverse 2 is seen."""
+
+
+LOSSES: Final[Mapping[str, type[Any]]] = {
+    "traj": TrajectoryLossConfig,
+    "init": InitialStateLossConfig,
+}
+"""Settings of each stage's loss; the defaults are those of all presets."""
+PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
+    "traj": {
+        "default": Preset(
+            model=asdict(TrajectoryConfig()),
+            optimisation=Optimisation(batch_size=16, learning_rate=1.5e-3),
+            minutes=20.0,
+        ),
+        "gpu": Preset(
+            model=asdict(TrajectoryConfig(width=192, num_blocks=4)),
+            optimisation=Optimisation(batch_size=256, learning_rate=1.5e-3),
+            minutes=12.0,
+        ),
+        "av2": Preset(
+            model=asdict(TrajectoryConfig()),
+            optimisation=Optimisation(
+                batch_size=64, learning_rate=5e-4, ema_decay=0.9995
+            ),
+            minutes=240.0,
+            windows=5,
+        ),
+        "tiny": Preset(
+            model=asdict(
+                TrajectoryConfig(width=32, num_heads=4, num_blocks=1, edge_width=16)
+            ),
+            optimisation=Optimisation(batch_size=4, warmup_steps=10, ema_decay=0.98),
+            minutes=1.0,
+        ),
+    },
+    "init": {
+        "default": Preset(
+            model=asdict(InitialStateConfig()),
+            optimisation=Optimisation(batch_size=16, learning_rate=2e-3),
+            minutes=30.0,
+        ),
+        "gpu": Preset(
+            model=asdict(InitialStateConfig(width=192, num_layers=4)),
+            optimisation=Optimisation(batch_size=192, learning_rate=1.5e-3),
+            minutes=15.0,
+        ),
+        "av2": Preset(
+            model=asdict(InitialStateConfig()),
+            optimisation=Optimisation(
+                batch_size=64, learning_rate=5e-4, ema_decay=0.9995
+            ),
+            minutes=240.0,
+            windows=5,
+        ),
+        "tiny": Preset(
+            model=asdict(InitialStateConfig(width=32, num_layers=1, relation_width=16)),
+            optimisation=Optimisation(batch_size=4, warmup_steps=10, ema_decay=0.98),
+            minutes=1.0,
+        ),
+    },
+}

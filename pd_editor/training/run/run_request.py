@@ -1,0 +1,118 @@
+"""What somebody asks of a run, and the settings that come of it."""
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+import torch
+
+from pd_editor.errors import TrainingError
+from pd_editor.training.run.presets import LOSSES, PRESETS, PresetName
+from pd_editor.training.run.run_config import Budget, Precision, RunConfig
+
+StageName = Literal["init", "traj"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRequest:
+    """Settings of a run; None leaves the choice to the program."""
+
+    stage: StageName
+    data: tuple[str, ...] | None = None
+    """Absolute paths of roots."""
+    weights: tuple[float, ...] | None = None
+    preset: PresetName | None = None
+    minutes: float | None = None
+    steps: int | None = None
+    batch_size: int | None = None
+    learning_rate: float | None = None
+    precision: Precision | None = None
+    seed: int | None = None
+    start: str | None = None
+    """Absolute path of a model."""
+    validate: tuple[str, ...] | None = None
+    """Absolute paths of roots."""
+    windows: int | None = None
+    copies: int | None = None
+
+
+def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
+    """Settings of a new run.
+
+    Raises:
+        TrainingError: they make no sense, or there is no data.
+    """
+    if not request.data:
+        raise TrainingError(
+            "No data was given; expected --data with the root of an Argoverse 2 "
+            "dataset or a folder of synthetic shards."
+        )
+    preset = PRESETS[request.stage][request.preset or ("gpu" if is_gpu else "default")]
+    own = {"batch_size": request.batch_size, "learning_rate": request.learning_rate}
+    asked = {name: one for name, one in own.items() if one is not None}
+    return RunConfig(
+        stage=request.stage,
+        data=request.data,
+        weights=request.weights or (),
+        seed=request.seed or 0,
+        precision=request.precision or fast_precision(is_gpu=is_gpu),
+        model=preset.model,
+        loss=asdict(LOSSES[request.stage]()),
+        start=request.start or "",
+        validate=request.validate or (),
+        windows=request.windows or preset.windows,
+        copies=request.copies or 1,
+        optimisation=replace(preset.optimisation, **asked),
+        budget=_asked_budget(Budget(minutes=preset.minutes), request),
+    )
+
+
+def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
+    """Settings of a run that goes on: the earlier ones, perhaps for another time.
+
+    Raises:
+        TrainingError: other settings are asked for.
+    """
+    same: dict[str, tuple[Any, Any]] = {
+        "stage": (request.stage, earlier.stage),
+        "data": (request.data, earlier.data),
+        "weights": (request.weights, earlier.weights),
+        "preset": (
+            None if request.preset is None else _model_of(request),
+            earlier.model,
+        ),
+        "batch-size": (request.batch_size, earlier.optimisation.batch_size),
+        "learning-rate": (request.learning_rate, earlier.optimisation.learning_rate),
+        "precision": (request.precision, earlier.precision),
+        "seed": (request.seed, earlier.seed),
+        "from": (request.start, earlier.start),
+        "validate": (request.validate, earlier.validate),
+        "windows": (request.windows, earlier.windows),
+        "copies": (request.copies, earlier.copies),
+    }
+    other = [name for name, (new, old) in same.items() if new not in (None, old)]
+    if other:
+        raise TrainingError(
+            f"The run was begun with another {' and '.join(other)}; leave that out to "
+            "go on with it, or begin a new run."
+        )
+    return replace(earlier, budget=_asked_budget(earlier.budget, request))
+
+
+def fast_precision(*, is_gpu: bool) -> Precision:
+    """bf16 where products in it are much faster than others."""
+    # Older torch does not tell.
+    capabilities = getattr(torch.cpu, "get_capabilities", dict)()
+    return "bf16" if is_gpu or capabilities.get("amx_tile", False) else "32"
+
+
+def _asked_budget(budget: Budget, request: RunRequest) -> Budget:
+    if request.minutes is not None:
+        budget = replace(budget, minutes=request.minutes, steps=None)
+    if request.steps is not None:
+        budget = replace(budget, steps=request.steps)
+    return budget
+
+
+def _model_of(request: RunRequest) -> Any:
+    assert request.preset is not None
+    return PRESETS[request.stage][request.preset].model

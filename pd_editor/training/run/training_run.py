@@ -1,0 +1,334 @@
+"""A training run from data roots to a model folder."""
+
+import importlib.metadata
+import logging
+import math
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+from lightning_fabric import Fabric
+from lightning_fabric.strategies.ddp import DDPStrategy
+
+from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
+from pd_editor.diffusion.checkpoints.tensor_file import config_from_json, write_whole
+from pd_editor.diffusion.defaults import DeviceName
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.errors import TrainingError
+from pd_editor.features.feature_store import FeatureStore
+from pd_editor.training.data.scenario_source import is_recorded
+from pd_editor.training.data.training_data import (
+    PreparedData,
+    prepared_data,
+    read_basis,
+    training_data,
+    write_basis,
+)
+from pd_editor.training.run.loss_curves import loss_curves_png
+from pd_editor.training.run.run_config import Precision, RunConfig
+from pd_editor.training.run.run_folder import RunFolder
+from pd_editor.training.run.run_request import RunRequest, continued_config, new_config
+from pd_editor.training.run.stop_request import stop_requests
+from pd_editor.training.run.training_state import Standing
+from pd_editor.training.run.warm_start import basis_of, start_from, starting_model
+from pd_editor.training.stage_objective import STAGES
+from pd_editor.training.train_loop import TrainingProgress, TrainLoop
+from pd_editor.work_engine.work_engine import WorkProgress
+
+MAX_DEVICES: Final = 64
+MAX_THREADS: Final = 1_024
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hardware:
+    """Where a run computes."""
+
+    device: DeviceName = "auto"
+    num_devices: int = 1
+    """GPUs, or processes on a CPU; a batch is shared out among them."""
+    threads: int | None = None
+    """Of one process on a CPU. None: all cores."""
+
+    def __post_init__(self) -> None:
+        for name, value, most in (
+            ("devices", self.num_devices, MAX_DEVICES),
+            ("threads", self.threads, MAX_THREADS),
+        ):
+            if value is not None and not 1 <= value <= most:
+                raise TrainingError(f"--{name} is {value}; expected 1 to {most}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOutcome:
+    """What a run has come to."""
+
+    folder: Path
+    model: Path
+    standing: Standing
+    held_out_loss: float
+    """NaN if nothing was held out, or validated since it was resumed."""
+    num_scenes: int
+    num_left_out: int
+    is_stopped: bool
+    """Whether it was stopped before the budget was spent."""
+    is_first: bool
+    """Whether this is the process that speaks for all."""
+
+
+def has_gpu(hardware: Hardware) -> bool:
+    """Whether to compute on GPUs.
+
+    Raises:
+        TrainingError: they are asked for, and there are none or not as many.
+    """
+    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if hardware.device == "cuda" and not count:
+        raise TrainingError(
+            "A GPU was asked for, but none can be used here; train with --device cpu, "
+            "or check the driver and that torch is built for CUDA."
+        )
+    if hardware.device == "cpu" or not count:
+        return False
+    if hardware.num_devices > count:
+        raise TrainingError(
+            f"{hardware.num_devices} GPUs were asked for; there are {count}."
+        )
+    return True
+
+
+def _fabric(hardware: Hardware, precision: Precision, *, is_gpu: bool) -> Fabric:
+    """The devices, ready to compute; from here on one process for each."""
+    if hardware.threads is not None:
+        torch.set_num_threads(hardware.threads)
+    # It says at each start which precision it was told to use.
+    logging.getLogger("lightning_fabric").setLevel(logging.WARNING)
+    fabric = Fabric(
+        accelerator="cuda" if is_gpu else "cpu",
+        devices=hardware.num_devices,
+        precision="bf16-mixed" if precision == "bf16" else "32-true",
+        # The first process may prepare data for hours while the others wait.
+        strategy=DDPStrategy(timeout=timedelta(days=2))
+        if hardware.num_devices > 1
+        else "auto",
+    )
+    fabric.launch()
+    return fabric
+
+
+def run_asked_for(
+    request: RunRequest,
+    folder: Path,
+    cache: Path,
+    hardware: Hardware,
+    *,
+    resume: bool = False,
+    on_preparation: Callable[[WorkProgress], None] | None = None,
+    on_progress: Callable[[TrainingProgress], None] = lambda _: None,
+) -> RunOutcome:
+    """Prepare the data, train, and leave a model in the run's folder.
+
+    Args:
+        request: What is wanted of the run.
+        folder: New, or that of the run that goes on.
+        cache: Prepared scenes are kept below it.
+        hardware: Where it computes.
+        resume: Go on where the folder's checkpoint stands.
+        on_preparation: Told how far the preparation of the data is.
+        on_progress: Told how far the training is.
+
+    Raises:
+        PdEditorError: data, folder or hardware cannot be used, or training failed.
+    """
+    run = RunFolder(folder)
+    is_gpu = has_gpu(hardware)
+    if resume:
+        config = continued_config(run.config(), request)
+    else:
+        config = new_config(request, is_gpu=is_gpu)
+        run.check_free()
+    fabric = _fabric(hardware, config.precision, is_gpu=is_gpu)
+    # The first process prepares and begins; the others find what it has left.
+    if fabric.is_global_zero:
+        _begin(config, run, cache, resume=resume, on_preparation=on_preparation)
+    fabric.barrier()
+    prepared = _prepared(config, cache, _kept_basis(run))
+    return _train(config, run, prepared, fabric, on_progress)
+
+
+def _train(
+    config: RunConfig,
+    run: RunFolder,
+    prepared: "_Prepared",
+    fabric: Fabric,
+    on_progress: Callable[[TrainingProgress], None],
+) -> RunOutcome:
+    stage = STAGES[config.stage]
+    model_config = config_from_json(stage.kind.config_type, config.model, run.path)
+    model = stage.fresh_model(model_config, prepared.data.basis, config.seed)
+    sampling: Mapping[str, Any] = {}
+    if config.start:
+        earlier = starting_model(Path(config.start)).stage(config.stage)
+        sampling = earlier.sampling
+        if not run.state_path.exists():
+            start_from(model, earlier.model.state_dict(), config.start)
+    stage.take_in(model, prepared.data.store)
+    loop = TrainLoop(
+        config,
+        model,
+        stage.loss(config.loss),
+        training_data(
+            prepared.data.store, config.budget, config.seed, prepared.validation
+        ),
+        run,
+        fabric,
+    )
+    if run.state_path.exists():
+        loop.resume()
+
+    def write_results() -> None:
+        trained = TrainedStage(
+            kind=stage.kind,
+            config=model_config,
+            model=loop.averaged_model,
+            sampling=sampling or stage.kind.default_sampling(),
+            about=_about(config, prepared.data, loop),
+        )
+        save_model(run.model_path, {stage.kind.name: trained})
+        write_curves(run, config)
+
+    with stop_requests() as is_stopped:
+        for progress in loop.run(is_stopped=is_stopped, on_checkpoint=write_results):
+            if fabric.is_global_zero:
+                on_progress(progress)
+        return RunOutcome(
+            folder=run.path,
+            model=run.model_path,
+            standing=loop.standing,
+            held_out_loss=loop.held_out_loss,
+            num_scenes=len(prepared.data.store),
+            num_left_out=prepared.data.num_left_out,
+            is_stopped=is_stopped(),
+            is_first=fabric.is_global_zero,
+        )
+
+
+def write_curves(run: RunFolder, config: RunConfig) -> None:
+    """Draw the losses of a run that has logged some."""
+    entries = run.logged()
+    if entries:
+        title = f"{config.stage}: {run.path.name}"
+        write_whole(run.curves_path, loss_curves_png(entries, title))
+
+
+def _begin(
+    config: RunConfig,
+    run: RunFolder,
+    cache: Path,
+    *,
+    resume: bool,
+    on_preparation: Callable[[WorkProgress], None] | None,
+) -> None:
+    """Prepare the data, and make the run's folder or check it against the data."""
+    basis = _kept_basis(run)
+    if config.start and not resume:
+        basis = basis_of(starting_model(Path(config.start)))
+    prepared = _prepared(config, cache, basis, on_preparation).data
+    data = {
+        "fingerprint": prepared.store.fingerprint,
+        "scenes": len(prepared.store),
+        "left_out": prepared.num_left_out,
+        "networks": len(set(prepared.store.group.tolist())),
+        "version": importlib.metadata.version("pd-editor"),
+    }
+    if resume:
+        run.go_on(config, data)
+    else:
+        run.begin(config, data)
+        if basis is not None:
+            write_basis(run.basis_path, basis)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Prepared:
+    data: PreparedData
+    validation: FeatureStore | None
+
+
+def _prepared(
+    config: RunConfig,
+    cache: Path,
+    basis: TrajectoryBasis | None,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> _Prepared:
+    """The data, and that of the roots that are held out, on one basis."""
+    data = prepared_data(
+        _roots(config.data),
+        cache,
+        basis=basis,
+        copies=config.copies,
+        windows=config.windows,
+        on_progress=on_progress,
+    )
+    if not config.validate:
+        return _Prepared(data=data, validation=None)
+    # Held-out scenes are as they were recorded, and at their own current step.
+    held_out = prepared_data(
+        _roots(config.validate), cache, basis=data.basis, augmentation=None
+    )
+    return _Prepared(data=data, validation=held_out.store)
+
+
+def _kept_basis(run: RunFolder) -> TrajectoryBasis | None:
+    return read_basis(run.basis_path) if run.basis_path.exists() else None
+
+
+def _commit() -> str:
+    """The commit of the code, where it runs from a checkout."""
+    try:
+        found = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            cwd=Path(__file__).parent,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return found.stdout.strip()
+
+
+def _roots(roots: Sequence[str]) -> list[Path]:
+    return [Path(root) for root in roots]
+
+
+def _about(
+    config: RunConfig,
+    prepared: PreparedData,
+    loop: TrainLoop,
+) -> Mapping[str, Any]:
+    """How the weights came to be, as it is stored with them."""
+    held_out = loop.held_out_loss
+    return {
+        "steps": loop.standing.step,
+        "minutes": round(loop.standing.trained_s / 60, 2),
+        "held_out_loss": None if math.isnan(held_out) else round(held_out, 6),
+        "scenes": len(prepared.store),
+        "roots": [Path(root).name for root in config.data],
+        "validate": [Path(root).name for root in config.validate],
+        "windows": config.windows,
+        "is_recorded": any(map(is_recorded, _roots(config.data))),
+        "data_fingerprint": prepared.store.fingerprint,
+        "batch_size": config.optimisation.batch_size,
+        "loss": dict(config.loss),
+        "precision": config.precision,
+        "seed": config.seed,
+        "start": Path(config.start).name,
+        "copies": config.copies,
+        "commit": _commit(),
+        "version": importlib.metadata.version("pd-editor"),
+    }

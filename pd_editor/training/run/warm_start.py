@@ -1,0 +1,63 @@
+"""A run that starts from the weights of a model instead of fresh ones."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from pd_editor.diffusion.checkpoints.model_folder import TrainedModel, load_model
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.diffusion.stages import STAGE_KINDS, TRAJECTORIES
+from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.errors import TrainingError
+from pd_editor.training.run.run_folder import MODEL_NAME
+
+
+def starting_model(folder: Path) -> TrainedModel:
+    """The model of a folder, which may be that of a run.
+
+    Raises:
+        ModelError: it holds no model.
+    """
+    inner = folder / MODEL_NAME
+    return load_model(inner if inner.is_dir() else folder, STAGE_KINDS)
+
+
+def basis_of(model: TrainedModel) -> TrajectoryBasis | None:
+    """The trajectory basis of a model; None without the stage of trajectories."""
+    stage = model.stages.get(TRAJECTORIES.name)
+    if stage is None:
+        return None
+    assert isinstance(stage.model, TrajectoryDenoiser)
+    return stage.model.decoder.basis
+
+
+def start_from(model: nn.Module, earlier: Mapping[str, Tensor], source: object) -> None:
+    """Give a network the weights of an earlier one that it has outgrown.
+
+    Tensors of the same name and shape are copied. Of one that has grown, the earlier
+    part is copied; new columns, which are new inputs, are zero, so that they change
+    nothing at first; new rows, which are new outputs, stay fresh.
+
+    Raises:
+        TrainingError: a tensor has shrunk, or has other axes.
+    """
+    own = model.state_dict()
+    with torch.no_grad():
+        for name, old in earlier.items():
+            new = own.get(name)
+            if new is None:
+                continue
+            grown = new.ndim == old.ndim and all(
+                mine >= theirs
+                for mine, theirs in zip(new.shape, old.shape, strict=False)
+            )
+            if not grown:
+                raise TrainingError(
+                    f"{source}: {name} is of shape {tuple(old.shape)}, and this network "
+                    f"has {tuple(new.shape)}; a run can start from smaller networks only."
+                )
+            if new.ndim == 2:
+                new[: old.shape[0], old.shape[1] :] = 0
+            new[tuple(slice(size) for size in old.shape)] = old.to(new)

@@ -1,0 +1,115 @@
+"""How each stage is trained: its network on the data's basis, and its loss."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import torch
+from torch import nn
+
+from pd_editor.diffusion.checkpoints.model_folder import StageKind, made_model
+from pd_editor.diffusion.checkpoints.tensor_file import config_from_json
+from pd_editor.diffusion.initial_state.agent_count_prior import (
+    MOST_ROWS,
+    fit_agent_counts,
+)
+from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.loss import initial_state_loss
+from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
+from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.loss import (
+    TrajectoryLossConfig,
+    trajectory_loss,
+)
+from pd_editor.features.feature_store import FeatureStore
+from pd_editor.training.run.presets import LOSSES
+from pd_editor.training.train_loop import Loss
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """One of the model's stages, as it is trained."""
+
+    kind: StageKind
+    loss_type: type[Any]
+    """Flat dataclass of plain values with defaults, the last argument of the loss."""
+    configured_loss: Callable[
+        [Any, Any, torch.Generator, float, Any],
+        tuple[torch.Tensor, Mapping[str, torch.Tensor]],
+    ]
+    with_basis: Callable[[Any, TrajectoryBasis], nn.Module]
+    """A fresh network for latents of a basis."""
+
+    take_in: Callable[[nn.Module, FeatureStore], None] = lambda _model, _store: None
+    """Keeps in the network what it is to know of the data besides its weights."""
+
+    def loss(self, settings: Mapping[str, Any]) -> Loss:
+        """The loss by its settings; those that are not given are as usual.
+
+        Raises:
+            ModelError: a setting is unknown or holds something else.
+        """
+        usual = asdict(self.loss_type())
+        config = config_from_json(self.loss_type, usual | dict(settings), "loss")
+
+        def loss(
+            model: Any, batch: Any, random: torch.Generator, progress: float
+        ) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
+            return self.configured_loss(model, batch, random, progress, config)
+
+        return loss
+
+    def fresh_model(self, config: Any, basis: TrajectoryBasis, seed: int) -> nn.Module:
+        """The network before training; the seed decides its weights."""
+        kind = StageKind(
+            name=self.kind.name,
+            file_name=self.kind.file_name,
+            config_type=self.kind.config_type,
+            make_model=lambda given: self.with_basis(given, basis),
+        )
+        return made_model(kind, config, seed=seed)
+
+
+def _count_agents(model: nn.Module, store: FeatureStore) -> None:
+    assert isinstance(model, InitialStateDenoiser)
+    step = -(-len(store) // MOST_ROWS)
+    scenes = (store[index] for index in range(0, len(store), max(step, 1)))
+    model.set_agent_counts(fit_agent_counts(scenes))
+
+
+def _trajectory_loss(
+    model: nn.Module,
+    batch: SceneTensors,
+    random: torch.Generator,
+    _progress: float,
+    config: TrajectoryLossConfig,
+) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
+    assert isinstance(model, TrajectoryDenoiser)
+    return trajectory_loss(model, batch, random, config)
+
+
+STAGES: Final[Mapping[str, Stage]] = {
+    "init": Stage(
+        kind=INITIAL_STATES,
+        loss_type=LOSSES["init"],
+        configured_loss=initial_state_loss,
+        with_basis=lambda config, _: INITIAL_STATES.make_model(config),
+        take_in=_count_agents,
+    ),
+    "traj": Stage(
+        kind=TRAJECTORIES,
+        loss_type=LOSSES["traj"],
+        configured_loss=_trajectory_loss,
+        with_basis=TrajectoryDenoiser,
+    ),
+}
+
+
+def augmented_scenes(scene: SceneTensors, random: torch.Generator) -> SceneTensors:
+    """Scenes turned at random, and mirrored half of the time."""
+    turn = torch.rand(scene.num_scenes, generator=random) * 2 * torch.pi
+    if torch.rand((), generator=random) < 0.5:
+        scene = scene.mirrored()
+    return scene.rotated(turn.to(scene.agent_pose))

@@ -1,1 +1,0 @@
-"""Windows of traffic: what a model is trained on, and what it sees of a scene."""

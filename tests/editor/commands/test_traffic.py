@@ -1,0 +1,295 @@
+"""Taking over what a generator drew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.commands import (
+    DeleteAgents,
+    DuplicateAgents,
+    PlaceAgent,
+    RemoveAllAgents,
+    ReplaceTraffic,
+    RequestSummary,
+    new_agent_id,
+    new_agent_ids,
+    traffic_command,
+)
+from pd_editor.editor.commands.edit_limits import MAX_POSITION_M
+from pd_editor.editor.recipe import replay
+from pd_editor.editor.session import EditorSession
+from pd_editor.errors import EditError, GenerationError
+from pd_editor.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    TrafficSample,
+    run_to_end,
+)
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.traffic_choice import road_user_ids
+from tests.editor.command_strategies import ABSENT_ID, busy_scenario
+from tests.editor.fake_generators import DriftGenerator, PlacingGenerator
+
+BASE = busy_scenario()
+NOW = BASE.current_step
+REQUEST = GenerationRequest(scenario=BASE, agent_ids=("104", "100"), seed=3)
+
+
+def traffic() -> GeneratedTraffic:
+    return run_to_end(DriftGenerator().generate(REQUEST))
+
+
+def test_futures_are_replaced_and_all_else_stays():
+    drawn = traffic()
+    result = traffic_command(REQUEST, drawn).apply(BASE)
+    rows = BASE.agents.rows(REQUEST.agent_ids)
+    sample = drawn.samples[0]
+    for name in ("position_m", "heading_rad", "velocity_mps"):
+        after, before = getattr(result.agents, name), getattr(BASE.agents, name)
+        assert (after[:, : NOW + 1] == before[:, : NOW + 1]).all()
+        assert np.allclose(
+            after[rows, NOW + 1 :], getattr(sample, name)[:, 1:], atol=1e-4
+        )
+    assert result.agents.is_valid[rows, NOW:].all()
+    assert result.agents.ids == BASE.agents.ids
+    assert result.provenance.notes == (
+        "Motion of 2 agents was drawn by drift, seed 3.",
+    )
+
+
+def test_new_agents_have_no_past_and_no_score():
+    drawn = traffic().samples[0]
+    sample = replace(
+        drawn, ids=("104", "new"), kinds=(AgentKind.VEHICLE, AgentKind.BUS)
+    )
+    command = ReplaceTraffic(
+        sample=sample,
+        generator="test",
+        request=RequestSummary(agent_ids=("104",), num_new_agents={AgentKind.BUS: 1}),
+    )
+    agents = command.apply(BASE).agents
+    row = agents.row_of["new"]
+    assert agents.kinds[row] is AgentKind.BUS
+    assert agents.categories[row] is AgentCategory.UNSCORED
+    assert agents.has_known_size[row]
+    assert not agents.is_valid[row, :NOW].any()
+    assert agents.is_valid[row, NOW:].all()
+    assert np.allclose(agents.position_m[row, NOW:], sample.position_m[1], atol=1e-3)
+
+
+def test_a_redrawn_state_drops_the_past():
+    drawn = traffic().samples[0]
+    moved = replace(drawn, position_m=drawn.position_m + np.array([0.0, 2.0]))
+    command = replace(traffic_command(REQUEST, traffic()), sample=moved)
+    agents = command.apply(BASE).agents
+    rows = agents.rows(REQUEST.agent_ids)
+    assert not agents.is_valid[rows, :NOW].any()
+    assert not agents.observed[rows].any()
+    assert np.allclose(agents.position_m[rows, NOW:], moved.position_m, atol=1e-3)
+
+
+def test_an_agent_that_was_absent_comes_into_being():
+    sample = replace(traffic().samples[0], ids=("104", ABSENT_ID))
+    request = RequestSummary(agent_ids=("104", ABSENT_ID))
+    command = ReplaceTraffic(sample=sample, generator="test", request=request)
+    agents = command.apply(BASE).agents
+    row = agents.row_of[ABSENT_ID]
+    assert (agents.is_valid[row] == (np.arange(110) >= NOW)).all()
+
+
+def test_new_agents_take_the_place_of_all_and_one_becomes_focal():
+    drawn = traffic().samples[0]
+    sample = replace(drawn, ids=("new-1", "new-2"))
+    summary = RequestSummary(
+        agent_ids=(),
+        num_new_agents={AgentKind.VEHICLE: 2},
+        removed_ids=BASE.agents.ids,
+    )
+    assert not len(summary.request(BASE, 0).scenario.agents)
+    command = ReplaceTraffic(sample=sample, generator="test", request=summary)
+    assert command.label.startswith("Resample 2 agents")
+    result = command.apply(BASE)
+    assert result.agents.ids == ("new-1", "new-2")
+    focal = BASE.agents.position_m[BASE.agents.row_of[BASE.focal_id], NOW]
+    gap = np.linalg.norm(sample.position_m[:, 0] - focal, axis=-1)
+    assert result.focal_id == sample.ids[int(np.argmin(gap))]
+    row = result.agents.row_of[result.focal_id]
+    assert result.agents.categories[row] is AgentCategory.FOCAL
+    assert sum(one is AgentCategory.FOCAL for one in result.agents.categories) == 1
+
+
+def resampled(scenario, generator=None, **asked):
+    """The scenario with all road users replaced by a row of new vehicles."""
+    removed = road_user_ids(scenario)
+    request = GenerationRequest(
+        scenario=scenario.without_agents(removed),
+        agent_ids=(),
+        num_new_agents={AgentKind.VEHICLE: 3},
+        **asked,
+    )
+    traffic = run_to_end((generator or PlacingGenerator()).generate(request))
+    return traffic_command(request, traffic, removed_ids=removed).apply(scenario)
+
+
+def test_a_second_resample_reuses_no_id_and_finds_a_focal_agent_of_its_own():
+    """(D2): the focal agent's name was given to another car, which stayed unscored."""
+    once = resampled(BASE)
+    twice = resampled(once)
+    assert once.agents.ids == ("new-1", "new-2", "new-3")
+    assert twice.agents.ids == ("new-4", "new-5", "new-6")
+    for result in (once, twice):
+        row = result.agents.row_of[result.focal_id]
+        focal = [one is AgentCategory.FOCAL for one in result.agents.categories]
+        assert focal.count(True) == 1
+        assert focal[row]
+    assert twice.provenance.notes[-1].endswith("is the focal agent now.")
+
+
+def test_an_id_is_never_given_twice_in_a_history():
+    """(D2): neither to placed agents, nor to copies, nor after a deletion."""
+    session = EditorSession(BASE)
+    had: set[str] = set()
+    for _ in range(3):
+        name = new_agent_id(session.scenario)
+        copies = new_agent_ids(session.scenario, 1, "copy")
+        assert not had & {name, *copies}
+        had |= {name, *copies}
+        session.apply(DuplicateAgents(agent_ids=("101",), new_ids=copies))
+        session.apply(
+            PlaceAgent(
+                agent_id=name,
+                kind=AgentKind.VEHICLE,
+                x_m=5.0,
+                y_m=0.0,
+                heading_rad=0.0,
+                speed_mps=5.0,
+            )
+        )
+        session.apply(DeleteAgents(agent_ids=(name, *copies)))
+    assert replay(session.recipe(), BASE).retired_ids == had
+
+
+def test_recipes_that_use_an_id_again_still_open_and_their_focal_agent_is_one():
+    """(D2): such as were written before ids were unique."""
+    sample = replace(traffic().samples[0], ids=("new-1", "new-2"))
+
+    def command(removed: tuple[str, ...]) -> ReplaceTraffic:
+        summary = RequestSummary(agent_ids=(), removed_ids=removed)
+        return ReplaceTraffic(sample=sample, generator="test", request=summary)
+
+    once = command(BASE.agents.ids).apply(BASE)
+    twice = command(once.agents.ids).apply(once)
+    row = twice.agents.row_of[twice.focal_id]
+    assert twice.agents.categories[row] is AgentCategory.FOCAL
+
+
+def test_traffic_that_would_take_a_kept_agents_id_is_refused():
+    sample = replace(traffic().samples[0], ids=("101", "new-2"))
+    summary = RequestSummary(agent_ids=(), num_new_agents={AgentKind.VEHICLE: 2})
+    command = ReplaceTraffic(sample=sample, generator="test", request=summary)
+    with pytest.raises(EditError, match="already an agent '101'"):
+        command.apply(BASE)
+
+
+def test_an_ego_that_is_removed_is_noted():
+    """(D6): the ego was gone after a resample, and nothing said so."""
+    agents = replace(BASE.agents, ids=("AV", *BASE.agents.ids[1:]))
+    base = replace(BASE, agents=agents, focal_id="101")
+    note = "The ego vehicle (AV) was removed."
+    assert note in resampled(base).provenance.notes
+    deleted = DeleteAgents(agent_ids=("AV",)).apply(base)
+    assert deleted.provenance.notes == (note,)
+
+
+def test_the_first_agent_on_a_bare_road_is_the_focal_one():
+    """(D2): an export needs one."""
+    bare = RemoveAllAgents().apply(BASE)
+    place = PlaceAgent(
+        agent_id=new_agent_id(bare),
+        kind=AgentKind.VEHICLE,
+        x_m=5.0,
+        y_m=0.0,
+        heading_rad=0.0,
+        speed_mps=5.0,
+    )
+    placed = place.apply(bare)
+    assert placed.focal_id == place.agent_id
+    assert placed.agents.categories == (AgentCategory.FOCAL,)
+
+
+def test_a_bare_road_gets_traffic_and_a_focal_agent():
+    bare = RemoveAllAgents().apply(BASE)
+    assert not len(bare.agents)
+    assert bare.road_map is BASE.road_map
+    sample = replace(traffic().samples[0], ids=("new-1", "new-2"))
+    summary = RequestSummary(agent_ids=(), num_new_agents={AgentKind.VEHICLE: 2})
+    command = ReplaceTraffic(sample=sample, generator="test", request=summary)
+    assert command.apply(bare).focal_id in sample.ids
+
+
+def test_a_scenario_that_moved_on_is_told():
+    command = traffic_command(REQUEST, traffic())
+    gone = BASE.with_agents(BASE.agents.taken([0, 1, 2, 3]))
+    with pytest.raises(EditError, match="Agent 104 is not in the scenario any more"):
+        command.apply(gone)
+
+
+def other_sample(**changes: np.ndarray | tuple) -> GeneratedTraffic:
+    return replace(traffic(), samples=(replace(traffic().samples[0], **changes),))
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (lambda: replace(traffic(), samples=()), "Sample 0 was asked for, but drift"),
+        (
+            lambda: other_sample(
+                position_m=np.zeros((2, 59, 2)),
+                heading_rad=np.zeros((2, 59)),
+                velocity_mps=np.zeros((2, 59, 2)),
+            ),
+            r"position_m has shape \[2, 59, 2\]; the scenario needs 60",
+        ),
+        (lambda: other_sample(ids=("104", "101")), "drew agent 101, which was to be"),
+        (lambda: other_sample(ids=("104", "104")), "one kind and one id each"),
+        (lambda: other_sample(kinds=(AgentKind.BUS,)), "one kind and one id each"),
+        (
+            lambda: other_sample(ids=("a", "b", "c"), kinds=(AgentKind.BUS,) * 3),
+            r"size_m has shape \[2, 2\], not \[3, 2\]",
+        ),
+    ],
+)
+def test_nonsense_is_refused(answer, message):
+    with pytest.raises(GenerationError, match=message):
+        traffic_command(REQUEST, answer())
+
+
+def test_agents_far_outside_are_refused():
+    far = np.full((2, 60, 2), 2 * MAX_POSITION_M)
+    with pytest.raises(EditError, match="more than 5000 m"):
+        traffic_command(REQUEST, other_sample(position_m=far))
+
+
+def test_the_summary_makes_the_same_request_again():
+    request = replace(
+        REQUEST, num_samples=2, num_denoising_steps=7, num_new_agents={AgentKind.BUS: 2}
+    )
+    twice = replace(traffic(), samples=traffic().samples * 2)
+    command = traffic_command(request, twice, sample_index=1)
+    assert command.request.request(BASE, command.seed) == request
+    assert command.request.sample_index == 1
+
+
+def test_an_empty_sample_changes_nothing():
+    nobody = TrafficSample(
+        ids=(),
+        kinds=(),
+        size_m=np.zeros((0, 2)),
+        position_m=np.zeros((0, 60, 2)),
+        heading_rad=np.zeros((0, 60)),
+        velocity_mps=np.zeros((0, 60, 2)),
+    )
+    summary = RequestSummary(agent_ids=())
+    command = ReplaceTraffic(sample=nobody, generator="test", request=summary)
+    assert command.apply(BASE) is BASE
