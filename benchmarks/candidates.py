@@ -14,7 +14,7 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.paths.lane_graph import lane_graph
 from pd_editor.paths.motion_primitives import candidates
 from pd_editor.paths.nearest_lane import DRIVING_LANES, lanes_near
-from pd_editor.scene.agent_kind import MOVER_KINDS
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
@@ -35,7 +35,7 @@ def full_scenarios() -> list[Scenario]:
 def movers_now(scenario: Scenario, least_mps: float = 0.0) -> np.ndarray:
     """Rows of the movers that exist at the current step, no slower than asked."""
     agents, step = scenario.agents, scenario.current_step
-    wanted = agents.kind_mask(MOVER_KINDS) & agents.is_valid[:, step]
+    wanted = agents.kind_mask(MOTOR_VEHICLE_KINDS) & agents.is_valid[:, step]
     return np.flatnonzero(wanted & (agents.speed_mps()[:, step] >= least_mps))
 
 

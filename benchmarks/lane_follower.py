@@ -14,7 +14,7 @@ from pd_editor.generation import GenerationRequest, run_to_end
 from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
 from pd_editor.lane_follower import LaneFollower
 from pd_editor.paths.nearest_lane import nearest_lanes
-from pd_editor.scene.agent_kind import MOVER_KINDS
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.scenario import Scenario
 
 NUM_SAMPLES = 6
@@ -70,7 +70,7 @@ def rows_to_drive(scenario: Scenario) -> np.ndarray:
     """Movers whose future is logged completely."""
     agents, step = scenario.agents, scenario.current_step
     whole = agents.is_valid[:, step:].all(1)
-    return np.flatnonzero(agents.kind_mask(MOVER_KINDS) & whole)
+    return np.flatnonzero(agents.kind_mask(MOTOR_VEHICLE_KINDS) & whole)
 
 
 def collect(split: str) -> tuple[dict[str, dict[str, np.ndarray]], list[float]]:

@@ -16,7 +16,7 @@ from pd_editor.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.repair import project_to_lanes, retime_futures, separate_overlaps
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.repair.trajectories import Futures
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOVER_KINDS
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
 from pd_editor.scene.scenario import Scenario
 
 REPEATS = 30
@@ -25,7 +25,7 @@ REPEATS = 30
 def shaken(scenario: Scenario, seed: int, spread_m: float = 2.0) -> Scenario:
     """Movers shifted at random, their whole tracks with them."""
     agents = scenario.agents
-    rows = np.flatnonzero(agents.kind_mask(MOVER_KINDS))
+    rows = np.flatnonzero(agents.kind_mask(MOTOR_VEHICLE_KINDS))
     shift = np.random.default_rng(seed).normal(0, spread_m, (len(agents), 1, 2))
     moved = (agents.position_m + shift)[rows] * agents.is_valid[rows][..., None]
     return scenario.with_agents(agents.with_rows(rows, position_m=moved))

@@ -13,7 +13,7 @@ from pd_editor.lane_follower import LaneFollower
 from pd_editor.paths.car_following import following_acceleration
 from pd_editor.paths.lane_graph import lane_graph
 from pd_editor.paths.nearest_lane import nearest_lanes
-from pd_editor.scene.agent_kind import MOVER_KINDS, AgentKind
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, AgentKind
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
@@ -136,7 +136,7 @@ def test_samples_are_reproducible_differ_and_do_not_depend_on_their_number():
 def test_laws_on_real_scenarios(av2_scenario_folders, place):
     scenario = read_scenario(av2_scenario_folders[place])
     agents, step = scenario.agents, scenario.current_step
-    movers = agents.kind_mask(MOVER_KINDS) & agents.is_valid[:, step]
+    movers = agents.kind_mask(MOTOR_VEHICLE_KINDS) & agents.is_valid[:, step]
     rows = np.flatnonzero(movers)
     (sample,) = drive(scenario, *(agents.ids[row] for row in rows))
     assert (sample.position_m[:, 0] == agents.position_m[rows, step]).all()

@@ -1,1 +1,1 @@
-"""The only door to Argoverse 2 files."""
+"""Reading, writing and browsing Argoverse 2 files; no other package touches them."""

@@ -1,6 +1,6 @@
-"""Browsing a folder tree of Argoverse 2 scenarios of any size, bit by bit.
+"""Index of a folder tree of Argoverse 2 scenarios, read lazily.
 
-Nothing is read before it is asked for, and every call may come from another thread.
+Files are read on demand only, and calls are safe from any thread.
 """
 
 import os
@@ -21,12 +21,12 @@ from pd_editor.errors import InputError, ScenarioFileError
 from pd_editor.regular_file import check_path
 
 MAX_DEPTH: Final = 4
-"""Levels of folders below the root that are looked into."""
+"""Levels of folders below the root that are searched."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScenarioCard:
-    """What a list shows of a scenario."""
+    """Summary of a scenario for lists."""
 
     scenario_id: str
     folder: Path
@@ -36,7 +36,7 @@ class ScenarioCard:
 
 @dataclass(frozen=True, kw_only=True)
 class CardFilter:
-    """Which scenarios are wanted; None and the empty text want all."""
+    """Conditions on scenarios; None and the empty text accept all."""
 
     city: str | None = None
     text: str | None = None
@@ -45,11 +45,11 @@ class CardFilter:
     max_agents: int | None = None
 
     def accepts_id(self, scenario_id: str) -> bool:
-        """Whether an id passes; costs no look into the file."""
+        """Whether an id passes the filter; reads no file."""
         return not self.text or self.text.strip().lower() in scenario_id.lower()
 
     def accepts(self, card: ScenarioCard) -> bool:
-        """Whether a scenario passes."""
+        """Whether a scenario passes the filter."""
         return (
             self.accepts_id(card.scenario_id)
             and (not self.city or self.city == card.city)
@@ -60,13 +60,13 @@ class CardFilter:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchStep:
-    """The part of a search that was done."""
+    """Result of one step of a search."""
 
     cards: tuple[ScenarioCard, ...]
     next_start: int
-    """Where to go on."""
+    """Index of the folder at which the next step starts."""
     is_complete: bool
-    """Whether the whole dataset was looked at."""
+    """Whether the whole dataset was searched."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +79,7 @@ class DatasetIndex:
     """The scenarios below a root, in the order of their folders' names."""
 
     def __init__(self, root: Path) -> None:
-        """Open a dataset; nothing is listed yet.
+        """Open a dataset without listing it.
 
         Raises:
             InputError: there is no such folder.
@@ -99,12 +99,12 @@ class DatasetIndex:
 
     @property
     def num_found(self) -> int:
-        """Scenario folders listed so far."""
+        """Number of scenario folders listed so far."""
         return len(self._found)
 
     @property
     def num_skipped(self) -> int:
-        """Folders so far that lack a file, and scenarios that cannot be read."""
+        """Number of folders that lack a file and of unreadable scenarios so far."""
         with self._lock:
             damaged = sum(card is None for card in self._cards.values())
             return self._num_incomplete + damaged
@@ -140,7 +140,7 @@ class DatasetIndex:
     def search(
         self, wanted: CardFilter, start: int = 0, max_folders: int = 100
     ) -> SearchStep:
-        """The wanted scenarios among the next ``max_folders`` folders."""
+        """Search the next ``max_folders`` folders for accepted scenarios."""
         missing = start + max_folders - self.num_found
         if missing > 0:
             self.scan(missing)
@@ -161,7 +161,7 @@ class DatasetIndex:
         min_agents: int | None = None,
         max_agents: int | None = None,
     ) -> Iterator[ScenarioCard]:
-        """The wanted scenarios, each as soon as it is found."""
+        """Yield accepted scenarios as they are found."""
         wanted = CardFilter(
             city=city, text=text, min_agents=min_agents, max_agents=max_agents
         )
@@ -175,7 +175,7 @@ class DatasetIndex:
     def after(
         self, scenario_id: str, wanted: CardFilter | None = None
     ) -> ScenarioCard | None:
-        """The next wanted scenario, None at the end.
+        """Next accepted scenario after a given one; None at the end.
 
         Raises:
             InputError: the given one is not in the dataset.
@@ -191,7 +191,7 @@ class DatasetIndex:
     def before(
         self, scenario_id: str, wanted: CardFilter | None = None
     ) -> ScenarioCard | None:
-        """The previous wanted scenario, None at the start.
+        """Last accepted scenario before a given one; None at the start.
 
         Raises:
             InputError: the given one is not in the dataset.
@@ -209,7 +209,7 @@ class DatasetIndex:
         return self._position_of[scenario_id]
 
     def _card(self, position: int, wanted: CardFilter) -> ScenarioCard | None:
-        """The scenario at a position if it is wanted and can be read."""
+        """Scenario at a position if it is accepted and readable, else None."""
         found = self._found[position]
         if not wanted.accepts_id(found.scenario_id):
             return None
@@ -222,7 +222,7 @@ class DatasetIndex:
 
 
 def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
-    """Scenario folders below a folder; plain paths where a file is missing."""
+    """Yield scenario folders below a folder; plain paths where a file is missing."""
     try:
         with os.scandir(folder) as entries:
             listed = [

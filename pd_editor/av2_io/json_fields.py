@@ -1,4 +1,4 @@
-"""Typed access to the fields of a parsed JSON map; every complaint names its place."""
+"""Typed access to the fields of a parsed JSON map; errors name file and entry."""
 
 import json
 from collections.abc import Mapping
@@ -22,20 +22,20 @@ _Choice = TypeVar("_Choice", bound=StrEnum)
 
 @dataclass(frozen=True, kw_only=True)
 class JsonObject:
-    """A JSON object and where it stands, for example ``x.json: lane 5``."""
+    """A JSON object with its location for errors, for example ``x.json: lane 5``."""
 
     place: str
     fields: Mapping[str, Any]
 
     def error(self, what: str) -> MapFileError:
-        """An error about this object."""
+        """Error that names this object."""
         return MapFileError(f"{self.place}: {what}")
 
     def get(self, name: str) -> Any:
-        """A field that must be there.
+        """Value of a required field.
 
         Raises:
-            MapFileError: it is not.
+            MapFileError: the field is missing.
         """
         if name not in self.fields:
             raise self.error(f"field {name!r} is missing.")
@@ -60,32 +60,32 @@ class JsonObject:
         return found
 
     def integer(self, name: str) -> int:
-        """A whole number."""
+        """Value of a required integer field."""
         value = self.get(name)
         if not _is_id(value):
             raise self.error(f"field {name!r} is {_short(value)}, not a whole number.")
         return value
 
     def optional_integer(self, name: str) -> int | None:
-        """A whole number, or None where the field is null or missing."""
+        """Value of an integer field; None if it is null or missing."""
         return None if self.fields.get(name) is None else self.integer(name)
 
     def integers(self, name: str) -> tuple[int, ...]:
-        """A list of whole numbers."""
+        """Value of a required list of integers."""
         values = self.get(name)
         if not isinstance(values, list) or not all(_is_id(value) for value in values):
             raise self.error(f"field {name!r} is not a list of whole numbers.")
         return tuple(values)
 
     def flag(self, name: str) -> bool:
-        """True or false."""
+        """Value of a required boolean field."""
         value = self.get(name)
         if not isinstance(value, bool):
             raise self.error(f"field {name!r} is {_short(value)}, not true or false.")
         return value
 
     def choice(self, name: str, choices: type[_Choice]) -> _Choice:
-        """One of an enumeration's values."""
+        """Value of a required field as a member of an enumeration."""
         value = self.get(name)
         try:
             return choices(value)
@@ -98,7 +98,7 @@ class JsonObject:
     def points(
         self, name: str, min_points: int, origin_m: Float[np.ndarray, "2"]
     ) -> Float[np.ndarray, "N 3"]:
-        """A list of points {x, y, z}, relative to an origin in the plane."""
+        """Points {x, y, z} of a required list, relative to an origin in the plane."""
         listed = self.get(name)
         try:
             flat = [
@@ -129,12 +129,12 @@ class JsonObject:
         return points
 
     def others(self, known: frozenset[str]) -> dict[str, Any]:
-        """The fields with other names than the known ones."""
+        """Fields whose names are not among the known ones."""
         return {name: self.fields[name] for name in self.fields if name not in known}
 
 
 def parse_json_object(data: bytes, file_name: str) -> JsonObject:
-    """The object that a JSON file holds.
+    """Parse a JSON file that holds one object.
 
     Raises:
         MapFileError: it is no JSON object.

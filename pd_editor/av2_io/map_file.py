@@ -1,4 +1,4 @@
-"""Argoverse 2 vector maps (JSON), read and written."""
+"""Reader and writer of Argoverse 2 vector maps (JSON)."""
 
 import json
 from collections.abc import Callable
@@ -57,7 +57,7 @@ _SECTIONS: Final = {
 def read_map(
     data: bytes, file_name: str, origin_city_m: Float[np.ndarray, "2"]
 ) -> RoadMap:
-    """The map in a JSON file's bytes, in the scene frame with the given origin.
+    """Read a map from a JSON file's bytes into the scene frame with the given origin.
 
     Lanes without a centre line (maps of sensor logs) get the line midway between
     their boundaries. Links may name lanes outside the map.
@@ -138,7 +138,7 @@ def _drivable_area(entry: JsonObject, origin: Float[np.ndarray, "2"]) -> Drivabl
 def midline(
     left: Float[np.ndarray, "L 3"], right: Float[np.ndarray, "R 3"]
 ) -> Float[np.ndarray, "N 3"]:
-    """The line midway between two boundaries, with at least ten points."""
+    """Line midway between two boundaries, with at least ten points."""
     num_points = max(MIN_MIDLINE_POINTS, len(left), len(right))
     fraction = np.linspace(0.0, 1.0, num_points)
     resampled = []
@@ -153,7 +153,7 @@ def midline(
 
 
 def map_bytes(road_map: RoadMap, origin_city_m: Float[np.ndarray, "2"]) -> bytes:
-    """The map as a JSON file's bytes, in the city frame."""
+    """Write a map as a JSON file's bytes, in the city frame."""
 
     def points(line: Float[np.ndarray, "N 3"]) -> list[dict[str, float]]:
         city = line + np.array([*origin_city_m, 0.0])

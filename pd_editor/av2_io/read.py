@@ -1,4 +1,4 @@
-"""An Argoverse 2 scenario folder, read."""
+"""Reader of Argoverse 2 scenario folders."""
 
 import hashlib
 import os
@@ -28,11 +28,11 @@ from pd_editor.scene.scenario import Provenance, Scenario
 MAX_GAP_M: Final = 500.0
 """Largest distance between a map and its tracks."""
 FAR_M: Final = 200.0
-"""An agent further than this from the map is told of."""
+"""Agents further than this from the map get a note."""
 
 
 def read_scenario(folder: Path) -> Scenario:
-    """The scenario in a folder with one track file and one map.
+    """Read the scenario in a folder with one track file and one map.
 
     Raises:
         InputError: a file is missing, damaged, or does not belong to the other one.
@@ -73,9 +73,9 @@ def read_scenario(folder: Path) -> Scenario:
 def read_scenario_bytes(
     parquet: bytes, map_json: bytes, *, name: str, source: str = ""
 ) -> Scenario:
-    """The scenario in the bytes of a track file and a map.
+    """Read a scenario from the bytes of a track file and a map.
 
-    ``name`` is how errors call the scenario; ``source`` is how to open it again.
+    ``name`` identifies the scenario in errors; ``source`` says how to open it again.
 
     Raises:
         InputError: a file is damaged or does not belong to the other one.
@@ -112,7 +112,7 @@ def read_scenario_bytes(
 def _far_from_road(
     road_map: RoadMap, agents: AgentTracks, name: str
 ) -> tuple[str, ...]:
-    """A note on agents far from the map; a map nowhere near the tracks is refused."""
+    """Note agents far from the map; raise if the map is far from all tracks."""
     road = np.concatenate(road_map.polylines)[:, :2]
     tracks = agents.position_m[agents.is_valid]
     gap = np.maximum(

@@ -1,4 +1,4 @@
-"""A track file's parquet table: typed columns, each checked row by row."""
+"""Typed, validated access to the columns of a track file's parquet table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ MAX_COLUMNS: Final = 100
 MAX_MAGNITUDE: Final = 1e6
 """Largest coordinate (m) that is read."""
 _MAX_VALUE_BYTES: Final = 64
-"""Largest value of a type of fixed width that is read."""
+"""Widest fixed-width value that is read."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,13 +35,13 @@ class TrackTable:
         return self.table.num_rows
 
     def error(self, what: str) -> ScenarioFileError:
-        """An error about this file."""
+        """Error that names this file."""
         return ScenarioFileError(f"{self.file_name}: {what}")
 
     def row_error(
         self, column: str, is_bad: Bool[np.ndarray, "R"], expected: str
     ) -> ScenarioFileError:
-        """An error about the first bad row of a column."""
+        """Error that names the first invalid row of a column."""
         row = int(np.argmax(is_bad))
         found = self.table[column][row].as_py()
         track = self.table["track_id"][row].as_py()
@@ -51,7 +51,7 @@ class TrackTable:
         )
 
     def column(self, name: str, expected: str) -> pa.ChunkedArray:
-        """A column that must be there and complete."""
+        """A required column without nulls."""
         if self.table.schema.get_field_index(name) < 0:
             raise self.error(
                 f"column {name!r} is missing; expected an Argoverse 2 motion "
@@ -88,7 +88,7 @@ class TrackTable:
         return values
 
     def integers(self, name: str) -> Int[np.ndarray, "R"]:
-        """A column of whole numbers; some official files store them as floats."""
+        """A column of integers; some official files store them as floats."""
         values = self.numbers(name, "a whole number")
         is_bad = (values != np.rint(values)) | (np.abs(values) > 2**53)
         if is_bad.any():
@@ -107,7 +107,7 @@ class TrackTable:
         return values == 1
 
     def texts(self, name: str) -> tuple[Int[np.ndarray, "R"], tuple[str, ...]]:
-        """Codes per row and the texts that they stand for, by first appearance."""
+        """Code of each row and the texts of the codes, in order of first appearance."""
         column = self.column(name, "a text")
         if not _is_text(column.type):
             raise self.type_error(name, "texts")
@@ -159,7 +159,7 @@ class TrackTable:
         return float(values[0])
 
     def type_error(self, name: str, expected: str) -> ScenarioFileError:
-        """An error about a column's type."""
+        """Error that names a column's type."""
         found = self.table.schema.field(name).type
         return self.error(f"column {name!r} is of type {found}; expected {expected}.")
 
@@ -167,7 +167,7 @@ class TrackTable:
 def open_track_table(
     source: bytes | Path, file_name: str, columns: Sequence[str] | None = None
 ) -> TrackTable:
-    """The table in a parquet file, or some of its columns.
+    """Open the table in a parquet file, or some of its columns.
 
     Texts stay dictionary-encoded, so that a small file cannot unpack to gigabytes.
 
@@ -230,7 +230,7 @@ def _read_within_limits(
     table = file.read(columns=wanted, use_threads=False)
     for name in schema.names:
         if name not in readable and columns is None:
-            # Values of any size: the column is kept by name, so that it is told of.
+            # Values of unlimited size are not read; the name is kept for a note.
             table = table.append_column(
                 schema.field(name), pa.nulls(len(table), schema.field(name).type)
             )
@@ -245,7 +245,7 @@ def _is_text(data_type: pa.DataType) -> bool:
 
 
 def is_readable(data_type: pa.DataType) -> bool:
-    """Whether values take little memory, however few bytes they have in a file."""
+    """Whether values of a type have a bounded size in memory."""
     if _is_text(data_type):
         return True
     if pa.types.is_nested(data_type) or pa.types.is_dictionary(data_type):

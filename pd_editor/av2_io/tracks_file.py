@@ -1,6 +1,6 @@
-"""Argoverse 2 motion forecasting tracks (parquet), read.
+"""Reader of Argoverse 2 motion forecasting tracks (parquet).
 
-One row per track and valid step; ``tracks_writer`` says which columns are our own.
+One row per track and valid step; ``tracks_writer`` lists our additional columns.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from pd_editor.scene.time_axis import TimeAxis
 FIRST_FUTURE_STEP: Final = 50
 """Argoverse 2: steps 0..49 are observed; the state at 50 is where a forecast starts."""
 FAST_MPS: Final = 60.0
-"""A recorded state or a jump that is faster is told of."""
+"""Recorded speeds, and jumps between steps, above this get a note."""
 MAX_HEADING_RAD: Final = 1_000.0
 NOMINAL_STEP_S: Final = 0.1
 
@@ -55,7 +55,7 @@ _ROW_COLUMNS: Final = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TracksFile:
-    """What a track file says."""
+    """Contents of a track file."""
 
     scenario_id: str
     city: str
@@ -70,7 +70,7 @@ class TracksFile:
 
 
 def read_tracks(data: bytes, file_name: str) -> TracksFile:
-    """The tracks in a parquet file's bytes.
+    """Read the tracks from a parquet file's bytes.
 
     Agents come in the order of their first rows. The scene's origin is the focal
     agent's position at the current step in whole metres, so that the change of frame
@@ -106,7 +106,7 @@ def read_tracks(data: bytes, file_name: str) -> TracksFile:
 
 
 def _time_axis(table: TrackTable) -> tuple[TimeAxis, Int[np.ndarray, "R"]]:
-    """The time axis, and the step of each row."""
+    """Time axis, and the step of each row."""
     num_steps = table.one_number("num_timestamps")
     if not (1 <= num_steps <= MAX_STEPS and num_steps == int(num_steps)):
         raise table.error(
@@ -154,7 +154,7 @@ def _current_step(table: TrackTable, step: Int[np.ndarray, "R"], num_steps: int)
 def default_current_step(
     step: Int[np.ndarray, "R"], observed: Bool[np.ndarray, "R"]
 ) -> int:
-    """The current step where a file does not name one."""
+    """Current step of a file that does not store one."""
     if step.max() >= FIRST_FUTURE_STEP:
         return FIRST_FUTURE_STEP
     return int(step[observed].max() if observed.any() else step.max())
@@ -167,7 +167,7 @@ def _check_numbers(
     num_agents: int,
     num_steps: int,
 ) -> None:
-    """Refuse two rows of a track at one step, and tables too large to unfold."""
+    """Raise if a track has two rows at one step, or the table is too large."""
     if num_agents > MAX_AGENTS:
         raise table.error(
             f"it has {num_agents} tracks; at most {MAX_AGENTS} are opened."
@@ -187,7 +187,7 @@ def _check_numbers(
 
 
 def _check_places(table: TrackTable, position: Float[np.ndarray, "R 2"]) -> None:
-    """Refuse tracks that no scene holds together."""
+    """Raise if tracks are too far apart for one scene."""
     for axis, name in enumerate(("position_x", "position_y")):
         middle = float(np.median(position[:, axis]))
         is_bad = np.abs(position[:, axis] - middle) > MAX_POSITION_M
@@ -197,7 +197,7 @@ def _check_places(table: TrackTable, position: Float[np.ndarray, "R 2"]) -> None
 
 
 def _notes_on_speed(agents: AgentTracks, axis: TimeAxis) -> tuple[str, ...]:
-    """A note on agents that no road user could follow; they are kept as recorded."""
+    """Note agents with implausible speeds; they are kept as recorded."""
     both = agents.is_valid[:, 1:] & agents.is_valid[:, :-1]
     moved = np.diff(agents.position_m, axis=1)
     jumps = both & (
@@ -218,7 +218,7 @@ def _notes_on_speed(agents: AgentTracks, axis: TimeAxis) -> tuple[str, ...]:
 
 
 def agents_named(ids: Sequence[str], chosen: Bool[np.ndarray, "A T"]) -> str:
-    """The first of the agents that are chosen at any step, and how many more."""
+    """Name the first agents that are chosen at any step, and the number of others."""
     first, *others = (ids[row] for row in np.flatnonzero(chosen.any(axis=1)).tolist())
     return f"agent {first}" + (f" and {len(others)} more" if others else "")
 
@@ -229,7 +229,7 @@ def _origin(
     is_focal: Bool[np.ndarray, "R"],
     current_step: int,
 ) -> Float[np.ndarray, "2"]:
-    """The focal agent's position nearest to the current step, in whole metres."""
+    """Position of the focal agent nearest to the current step, in whole metres."""
     if not is_focal.any():
         return np.rint(np.median(position, axis=0))
     rows = np.flatnonzero(is_focal)
@@ -283,7 +283,7 @@ def _per_track(
     track: Int[np.ndarray, "R"],
     values: Float[np.ndarray, "R"] | Int[np.ndarray, "R"] | Bool[np.ndarray, "R"],
 ) -> np.ndarray:
-    """The value of each track, which all rows of the track must share."""
+    """Value of each track; all rows of a track must share it."""
     _, first_row = np.unique(track, return_index=True)
     per_track = values[first_row]
     is_bad = values != per_track[track]
@@ -336,7 +336,7 @@ def _sizes(
 
 
 def _other_columns(table: TrackTable) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Unknown scenario-wide columns, and a note on each column that is not kept."""
+    """Unknown scenario-wide columns, and a note for each column that is not kept."""
     known = {*_ROW_COLUMNS, *_SCENARIO_COLUMNS, *_OWN_COLUMNS}
     fields: dict[str, Any] = {}
     notes = []

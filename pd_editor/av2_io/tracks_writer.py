@@ -1,8 +1,7 @@
-"""Argoverse 2 motion forecasting tracks (parquet), written.
+"""Writer of Argoverse 2 motion forecasting tracks (parquet).
 
-Besides the official columns there are ours, which ``av2`` ignores: ``length_m``,
-``width_m`` and ``has_known_size`` always, and ``current_step`` where it does not follow
-from the rows.
+Files have additional columns that ``av2`` ignores: ``length_m``, ``width_m`` and
+``has_known_size`` always, and ``current_step`` where it does not follow from the rows.
 """
 
 import io
@@ -17,7 +16,7 @@ from pd_editor.scene.scenario import Scenario
 
 
 def tracks_bytes(scenario: Scenario) -> bytes:
-    """The scenario's tracks as a parquet file's bytes."""
+    """Write a scenario's tracks as a parquet file's bytes."""
     agents, axis = scenario.agents, scenario.time_axis
     row, step = np.nonzero(agents.is_valid)
     position = agents.position_m[row, step] + scenario.origin_city_m

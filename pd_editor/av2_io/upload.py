@@ -1,4 +1,4 @@
-"""A scenario from files that came through the browser; nothing about them is trusted."""
+"""Reader of uploaded, untrusted scenario files."""
 
 import io
 import re
@@ -27,7 +27,7 @@ MAX_MEMBERS: Final = 1000
 MAX_RATIO: Final = 200
 """Largest unpacked / packed size; map JSON reaches 20."""
 FREE_BYTES: Final = 2**20
-"""Unpacked size up to which the ratio does not matter."""
+"""Unpacked size up to which the ratio is not limited."""
 
 _CHUNK_BYTES: Final = 2**18
 _CENTRAL_HEADER: Final = b"PK\x01\x02"
@@ -46,7 +46,7 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
 
 
 def scenario_from_upload(files: Mapping[str, bytes]) -> Scenario:
-    """The scenario in one zip, or in a track file and a map.
+    """Read a scenario from one zip, or from a track file and a map.
 
     Raises:
         ArchiveError: too large, unsafe, or not exactly one scenario.
@@ -71,7 +71,7 @@ def scenario_from_upload(files: Mapping[str, bytes]) -> Scenario:
 
 
 def file_in_upload(files: Mapping[str, bytes], wanted: str, limit: int) -> bytes | None:
-    """The one file of this name in an upload that was read; None if there is none.
+    """Contents of the file of a given name in an upload; None if there is none.
 
     Raises:
         ArchiveError: it unpacks to more than ``limit`` bytes, or is damaged.
@@ -126,7 +126,7 @@ def _scenario_from_zip(name: str, data: bytes) -> Scenario:
 
 
 def _check_member(member: zipfile.ZipInfo, label: str) -> None:
-    """Refuse names that could lead out of a folder, links, and encryption."""
+    """Raise for names that leave the folder, for links, and for encrypted members."""
     name = member.orig_filename
     is_odd = (
         not name
@@ -145,7 +145,7 @@ def _check_member(member: zipfile.ZipInfo, label: str) -> None:
 
 
 def _choose(names: list[str], label: str) -> tuple[str, str]:
-    """The one track file and the one map among files that are not hidden."""
+    """Names of the only track file and the only map among files that are not hidden."""
     names = [name for name in names if not _base(name).startswith(".")]
     parquets = [name for name in names if name.lower().endswith(".parquet")]
     texts = [name for name in names if name.lower().endswith(".json")]
@@ -168,7 +168,7 @@ def _choose(names: list[str], label: str) -> tuple[str, str]:
 def _unpacked(
     archive: zipfile.ZipFile, member: zipfile.ZipInfo, label: str, room: int
 ) -> bytes:
-    """A member's content, read piece by piece whatever size its header claims."""
+    """Content of a member, read in chunks because its header may lie about the size."""
     if member.compress_type not in _METHODS:
         raise ArchiveError(
             f"{label}: {_shown(member.filename)} is packed with an unusual method; "
@@ -207,7 +207,7 @@ def _base(name: str) -> str:
 
 
 def _shown(name: str) -> str:
-    """A name fit for a message: its last part, short, without control characters."""
+    """Name for a message: its last part, shortened, without control characters."""
     return _CONTROL.sub("?", _base(name))[:60] or "The upload"
 
 

@@ -1,4 +1,4 @@
-"""A scenario as the two files of an Argoverse 2 scenario folder."""
+"""Writer of the two files of an Argoverse 2 scenario folder."""
 
 from pd_editor.av2_io.file_names import is_scenario_id, map_name, tracks_name
 from pd_editor.av2_io.map_file import map_bytes
@@ -8,7 +8,7 @@ from pd_editor.scene.scenario import Scenario
 
 
 def scenario_files(scenario: Scenario) -> dict[str, bytes]:
-    """File names and contents: tracks (parquet), then map (JSON).
+    """Names and contents of a scenario's files: tracks (parquet), then map (JSON).
 
     Raises:
         ExportError: no agent exists at any step, or the id cannot be a file's name.

@@ -1,1 +1,1 @@
-"""One module per format, each from a scenario to files."""
+"""Writing exported files as a zip or a folder."""

@@ -1,4 +1,4 @@
-"""Files in memory as a zip, or as a new folder on disk."""
+"""Writes files in memory as a zip, or as a new folder on disk."""
 
 import contextlib
 import io
@@ -16,9 +16,9 @@ from pd_editor.errors import ExportError
 from pd_editor.exporters.folder_exchange import exchange
 
 RECIPE_NAME: Final = "recipe.json"
-"""The file that every export of ours holds."""
+"""Name of the recipe, which every export contains."""
 LEFT_OVER_S: Final = 600.0
-"""Hidden folders older than this were left by a run that was killed."""
+"""Hidden folders older than this were left behind by a killed process."""
 _NEW: Final = ".new"
 _OLD: Final = ".old"
 _ZIP_TIME: Final = (1980, 1, 1, 0, 0, 0)
@@ -27,7 +27,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
 
 
 def zip_files(files: Mapping[str, bytes], folder_name: str) -> bytes:
-    """The files in one folder of a zip; equal files give equal bytes.
+    """Pack files into one folder of a zip; equal files give equal bytes.
 
     Raises:
         ExportError: a name is not fit for a file.
@@ -39,7 +39,7 @@ def zip_folders(
     folders: Mapping[str, Mapping[str, bytes]],
     beside: Mapping[str, bytes] | None = None,
 ) -> bytes:
-    """Several folders in a zip, and files beside them; equal files give equal bytes.
+    """Pack folders and files beside them into a zip; equal files give equal bytes.
 
     Raises:
         ExportError: a name is not fit for a file.
@@ -71,7 +71,7 @@ def write_files(
     forbidden: Path | None,
     overwrite: bool = False,
 ) -> None:
-    """Write the files as the folder ``out``: all of them, or nothing.
+    """Write the files as the folder ``out``, either all of them or none.
 
     ``overwrite`` replaces a folder that holds just the files of an earlier export:
     the same names, the recipe among them. A dataset's own folder has no recipe.
@@ -96,17 +96,17 @@ def check_place(
     forbidden: Path | None,
     overwrite: bool = False,
 ) -> None:
-    """Refuse a place as ``write_files`` would, which writes files of these names.
+    """Raise if ``write_files`` could not write files of these names to ``out``.
 
     Raises:
-        ExportError: the place is taken, forbidden, or no place at all.
+        ExportError: ``out`` is taken, forbidden, or not a valid path.
     """
     _check_names(list(names))
     try:
         _check_target(names, Path(out).resolve(), forbidden, overwrite)
     except OSError as error:
         raise ExportError(f"{out}: cannot be written ({error.strerror}).") from error
-    # Path.resolve: a circle of links, or a NUL in the name.
+    # Path.resolve raises for a cycle of links, or a NUL in the name.
     except (RuntimeError, ValueError) as error:
         raise ExportError(f"{str(out)!r}: is no place for a folder.") from error
 
@@ -155,10 +155,10 @@ def _check_target(
 
 
 def _replace_folder(files: Mapping[str, bytes], target: Path) -> None:
-    """Write beside the target under a hidden name, then put it in place in one step.
+    """Write to a hidden folder beside the target, then swap both atomically.
 
-    A reader finds the old folder or the new one, whole. Where the system cannot swap
-    two folders, the old one is renamed first, and a reader in between finds none.
+    A reader sees the complete old or the complete new folder. Where the system cannot
+    swap folders, the old one is renamed first, and there is a short time without any.
     """
     _clear_left_overs(target)
     token = secrets.token_hex(4)
@@ -183,7 +183,7 @@ def _replace_folder(files: Mapping[str, bytes], target: Path) -> None:
 
 
 def _clear_left_overs(target: Path) -> None:
-    """Remove what a killed run has left of this target long ago."""
+    """Remove old hidden folders of this target that a killed process left behind."""
     with os.scandir(target.parent) as entries:
         found = [
             entry

@@ -1,4 +1,4 @@
-"""Two folders swapped in one step, so that a reader sees the one or the other whole."""
+"""Atomic exchange of two folders."""
 
 import ctypes
 import os
@@ -12,7 +12,7 @@ _AT_WORKING_FOLDER: Final = -100
 
 
 def exchange(one: Path, other: Path) -> bool:
-    """Swap two folders of the same disk; False where the system cannot do that."""
+    """Swap two folders of the same disk; return False where the system cannot."""
     paths = os.fsencode(one), os.fsencode(other)
     try:
         library = ctypes.CDLL(None, use_errno=True)
@@ -24,7 +24,7 @@ def exchange(one: Path, other: Path) -> bool:
             done = library.renamex_np(*paths, _EXCHANGE)
         else:
             return False
-    # An old C library lacks the function, and Windows the library.
+    # Old C libraries lack the function, and Windows lacks the library.
     except (AttributeError, OSError, TypeError):
         return False
     return done == 0

@@ -1,1 +1,1 @@
-"""Plane geometry on plain arrays; knows nothing of traffic."""
+"""Plane geometry on NumPy arrays, independent of traffic."""

@@ -29,7 +29,7 @@ def mitred_normals(
     inverse = 1 / np.maximum(np.sqrt(dx * dx + dy * dy), 1e-12)
     x, y = -dy * inverse, dx * inverse
     both_x, both_y = x[..., :-1] + x[..., 1:], y[..., :-1] + y[..., 1:]
-    # With padding on one side the sum is the other side's normal and stays as it is.
+    # With padding on one side the sum is the other side's normal, which is right.
     scale = 2 / np.maximum(both_x**2 + both_y**2, 4 * _MIN_MITRE)
     normals = np.empty(points_m.shape)
     normals[..., 0, 0], normals[..., 0, 1] = x[..., 0], y[..., 0]

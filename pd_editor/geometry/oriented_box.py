@@ -1,4 +1,4 @@
-"""Rectangles with a heading: corners, overlap."""
+"""Oriented boxes: corners, overlap test and overlap area."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -24,10 +24,9 @@ def boxes_overlap(
     corners_b_m: Float[np.ndarray, "*shape 4 2"],
     tolerance_m: float = 0.0,
 ) -> Bool[np.ndarray, "*shape"]:
-    """Whether boxes share more than a touch (separating axis test).
+    """Whether boxes overlap (separating axis test); touching boxes do not.
 
-    ``tolerance_m`` is the depth that two boxes may sink into each other before
-    they count as overlapping.
+    Boxes that penetrate each other by at most ``tolerance_m`` do not count either.
     """
     separated = np.zeros(corners_a_m.shape[:-2], bool)
     for corners in (corners_a_m, corners_b_m):

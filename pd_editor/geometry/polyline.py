@@ -15,7 +15,7 @@ def arc_length(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N"]:
 def without_repeats(
     points_m: Float[np.ndarray, "N 2"], tolerance_m: float = 1e-6
 ) -> Float[np.ndarray, "M 2"]:
-    """The line without points that repeat the one before; at least one point stays."""
+    """Remove points that repeat the previous one; at least one point remains."""
     step = np.linalg.norm(np.diff(points_m, axis=0), axis=-1)
     return points_m[np.concatenate([[True], step > tolerance_m])]
 
@@ -33,7 +33,7 @@ def point_at(
 def resample(
     points_m: Float[np.ndarray, "N 2"], num_points: int
 ) -> Float[np.ndarray, "num_points 2"]:
-    """The line with ``num_points`` points equally spaced along it."""
+    """Resample the line to ``num_points`` points equally spaced along it."""
     length = arc_length(points_m)[-1]
     return point_at(points_m, np.linspace(0.0, length, num_points))
 
@@ -41,7 +41,7 @@ def resample(
 def densify(
     points: Float[np.ndarray, "N D"], max_spacing_m: float
 ) -> Float[np.ndarray, "M D"]:
-    """The line with points added so that no two are further apart than asked.
+    """Add points so that neighbours are at most ``max_spacing_m`` apart.
 
     All given points are kept exactly. Distances are measured in the first two
     coordinates; further ones (elevation) are interpolated.
@@ -53,14 +53,14 @@ def densify(
 def densify_all(
     lines: Sequence[Float[np.ndarray, "_ D"]], max_spacing_m: float
 ) -> list[Float[np.ndarray, "_ D"]]:
-    """Each line as ``densify`` makes it, all in one pass."""
+    """Densify several lines in one pass; see ``densify``."""
     if not sum(map(len, lines)):
         return list(lines)
     points = np.concatenate(lines)
     ends = np.cumsum([len(line) for line in lines])
     step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=-1)
     pieces = np.append(np.maximum(np.ceil(step / max_spacing_m).astype(int), 1), 1)
-    # What follows the last point of a line is not of that line.
+    # The difference after the last point of a line belongs to no line.
     pieces[ends - 1] = 1
     segment = np.repeat(np.arange(len(points)), pieces)
     first = np.concatenate([[0], np.cumsum(pieces)])
@@ -73,7 +73,7 @@ def densify_all(
 def smoothed(
     points: Float[np.ndarray, "N D"], width_points: float
 ) -> Float[np.ndarray, "N D"]:
-    """The line under a Gaussian of that width; its ends count as going on for ever."""
+    """Smooth the line with a Gaussian of that width; its end values are repeated."""
     reach = int(np.ceil(4.0 * width_points))
     kernel = np.exp(
         -0.5 * (np.arange(-reach, reach + 1) / max(width_points, 1e-9)) ** 2
@@ -86,9 +86,9 @@ def smoothed(
 def offset_line(
     points_m: Float[np.ndarray, "N 2"], distance_m: float
 ) -> Float[np.ndarray, "N 2"]:
-    """The line shifted to its left by a distance, with mitred corners.
+    """Offset the line to its left by a distance, with mitred corners.
 
-    The mitre is cut at twice the distance, so sharp corners do not shoot out.
+    The mitre is limited to twice the distance, so that sharp corners have no spikes.
     """
     direction = np.diff(points_m, axis=0)
     norm = np.linalg.norm(direction, axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The rule-based baseline generator: follow a lane, keep a gap, give way."""
+"""Rule-based baseline generator: lane following, car following and yielding."""
 
 from pd_editor.lane_follower.lane_follower import LaneFollower
 

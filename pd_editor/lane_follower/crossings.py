@@ -1,4 +1,4 @@
-"""Giving way where paths cross or merge: who arrives later brakes."""
+"""Yielding where paths cross or merge: the agent that arrives later brakes."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -13,11 +13,11 @@ from pd_editor.paths.car_following import (
 from pd_editor.paths.driving_paths import SPACING_M
 
 SEARCHED_M: Final = 70.0
-"""Crossings are looked for so far ahead of the current state."""
+"""Length of path ahead of the current state that is searched for crossings."""
 NUM_SEARCHED: Final = int(SEARCHED_M / SPACING_M)
 CLEARANCE_M: Final = 0.4
 TIME_MARGIN_S: Final = 2.0
-"""Nobody waits for someone who is gone so long before."""
+"""A driver does not yield to agents that leave the zone this long before it enters."""
 _MERGING_RAD: Final = np.radians(30)
 _LEAST_MPS: Final = 0.5
 _STOPS_WITHIN_MPS2: Final = 6.0
@@ -25,7 +25,7 @@ _STOPS_WITHIN_MPS2: Final = 6.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tracks:
-    """Where A agents are heading: points every ``SPACING_M``, NaN where none."""
+    """Paths ahead of A agents: points every ``SPACING_M``, NaN beyond the end."""
 
     x_m: Float[np.ndarray, "A W"]
     y_m: Float[np.ndarray, "A W"]
@@ -41,19 +41,19 @@ class Crossings:
     other: Int[np.ndarray, "C"]
     """Row of the other agent."""
     entry_m: Float[np.ndarray, "C"]
-    """Where the driver's path enters the zone."""
+    """Arc length at which the driver's path enters the zone."""
     other_entry_m: Float[np.ndarray, "C"]
     other_exit_m: Float[np.ndarray, "C"]
     is_merge: Bool[np.ndarray, "C"]
-    """Whether both go on side by side or in line, so that one follows the other."""
+    """Whether both paths run the same way in the zone, so that one agent follows."""
 
 
 def find_crossings(
     tracks: Tracks, rows: Int[np.ndarray, "D"], width_m: Float[np.ndarray, "A"]
 ) -> Crossings:
-    """Zones where a driver's track comes close to another one further on.
+    """Find zones ahead where a driver's path comes close to another agent's path.
 
-    Where one of both is in the zone already it is a matter of keeping the gap.
+    Zones that one of both occupies already are left to car following.
     """
     found: list[tuple[int, int, int, int, int, bool]] = []
     for driver, row in enumerate(rows.tolist()):
@@ -92,9 +92,9 @@ def yielding_acceleration(
     speed_mps: Float[np.ndarray, "A"],
     length_m: Float[np.ndarray, "A"],
 ) -> Float[np.ndarray, "D"]:
-    """Acceleration that every driver can afford at the zones that it must not enter.
+    """Largest acceleration with which each driver yields at its conflict zones.
 
-    ``place_m`` is how far each agent has come along its track.
+    ``place_m`` is the distance that each agent has travelled along its path.
     """
     row, other = rows[crossings.driver], crossings.other
     mine, theirs = speed_mps[row], speed_mps[other]

@@ -1,4 +1,4 @@
-"""What each driver wants: a path and a speed, drawn at random."""
+"""Intentions of drivers: a path and a desired speed, sampled at random."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,18 +22,18 @@ STANDING_MPS: Final = 0.5
 """Slower agents count as standing."""
 PARKED_OFFSET_M: Final = 1.2
 PARKED_TURN_RAD: Final = np.radians(30)
-"""A standing agent so far off its lane, or at such an angle to it, is parked."""
+"""Stationary agents further from their lane, or at a larger angle, are parked."""
 START_PROBABILITY: Final = 0.4
-"""How likely a driver who stands on a lane wants to start within the horizon."""
+"""Probability that a stationary driver on a lane starts within the horizon."""
 START_DELAY_S: Final = 3.0
-"""Those who start do so within this time."""
+"""Stationary drivers that start do so within this time."""
 FREE_SPEED_MPS: Final = {AgentKind.CYCLIST: 5.0}
 DEFAULT_FREE_SPEED_MPS: Final = 10.0
-"""Speed wished for by someone who stands; the maps know no speed limits."""
+"""Desired speed of drivers that start; Argoverse 2 maps have no speed limits."""
 SPEED_SPREAD: Final = 0.08
-"""Relative standard deviation of wished speeds around the own one."""
+"""Relative standard deviation of desired speeds around the current speed."""
 SPEED_UP: Final = 0.6
-"""Slow drivers want up to this share of what they lack to the free speed."""
+"""Slow drivers make up at most this share of their difference to the free speed."""
 BRANCH_WEIGHT: Final = 0.2
 CHANGE_WEIGHT: Final = 0.03
 """Weights of other routes and of lane changes against the most natural route."""
@@ -44,7 +44,7 @@ _MAX_SPEED_MPS: Final = 35.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drivers:
-    """D drivers as they are at the current step."""
+    """D drivers at the current step."""
 
     row: Int[np.ndarray, "D"]
     kinds: tuple[AgentKind, ...]
@@ -55,15 +55,15 @@ class Drivers:
     """Speed forwards, not below 0."""
     choice: RouteChoice
     num_points: int
-    """Points that their paths need."""
+    """Number of points of their paths."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Intentions:
-    """What D drivers want in one sample."""
+    """Sampled intentions of D drivers."""
 
     paths: DrivingPaths
-    wished_mps: Float[np.ndarray, "D"]
+    desired_speed_mps: Float[np.ndarray, "D"]
     delay_s: Float[np.ndarray, "D"]
     """Time before which a standing driver does not start."""
     is_parked: Bool[np.ndarray, "D"]
@@ -92,18 +92,18 @@ def drivers_at(scenario: Scenario, rows: Int[np.ndarray, "D"]) -> Drivers:
     )
 
 
-def draw_intentions(
+def sample_intentions(
     drivers: Drivers, num_agents: int, random: np.random.Generator
 ) -> Intentions:
-    """Draw routes and speeds.
+    """Sample routes and desired speeds.
 
-    Numbers are drawn for all agents of the scene, so that what a driver gets does
-    not depend on who else is asked for.
+    Random numbers are generated for all agents of the scene, so that a driver's
+    intention does not depend on which other agents are generated.
     """
     picks, starts, delays, hurries = random.random((4, num_agents))[:, drivers.row]
     spreads = random.standard_normal(num_agents)[drivers.row]
     choice, count = drivers.choice, len(drivers.kinds)
-    route = _drawn_routes(drivers, picks)
+    route = _sampled_routes(drivers, picks)
     on_lane = route >= 0
     offset, turn = np.zeros(count), np.zeros(count)
     offset[on_lane] = choice.offset_m[route[on_lane]]
@@ -116,18 +116,18 @@ def draw_intentions(
         [FREE_SPEED_MPS.get(k, DEFAULT_FREE_SPEED_MPS) for k in drivers.kinds]
     )
     wants_to_start = stands & ~is_parked & (starts < START_PROBABILITY)
-    wished = drivers.speed_mps * np.exp(SPEED_SPREAD * spreads)
-    wished += SPEED_UP * hurries * np.maximum(free - drivers.speed_mps, 0.0)
-    wished = np.where(stands, np.where(wants_to_start, free, 0.0), wished)
+    desired = drivers.speed_mps * np.exp(SPEED_SPREAD * spreads)
+    desired += SPEED_UP * hurries * np.maximum(free - drivers.speed_mps, 0.0)
+    desired = np.where(stands, np.where(wants_to_start, free, 0.0), desired)
     return Intentions(
         paths=_paths(drivers, route, offset),
-        wished_mps=wished,
+        desired_speed_mps=desired,
         delay_s=np.where(wants_to_start, delays * START_DELAY_S, 0.0),
         is_parked=is_parked,
     )
 
 
-def _drawn_routes(
+def _sampled_routes(
     drivers: Drivers, picks: Float[np.ndarray, "D"]
 ) -> Int[np.ndarray, "D"]:
     """Route of each driver, -1 without a lane."""

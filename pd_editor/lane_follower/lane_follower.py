@@ -1,4 +1,4 @@
-"""The lane follower as a generator."""
+"""The lane follower as a ``ScenarioGenerator``."""
 
 import time
 from collections.abc import Generator, Iterator
@@ -17,19 +17,19 @@ from pd_editor.generation import (
 from pd_editor.lane_follower.intentions import (
     STANDING_MPS,
     Drivers,
-    draw_intentions,
     drivers_at,
+    sample_intentions,
 )
-from pd_editor.lane_follower.traffic import Traffic, kept_traffic, simulate
+from pd_editor.lane_follower.traffic import Traffic, initial_traffic, simulate
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 
 STEPS_PER_REPORT: Final = 10
 
 
 class LaneFollower:
-    """Every driver takes a route along the lanes, keeps its gap and gives way.
+    """Generator in which drivers follow lane routes, keep their gaps and yield.
 
-    Pedestrians and things keep their velocity. It places no new agents.
+    Pedestrians and static objects keep their velocity. It places no new agents.
     """
 
     @property
@@ -53,12 +53,12 @@ class LaneFollower:
         asked[rows] = True
         drives = asked & scenario.agents.kind_mask(LANE_FOLLOWER_KINDS)
         drivers = drivers_at(scenario, np.flatnonzero(drives))
-        kept = kept_traffic(scenario, asked)
+        initial = initial_traffic(scenario, asked)
         samples: list[TrafficSample] = []
         for index in range(request.num_samples):
             random = np.random.default_rng([request.seed, index])
-            wants = draw_intentions(drivers, len(scenario.agents), random)
-            traffic = kept.copy()
+            wants = sample_intentions(drivers, len(scenario.agents), random)
+            traffic = initial.copy()
             steps = simulate(traffic, drivers, wants, scenario.time_axis)
             yield from _reports(steps, index, request)
             samples.append(_sample(request, rows, traffic))

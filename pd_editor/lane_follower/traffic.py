@@ -1,4 +1,4 @@
-"""All agents of a scene over the future steps, and their simulation."""
+"""State and simulation of all agents of a scene over the future steps."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -26,12 +26,12 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
 _LEAST_TRACK_M = 1.0
-"""Agents that come less far stay where they are, as far as crossings go."""
+"""Agents with a shorter path count as stationary in the search for crossings."""
 
 
 @dataclass(kw_only=True, eq=False)
 class Traffic:
-    """A agents from the current step on, H points; written while simulating."""
+    """A agents at H steps from the current one on; the simulation writes into it."""
 
     position_m: Float[np.ndarray, "A H 2"]
     heading_rad: Float[np.ndarray, "A H"]
@@ -40,13 +40,13 @@ class Traffic:
     size_m: Float[np.ndarray, "A 2"]
 
     def copy(self) -> "Traffic":
-        """Arrays of its own."""
+        """Deep copy."""
         return Traffic(
             **{field.name: getattr(self, field.name).copy() for field in fields(self)}
         )
 
     def at(self, step: int) -> Boxes:
-        """All agents at one point."""
+        """Boxes of all agents at one step."""
         return Boxes(
             position_m=self.position_m[:, step],
             heading_rad=self.heading_rad[:, step],
@@ -56,11 +56,11 @@ class Traffic:
         )
 
 
-def kept_traffic(scenario: Scenario, is_asked: Bool[np.ndarray, "A"]) -> Traffic:
-    """Agents with their given futures; the asked ones at constant velocity.
+def initial_traffic(scenario: Scenario, is_generated: Bool[np.ndarray, "A"]) -> Traffic:
+    """Traffic before the simulation: generated agents have constant velocity.
 
-    Agents that are there now but have no future at all, as in the test split, go on
-    at constant velocity too; things stay where they are.
+    Other agents keep their trajectories. Agents that exist now but have no trajectory,
+    as in the test split, have constant velocity too; static objects stay.
     """
     agents, step = scenario.agents, scenario.current_step
     position = agents.position_m[:, step:].copy()
@@ -68,9 +68,9 @@ def kept_traffic(scenario: Scenario, is_asked: Bool[np.ndarray, "A"]) -> Traffic
     velocity = agents.velocity_mps[:, step:].copy()
     exists = agents.is_valid[:, step:].copy()
     time_s = scenario.time_axis.times_s()[step:]
-    goes_on = is_asked | (exists[:, 0] & ~exists[:, 1:].any(axis=1))
-    is_thing = ~agents.kind_mask(ROAD_USER_KINDS)
-    now = np.where(is_thing[goes_on, None, None], 0.0, velocity[goes_on, :1])
+    goes_on = is_generated | (exists[:, 0] & ~exists[:, 1:].any(axis=1))
+    is_static = ~agents.kind_mask(ROAD_USER_KINDS)
+    now = np.where(is_static[goes_on, None, None], 0.0, velocity[goes_on, :1])
     position[goes_on] = position[goes_on, :1] + time_s[:, None] * now
     velocity[goes_on] = now
     heading[goes_on] = heading[goes_on, :1]
@@ -87,7 +87,7 @@ def kept_traffic(scenario: Scenario, is_asked: Bool[np.ndarray, "A"]) -> Traffic
 def simulate(
     traffic: Traffic, drivers: Drivers, wants: Intentions, axis: TimeAxis
 ) -> Iterator[int]:
-    """Drive the drivers to the end, writing into the traffic; yields each step."""
+    """Simulate the drivers up to the last step into ``traffic``; yields each step."""
     rows, paths, step_s = drivers.row, wants.paths, axis.step_s
     tracks, travelled = _tracks(traffic, drivers, wants)
     crossings = find_crossings(tracks, rows, traffic.size_m[:, 1])
@@ -111,8 +111,8 @@ def simulate(
             paths.speed_limit_mps[every, here],
             paths.speed_limit_mps[every, np.minimum(ahead, num_points - 1)],
         )
-        wished = np.where(step * step_s < wants.delay_s, 0.0, wants.wished_mps)
-        free = (np.minimum(limit, wished) - speed) / RESPONSE_S
+        desired = np.where(step * step_s < wants.delay_s, 0.0, wants.desired_speed_mps)
+        free = (np.minimum(limit, desired) - speed) / RESPONSE_S
         free = np.clip(free, -MAX_BRAKING_MPS2, ACCELERATION_MPS2)
         change = np.clip(np.minimum(free, acceleration), -HARDEST_BRAKING_MPS2, None)
         new = np.maximum(speed + change * step_s, 0.0)
@@ -146,7 +146,7 @@ def _place(
 def _tracks(
     traffic: Traffic, drivers: Drivers, wants: Intentions
 ) -> tuple[Tracks, Float[np.ndarray, "A H"]]:
-    """Where everybody is heading, and how far the others have come at each step."""
+    """Paths of all agents, and the distance travelled along them at each step."""
     step = np.diff(traffic.position_m, axis=1)
     length = np.hypot(step[..., 0], step[..., 1])
     length *= traffic.exists[:, 1:] & traffic.exists[:, :-1]

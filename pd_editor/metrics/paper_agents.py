@@ -6,7 +6,7 @@ from jaxtyping import Bool
 from pd_editor.metrics.road.map_points import map_points, nearest_points
 from pd_editor.metrics.road.off_lane import OFF_LANE_M
 from pd_editor.metrics.traffic_view import TrafficView
-from pd_editor.scene.agent_kind import MOVER_KINDS, AgentCategory, AgentKind
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, AgentCategory, AgentKind
 
 BOUNDARY_M = 2.0
 
@@ -38,7 +38,7 @@ def paper_trajectory_agents(view: TrafficView) -> Bool[np.ndarray, "A"]:
     category = dict(zip(recorded.ids, recorded.categories, strict=True))
     return np.array(
         [
-            kind in MOVER_KINDS
+            kind in MOTOR_VEHICLE_KINDS
             and category.get(agent_id, AgentCategory.FRAGMENT) >= AgentCategory.SCORED
             for agent_id, kind in zip(view.agents.ids, view.agents.kinds, strict=True)
         ],

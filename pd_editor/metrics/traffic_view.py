@@ -8,12 +8,12 @@ from typing import Final, Literal, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.scene.agent_kind import MOVER_KINDS, ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
 
 AgentGroup = Literal["movers", "pedestrians", "cyclists"]
 GROUP_KINDS: Final[dict[AgentGroup, frozenset[AgentKind]]] = {
-    "movers": MOVER_KINDS,
+    "movers": MOTOR_VEHICLE_KINDS,
     "pedestrians": frozenset({AgentKind.PEDESTRIAN}),
     "cyclists": frozenset({AgentKind.CYCLIST}),
 }

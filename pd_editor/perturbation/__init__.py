@@ -1,1 +1,1 @@
-"""Making a road harder on purpose."""
+"""Road warps (Scene-Attack) of whole scenarios, and their friction limit."""

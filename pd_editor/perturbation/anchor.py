@@ -1,4 +1,4 @@
-"""The pose ahead of which a warp bends the road."""
+"""Anchor poses: a warp bends the road ahead of its anchor."""
 
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
@@ -7,7 +7,7 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
 def pose_on_original_road(scenario: Scenario, agent_id: str) -> RigidMotion:
-    """An agent's current pose, on the road as it was before any warp.
+    """Current pose of an agent on the original road, before any warp.
 
     Raises:
         EditError: there is no such agent, or not at the current step.
@@ -25,7 +25,7 @@ def pose_on_original_road(scenario: Scenario, agent_id: str) -> RigidMotion:
 
 
 def pose_of_anchor(scenario: Scenario, name: str) -> RigidMotion:
-    """The pose of the anchor ``focal``, ``ego``, or an agent's id.
+    """Pose of an anchor: ``focal``, ``ego``, or an agent's id.
 
     Raises:
         EditError: there is no such agent, or not at the current step.

@@ -1,4 +1,4 @@
-"""How fast a bend can be driven: v^2 |kappa| <= mu g (Scene-Attack, CVPR 2022)."""
+"""Friction limit of speed in curves: v^2 |kappa| <= mu g (Scene-Attack, CVPR 2022)."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,13 +16,13 @@ _SAMPLE_SPACING_M: Final = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class WarpSummary:
-    """What a warp does to a road that ran straight ahead of its anchor."""
+    """Effect of a warp on a road that is straight ahead of its anchor."""
 
     max_curvature_per_m: float
     min_radius_m: float
-    """Infinite where nothing bends."""
+    """Smallest radius of curvature; infinite if the road stays straight."""
     speed_limit_mps: float
-    """Fastest speed at which friction holds everywhere; infinite on a straight road."""
+    """Highest speed within the friction limit; infinite on a straight road."""
     lateral_shift_m: float
     """Shift to the left at the end of the bends."""
 
@@ -30,7 +30,7 @@ class WarpSummary:
 def road_curvature(
     warp: RoadWarp, x_m: Float[np.ndarray, "N"]
 ) -> Float[np.ndarray, "N"]:
-    """Signed curvature, 1/m, at distances ahead of the anchor of a straight road."""
+    """Signed curvature, 1/m, of a warped straight road at distances ahead of the anchor."""
     return warp.curvature(x_m)
 
 
@@ -39,7 +39,7 @@ def friction_limited_speed(
     friction_coefficient: float,
     gravity_mps2: float = GRAVITY_MPS2,
 ) -> Float[np.ndarray, "*s"]:
-    """Fastest speed, m/s, at which a curvature can be driven; infinite if straight."""
+    """Highest speed, m/s, within the friction limit of a curvature; infinite if straight."""
     bend = np.abs(curvature_per_m)
     with np.errstate(divide="ignore", over="ignore"):
         return np.sqrt(friction_coefficient * gravity_mps2 / bend)
@@ -59,7 +59,7 @@ def summarise(
     """Sharpest bend, speed limit and shift of a straight road under a warp."""
     end = warp.extent_m()
     x = np.linspace(0.0, end, max(int(end / _SAMPLE_SPACING_M), 1) + 1)
-    # The second derivative jumps where a bend ends, so both sides are looked at.
+    # The second derivative jumps where a bend ends, so both sides are evaluated.
     edges = np.array([edge for term in warp.terms for edge in _edges_m(term)])
     x = np.concatenate([x, edges - 1e-9, edges + 1e-9])
     sharpest = float(np.abs(road_curvature(warp, x)).max(initial=0.0))

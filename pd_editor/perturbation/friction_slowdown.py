@@ -1,4 +1,4 @@
-"""Slowing agents to the friction limit of the curves that they drive."""
+"""Slows warped agents to the friction limit of their curves."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -22,9 +22,9 @@ from pd_editor.scene.scenario import AppliedWarp
 from pd_editor.scene.time_axis import TimeAxis
 
 BRAKING_MPS2: Final = 3.0
-"""Deceleration ahead of a bend: firm, but what drivers choose when they see it."""
+"""Deceleration ahead of a curve: firm, but common in normal driving."""
 ACCELERATION_MPS2: Final = 2.5
-"""Acceleration back to the logged speed after a bend."""
+"""Acceleration back to the logged speed after a curve."""
 CHORD_M: Final = 4.0
 """Half the length over which the curvature of a logged path is measured.
 
@@ -33,7 +33,7 @@ Tracks jitter by centimetres; shorter chords would turn that into bends.
 _NODES_PER_STEP: Final = 8
 """At 30 m/s a node every 0.4 m: the sharpest point of a bend is missed by under 3 %."""
 _TOLERANCE: Final = 1.02
-"""Ratio of speed to limit up to which an agent is left alone."""
+"""Ratio of speed to limit up to which an agent is not slowed."""
 _SLOWEST_MPS: Final = 0.1
 _WORTH_SAYING_MPS: Final = 0.05
 _STRAIGHT_PER_M: Final = 1e-4
@@ -42,23 +42,23 @@ _STRAIGHT_PER_M: Final = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class _Nodes:
-    """Places along each track, several per time step; G agents, K nodes."""
+    """Points along each track, several per time step; G agents, K nodes."""
 
     time_s: Float[np.ndarray, "K"]
     """Logged time, zero at the current step."""
     original_m: Float[np.ndarray, "G K 2"]
     heading_rad: Float[np.ndarray, "G K"]
-    """Heading before the warp, without jumps of a whole turn."""
+    """Unwrapped heading before the warp."""
     logged_speed_mps: Float[np.ndarray, "G K"]
     """Speed before the warp."""
     along_m: Float[np.ndarray, "G K"]
     """Distance along the warped track."""
     speed_mps: Float[np.ndarray, "G K"]
-    """Rate of that distance; the warp stretches, so it may be above the logged one."""
+    """Rate of ``along_m``; above the logged speed where the warp lengthens the track."""
     exists: Bool[np.ndarray, "G K"]
 
     def taken(self, rows: Bool[np.ndarray, "G"]) -> "_Nodes":
-        """Only some of the agents."""
+        """Nodes of some of the agents."""
         return _Nodes(
             time_s=self.time_s,
             original_m=self.original_m[rows],
@@ -72,7 +72,7 @@ class _Nodes:
 
 @dataclass(frozen=True, kw_only=True)
 class SlowedAgent:
-    """How much the friction limit has slowed an agent, where it did so most."""
+    """Largest slowdown of an agent by the friction limit."""
 
     agent_id: str
     before_mps: float
@@ -82,7 +82,7 @@ class SlowedAgent:
 
 
 def slowed_agents(applied: AppliedWarp, time_axis: TimeAxis) -> tuple[SlowedAgent, ...]:
-    """Agents that a warp in force has slowed, the most slowed first.
+    """Agents that the applied warp has slowed, the most slowed first.
 
     Speeds are compared at the current step if the agent is slower there, else at the
     step of the largest difference.
@@ -118,13 +118,13 @@ def slowed_to_friction_limit(
     friction_coefficient: float,
     time_axis: TimeAxis,
 ) -> AgentTracks:
-    """Warped agents, those too fast for the warp re-timed along their own curves.
+    """Retime warped agents that exceed the friction limit along their own paths.
 
-    An agent brakes ahead of a bend and picks up its logged speed after it. Its pose
+    An agent brakes ahead of a curve and returns to its logged speed after it. Its pose
     at the current step stays; if it could not brake in time from there, its current
-    speed is lowered too and its past is re-timed backwards from the current pose,
-    just as far back as the braking needs. Standing times are kept. Only places where
-    the warp itself bends the road count, so a logged turn elsewhere is left alone.
+    speed is lowered too and its past is retimed backwards from the current pose, as
+    far as the braking needs. Times at rest are kept. Only curvature that the warp
+    itself causes is limited; logged turns elsewhere are unchanged.
     """
     follows = original.kind_mask(LANE_FOLLOWER_KINDS)
     ahead = warp.distance_ahead(original.position_m) > warp.border_m()
@@ -157,11 +157,11 @@ def path_curvature(
     heading_rad: Float[np.ndarray, "G K"],
     warp: RoadWarp,
 ) -> Float[np.ndarray, "G K"]:
-    """Signed curvature, 1/m, of paths after a warp, at points of them before it.
+    """Signed curvature, 1/m, of warped paths, evaluated at points of the original paths.
 
-    With t the unit tangent in the anchor's frame and k the curvature before, the
-    warped path has curvature (k + f'' tx^3) / |J t|^3: only k is measured (over
-    chords), the warp's own share is exact.
+    With t the unit tangent in the anchor's frame and k the original curvature, the
+    warped path has curvature (k + f'' tx^3) / |J t|^3. Only k is estimated (over
+    chords); the contribution of the warp is exact.
     """
     along = travelled_m(path_m)
     middle = np.minimum(np.maximum(along, CHORD_M), along[:, -1:] - CHORD_M)
@@ -179,14 +179,14 @@ def path_curvature(
     forward = warp.anchor.turn(np.array([1.0, 0.0]))
     ahead, aside = tangent @ forward, tangent @ left_of(forward)
     x = warp.distance_ahead(path_m)
-    stretch = np.hypot(ahead, aside + warp.derivative(x, 1) * ahead)
-    return (before + warp.derivative(x, 2) * ahead**3) / stretch**3
+    scale = np.hypot(ahead, aside + warp.derivative(x, 1) * ahead)
+    return (before + warp.derivative(x, 2) * ahead**3) / scale**3
 
 
 def _nodes(
     original: AgentTracks, rows: np.ndarray, warp: RoadWarp, time_axis: TimeAxis
 ) -> _Nodes:
-    """Tracks sampled finely enough for the bends of a warp."""
+    """Tracks resampled finely enough for the curves of a warp."""
     is_valid = original.is_valid[rows]
     last = time_axis.num_steps - 1
     step = np.linspace(0, last, _NODES_PER_STEP * last + 1)
@@ -220,7 +220,7 @@ def _nodes(
 def _limit(
     nodes: _Nodes, warp: RoadWarp, friction_coefficient: float
 ) -> Float[np.ndarray, "G K"]:
-    """Friction-limited speed where the warp bends the road, elsewhere infinite."""
+    """Friction-limited speed where the warp bends the road; infinite elsewhere."""
     bend = np.abs(warp.derivative(warp.distance_ahead(nodes.original_m), 2))
     bends = nodes.exists & (bend > _STRAIGHT_PER_M)
     curvature = path_curvature(nodes.original_m, nodes.heading_rad, warp)
@@ -230,7 +230,7 @@ def _limit(
 def _anchor_step(
     is_valid: Bool[np.ndarray, "G T"], current_step: int
 ) -> Int[np.ndarray, "G"]:
-    """The step whose pose stays: the current one, or the nearest in the track."""
+    """Step whose pose stays fixed: the current one, or the nearest valid one."""
     last = is_valid.shape[1] - 1 - is_valid[:, ::-1].argmax(axis=1)
     return np.clip(current_step, is_valid.argmax(axis=1), last)
 
@@ -240,10 +240,10 @@ def _slowed_time(
     limit_mps: Float[np.ndarray, "G K"],
     anchor_step: Int[np.ndarray, "G"],
 ) -> Float[np.ndarray, "G T"]:
-    """The logged time of the place that each agent has reached at each step.
+    """Logged time of the point that each slowed agent reaches at each step.
 
-    Speed is seen as a function of place. Where it is lowered, driving takes longer;
-    those delays, summed, move everything after later, and everything before earlier.
+    Speed is a function of position. Where it is lowered, an agent takes longer; the
+    accumulated delays make all later points later and all earlier points earlier.
     """
     along, speed = nodes.along_m, nodes.speed_mps
     squared = np.where(limit_mps < speed, limit_mps, np.inf) ** 2
@@ -273,7 +273,7 @@ def _at_times(
     warp: RoadWarp,
     step_s: float,
 ) -> AgentTracks:
-    """Agents where they were at other times, warped, with their speeds scaled."""
+    """Agents resampled at other logged times, warped, with their speeds scaled."""
     is_valid, mask = original.is_valid, original.is_valid[..., None]
     known = np.concatenate([nodes.original_m, nodes.heading_rad[..., None]], axis=-1)
     times = np.repeat(nodes.time_s[None], len(known), axis=0)
@@ -294,6 +294,6 @@ def _at_times(
         ),
         warp,
     )
-    # Where the warp stretches the curve, the time passed already makes up for it.
+    # The retimed steps already account for the length that the warp adds to a curve.
     velocity = np.where(mask, warp.turn(position, velocity), 0.0)
     return replace(moved, velocity_mps=velocity)

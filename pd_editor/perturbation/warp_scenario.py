@@ -1,4 +1,4 @@
-"""A warp applied to a whole scenario: road, agents, pasts and futures alike."""
+"""Applies a warp to a whole scenario: road and agents at all steps."""
 
 from dataclasses import replace
 
@@ -16,15 +16,14 @@ def warp_scenario(
     *,
     friction_coefficient: float | None = None,
 ) -> Scenario:
-    """The scenario under this warp alone; a warp in force is taken back first.
+    """Apply a warp to the original scenario; the warp that is applied now is undone first.
 
-    None, or a warp that moves nothing, gives back exactly the original: the road is
-    the original object, and so are the agents if none was edited. Points, headings
-    and velocities follow the plane (reference: Scene-Attack, CVPR 2022, with the
-    Jacobian J = [[1, 0], [f', 1]]), so velocities stay the rates of positions. With a friction
-    coefficient mu, agents that would exceed sqrt(mu g / kappa) are slowed. Agents
-    edited under a warp are taken back by its inverse; if they had been slowed, they
-    keep their new speeds, since those are what was edited.
+    None, or the identity, restores exactly the original: the road is the original
+    object, and so are the agents if none was edited. Points, headings and velocities
+    follow the plane (Scene-Attack, CVPR 2022; Jacobian J = [[1, 0], [f', 1]]), so
+    velocities stay the rates of positions. With a friction coefficient mu, agents that
+    would exceed sqrt(mu g / kappa) are slowed. Agents that were edited under a warp are
+    transformed by its inverse; if they had been slowed, they keep their edited speeds.
     """
     road_map, agents = unwarped(scenario)
     if warp is None or warp.is_identity:
@@ -51,7 +50,7 @@ def warp_scenario(
 def untouched_agent_ids(
     scenario: Scenario, base: Scenario, steps: slice = slice(None)
 ) -> frozenset[str]:
-    """Agents that move as in ``base`` in ``steps``, the warp in force aside."""
+    """Ids of agents that move as in ``base`` during ``steps``, apart from the warp."""
     _, agents = unwarped(scenario)
     if agents is base.agents:
         return frozenset(agents.ids)
@@ -60,7 +59,7 @@ def untouched_agent_ids(
 
 
 def unwarped(scenario: Scenario) -> tuple[RoadMap, AgentTracks]:
-    """Road and agents as they are without the warp in force."""
+    """Road and agents without the applied warp."""
     applied = scenario.applied_warp
     agents = scenario.agents
     if applied is None:

@@ -1,4 +1,4 @@
-"""Agents carried along when the plane under them bends."""
+"""Transforms agents by a warp."""
 
 from dataclasses import replace
 
@@ -10,11 +10,11 @@ from pd_editor.scene.road_warp import RoadWarp
 def warped_agents(
     agents: AgentTracks, warp: RoadWarp, sign: float = 1.0
 ) -> AgentTracks:
-    """Agents after a warp, or before it (sign -1).
+    """Transform agents by a warp, or by its inverse (sign -1).
 
-    Positions are sheared; headings and velocities follow by the Jacobian J, so a
-    velocity stays the rate of its position, and a stretched road is driven faster by
-    |J t|. Whatever lies behind the warp's border keeps its exact values.
+    Positions are sheared; headings and velocities follow by the Jacobian J, so that a
+    velocity stays the rate of its position and speeds scale by |J t|. States behind
+    the warp's border keep their exact values.
     """
     ahead = warp.distance_ahead(agents.position_m)
     touched = agents.is_valid & (ahead > warp.border_m())

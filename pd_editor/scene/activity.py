@@ -1,4 +1,4 @@
-"""What an agent is about at the current step: parked, waiting in traffic, or driving."""
+"""Activity of an agent at the current step: parked, waiting in traffic, or driving."""
 
 from enum import IntEnum
 from typing import Final
@@ -7,25 +7,25 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 STANDING_SPEED_MPS: Final = 0.5
-"""Agents slower than this stand."""
+"""Agents slower than this are stationary."""
 
 
 class Activity(IntEnum):
-    """A categorical attribute of an agent; no file of Argoverse 2 tells it."""
+    """Categorical attribute of an agent; Argoverse 2 files do not contain it."""
 
     UNKNOWN = 0
     PARKED = 1
-    """It stands beside the traffic for good."""
+    """Stationary beside the traffic, without the intention to drive."""
     WAITING = 2
-    """It stands in traffic, at a light or in a queue."""
+    """Stationary in traffic, for example at a light or in a queue."""
     DRIVING = 3
-    """It moves."""
+    """Moving."""
 
 
 def activity_at(
     activity: Int[np.ndarray, "A"], speed_mps: Float[np.ndarray, "A"]
 ) -> Int[np.ndarray, "A"]:
-    """Known activities made to agree with speeds: what moves is neither parked nor waits."""
+    """Make known activities consistent with speeds: moving agents are driving."""
     stands = speed_mps < STANDING_SPEED_MPS
     known = np.where(
         stands & (activity == Activity.DRIVING), Activity.WAITING, activity
@@ -36,6 +36,6 @@ def activity_at(
 def true_activity(
     is_parked: Bool[np.ndarray, "A"], speed_mps: Float[np.ndarray, "A"]
 ) -> Int[np.ndarray, "A"]:
-    """Activities where it is known which agents are parked."""
+    """Activities of agents for which it is known whether they are parked."""
     standing = np.where(is_parked, Activity.PARKED, Activity.WAITING)
     return activity_at(standing, speed_mps)

@@ -1,4 +1,4 @@
-"""Kinds of agents and what is assumed of them."""
+"""Kinds and benchmark categories of agents, and default sizes."""
 
 from enum import IntEnum, StrEnum
 from typing import Final
@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 
 class AgentKind(StrEnum):
-    """What an agent is; the values are those of Argoverse 2's ``object_type``."""
+    """Kind of an agent; values are those of Argoverse 2's ``object_type``."""
 
     VEHICLE = "vehicle"
     PEDESTRIAN = "pedestrian"
@@ -40,14 +40,14 @@ ROAD_USER_KINDS: Final = frozenset(
         AgentKind.PEDESTRIAN,
     }
 )
-"""Kinds that move by their own will."""
+"""Kinds of road users; all others are static objects."""
 
-MOVER_KINDS: Final = frozenset(
+MOTOR_VEHICLE_KINDS: Final = frozenset(
     {AgentKind.VEHICLE, AgentKind.BUS, AgentKind.MOTORCYCLIST}
 )
-"""Kinds that drive on vehicle lanes; the movers of all tables."""
+"""Kinds of motor vehicles, moving or parked; result files call them ``movers``."""
 
-LANE_FOLLOWER_KINDS: Final = MOVER_KINDS | {AgentKind.CYCLIST}
+LANE_FOLLOWER_KINDS: Final = MOTOR_VEHICLE_KINDS | {AgentKind.CYCLIST}
 """Kinds that follow lanes."""
 
 DEFAULT_SIZE_M: Final[dict[AgentKind, tuple[float, float]]] = {
@@ -65,7 +65,7 @@ DEFAULT_SIZE_M: Final[dict[AgentKind, tuple[float, float]]] = {
 """Length and width assumed where a file carries none (Argoverse 2 tracks do not).
 
 Medians of the measured boxes in Argoverse 2 sensor logs, rounded to 0.1 m: vehicles
-161 tracks, pedestrians 45, static things 59, construction 8, riderless bicycles 15
+161 tracks, pedestrians 45, static objects 59, construction 8, riderless bicycles 15
 (``benchmarks/default_sizes.py``). Kinds with fewer than 5 tracks there (buses,
 motorcyclists, cyclists, background, unknown) have a usual size instead.
 """
@@ -82,9 +82,9 @@ DEFAULT_HEIGHT_M: Final[dict[AgentKind, float]] = {
     AgentKind.RIDERLESS_BICYCLE: 1.1,
     AgentKind.UNKNOWN: 1.2,
 }
-"""Height drawn for each kind; scenes themselves are flat."""
+"""Height with which each kind is rendered; scenes themselves are flat."""
 
 
 def default_sizes_m(kinds: tuple[AgentKind, ...]) -> Float[np.ndarray, "A 2"]:
-    """Default length and width of each agent."""
+    """Default length and width of agents by kind."""
     return np.array([DEFAULT_SIZE_M[kind] for kind in kinds], float).reshape(-1, 2)

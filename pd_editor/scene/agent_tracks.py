@@ -1,4 +1,4 @@
-"""All agents of a scenario over time, as one struct of arrays."""
+"""Tracks of all agents of a scenario, as one struct of arrays."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -14,7 +14,7 @@ from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AgentTracks:
-    """A agents over T steps; where ``is_valid`` is false the other rows are zero.
+    """Tracks of A agents over T steps; zero where ``is_valid`` is false.
 
     Arrays are float64 and read-only. Positions are box centres in the scene frame.
     """
@@ -37,7 +37,7 @@ class AgentTracks:
     observed: Bool[np.ndarray, "A T"]
     """Argoverse 2's ``observed``: whether the step belongs to the given past."""
     activity: Int[np.ndarray, "A"] = field(default_factory=lambda: np.zeros(0, np.int8))
-    """``Activity`` of each agent at the current step; empty: unknown of all."""
+    """``Activity`` of each agent at the current step; empty if unknown for all."""
 
     def __post_init__(self) -> None:
         num_agents = len(self.ids)
@@ -65,7 +65,7 @@ class AgentTracks:
         return {agent_id: row for row, agent_id in enumerate(self.ids)}
 
     def rows(self, agent_ids: Iterable[str]) -> np.ndarray:
-        """Rows of agents, in the order asked for.
+        """Rows of agents, in the order of ``agent_ids``.
 
         Raises:
             EditError: an id is not in the scenario.
@@ -76,7 +76,7 @@ class AgentTracks:
             raise EditError(f"There is no agent {error.args[0]!r} here.") from error
 
     def speed_mps(self) -> Float[np.ndarray, "A T"]:
-        """Length of the velocity."""
+        """Speed of each agent at each step."""
         return np.hypot(self.velocity_mps[..., 0], self.velocity_mps[..., 1])
 
     def kind_mask(self, kinds: Iterable[AgentKind]) -> Bool[np.ndarray, "A"]:
@@ -85,7 +85,7 @@ class AgentTracks:
         return np.array([kind in wanted for kind in self.kinds], bool)
 
     def taken(self, rows: Sequence[int] | np.ndarray) -> "AgentTracks":
-        """Only the agents at ``rows``, in that order."""
+        """Select the agents at ``rows``, in that order."""
         index = np.asarray(rows, int)
         values: dict[str, Any] = {}
         for one in fields(self):
@@ -98,7 +98,7 @@ class AgentTracks:
         return AgentTracks(**values)
 
     def joined(self, other: "AgentTracks") -> "AgentTracks":
-        """These agents, then the other ones."""
+        """Concatenate: these agents, then the other ones."""
         values: dict[str, Any] = {}
         for one in fields(self):
             mine, theirs = getattr(self, one.name), getattr(other, one.name)
@@ -122,7 +122,7 @@ class AgentTracks:
 def same_motion(
     one: AgentTracks, other: AgentTracks, steps: slice = slice(None)
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
-    """Rows in each of two sets of the agents that move exactly alike in ``steps``."""
+    """Rows, in each of two sets, of the agents with identical motion in ``steps``."""
     known = [row for row, name in enumerate(one.ids) if name in other.row_of]
     rows = np.array(known, int)
     theirs = other.rows(one.ids[row] for row in known)
@@ -135,7 +135,7 @@ def same_motion(
 
 
 def empty_tracks(num_steps: int) -> AgentTracks:
-    """Tracks of no agent."""
+    """Tracks without agents."""
     return AgentTracks(
         ids=(),
         kinds=(),

@@ -1,4 +1,4 @@
-"""Which scenario something was made from."""
+"""Reference to the scenario that a recipe or an export starts from."""
 
 from dataclasses import dataclass
 
@@ -7,30 +7,30 @@ from pd_editor.errors import RecipeError
 
 @dataclass(frozen=True, kw_only=True)
 class BaseReference:
-    """The scenario that edits start from, and how to open and recognise it."""
+    """Reference to the base scenario of edits: how to open and to verify it."""
 
     scenario_id: str
     source: str = ""
-    """How to open it again, as in its provenance."""
+    """Source of the scenario, as in its provenance."""
     content_sha256: str = ""
     """Hash of the source's bytes."""
     base: "BaseReference | None" = None
-    """What that scenario was itself made from, where it is an earlier export."""
+    """Base of that scenario, if it is an earlier export itself."""
     is_bent: bool = False
-    """Whether its road was bent already."""
+    """Whether its road was warped already."""
     edited_ids: tuple[str, ...] = ()
-    """Its agents that were made or changed already."""
+    """Ids of its agents that were generated or edited already."""
 
     @property
     def root(self) -> "BaseReference":
-        """The first scenario of the chain, which is no export."""
+        """First scenario of the chain, which is not an export."""
         return self if self.base is None else self.base.root
 
     def check_contents(self, scenario_id: str, content_sha256: str) -> None:
-        """Refuse another scenario, or other contents under the same id.
+        """Raise for another scenario, or other contents under the same id.
 
         Raises:
-            RecipeError: it is not the one.
+            RecipeError: id or contents differ from this reference.
         """
         if scenario_id != self.scenario_id:
             raise RecipeError(

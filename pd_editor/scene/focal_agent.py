@@ -1,4 +1,4 @@
-"""The focal agent: which one follows when it was removed, and its only category."""
+"""Selection of a new focal agent when the focal agent was removed."""
 
 from dataclasses import replace
 from typing import Final
@@ -6,18 +6,22 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.scene.agent_kind import MOVER_KINDS, ROAD_USER_KINDS, AgentCategory
+from pd_editor.scene.agent_kind import (
+    MOTOR_VEHICLE_KINDS,
+    ROAD_USER_KINDS,
+    AgentCategory,
+)
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
 MOVING_MPS: Final = 1.0
-"""Mean speed over the future from which on an agent counts as moving."""
+"""Least mean speed over the future of a moving agent."""
 
 
 def focal_place_m(scenario: Scenario) -> Float[np.ndarray, "2"]:
-    """Where the focal agent is at the current step.
+    """Position of the focal agent at the current step.
 
-    The scene's origin, where it was in the recording, if it is not there now.
+    The scene's origin, its recorded position, if it does not exist at that step.
     """
     agents, step = scenario.agents, scenario.current_step
     row = agents.row_of.get(scenario.focal_id)
@@ -29,15 +33,15 @@ def focal_place_m(scenario: Scenario) -> Float[np.ndarray, "2"]:
 def with_focal_agent(
     scenario: Scenario, place_m: Float[np.ndarray, "2"] | None = None
 ) -> Scenario:
-    """The scenario with a focal agent, if it has lost its own and has agents left.
+    """Choose a focal agent for a scenario that has lost it and has agents left.
 
-    The next one is the nearest moving vehicle with a complete future; where there is
-    none, the nearest agent of the best of these kinds: moving vehicles, vehicles, road
-    users, anything else. Provenance says which one.
+    The choice is the nearest moving motor vehicle with a complete trajectory; without
+    one, the nearest agent of the first of these groups that is not empty: moving motor
+    vehicles, motor vehicles, road users, all agents. Provenance names it.
 
     Args:
-        scenario: it, without its focal agent.
-        place_m: where that agent was; the scene's origin if not given.
+        scenario: the scenario without its focal agent.
+        place_m: last position of that agent; the scene's origin if not given.
     """
     if scenario.focal_id in scenario.agents.row_of:
         return scenario
@@ -60,7 +64,7 @@ def with_focal_agent(
 
 
 def with_focal_category(agents: AgentTracks, focal_id: str) -> AgentTracks:
-    """The agents with one category FOCAL, that of ``focal_id``; others are scored."""
+    """Give ``focal_id`` the category FOCAL; other focal tracks become scored ones."""
     categories = tuple(
         AgentCategory.FOCAL
         if agent_id == focal_id
@@ -77,22 +81,22 @@ def with_focal_category(agents: AgentTracks, focal_id: str) -> AgentTracks:
 def _next_focal_row(
     agents: AgentTracks, step: int, place_m: Float[np.ndarray, "2"]
 ) -> int | None:
-    """The agent that is nearest to a place among the most suitable ones."""
+    """Row of the most suitable agent, the nearest to a position among equals."""
     rows = np.flatnonzero(agents.is_valid[:, step])
     if not len(rows):
         return None
     is_valid = agents.is_valid[rows, step:]
     count = is_valid.sum(axis=1)
     speed = np.where(is_valid, agents.speed_mps()[rows, step:], 0.0).sum(axis=1) / count
-    is_mover = agents.kind_mask(MOVER_KINDS)[rows]
-    moves = is_mover & (speed >= MOVING_MPS)
+    is_motor_vehicle = agents.kind_mask(MOTOR_VEHICLE_KINDS)[rows]
+    moves = is_motor_vehicle & (speed >= MOVING_MPS)
     is_complete = is_valid.all(axis=1)
     gap = np.linalg.norm(agents.position_m[rows, step] - place_m, axis=-1)
     order = np.lexsort(
         (
             gap,
             ~agents.kind_mask(ROAD_USER_KINDS)[rows],
-            ~is_mover,
+            ~is_motor_vehicle,
             ~moves,
             ~(moves & is_complete),
         )

@@ -1,4 +1,4 @@
-"""The static road: lanes, crosswalks, drivable areas."""
+"""Road maps: lanes, crosswalks, drivable areas."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -12,11 +12,11 @@ from jaxtyping import Float
 from pd_editor.geometry.polyline import densify_all
 
 DENSE_SPACING_M = 2.0
-"""Spacing at which a polyline follows the sharpest allowed bend within 0.1 m."""
+"""Spacing at which a polyline follows the sharpest allowed curve within 0.1 m."""
 
 
 class LaneKind(StrEnum):
-    """Who may use a lane; Argoverse 2's ``lane_type``."""
+    """Vehicles that may use a lane; Argoverse 2's ``lane_type``."""
 
     VEHICLE = "VEHICLE"
     BIKE = "BIKE"
@@ -24,7 +24,7 @@ class LaneKind(StrEnum):
 
 
 class LaneMark(StrEnum):
-    """Paint on a lane boundary; Argoverse 2's ``LaneMarkType``."""
+    """Lane marking of a boundary; Argoverse 2's ``LaneMarkType``."""
 
     DASH_SOLID_YELLOW = "DASH_SOLID_YELLOW"
     DASH_SOLID_WHITE = "DASH_SOLID_WHITE"
@@ -65,7 +65,7 @@ class Lane:
     left_neighbor: int | None
     right_neighbor: int | None
     source_fields: Mapping[str, Any] = field(default_factory=dict)
-    """Fields of the source file that mean nothing here; written back unchanged."""
+    """Unknown fields of the source file, written back unchanged."""
 
     def __post_init__(self) -> None:
         for points in (self.centerline, self.left, self.right):
@@ -87,7 +87,7 @@ class Lane:
         return self.right[:, :2]
 
     def outline_m(self) -> Float[np.ndarray, "M 2"]:
-        """The lane's area as an open ring: left boundary, then right one backwards."""
+        """Outline of the lane as an open ring: left boundary, then the right one reversed."""
         return np.concatenate([self.left_m, self.right_m[::-1]])
 
 
@@ -105,7 +105,7 @@ class Crosswalk:
         self.edge2.flags.writeable = False
 
     def outline_m(self) -> Float[np.ndarray, "K 2"]:
-        """The crossing's area as an open ring, with the edges joined straight."""
+        """Outline of the crosswalk as an open ring, with straight ends."""
         one, two = self.edge1[:, :2], self.edge2[:, :2]
         crossed = np.linalg.norm(one[-1] - two[-1]) > np.linalg.norm(one[-1] - two[0])
         return np.concatenate([one, two if crossed else two[::-1]])
@@ -113,7 +113,7 @@ class Crosswalk:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivableArea:
-    """A ring of points [x, y, z] around paved ground."""
+    """A drivable area, bounded by a ring of points [x, y, z]."""
 
     area_id: int
     boundary: Float[np.ndarray, "N 3"]
@@ -139,7 +139,7 @@ class RoadMap:
 
     @cached_property
     def polylines(self) -> tuple[Float[np.ndarray, "_ 3"], ...]:
-        """Every polyline of the map, in the order ``with_polylines`` takes them."""
+        """All polylines of the map, in the order of ``with_polylines``."""
         lines: list[np.ndarray] = []
         for lane in self.lanes:
             lines += (lane.centerline, lane.left, lane.right)
@@ -149,7 +149,7 @@ class RoadMap:
         return tuple(lines)
 
     def with_polylines(self, lines: tuple[Float[np.ndarray, "_ 3"], ...]) -> "RoadMap":
-        """The same map with other geometry; inverse of ``polylines``."""
+        """Replace the geometry of the map; inverse of ``polylines``."""
         take = iter(lines)
         return RoadMap(
             lanes=tuple(
@@ -168,9 +168,9 @@ class RoadMap:
 
     @cached_property
     def dense(self) -> "RoadMap":
-        """The same map with points at most ``DENSE_SPACING_M`` apart.
+        """Densify all lines to a spacing of at most ``DENSE_SPACING_M``.
 
-        Bending a road bends its points only, so its lines need enough of them.
+        A warp moves points only, so lines need enough of them.
         """
         num_open = len(self.polylines) - len(self.drivable_areas)
         rings = [np.concatenate([ring, ring[:1]]) for ring in self.polylines[num_open:]]
@@ -181,7 +181,7 @@ class RoadMap:
     def moved(
         self, motion: Callable[[Float[np.ndarray, "P 2"]], Float[np.ndarray, "P 2"]]
     ) -> "RoadMap":
-        """The map after a motion of the plane; elevations stay."""
+        """Apply a motion of the plane to the map; elevations stay."""
         points = np.concatenate(self.polylines)
         points = np.column_stack([motion(points[:, :2]), points[:, 2]])
         ends = np.cumsum([len(line) for line in self.polylines])

@@ -1,4 +1,4 @@
-"""A bend of the road ahead of an anchor, as a value (Scene-Attack, CVPR 2022).
+"""Warp of the road ahead of an anchor (Scene-Attack, CVPR 2022).
 
 In the anchor's frame (x ahead, y left) a warp is the shear (x, y) -> (x, y + f(x))
 with f = 0 behind a border. f is a sum of terms; with u = x - border >= 0:
@@ -19,7 +19,7 @@ from pd_editor.geometry.rigid_motion import RigidMotion
 
 MAX_POWER: Final = 10.0
 BEND_LENGTH_M: Final = 10.0
-"""Length over which each of a double turn's two bends is made."""
+"""Length of each of the two bends of a double turn."""
 
 WarpKind = Literal["smooth-turn", "double-turn", "ripple-road"]
 WARP_KINDS: Final[tuple[WarpKind, ...]] = ("smooth-turn", "double-turn", "ripple-road")
@@ -33,7 +33,7 @@ DEFAULT_LENGTH_M: Final[dict[WarpKind, float]] = {
 def _bend(
     u: Float[np.ndarray, "*s"], power: float, length: float, exponent: float, order: int
 ) -> Float[np.ndarray, "*s"]:
-    """The smooth turn S or one of its first two derivatives."""
+    """Smooth turn S (order 0) or its first or second derivative."""
     inside = np.clip(u / length, 0.0, 1.0)
     if order == 0:
         straight = np.maximum(u - length, 0.0) * power / length
@@ -46,7 +46,7 @@ def _bend(
 
 @dataclass(frozen=True, kw_only=True)
 class WarpTerm:
-    """One kind of bend with its strength."""
+    """One term of a warp: kind, strength and lengths."""
 
     kind: WarpKind
     power: float
@@ -54,7 +54,7 @@ class WarpTerm:
     length_m: float
     """Bend length, distance between the two bends, or wave length l."""
     border_m: float = 5.0
-    """Distance ahead of the anchor where the bend begins."""
+    """Distance ahead of the anchor at which the bend begins."""
     exponent: float = 3.0
     """Exponent p of the turns; a ripple has none."""
 
@@ -99,15 +99,15 @@ class WarpTerm:
 
 @dataclass(frozen=True, kw_only=True)
 class RoadWarp:
-    """A sum of terms ahead of an anchor pose, as a motion of the plane."""
+    """Sum of warp terms ahead of an anchor pose, as a motion of the plane."""
 
     anchor: RigidMotion
-    """Pose in the scene frame that everything behind keeps."""
+    """Pose in the scene frame; points behind it do not move."""
     terms: tuple[WarpTerm, ...]
 
     @property
     def is_identity(self) -> bool:
-        """Whether nothing moves."""
+        """Whether the warp moves no point."""
         return all(term.power == 0 for term in self.terms)
 
     def derivative(
@@ -120,11 +120,11 @@ class RoadWarp:
         return total
 
     def apply(self, points_m: Float[np.ndarray, "*s 2"]) -> Float[np.ndarray, "*s 2"]:
-        """Where points of the original plane come to lie (scene frame)."""
+        """Warp points of the original plane (scene frame)."""
         return self._shear(points_m, 1.0)
 
     def undo(self, points_m: Float[np.ndarray, "*s 2"]) -> Float[np.ndarray, "*s 2"]:
-        """Where points of the warped plane came from (scene frame)."""
+        """Map points of the warped plane back to the original plane (scene frame)."""
         return self._shear(points_m, -1.0)
 
     def _shear(
@@ -148,9 +148,9 @@ class RoadWarp:
         vectors: Float[np.ndarray, "*s 2"],
         sign: float = 1.0,
     ) -> Float[np.ndarray, "*s 2"]:
-        """Vectors at points after the warp: J v with J = [[1, 0], [f', 1]].
+        """Warp vectors at points: J v with J = [[1, 0], [f', 1]].
 
-        ``sign`` -1 takes vectors of the warped plane back.
+        ``sign`` -1 applies the inverse to vectors of the warped plane.
         """
         forward = self.anchor.turn(np.array([1.0, 0.0]))
         left = self.anchor.turn(np.array([0.0, 1.0]))
@@ -158,7 +158,7 @@ class RoadWarp:
         return vectors + (sign * slope * (vectors @ forward))[..., None] * left
 
     def curvature(self, x_m: Float[np.ndarray, "*s"]) -> Float[np.ndarray, "*s"]:
-        """Curvature f'' / (1 + f'^2)^1.5 of a road that ran straight ahead, 1/m."""
+        """Curvature f'' / (1 + f'^2)^1.5, 1/m, of a warped road that was straight."""
         return self.derivative(x_m, 2) / (1 + self.derivative(x_m, 1) ** 2) ** 1.5
 
     def border_m(self) -> float:

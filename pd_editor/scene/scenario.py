@@ -19,43 +19,43 @@ EGO_ID: Final = "AV"
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Where a scenario came from and what in it was made up."""
+    """Origin of a scenario, and which parts of it are not recorded."""
 
     source: str = ""
     """How to open it again: ``demo:NAME``, or a folder's path."""
     content_sha256: str = ""
     """Hash of the source's bytes."""
     notes: tuple[str, ...] = ()
-    """One sentence per invention, for example a past that was back-cast."""
+    """One sentence per synthetic part, for example a reconstructed history."""
     base: BaseReference | None = None
-    """What it was made from, where it is an earlier export of the editor."""
+    """Base scenario, if this is an earlier export of the editor."""
     is_bent: bool = False
-    """Whether the source's road was bent already when it was exported."""
+    """Whether the source's road was warped already when it was exported."""
     edited_ids: frozenset[str] = frozenset()
-    """Agents that were made or changed before the source was exported."""
+    """Ids of agents that were generated or edited before the source was exported."""
 
     def is_recorded(self, agent_ids: Collection[str]) -> bool:
-        """Whether these agents, and the road, are as in the recording."""
+        """Whether these agents and the road are as recorded."""
         return not self.is_bent and self.edited_ids.isdisjoint(agent_ids)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AppliedWarp:
-    """A warp in force, with what it was applied to, so that it can be taken back."""
+    """An applied warp with the originals that undo it."""
 
     warp: RoadWarp
     friction_coefficient: float | None
-    """mu of the speed limit that agents were slowed to; None if they were not."""
+    """Friction coefficient mu that agents were slowed to; None if they were not."""
     original_road_map: RoadMap
     original_agents: AgentTracks
     """Agents before the warp."""
     warped_agents: AgentTracks
-    """The same agents right after it; whoever still equals them was not edited."""
+    """The same agents right after the warp; agents that still equal them are unedited."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scenario:
-    """The value that the editor edits, the model fills and the exports write."""
+    """A traffic scenario, as it is edited, generated and exported."""
 
     scenario_id: str
     city: str
@@ -69,9 +69,9 @@ class Scenario:
     applied_warp: AppliedWarp | None = None
     provenance: Provenance = Provenance()
     retired_ids: frozenset[str] = frozenset()
-    """Ids of agents that edits have taken out; no later agent gets one of them."""
+    """Ids of deleted agents, which new agents do not reuse."""
     source_fields: Mapping[str, Any] = field(default_factory=dict)
-    """Scenario-wide fields of the source that mean nothing here; written back."""
+    """Unknown scenario-wide fields of the source, written back unchanged."""
 
     def __post_init__(self) -> None:
         assert self.agents.num_steps == self.time_axis.num_steps
@@ -79,7 +79,7 @@ class Scenario:
 
     @property
     def original_road_map(self) -> RoadMap:
-        """The road as it was before any warp."""
+        """The road before any warp."""
         if self.applied_warp is None:
             return self.road_map
         return self.applied_warp.original_road_map
@@ -91,7 +91,7 @@ class Scenario:
 
     @property
     def reference(self) -> BaseReference:
-        """How a recipe names this scenario as its base, as it was opened."""
+        """Reference by which a recipe names this scenario as its base."""
         return BaseReference(
             scenario_id=self.scenario_id,
             source=self.provenance.source,
@@ -103,7 +103,7 @@ class Scenario:
 
     @property
     def current_step(self) -> int:
-        """Step of the state that edits act on."""
+        """Step that edits act on."""
         return self.time_axis.current_step
 
     @property
@@ -113,16 +113,16 @@ class Scenario:
         return max(int(steps[-1]) if len(steps) else 0, self.current_step)
 
     def with_agents(self, agents: AgentTracks, note: str | None = None) -> "Scenario":
-        """The scenario with other agents, and a word about what was made up."""
+        """Replace the agents, with a note on what is not recorded."""
         provenance = self.provenance
         if note is not None:
             provenance = replace(provenance, notes=(*provenance.notes, note))
         return replace(self, agents=agents, provenance=provenance)
 
     def without_agents(self, agent_ids: Collection[str]) -> "Scenario":
-        """The scenario without some agents, whose ids are retired.
+        """Remove agents and retire their ids.
 
-        Without its focal agent it has none, until ``with_focal_agent`` finds another.
+        If the focal agent is removed, ``focal_id`` is empty until ``with_focal_agent``.
 
         Raises:
             EditError: an id is not in the scenario.
@@ -138,5 +138,5 @@ class Scenario:
         )
 
     def has_ever_had(self, agent_id: str) -> bool:
-        """Whether an agent of this history has, or has had, the id."""
+        """Whether a present or deleted agent has the id."""
         return agent_id in self.agents.row_of or agent_id in self.retired_ids

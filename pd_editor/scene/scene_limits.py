@@ -1,4 +1,4 @@
-"""How large a scene may be, so that opening it never takes long or much memory.
+"""Limits on the size of a scene, which bound the time and memory to open it.
 
 Each limit is at least ten times what the largest recorded scenes have.
 """
@@ -15,7 +15,7 @@ from pd_editor.scene.road_map import RoadMap
 MAX_AGENTS: Final = 500
 MAX_STEPS: Final = 1_000
 MAX_STATES: Final = 200_000
-"""Agents times steps."""
+"""Number of agents times steps."""
 MAX_POSITION_M: Final = 5_000.0
 """Distance from the scene's origin along each axis."""
 MAX_SPEED_MPS: Final = 200.0
@@ -23,22 +23,22 @@ MAX_SPEED_MPS: Final = 200.0
 
 MAX_LANES: Final = 2_000
 MAX_LINKS: Final = 20_000
-"""Successors and predecessors of all lanes."""
+"""Number of successors and predecessors of all lanes."""
 MAX_CROSSWALKS: Final = 200
 MAX_AREAS: Final = 200
 MAX_POINTS: Final = 100_000
 MAX_LINES_M: Final = 200e3
-"""Length of all lines of a map."""
+"""Total length of all lines of a map."""
 MAX_CROSSWALKS_M: Final = 10e3
-"""Length of all crosswalks."""
+"""Total length of all crosswalks."""
 MAX_AREA_M2: Final = 16e6
-"""Of the upright rectangles around the drivable areas."""
+"""Total area of the axis-aligned bounding boxes of the drivable areas."""
 MAX_CROSSINGS: Final = 100_000
-"""Expected crossings of boundaries with one another."""
+"""Expected number of crossings between boundaries."""
 
 
 def road_excess(road_map: RoadMap) -> str | None:
-    """In which way a map is too large to be opened, with the limit; None if it is not."""
+    """Reason, with the limit, why a map is too large to be opened; None if it is not."""
     num_links = sum(
         len(lane.successors) + len(lane.predecessors) for lane in road_map.lanes
     )
@@ -82,7 +82,7 @@ def _too_long(road_map: RoadMap) -> str | None:
 
 
 def _too_wide(road_map: RoadMap) -> str | None:
-    """Judge areas, which are cut into cells and joined."""
+    """Reason why the drivable areas are too large to be joined; None if they are not."""
     rings = [area.boundary[:, :2] for area in road_map.drivable_areas]
     spans = np.array([np.ptp(ring, axis=0) for ring in rings]).reshape(-1, 2)
     area = float(spans.prod(axis=1).sum())
@@ -92,8 +92,8 @@ def _too_wide(road_map: RoadMap) -> str | None:
             f"{MAX_AREA_M2 / 1e6:g} km2 are opened."
         )
     outlines = rings or [lane.outline_m() for lane in road_map.lanes]
-    # Straight lines at random cross L^2 / (pi A) times (Buffon); a ring that is valid
-    # does not cross itself, however long it is.
+    # Random straight lines cross L^2 / (pi A) times (Buffon). A valid ring does not
+    # cross itself.
     tangled = [ring for ring in outlines if not _is_simple(ring)]
     for some, limit in ((tangled, MAX_CROSSINGS / 10), (outlines, MAX_CROSSINGS)):
         if some and _crossings(some) > limit:
@@ -106,7 +106,7 @@ def _too_wide(road_map: RoadMap) -> str | None:
 
 
 def _crossings(rings: list[Float[np.ndarray, "_ 2"]]) -> float:
-    """About how often segments of rings cross, were they placed at random."""
+    """Expected number of crossings between rings whose segments are placed at random."""
     span = np.ptp(np.concatenate(rings), axis=0)
     length = sum(_length_m(np.concatenate([ring, ring[:1]])) for ring in rings)
     return length**2 / (np.pi * float(np.maximum(span, 1.0).prod()))

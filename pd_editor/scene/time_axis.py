@@ -8,14 +8,14 @@ from jaxtyping import Float
 
 @dataclass(frozen=True, kw_only=True)
 class TimeAxis:
-    """Equally spaced time steps with one of them marked as the current state."""
+    """Equally spaced time steps, one of which is the current step."""
 
     num_steps: int = 110
     """Number of steps T."""
     current_step: int = 50
-    """Step of the state that edits act on; later steps are the future."""
+    """Step that edits act on; later steps are the future."""
     step_s: float = 0.1
-    """Time between two steps."""
+    """Duration of a step."""
     start_timestamp_ns: float = 0.0
     """Time of the first step, as the source file has it."""
     end_timestamp_ns: float = 10.9e9

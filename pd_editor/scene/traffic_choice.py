@@ -1,4 +1,4 @@
-"""Which agents of a scenario a generator may drive."""
+"""Selection of the agents that a generator may replace or drive."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
 def road_user_ids(scenario: Scenario) -> tuple[str, ...]:
-    """All agents that move by their own will, whenever they are there."""
+    """Ids of all road users, at whatever steps they exist."""
     users = scenario.agents.kind_mask(ROAD_USER_KINDS)
     return tuple(scenario.agents.ids[row] for row in np.flatnonzero(users))
 
@@ -18,7 +18,7 @@ def road_user_ids(scenario: Scenario) -> tuple[str, ...]:
 def replaceable_agent_ids(
     scenario: Scenario, *, keeps_ego: bool, keeps_focal: bool
 ) -> tuple[str, ...]:
-    """Road users that make way when all are replaced."""
+    """Ids of the road users that are removed when all are replaced."""
     kept = ({EGO_ID} if keeps_ego else set()) | (
         {scenario.focal_id} if keeps_focal else set()
     )
@@ -28,14 +28,14 @@ def replaceable_agent_ids(
 def drivable_agent_ids(
     scenario: Scenario, wanted: Iterable[str] | None = None
 ) -> tuple[str, ...]:
-    """Road users that exist at the current step, among ``wanted`` or all.
+    """Ids of the road users at the current step, among ``wanted`` or all.
 
-    Where a scenario has no future at all, as in the test split, things are driven
-    too: they would be gone otherwise.
+    In a scenario without a future, as in the test split, static objects are included:
+    they would not exist at later steps otherwise.
 
     Raises:
         EditError: a wanted id is not in the scenario.
-        GenerationError: nobody is left.
+        GenerationError: no agent is left.
     """
     agents = scenario.agents
     step = scenario.current_step

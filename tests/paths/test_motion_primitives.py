@@ -15,7 +15,7 @@ from pd_editor.paths.motion_primitives import (
     candidates,
 )
 from pd_editor.paths.nearest_lane import nearest_lanes
-from pd_editor.scene.agent_kind import MOVER_KINDS, AgentKind
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, AgentKind
 from pd_editor.scene.road_map import LaneKind, RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
@@ -110,7 +110,7 @@ def test_what_an_agent_gets_does_not_depend_on_the_others(table):
 def test_candidates_move_with_the_scene(real_scenarios):
     for scenario, angle in zip(real_scenarios, (0.3, 1.2, -2.0, 3.0), strict=False):
         agents, step = scenario.agents, scenario.current_step
-        movers = agents.kind_mask(MOVER_KINDS) & agents.is_valid[:, step]
+        movers = agents.kind_mask(MOTOR_VEHICLE_KINDS) & agents.is_valid[:, step]
         rows = np.flatnonzero(movers)
         motion = RigidMotion(x_m=31.0, y_m=-17.0, rotation_rad=angle)
         before = candidates(scenario, rows)
@@ -174,7 +174,7 @@ def test_headings_and_velocities_agree_with_the_motion(real_scenarios):
     for scenario in real_scenarios:
         agents, step = scenario.agents, scenario.current_step
         rows = np.flatnonzero(
-            agents.kind_mask(MOVER_KINDS)
+            agents.kind_mask(MOTOR_VEHICLE_KINDS)
             & agents.is_valid[:, step]
             & (agents.speed_mps()[:, step] > 1.0)
         )
@@ -191,7 +191,7 @@ def test_headings_and_velocities_agree_with_the_motion(real_scenarios):
 def test_every_mover_near_a_lane_gets_a_candidate_that_goes(real_scenarios):
     for scenario in real_scenarios:
         agents, step = scenario.agents, scenario.current_step
-        movers = agents.kind_mask(MOVER_KINDS) & agents.is_valid[:, step]
+        movers = agents.kind_mask(MOTOR_VEHICLE_KINDS) & agents.is_valid[:, step]
         rows = np.flatnonzero(movers)
         if not len(rows):
             continue

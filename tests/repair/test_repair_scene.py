@@ -9,7 +9,7 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
 from pd_editor.metrics.road.off_road import off_road
 from pd_editor.repair import repair_scene
-from pd_editor.scene.agent_kind import MOVER_KINDS
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.agent_tracks import empty_tracks
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with
@@ -38,7 +38,7 @@ def shaken(scenario: Scenario, seed: int) -> Scenario:
     """Vehicles moved aside at random, as a model without manners would put them."""
     agents = scenario.agents
     shift = np.random.default_rng(seed).normal(0, 2.0, (len(agents), 1, 2))
-    rows = np.flatnonzero(agents.kind_mask(MOVER_KINDS))
+    rows = np.flatnonzero(agents.kind_mask(MOTOR_VEHICLE_KINDS))
     moved = (agents.position_m + shift)[rows] * agents.is_valid[rows][..., None]
     return scenario.with_agents(agents.with_rows(rows, position_m=moved))
 

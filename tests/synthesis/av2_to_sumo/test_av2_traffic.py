@@ -10,7 +10,7 @@ import shapely
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
 from pd_editor.geometry.polyline import arc_length
-from pd_editor.scene.agent_kind import MOVER_KINDS, AgentKind
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, AgentKind
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 from pd_editor.synthesis.av2_to_sumo.network_conversion import network_of_map
 from pd_editor.synthesis.av2_to_sumo.parking_strips import kerb_strips
@@ -30,7 +30,7 @@ def test_traffic_on_real_maps(folders: list[Path], tmp_path: Path) -> None:
         network = network_of_map(road_map, folder.name, tmp_path / folder.name)
         recording = simulate(network, 3, duration_s=40.0)
         assert recording.road_map is road_map
-        drives = np.array([kind in MOVER_KINDS for kind in recording.kinds])
+        drives = np.array([kind in MOTOR_VEHICLE_KINDS for kind in recording.kinds])
         drives &= ~recording.is_parked
         assert drives.sum() > 5
         agent = np.repeat(np.arange(len(drives)), np.diff(recording.first_row))
