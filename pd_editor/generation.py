@@ -5,7 +5,7 @@ progress, and cancels, simply by iterating or not.
 """
 
 import math
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, runtime_checkable
 
@@ -282,12 +282,28 @@ def guidance_terms(
     return tuple(terms)
 
 
+class RunningGeneration:
+    """The steps of a generation, one by one; afterwards what they led to."""
+
+    def __init__(
+        self, steps: Generator[GenerationProgress, None, GeneratedTraffic]
+    ) -> None:
+        """Take the steps over; nothing runs yet."""
+        self._steps = steps
+        self.traffic: GeneratedTraffic | None = None
+        """None until the last step is done."""
+
+    def __iter__(self) -> Iterator[GenerationProgress]:
+        self.traffic = yield from self._steps
+
+
 def run_to_end(
     steps: Generator[GenerationProgress, None, GeneratedTraffic],
+    on_progress: Callable[[GenerationProgress], None] = lambda _: None,
 ) -> GeneratedTraffic:
-    """The result of a generation whose progress nobody watches."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            return stop.value
+    """The result of a generation."""
+    running = RunningGeneration(steps)
+    for progress in running:
+        on_progress(progress)
+    assert running.traffic is not None
+    return running.traffic

@@ -1,11 +1,12 @@
-"""Reading files that users name: regular ones only, and never more than a limit."""
+"""Files that users name: regular ones are read up to a limit, and written whole."""
 
+import contextlib
 import os
 import stat
 from pathlib import Path
 from typing import Final
 
-from pd_editor.errors import InputError, PdEditorError
+from pd_editor.errors import ExportError, InputError, PdEditorError
 from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
 
 MAX_PATH_BYTES: Final = 4096
@@ -83,6 +84,38 @@ def check_regular(
         raise error(f"{path}: is not a regular file.")
     if status.st_size > max_bytes:
         raise _too_large(path, max_bytes, error)
+
+
+def write_whole(
+    path: Path, data: bytes, error: type[PdEditorError] = ExportError
+) -> None:
+    """Replace a file in one step, so that a kill leaves the old one or the new one.
+
+    Its folder is made if needed.
+
+    Raises:
+        PdEditorError: of the type ``error``: it cannot be written.
+    """
+    fresh = path.with_name(f".{path.name}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with fresh.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(path)
+    except OSError as failure:
+        with contextlib.suppress(OSError):
+            fresh.unlink()
+        raise unwritable(path, failure, error) from failure
+
+
+def unwritable(
+    path: Path, failure: Exception, error: type[PdEditorError] = ExportError
+) -> PdEditorError:
+    """The error of a path that cannot be written."""
+    reason = getattr(failure, "strerror", None) or str(failure)
+    return error(f"{path}: cannot be written ({reason}).")
 
 
 def _too_large(path: Path, max_bytes: int, error: type[PdEditorError]) -> PdEditorError:

@@ -9,7 +9,7 @@ from typing import Annotated, Final, TypeVar
 import tyro
 
 from pd_editor.cli.arguments import FolderOption, Switch, num_workers
-from pd_editor.cli.progress import progress_shown
+from pd_editor.cli.progress import work_shown
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import GenerationError, InputError
 from pd_editor.evaluation.distances import distance_tables
@@ -34,7 +34,7 @@ from pd_editor.evaluation.report.figures import PLACING_SHOWN, SHOWN, figures_of
 from pd_editor.evaluation.report.html import html_of
 from pd_editor.evaluation.report.markdown import markdown_of
 from pd_editor.evaluation.report.sections import Findings, report_of
-from pd_editor.evaluation.results_folder import RunFolder
+from pd_editor.evaluation.results_folder import EvaluationFolder
 from pd_editor.evaluation.road_condition import road_conditions
 from pd_editor.evaluation.scene_test import scene_test_tables
 from pd_editor.evaluation.summary import Summary, summarise
@@ -139,9 +139,9 @@ def evaluate(
     )
     engine = LocalProcesses(num_workers=num_workers(workers))
     found = scenes_of(plan)
-    folder = RunFolder(Path(out), plan.settings, resume=resume)
+    folder = EvaluationFolder(Path(out), plan.settings, resume=resume)
     record = run_evaluation(
-        plan, found, folder, engine, on_progress=progress_shown("scenes on roads")
+        plan, found, folder, engine, on_progress=work_shown("scenes on roads")
     )
     splits = splits_of(plan, found)
     return _reported(plan, splits, folder, record, _command(plan, out))
@@ -150,7 +150,7 @@ def evaluate(
 def _reported(
     plan: EvaluationPlan,
     splits: EvaluationSplits,
-    folder: RunFolder,
+    folder: EvaluationFolder,
     record: RunRecord,
     command: str,
 ) -> Evaluation:

@@ -20,6 +20,7 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, free_name
 from pd_editor.errors import EditError, ExportError
 from pd_editor.exporters.bundle import zip_folders
+from pd_editor.regular_file import write_whole
 from pd_editor.scenario_store import exported_files, open_scenario
 
 ZIP_NAME: Final = "scenarios.zip"
@@ -121,11 +122,5 @@ def _zipped(out: Path, sessions: list[EditorSession], overwrite: bool) -> Path:
         made[name] = exported_files(session.scenario, recipe)
         rows.append(index_row(session.scenario, session.base, recipe))
     content = zip_folders(made, {INDEX_NAME: index_csv(rows)})
-    hidden = out / f".{ZIP_NAME}.new"
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        hidden.write_bytes(content)
-        hidden.replace(target)
-    except OSError as error:
-        raise ExportError(f"{out}: cannot be written ({error.strerror}).") from error
+    write_whole(target, content)
     return target

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from pd_editor.cli.arguments import FolderOption, OptionalFolder
 from pd_editor.errors import ModelError
+from pd_editor.regular_file import write_whole
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,7 +58,7 @@ def model(
     save_model(folder, shipped, half=True)
     card = folder / CARD_NAME
     if not card.exists():
-        card.write_text(card_of(folder.resolve().name, stages), encoding="utf-8")
+        write_whole(card, card_of(folder.resolve().name, stages).encode(), ModelError)
     files = [
         folder / CONFIG_NAME,
         *(folder / s.kind.file_name for s in stages.values()),

@@ -1,53 +1,64 @@
-"""Progress of long work, shown where somebody watches."""
+"""Progress of long work on stderr."""
 
 import sys
 import time
 from collections.abc import Callable, Generator
 from typing import Final
 
-from pd_editor.generation import GeneratedTraffic, GenerationProgress
+from pd_editor.generation import GeneratedTraffic, GenerationProgress, run_to_end
 from pd_editor.work_engine.work_engine import WorkProgress
 
 _SECONDS_BETWEEN_LINES: Final = 30.0
+_WIDTH: Final = 78
+
+
+class ProgressLine:
+    """One line that a terminal writes over; elsewhere a line every 30 seconds."""
+
+    def __init__(self) -> None:
+        """Begin; the first line elsewhere comes after 30 seconds."""
+        self.began = self._last = time.monotonic()
+        self.is_watched = sys.stderr.isatty()
+
+    def show(self, line: str, *, is_over: bool = False) -> None:
+        """Write how far the work is; ``is_over`` ends the line of a terminal."""
+        now = time.monotonic()
+        if self.is_watched:
+            sys.stderr.write(f"\r{line:<{_WIDTH}}" + "\n" * is_over)
+        elif now - self._last >= _SECONDS_BETWEEN_LINES:
+            sys.stderr.write(f"{line}\n")
+            self._last = now
+        sys.stderr.flush()
+
+    def clear(self) -> None:
+        """Remove the line from a terminal."""
+        if self.is_watched:
+            sys.stderr.write("\r" + " " * _WIDTH + "\r")
 
 
 def run_showing_progress(
     steps: Generator[GenerationProgress, None, GeneratedTraffic],
 ) -> GeneratedTraffic:
-    """The result of a generation; a terminal sees one line that is written over."""
-    is_watched = sys.stderr.isatty()
+    """The result of a generation."""
+    line = ProgressLine()
     try:
-        while True:
-            progress = next(steps)
-            if is_watched:
-                line = f"{100 * progress.fraction:3.0f} % {progress.message}"
-                sys.stderr.write(f"\r{line:<78}")
-                sys.stderr.flush()
-    except StopIteration as stop:
-        return stop.value
+        return run_to_end(
+            steps,
+            lambda progress: line.show(
+                f"{100 * progress.fraction:3.0f} % {progress.message}"
+            ),
+        )
     finally:
-        if is_watched:
-            sys.stderr.write("\r" + " " * 78 + "\r")
+        line.clear()
 
 
-def progress_shown(noun: str) -> Callable[[WorkProgress], None]:
-    """Progress on stderr: one line that is written over, or one now and then."""
-    began = time.monotonic()
-    is_watched, last = sys.stderr.isatty(), began
+def work_shown(noun: str) -> Callable[[WorkProgress], None]:
+    """Progress of work on many items."""
+    line = ProgressLine()
 
     def show(progress: WorkProgress) -> None:
-        nonlocal last
-        now = time.monotonic()
-        is_over = progress.num_done == progress.num_items
-        if not is_watched and now - last < _SECONDS_BETWEEN_LINES:
-            return
-        last = now
-        line = progress_line(progress, now - began, noun)
-        if is_watched:
-            sys.stderr.write(f"\r{line:<78}" + ("\n" if is_over else ""))
-        else:
-            sys.stderr.write(f"{line}\n")
-        sys.stderr.flush()
+        text = progress_line(progress, time.monotonic() - line.began, noun)
+        line.show(text, is_over=progress.num_done == progress.num_items)
 
     return show
 
@@ -59,6 +70,11 @@ def progress_line(progress: WorkProgress, elapsed_s: float, noun: str) -> str:
     if progress.num_failed:
         words += f", {progress.num_failed} failed"
     if 0 < done < num:
-        left = round(elapsed_s / done * (num - done))
-        words += f", {left // 60}:{left % 60:02d} left"
+        words += f", {minutes_left(elapsed_s / done * (num - done))}"
     return words
+
+
+def minutes_left(left_s: float) -> str:
+    """Time that work still takes, as in "2:05 left"."""
+    left = round(left_s)
+    return f"{left // 60}:{left % 60:02d} left"

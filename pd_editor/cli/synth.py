@@ -15,7 +15,7 @@ from pd_editor.cli.arguments import (
     folders,
     num_workers,
 )
-from pd_editor.cli.progress import progress_shown
+from pd_editor.cli.progress import work_shown
 from pd_editor.errors import InputError
 from pd_editor.synthesis.dataset.builder import CorpusPlan, CorpusRecord, build_corpus
 from pd_editor.synthesis.dataset.dataset_folder import MANIFEST_NAME, CorpusFolder
@@ -103,7 +103,7 @@ def synth(
         with_noise=noise,
     )
     folder = CorpusFolder(Path(out), plan.settings, resume=resume)
-    record = build_corpus(plan, folder, engine, on_progress=progress_shown("networks"))
+    record = build_corpus(plan, folder, engine, on_progress=work_shown("networks"))
     return Synthesis(
         folder=folder.path,
         record=record,

@@ -1,8 +1,6 @@
 """``pd-editor train``: train a stage of the model."""
 
 import math
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from pd_editor.cli.arguments import OptionalFolder, Switch
+from pd_editor.cli.progress import ProgressLine, minutes_left
 from pd_editor.work_engine.work_engine import WorkProgress
 
 if TYPE_CHECKING:
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
 
 StageName = Literal["init", "traj", "all"]
 _STAGES: tuple[Literal["init", "traj"], ...] = ("init", "traj")
-_SECONDS_BETWEEN_LINES = 30.0
 _OPTIONAL = "(optional)"
 
 
@@ -227,50 +225,26 @@ def _trained(
 
 
 def _preparation_shown() -> Callable[[WorkProgress], None]:
-    show = _lines_shown()
+    line = ProgressLine()
 
-    def show_progress(progress: WorkProgress) -> None:
+    def show(progress: WorkProgress) -> None:
         done, num = progress.num_done, progress.num_items
-        show(f"Preparing scenes: {done} of {num} parts", is_over=done == num)
+        line.show(f"Preparing scenes: {done} of {num} parts", is_over=done == num)
 
-    return show_progress
+    return show
 
 
 def _progress_shown() -> "Callable[[TrainingProgress], None]":
-    show = _lines_shown()
-
-    def show_progress(progress: "TrainingProgress") -> None:
-        show(progress_line(progress), is_over=progress.fraction >= 1)
-
-    return show_progress
+    line = ProgressLine()
+    return lambda one: line.show(progress_line(one), is_over=one.fraction >= 1)
 
 
 def progress_line(progress: "TrainingProgress") -> str:
     """How far a training is, how well it does, and how long it will still take."""
-    left = round(progress.left_s)
     held_out = progress.held_out_loss
     checked = "" if math.isnan(held_out) else f" (held out {held_out:.4f})"
     return (
         f"{100 * progress.fraction:3.0f} % step {progress.standing.step}, loss "
         f"{progress.loss:.4f}{checked}, {progress.scenes_per_s:.0f} scenes/s, "
-        f"{left // 60}:{left % 60:02d} left"
+        f"{minutes_left(progress.left_s)}"
     )
-
-
-def _lines_shown() -> Callable[..., None]:
-    """Writes to stderr: one line that is written over, or one now and then."""
-    is_watched, last = sys.stderr.isatty(), time.monotonic()
-
-    def show(line: str, *, is_over: bool) -> None:
-        nonlocal last
-        now = time.monotonic()
-        if not is_watched and now - last < _SECONDS_BETWEEN_LINES:
-            return
-        last = now
-        if is_watched:
-            sys.stderr.write(f"\r{line:<78}" + ("\n" if is_over else ""))
-        else:
-            sys.stderr.write(f"{line}\n")
-        sys.stderr.flush()
-
-    return show

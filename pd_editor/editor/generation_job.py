@@ -3,6 +3,7 @@
 import logging
 import threading
 from collections.abc import Callable
+from contextlib import closing
 from typing import Final
 
 from pd_editor.editor.commands.traffic import traffic_command
@@ -11,6 +12,7 @@ from pd_editor.generation import (
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,
+    RunningGeneration,
     ScenarioGenerator,
 )
 
@@ -86,18 +88,14 @@ class GenerationJob:
 
     def _result(self) -> GeneratedTraffic | None:
         """The traffic; None if cancelled."""
-        steps = self._generator.generate(self._request)
-        try:
-            while not self._cancelled.is_set():
-                try:
-                    progress = next(steps)
-                except StopIteration as stop:
-                    return stop.value
+        with closing(self._generator.generate(self._request)) as steps:
+            running = RunningGeneration(steps)
+            for progress in running:
                 if not self._cancelled.is_set():
                     self._on_progress(progress)
-        finally:
-            steps.close()
-        return None
+                if self._cancelled.is_set():
+                    break
+        return running.traffic
 
     def _fail(self, error: PdEditorError) -> None:
         if not self._cancelled.is_set():

@@ -9,10 +9,10 @@ from typing import Final
 import pyarrow.parquet as pq
 
 from pd_editor.av2_io.dataset import CardFilter, DatasetIndex
-from pd_editor.errors import ExportError, InputError
+from pd_editor.errors import InputError
 from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.evaluation.method import Method
-from pd_editor.evaluation.results_folder import RunFolder, RunSettings
+from pd_editor.evaluation.results_folder import EvaluationFolder, RunSettings
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.evaluation.scene_rows import (
     ROW_SCHEMA,
@@ -20,6 +20,7 @@ from pd_editor.evaluation.scene_rows import (
     SceneRows,
     judge_scene,
 )
+from pd_editor.regular_file import unwritable
 from pd_editor.work_engine import WorkEngine, WorkResult, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
 
@@ -181,7 +182,7 @@ def items_of(plan: EvaluationPlan, scenes: Sequence[Scene]) -> dict[str, SceneIt
 def run_evaluation(
     plan: EvaluationPlan,
     found: FoundScenes,
-    folder: RunFolder,
+    folder: EvaluationFolder,
     engine: WorkEngine,
     *,
     on_progress: Callable[[WorkProgress], None] | None = None,
@@ -199,10 +200,7 @@ def run_evaluation(
         if result.value is not None:
             folder.store(result.key, result.value)
         elif result.failure is not None:
-            reason = result.failure.message
-            if not result.failure.is_users:
-                reason = f"{result.failure.error}: {reason}"
-            broken[result.key] = reason
+            broken[result.key] = result.failure.reason
 
     run_items(
         engine, judge_scene, items, on_result=take, on_progress=on_progress, done=done
@@ -211,7 +209,7 @@ def run_evaluation(
 
 
 def _collected(
-    folder: RunFolder,
+    folder: EvaluationFolder,
     items: Mapping[str, SceneItem],
     broken: Mapping[str, str],
     num_skipped: int,
@@ -244,7 +242,7 @@ def _collected(
                 }
                 writer.write_table(rows.table)
     except OSError as error:
-        raise ExportError(f"{target}: cannot be written ({error.strerror}).") from error
+        raise unwritable(target, error) from error
     return RunRecord(
         num_scenes=len({item.folder for item in items.values()}),
         num_skipped_folders=num_skipped,

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pd_editor.evaluation.scene_rows import ROW_SCHEMA, SceneRows
-from pd_editor.work_engine.resumable_folder import FINISHED_NAME, ResumableFolder
+from pd_editor.work_engine.work_folder import FINISHED_NAME, ResumableFolder
 
 _METADATA_KEY: Final = b"pd_editor"
 
@@ -29,7 +29,7 @@ class RunSettings:
     agents: str = "all"
 
 
-class RunFolder(ResumableFolder):
+class EvaluationFolder(ResumableFolder):
     """Finished scenes on disk."""
 
     def __init__(self, path: Path, settings: RunSettings, *, resume: bool) -> None:

@@ -14,6 +14,7 @@ from typing import Final
 
 from pd_editor.errors import ExportError
 from pd_editor.exporters.folder_exchange import exchange
+from pd_editor.regular_file import unwritable
 
 RECIPE_NAME: Final = "recipe.json"
 """Name of the recipe, which every export contains."""
@@ -81,12 +82,13 @@ def write_files(
         ExportError: the place is taken, forbidden, or cannot be written to.
     """
     check_place(out, tuple(files), forbidden=forbidden, overwrite=overwrite)
+    target = Path(out).resolve()
     try:
-        target = Path(out).resolve()
         target.parent.mkdir(parents=True, exist_ok=True)
-        _replace_folder(files, target)
+        _clear_left_overs(target)
     except OSError as error:
-        raise ExportError(f"{out}: cannot be written ({error.strerror}).") from error
+        raise unwritable(out, error) from error
+    replace_folder(files, target)
 
 
 def check_place(
@@ -105,7 +107,7 @@ def check_place(
     try:
         _check_target(names, Path(out).resolve(), forbidden, overwrite)
     except OSError as error:
-        raise ExportError(f"{out}: cannot be written ({error.strerror}).") from error
+        raise unwritable(out, error) from error
     # Path.resolve raises for a cycle of links, or a NUL in the name.
     except (RuntimeError, ValueError) as error:
         raise ExportError(f"{str(out)!r}: is no place for a folder.") from error
@@ -154,13 +156,22 @@ def _check_target(
         )
 
 
-def _replace_folder(files: Mapping[str, bytes], target: Path) -> None:
+def replace_folder(files: Mapping[str, bytes], target: Path) -> None:
     """Write to a hidden folder beside the target, then swap both atomically.
 
     A reader sees the complete old or the complete new folder. Where the system cannot
     swap folders, the old one is renamed first, and there is a short time without any.
+
+    Raises:
+        ExportError: it cannot be written.
     """
-    _clear_left_overs(target)
+    try:
+        _replace_folder(files, target)
+    except OSError as error:
+        raise unwritable(target, error) from error
+
+
+def _replace_folder(files: Mapping[str, bytes], target: Path) -> None:
     token = secrets.token_hex(4)
     new = target.parent / f".{target.name}.{token}{_NEW}"
     old = target.parent / f".{target.name}.{token}{_OLD}"

@@ -9,7 +9,7 @@ import json
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
@@ -26,6 +26,7 @@ from pd_editor.features.scene_features import (
     NUM_NEAR_BOUNDARY,
     NUM_NEAR_PIECES,
 )
+from pd_editor.regular_file import unwritable, write_whole
 
 FORMAT_VERSION: Final = 5
 """Also of what the numbers mean."""
@@ -101,12 +102,11 @@ def open_for_writing(folder: Path, index: StoreIndex) -> frozenset[str]:
                     "another folder, or this one emptied."
                 )
         else:
-            folder.mkdir(parents=True, exist_ok=True)
-            _write_whole(path, _index_text(index))
+            write_whole(
+                path, json.dumps(asdict(index), indent=2).encode(), TrainingError
+            )
     except OSError as error:
-        raise TrainingError(f"{folder}: cannot be written ({error.strerror}).") from (
-            error
-        )
+        raise unwritable(folder, error, TrainingError) from error
     return frozenset(name.removeprefix(_PART_PREFIX) for name in _part_names(folder))
 
 
@@ -309,18 +309,6 @@ def _part_names(folder: Path) -> list[str]:
     )
 
 
-def _index_text(index: StoreIndex) -> str:
-    return json.dumps(
-        {
-            "fingerprint": index.fingerprint,
-            "roots": list(index.roots),
-            "settings": index.settings,
-            "version": index.version,
-        },
-        indent=2,
-    )
-
-
 def _read_index(folder: Path) -> StoreIndex:
     path = folder / _INDEX_NAME
     try:
@@ -341,9 +329,3 @@ def _read_index(folder: Path) -> StoreIndex:
             f"{FORMAT_VERSION}, so prepare them anew."
         )
     return index
-
-
-def _write_whole(path: Path, text: str) -> None:
-    beside = path.with_name(f".{path.name}-{os.getpid()}")
-    beside.write_text(text)
-    beside.replace(path)

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from pd_editor.errors import ExportError, InputError
+from pd_editor.errors import InputError
 from pd_editor.recordings.clip import (
     FUTURE_STEPS,
     PAST_STEPS,
@@ -28,6 +28,7 @@ from pd_editor.recordings.clip import (
 from pd_editor.recordings.recording import Recording, Window
 from pd_editor.recordings.recording_codec import coded_recording, decoded_recording
 from pd_editor.recordings.tracking_noise import TrackingNoise
+from pd_editor.regular_file import write_whole
 from pd_editor.scene.scenario import Scenario
 
 SHARD_SUFFIX: Final = ".shard"
@@ -61,12 +62,7 @@ def write_shard(
     Raises:
         ExportError: it cannot be written.
     """
-    fresh = path.with_name(f".{path.name}.new")
-    try:
-        fresh.write_bytes(shard_bytes(recordings))
-        fresh.replace(path)
-    except OSError as error:
-        raise ExportError(f"{path}: cannot be written ({error.strerror}).") from error
+    write_whole(path, shard_bytes(recordings))
 
 
 def shard_bytes(recordings: Iterable[tuple[Recording, Sequence[Window]]]) -> bytes:

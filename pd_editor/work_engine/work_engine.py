@@ -23,6 +23,11 @@ class WorkFailure:
     is_users: bool = False
     """Whether it is an error that users can cause (a ``PdEditorError``), not a bug."""
 
+    @property
+    def reason(self) -> str:
+        """For the user: the message, after the name of the error if it is a bug's."""
+        return self.message if self.is_users else f"{self.error}: {self.message}"
+
 
 def failure_of(error: Exception) -> WorkFailure:
     """An exception as text."""

@@ -6,7 +6,7 @@ import pytest
 
 from pd_editor.errors import InputError
 from pd_editor.evaluation.evaluation import ROWS_NAME, run_evaluation, scenes_of
-from pd_editor.evaluation.results_folder import RunFolder
+from pd_editor.evaluation.results_folder import EvaluationFolder
 from pd_editor.work_engine import LocalProcesses
 from tests.builders import scenario_with, straight_drivers
 from tests.evaluation.small_dataset import (
@@ -28,7 +28,7 @@ def root(tmp_path: Path) -> Path:
 
 
 def run(plan, out: Path, engine=None, *, resume=False):
-    folder = RunFolder(out, plan.settings, resume=resume)
+    folder = EvaluationFolder(out, plan.settings, resume=resume)
     record = run_evaluation(plan, scenes_of(plan), folder, engine or OneByOne())
     return record, (out / ROWS_NAME).read_bytes()
 
@@ -95,7 +95,7 @@ def test_scenes_that_cannot_be_judged_are_said_and_counted(root, tmp_path):
 
 def test_progress_counts_what_is_left(root, tmp_path):
     plan, seen = plan_for(root, "ground-truth"), []
-    folder = RunFolder(tmp_path / "out", plan.settings, resume=False)
+    folder = EvaluationFolder(tmp_path / "out", plan.settings, resume=False)
     run_evaluation(plan, scenes_of(plan), folder, OneByOne(), on_progress=seen.append)
     assert [(one.num_done, one.num_items) for one in seen] == [
         (done, 3) for done in range(4)

@@ -1,6 +1,6 @@
 from dataclasses import replace
 
-from pd_editor.evaluation.results_folder import RunFolder, RunSettings
+from pd_editor.evaluation.results_folder import EvaluationFolder, RunSettings
 from pd_editor.evaluation.scene_rows import ROW_SCHEMA, SceneRows
 
 SETTINGS = RunSettings(
@@ -10,11 +10,11 @@ EMPTY = SceneRows(table=ROW_SCHEMA.empty_table(), model_sha256={"m": "1"})
 
 
 def test_a_finished_scene_comes_back(tmp_path):
-    folder = RunFolder(tmp_path / "out", SETTINGS, resume=False)
+    folder = EvaluationFolder(tmp_path / "out", SETTINGS, resume=False)
     folder.store("train/aaa/none", EMPTY)
     failed = replace(EMPTY, failures={"m": "No."}, has_future=False)
     folder.store("train/bbb/none", failed)
-    again = RunFolder(tmp_path / "out", SETTINGS, resume=True)
+    again = EvaluationFolder(tmp_path / "out", SETTINGS, resume=True)
     keys = {"train/aaa/none": 0, "train/bbb/none": 0, "train/ccc/none": 0}
     assert again.finished(keys) == {"train/aaa/none"}
     found = again.load("train/bbb/none")
@@ -25,7 +25,7 @@ def test_a_finished_scene_comes_back(tmp_path):
 
 
 def test_a_damaged_file_counts_as_not_finished(tmp_path):
-    folder = RunFolder(tmp_path, SETTINGS, resume=False)
+    folder = EvaluationFolder(tmp_path, SETTINGS, resume=False)
     folder.store("a/none", EMPTY)
     path = tmp_path / "finished" / "a" / "none.parquet"
     path.write_bytes(path.read_bytes()[:-9])

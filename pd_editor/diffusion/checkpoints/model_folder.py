@@ -17,10 +17,9 @@ from pd_editor.diffusion.checkpoints.tensor_file import (
     load_into,
     read_tensors,
     write_tensors,
-    write_whole,
 )
 from pd_editor.errors import ModelError
-from pd_editor.regular_file import read_regular
+from pd_editor.regular_file import read_regular, write_whole
 
 CONFIG_NAME: Final = "config.json"
 FORMAT: Final = "pd-editor-model"
@@ -125,7 +124,7 @@ def save_model(
         }
     content = {"format": FORMAT, "version": FORMAT_VERSION, "stages": listed}
     text = json.dumps(content, indent=2, sort_keys=True) + "\n"
-    write_whole(folder / CONFIG_NAME, text.encode())
+    write_whole(folder / CONFIG_NAME, text.encode(), ModelError)
 
 
 def load_model(folder: Path, kinds: Mapping[str, StageKind]) -> TrainedModel:

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -14,7 +13,7 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from pd_editor.errors import ModelError
-from pd_editor.regular_file import check_regular
+from pd_editor.regular_file import check_regular, write_whole
 
 FORMAT: Final = "pd-editor-tensors-1"
 MAX_FILE_BYTES: Final = 512 * 2**20
@@ -51,28 +50,8 @@ def write_tensors(
     metadata = {_METADATA_KEY: json.dumps(told, sort_keys=True)}
     plain = {name: one.detach().cpu().contiguous() for name, one in tensors.items()}
     data = save(plain, metadata)
-    write_whole(path, data)
+    write_whole(path, data, ModelError)
     return hashlib.sha256(data).hexdigest()
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Replace a file in one step, so that a kill leaves the old one or the new one.
-
-    Raises:
-        ModelError: it cannot be written.
-    """
-    fresh = path.with_name(f".{path.name}.new")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with fresh.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        fresh.replace(path)
-    except OSError as error:
-        raise ModelError(
-            f"{path}: cannot be written ({error.strerror or error})."
-        ) from error
 
 
 def read_tensors(path: Path, kind: str) -> TensorFile:

@@ -152,10 +152,7 @@ def build_corpus(
             if result.value is not None:
                 folder.store(result.key, result.value)
             elif result.failure is not None:
-                reason = result.failure.message
-                if not result.failure.is_users:
-                    reason = f"{result.failure.error}: {reason}"
-                failures[result.key] = reason
+                failures[result.key] = result.failure.reason
 
         run_items(
             engine, make_network, items, on_result=take, on_progress=on_progress,

@@ -1,17 +1,12 @@
 """The folder of a synthetic corpus: settings, finished networks, what they gave."""
 
 import json
-import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from pd_editor.work_engine.resumable_folder import (
-    FINISHED_NAME,
-    ResumableFolder,
-    unwritable,
-)
+from pd_editor.work_engine.work_folder import FINISHED_NAME, ResumableFolder
 
 MANIFEST_NAME: Final = "manifest.json"
 
@@ -60,7 +55,7 @@ class CorpusFolder(ResumableFolder):
         Raises:
             ExportError: it cannot be written.
         """
-        self.write(f"{FINISHED_NAME}/{key}.json", _json_bytes(asdict(record)))
+        self.write_json(f"{FINISHED_NAME}/{key}.json", asdict(record))
 
     def load(self, key: str) -> NetworkRecord | None:
         """What a finished network gave; None if it is not finished."""
@@ -81,27 +76,4 @@ class CorpusFolder(ResumableFolder):
             "num_windows": sum(one.num_windows for one in networks.values()),
             "networks": {key: asdict(one) for key, one in networks.items()},
         }
-        return self.write(MANIFEST_NAME, _json_bytes(manifest))
-
-
-def write_scenario_folder(out: Path, name: str, files: Mapping[str, bytes]) -> None:
-    """Write ``out/name``, whole or not at all; an equal one of before is replaced.
-
-    Raises:
-        ExportError: it cannot be written.
-    """
-    target, fresh = out / name, out / f".{name}.new"
-    try:
-        for old in (fresh, target):
-            if old.exists():
-                shutil.rmtree(old)
-        fresh.mkdir()
-        for file_name, data in files.items():
-            (fresh / file_name).write_bytes(data)
-        fresh.rename(target)
-    except OSError as error:
-        raise unwritable(target, error) from error
-
-
-def _json_bytes(value: Any) -> bytes:
-    return json.dumps(value, indent=1).encode()
+        return self.write_json(MANIFEST_NAME, manifest)

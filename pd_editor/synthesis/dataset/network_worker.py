@@ -9,16 +9,14 @@ from typing import Final
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import SynthesisError
+from pd_editor.exporters.bundle import replace_folder
 from pd_editor.recordings.clip import cut_scenario
 from pd_editor.recordings.clip_selection import choose_windows
 from pd_editor.recordings.recording import Recording, Window
 from pd_editor.recordings.shards import SHARD_SUFFIX, write_shard
 from pd_editor.recordings.tracking_noise import TrackingNoise
 from pd_editor.synthesis.av2_to_sumo.network_conversion import network_of_map
-from pd_editor.synthesis.dataset.dataset_folder import (
-    NetworkRecord,
-    write_scenario_folder,
-)
+from pd_editor.synthesis.dataset.dataset_folder import NetworkRecord
 from pd_editor.synthesis.road_network.generator import draw_network
 from pd_editor.synthesis.traffic.demand_config import MAP_DEMAND
 from pd_editor.synthesis.traffic.simulation import simulate
@@ -90,4 +88,4 @@ def _write_folders(
     for window in windows:
         scenario = cut_scenario(recording, window, noise=noise)
         files = scenario_files(scenario)
-        write_scenario_folder(item.out, scenario.scenario_id, files)
+        replace_folder(files, item.out / scenario.scenario_id)

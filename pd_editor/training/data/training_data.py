@@ -18,6 +18,7 @@ from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.errors import TrainingError
 from pd_editor.features.encoded_scene import PackedScene
 from pd_editor.features.feature_store import FORMAT_VERSION, FeatureStore
+from pd_editor.regular_file import unwritable
 from pd_editor.training.data.augmentation import DEFAULT_AUGMENTATION, Augmentation
 from pd_editor.training.data.feature_preparation import (
     fit_basis,
@@ -105,9 +106,7 @@ def prepared_data(
                 on_progress=on_progress,
             )
     except OSError as error:
-        raise TrainingError(
-            f"{folder}: cannot be written ({error.strerror or error})."
-        ) from error
+        raise unwritable(folder, error, TrainingError) from error
     left_out = len(source) - len(store) // copies + source.num_damaged
     return PreparedData(store=store, basis=basis, num_left_out=left_out)
 

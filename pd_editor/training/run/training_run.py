@@ -15,7 +15,7 @@ from lightning_fabric import Fabric
 from lightning_fabric.strategies.ddp import DDPStrategy
 
 from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
-from pd_editor.diffusion.checkpoints.tensor_file import config_from_json, write_whole
+from pd_editor.diffusion.checkpoints.tensor_file import config_from_json
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.errors import TrainingError
@@ -30,7 +30,7 @@ from pd_editor.training.data.training_data import (
 )
 from pd_editor.training.run.loss_curves import loss_curves_png
 from pd_editor.training.run.run_config import Precision, RunConfig
-from pd_editor.training.run.run_folder import RunFolder
+from pd_editor.training.run.run_folder import CURVES_NAME, RunFolder
 from pd_editor.training.run.run_request import RunRequest, continued_config, new_config
 from pd_editor.training.run.stop_request import stop_requests
 from pd_editor.training.run.training_state import Standing
@@ -221,7 +221,7 @@ def write_curves(run: RunFolder, config: RunConfig) -> None:
     entries = run.logged()
     if entries:
         title = f"{config.stage}: {run.path.name}"
-        write_whole(run.curves_path, loss_curves_png(entries, title))
+        run.write(CURVES_NAME, loss_curves_png(entries, title))
 
 
 def _begin(

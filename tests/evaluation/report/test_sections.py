@@ -20,7 +20,7 @@ from pd_editor.evaluation.report.figures import figures_of
 from pd_editor.evaluation.report.html import html_of
 from pd_editor.evaluation.report.markdown import markdown_of
 from pd_editor.evaluation.report.sections import Findings, report_of
-from pd_editor.evaluation.results_folder import RunFolder
+from pd_editor.evaluation.results_folder import EvaluationFolder
 from pd_editor.evaluation.scene_rows import METRIC_COLUMNS
 from pd_editor.evaluation.summary import Summary, summarise
 from pd_editor.metrics.metric_table import METRICS
@@ -40,7 +40,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     root = write_dataset(tmp_path_factory.mktemp("data"))
     plan = plan_for(root, *NAMES, warps=("none", "smooth-turn:3", "smooth-turn:9"))
     out = tmp_path_factory.mktemp("out") / "out"
-    folder = RunFolder(out, plan.settings, resume=False)
+    folder = EvaluationFolder(out, plan.settings, resume=False)
     record = run_evaluation(plan, scenes_of(plan), folder, OneByOne())
     summary = summarise(out / ROWS_NAME, NAMES, plan.conditions, 0)
     return plan, record, findings(summary)
@@ -98,7 +98,7 @@ def test_held_out_scenes_stand_apart_from_those_that_chose_the_settings(
     found, tmp_path
 ):
     plan, record, _ = found
-    folder = RunFolder(tmp_path / "out", plan.settings, resume=False)
+    folder = EvaluationFolder(tmp_path / "out", plan.settings, resume=False)
     run_evaluation(plan, scenes_of(plan), folder, OneByOne())
     splits = splits_of(plan, scenes_of(plan))
     assert (splits.held_out, splits.development) == (("val",), ("train",))
@@ -186,7 +186,7 @@ def test_figures_are_valid_svg_inside_their_frames(found):
 
 def test_a_run_without_any_row_still_has_a_report(found, tmp_path: Path):
     plan, record, _ = found
-    folder = RunFolder(tmp_path / "out", plan.settings, resume=False)
+    folder = EvaluationFolder(tmp_path / "out", plan.settings, resume=False)
     none = replace(scenes_of(plan), scenes=())
     run_evaluation(plan, none, folder, OneByOne())
     summary = summarise(folder.path / ROWS_NAME, NAMES, plan.conditions, 0)

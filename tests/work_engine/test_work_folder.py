@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from pd_editor.errors import ExportError, InputError
-from pd_editor.work_engine.resumable_folder import ResumableFolder
+from pd_editor.work_engine.work_folder import ResumableFolder
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,103 @@
+"""Folders of long work: new or taken up again, each of their files whole."""
+
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from pd_editor.errors import ExportError, InputError
+from pd_editor.regular_file import unwritable, write_whole
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+SETTINGS_NAME: Final = "settings.json"
+FINISHED_NAME: Final = "finished"
+
+
+class WorkFolder:
+    """The folder of a run; a file is whole or not there at all."""
+
+    def __init__(self, path: Path) -> None:
+        """Name the folder; ``write`` makes it."""
+        self.path = Path(path)
+
+    def check_free(self) -> None:
+        """Refuse a folder that holds something.
+
+        Raises:
+            ExportError: it does, or it is no folder.
+        """
+        if self._holds_files():
+            raise ExportError(
+                f"{self.path}: already holds files; choose a new folder, or go on with "
+                "an earlier run by --resume."
+            )
+
+    def write(self, name: str, data: bytes) -> Path:
+        """Write a file of the folder, whole or not at all.
+
+        Raises:
+            ExportError: it cannot be written.
+        """
+        target = self.path / name
+        write_whole(target, data)
+        return target
+
+    def write_json(self, name: str, values: Any) -> Path:
+        """Write values as JSON; see ``write``."""
+        return self.write(name, (json.dumps(values, indent=2) + "\n").encode())
+
+    def _holds_files(self) -> bool:
+        try:
+            return os.path.lexists(self.path) and bool(os.listdir(self.path))
+        except (OSError, ValueError) as error:
+            raise unwritable(self.path, error) from error
+
+
+class ResumableFolder(WorkFolder):
+    """Finished parts on disk, with the settings they hold for."""
+
+    def __init__(
+        self, path: Path, settings: "DataclassInstance", *, work: str, resume: bool
+    ) -> None:
+        """Make the folder, or go on with the one of an earlier run.
+
+        Args:
+            path: the folder.
+            settings: what must be equal for finished parts to be of use.
+            work: what the folder is of, in a word: "evaluation".
+            resume: whether to go on with what is there.
+
+        Raises:
+            ExportError: the folder cannot be written, or holds something else.
+            InputError: it was begun with other settings.
+        """
+        super().__init__(path)
+        wanted = json.loads(json.dumps(asdict(settings)))
+        if not resume:
+            self.check_free()
+        elif self._holds_files():
+            self._check_earlier(wanted, work)
+        try:
+            (self.path / FINISHED_NAME).mkdir(parents=True, exist_ok=True)
+        except (OSError, ValueError) as error:
+            raise unwritable(self.path, error) from error
+        self.write_json(SETTINGS_NAME, wanted)
+
+    def _check_earlier(self, wanted: dict[str, object], work: str) -> None:
+        try:
+            found = json.loads((self.path / SETTINGS_NAME).read_bytes())
+        except (OSError, ValueError) as error:
+            raise ExportError(
+                f"{self.path}: holds no {work} to go on with (no readable "
+                f"{SETTINGS_NAME}); choose a new folder."
+            ) from error
+        earlier = found if isinstance(found, dict) else {}
+        other = [name for name in wanted if earlier.get(name) != wanted[name]]
+        if other:
+            raise InputError(
+                f"{self.path}: was begun with other settings ({', '.join(other)}); use "
+                "the same ones, or choose a new folder."
+            )
