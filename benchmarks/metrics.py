@@ -11,7 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.metrics.bootstrap import Interval, mean_interval
+from pd_editor.evaluation.scene_bootstrap import (
+    Estimate,
+    mean_over_scenes,
+    scene_weights,
+)
 from pd_editor.metrics.collisions.center_collision import init_collision_2m
 from pd_editor.metrics.distributions.distribution_distance import HISTOGRAMS
 from pd_editor.metrics.distributions.noise_floor import noise_floor
@@ -67,11 +71,19 @@ def print_times(views: list[TrafficView]) -> None:
     print(f"agent_values within 20 ms: {100 * share:.0f} % of scenes\n")
 
 
-def percent(interval: Interval) -> str:
-    return (
-        f"{100 * interval.mean:5.2f} % [{100 * interval.low:.2f}, "
-        f"{100 * interval.high:.2f}] of {interval.num_values} agents"
-    )
+def interval_of(scenes: list[MetricValues]) -> tuple[Estimate, int]:
+    """Mean over all valid values with its interval, and how many values there are."""
+    sums = np.array([scene.value[scene.is_valid].sum() for scene in scenes], float)
+    counts = np.array([scene.is_valid.sum() for scene in scenes], float)
+    weights = scene_weights(len(scenes), seed=0)
+    return mean_over_scenes(sums, counts, weights), int(counts.sum())
+
+
+def percent(scenes: list[MetricValues]) -> str:
+    found, count = interval_of(scenes)
+    low, high = 100 * float(found.low), 100 * float(found.high)
+    mean = 100 * float(found.value)
+    return f"{mean:5.2f} % [{low:.2f}, {high:.2f}] of {count} agents"
 
 
 def print_init_collisions(views: list[TrafficView]) -> None:
@@ -83,7 +95,7 @@ def print_init_collisions(views: list[TrafficView]) -> None:
     }
     for name, choose in filters.items():
         scenes = [init_collision_2m(view.only(choose(view))) for view in views]
-        print(f"  {name:22s} {percent(mean_interval(scenes))}")
+        print(f"  {name:22s} {percent(scenes)}")
     print()
 
 
@@ -96,11 +108,10 @@ def print_movers(views: list[TrafficView]) -> None:
             table.setdefault(name, []).append(values.taken(movers))
     print(f"{'recorded movers':28s} {'source':6s}     mean  95 % interval       values")
     for name, scenes in table.items():
-        interval = mean_interval(scenes)
+        found, count = interval_of(scenes)
         print(
-            f"{name:28s} {METRICS[name].source:6s} {interval.mean:8.4f}  "
-            f"[{interval.low:.4f}, {interval.high:.4f}] {METRICS[name].unit:7s}"
-            f"{interval.num_values}"
+            f"{name:28s} {METRICS[name].source:6s} {found.value:8.4f}  "
+            f"[{found.low:.4f}, {found.high:.4f}] {METRICS[name].unit:7s}{count}"
         )
     print("\nnoise floor of distances (root of the divergence) at 400 agents")
     for histogram in HISTOGRAMS:

@@ -9,8 +9,6 @@ from pd_editor.evaluation.scene_bootstrap import (
     mean_over_scenes,
     scene_weights,
 )
-from pd_editor.metrics.bootstrap import mean_interval
-from pd_editor.metrics.values import measured
 
 
 def test_every_value_weighs_the_same():
@@ -21,20 +19,20 @@ def test_every_value_weighs_the_same():
     assert (found.low.tolist(), found.high.tolist()) == ([2.0], [10.0])
 
 
-def test_close_to_the_interval_of_single_metrics():
-    random = np.random.default_rng(5)
-    scenes = [
-        measured("ade", random.exponential(3.0, count), np.ones(count, bool))
-        for count in random.integers(1, 30, 40)
-    ]
-    other = mean_interval(scenes)
-    sums = np.array([[scene.value.sum() for scene in scenes]])
-    counts = np.array([[float(len(scene)) for scene in scenes]])
-    found = mean_over_scenes(sums, counts, scene_weights(40, seed=0))
-    assert found.value == pytest.approx(other.mean)
-    half = (other.high - other.low) / 2
-    assert found.low == pytest.approx(other.low, abs=0.15 * half)
-    assert found.high == pytest.approx(other.high, abs=0.15 * half)
+def test_the_interval_of_independent_values_is_the_normal_one():
+    values = np.random.default_rng(3).normal(10, 2, (1, 400))
+    found = mean_over_scenes(values, np.ones((1, 400)), scene_weights(400, seed=0))
+    half = 1.96 * 2 / np.sqrt(400)
+    np.testing.assert_allclose(found.high - found.low, 2 * half, rtol=0.1)
+
+
+@pytest.mark.slow
+def test_intervals_of_scenes_that_differ_hold_the_truth_as_often_as_promised():
+    random = np.random.default_rng(4)
+    sums = 8 * random.normal(0, 1, (200, 60)) + random.normal(0, 8**0.5, (200, 60))
+    found = mean_over_scenes(sums, np.full((200, 60), 8.0), scene_weights(60, seed=0))
+    hits = np.mean((found.low <= 0) & (found.high >= 0))
+    assert 0.9 <= hits <= 0.99
 
 
 def test_equal_scenes_leave_no_doubt():
