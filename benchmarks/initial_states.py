@@ -36,7 +36,7 @@ from pd_editor.diffusion.initial_state.sampler import (
 from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS
-from pd_editor.evaluation.distances import STATE_METRICS
+from pd_editor.evaluation.report.distances import STATE_METRICS
 from pd_editor.features.encoded_scene import PackedScene
 from pd_editor.features.scene_features import scene_center, scene_features
 from pd_editor.generation import TrafficSample

@@ -12,7 +12,6 @@ from pd_editor.cli.arguments import FolderOption, Switch, num_workers
 from pd_editor.cli.progress import work_shown
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import GenerationError, InputError
-from pd_editor.evaluation.distances import distance_tables
 from pd_editor.evaluation.evaluation import (
     ROWS_NAME,
     EvaluationPlan,
@@ -30,13 +29,14 @@ from pd_editor.evaluation.evaluation_task import (
 )
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHODS
+from pd_editor.evaluation.report.distances import distance_tables
 from pd_editor.evaluation.report.figures import PLACING_SHOWN, SHOWN, figures_of
 from pd_editor.evaluation.report.html import html_of
 from pd_editor.evaluation.report.markdown import markdown_of
+from pd_editor.evaluation.report.scene_test import scene_test_tables
 from pd_editor.evaluation.report.sections import Findings, report_of
 from pd_editor.evaluation.results_folder import EvaluationFolder
 from pd_editor.evaluation.road_condition import road_conditions
-from pd_editor.evaluation.scene_test import scene_test_tables
 from pd_editor.evaluation.summary import Summary, summarise
 from pd_editor.generation import MAX_SAMPLES, MAX_SEED
 from pd_editor.generators import (

@@ -39,8 +39,8 @@ def model(
         save_model,
     )
     from pd_editor.diffusion.stages import STAGE_KINDS
-    from pd_editor.training.run.model_card import CARD_NAME, card_of, copied_curves
-    from pd_editor.training.run.run_folder import MODEL_NAME
+    from pd_editor.training.loop.run_folder import MODEL_NAME
+    from pd_editor.training.model_card import CARD_NAME, card_of, copied_curves
 
     given = {"init": init, "traj": traj}
     folder, stages, curves = Path(out), {}, []

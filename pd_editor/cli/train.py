@@ -13,9 +13,9 @@ from pd_editor.cli.progress import ProgressLine, minutes_left
 from pd_editor.work_engine.work_engine import WorkProgress
 
 if TYPE_CHECKING:
-    from pd_editor.training.run.run_request import RunRequest
-    from pd_editor.training.run.training_run import Hardware
-    from pd_editor.training.train_loop import TrainingProgress
+    from pd_editor.training.config.run_request import RunRequest
+    from pd_editor.training.loop.train_loop import TrainingProgress
+    from pd_editor.training.training_run import Hardware
 
 StageName = Literal["init", "traj", "all"]
 _STAGES: tuple[Literal["init", "traj"], ...] = ("init", "traj")
@@ -122,8 +122,8 @@ def train(
         copies: Prepare each scenario so often, changed at random each time anew (default: 1).
         resume: Go on with the run in the folder; its settings are taken from there.
     """
-    from pd_editor.training.run.run_request import RunRequest
-    from pd_editor.training.run.training_run import Hardware
+    from pd_editor.training.config.run_request import RunRequest
+    from pd_editor.training.training_run import Hardware
 
     request = RunRequest(
         stage="init" if stage == "all" else stage,
@@ -198,7 +198,7 @@ def _trained(
     resume: bool,
 ) -> Training:
     from pd_editor.training.data.training_data import default_cache
-    from pd_editor.training.run.training_run import run_asked_for
+    from pd_editor.training.training_run import run_asked_for
 
     outcome = run_asked_for(
         request,

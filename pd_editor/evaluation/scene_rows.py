@@ -16,7 +16,6 @@ from pd_editor.evaluation.method import JudgedTraffic, Method
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.generation import GenerationRequest
 from pd_editor.metrics.metric_table import METRICS
-from pd_editor.metrics.motion.kinematics import STANDING_MPS
 from pd_editor.metrics.road.off_lane import OFF_LANE_M, nearest_edge
 from pd_editor.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.metrics.traffic_view import (
@@ -26,6 +25,7 @@ from pd_editor.metrics.traffic_view import (
     recorded_traffic,
 )
 from pd_editor.metrics.values import MetricValues
+from pd_editor.scene.thresholds import STANDING_MPS
 
 LISTS: Final = ("local_density", "surroundings")
 """Metrics with several values for each agent."""

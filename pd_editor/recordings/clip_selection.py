@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from pd_editor.recordings.clip import FUTURE_STEPS, PAST_STEPS
 from pd_editor.recordings.recording import Recording, Window
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.thresholds import STANDING_MPS
 
 MIN_FOCAL_PATH_M: Final = 3.0
 """Focal agents come this far in a window; nine of ten of Argoverse 2's go 10 m."""
@@ -26,7 +27,6 @@ _MAX_CROWD: Final = 15
 _APART_M: Final = 60.0
 _APART_STEPS: Final = 100
 """Windows nearer than this to an earlier one, in space and time, are made rare."""
-_STANDING_MPS: Final = 0.3
 _AGAIN: Final = 3.0
 """An agent is so much rarer in a further window."""
 _MAX_PASSES: Final = 3
@@ -147,6 +147,6 @@ def _starting(recording: Recording, step: int) -> Int[np.ndarray, "S"]:
     is_there = (recording.first_step <= step) & (ends > step + FUTURE_STEPS)
     rows = np.flatnonzero(is_there & ~recording.is_parked)
     at = recording.first_row[rows] + step - recording.first_step[rows]
-    stands = np.linalg.norm(recording.velocity_mps[at], axis=-1) < _STANDING_MPS
+    stands = np.linalg.norm(recording.velocity_mps[at], axis=-1) < STANDING_MPS
     way = recording.position_m[at + FUTURE_STEPS] - recording.position_m[at]
     return rows[stands & (np.linalg.norm(way, axis=-1) > 1.0)]

@@ -24,8 +24,8 @@ from pd_editor.diffusion.trajectory.loss import (
     trajectory_loss,
 )
 from pd_editor.features.feature_store import FeatureStore
-from pd_editor.training.run.presets import LOSSES
-from pd_editor.training.train_loop import Loss
+from pd_editor.training.config.presets import LOSSES
+from pd_editor.training.loop.train_loop import Loss
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,11 +105,3 @@ STAGES: Final[Mapping[str, Stage]] = {
         with_basis=TrajectoryDenoiser,
     ),
 }
-
-
-def augmented_scenes(scene: SceneTensors, random: torch.Generator) -> SceneTensors:
-    """Scenes turned at random, and mirrored half of the time."""
-    turn = torch.rand(scene.num_scenes, generator=random) * 2 * torch.pi
-    if torch.rand((), generator=random) < 0.5:
-        scene = scene.mirrored()
-    return scene.rotated(turn.to(scene.agent_pose))

@@ -13,6 +13,7 @@ from pd_editor.errors import PdEditorError
 from pd_editor.generation import GeneratorOffer
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.comparison import Comparison
+from pd_editor.viewer.interaction.context_menu import ContextMenu
 from pd_editor.viewer.interaction.hover import Hover
 from pd_editor.viewer.interaction.picking import point_of
 from pd_editor.viewer.interaction.placing import Placing
@@ -22,7 +23,6 @@ from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
 from pd_editor.viewer.overlay.agent_list import AgentList
 from pd_editor.viewer.overlay.banner import OFFER, Banner
-from pd_editor.viewer.overlay.context_menu import ContextMenu
 from pd_editor.viewer.overlay.hints import Hints
 from pd_editor.viewer.overlay.key_sheet import KeySheet
 from pd_editor.viewer.overlay.legend import Legend

@@ -8,11 +8,11 @@ import numpy as np
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.paths.suggested_state import suggested_heading
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.viewer.interaction.context_menu import Menu, MenuItem
 from pd_editor.viewer.interaction.picking import PointerRay, agent_under
 from pd_editor.viewer.interaction.placing import Placing
 from pd_editor.viewer.interaction.selecting import Selecting
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
-from pd_editor.viewer.overlay.context_menu import Menu, MenuItem
 from pd_editor.viewer.overlay.measure import Measure
 from pd_editor.viewer.panels.agent_panel import AgentPanel
 from pd_editor.viewer.panels.candidates_panel import CandidatesPanel

@@ -8,9 +8,10 @@ import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
 
-from pd_editor.training.run.run_config import Budget, Optimisation, RunConfig
-from pd_editor.training.run.run_folder import RunFolder
-from pd_editor.training.train_loop import TrainingData, TrainLoop
+from pd_editor.training.config.run_config import Budget, Optimisation, RunConfig
+from pd_editor.training.data.batched_scenes import TrainingData
+from pd_editor.training.loop.run_folder import RunFolder
+from pd_editor.training.loop.train_loop import TrainLoop
 
 
 @dataclass(frozen=True)

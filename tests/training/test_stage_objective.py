@@ -8,12 +8,12 @@ from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.stages import STAGE_KINDS
 from pd_editor.recordings.clip_selection import choose_windows
 from pd_editor.recordings.shards import write_shard
+from pd_editor.training.config.presets import PRESETS
+from pd_editor.training.config.run_config import Budget, Optimisation, RunConfig
 from pd_editor.training.data.training_data import prepared_data, training_data
-from pd_editor.training.run.presets import PRESETS
-from pd_editor.training.run.run_config import Budget, Optimisation, RunConfig
-from pd_editor.training.run.run_folder import RunFolder
+from pd_editor.training.loop.run_folder import RunFolder
+from pd_editor.training.loop.train_loop import TrainLoop
 from pd_editor.training.stage_objective import STAGES
-from pd_editor.training.train_loop import TrainLoop
 from tests.recordings.recordings import drive
 
 

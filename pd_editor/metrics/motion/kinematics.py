@@ -21,10 +21,10 @@ from pd_editor.metrics.values import (
     mean_over_steps,
     measured,
 )
+from pd_editor.scene.thresholds import STANDING_MPS
 
 WINDOW_STEPS: Final = 21
 DEGREE: Final = 3
-STANDING_MPS: Final = 0.3
 START_M: Final = 1.0
 COMFORT_BRAKING_MPS2: Final = -4.05
 COMFORT_ACCELERATION_MPS2: Final = 2.40

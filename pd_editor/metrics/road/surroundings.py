@@ -13,13 +13,13 @@ import shapely
 from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import heading_of, wrap_angle
-from pd_editor.metrics.motion.kinematics import STANDING_MPS
 from pd_editor.metrics.road.map_points import nearest_points
 from pd_editor.metrics.road.off_road import drivable_ground, is_off_road
 from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.metrics.values import MetricValues, measured
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import LaneKind, RoadMap
+from pd_editor.scene.thresholds import STANDING_MPS
 
 FEATURES: Final = (
     "lane distance",

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.synthesis.sumo.floating_car_data import RawTracks, center_of_front
 from pd_editor.synthesis.traffic.vehicle_types import DrawnType
 
@@ -17,9 +18,6 @@ VEHICLE_SMOOTHING_S: Final = 0.3
 
 PEDESTRIAN_SMOOTHING_S: Final = 0.5
 """The same for pedestrians, whom SUMO moves sideways from stripe to stripe."""
-
-STANDING_MPS: Final = 0.3
-"""Below it pedestrians keep their heading."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

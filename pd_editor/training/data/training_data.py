@@ -19,15 +19,14 @@ from pd_editor.errors import TrainingError
 from pd_editor.features.encoded_scene import PackedScene
 from pd_editor.features.feature_store import FORMAT_VERSION, FeatureStore
 from pd_editor.regular_file import unwritable
+from pd_editor.training.config.run_config import Budget
 from pd_editor.training.data.augmentation import DEFAULT_AUGMENTATION, Augmentation
+from pd_editor.training.data.batched_scenes import TrainingData, augmented_scenes
 from pd_editor.training.data.feature_preparation import (
     fit_basis,
     open_roots,
     prepare_features,
 )
-from pd_editor.training.run.run_config import Budget
-from pd_editor.training.stage_objective import augmented_scenes
-from pd_editor.training.train_loop import TrainingData
 from pd_editor.work_engine.work_engine import WorkProgress
 
 _BASIS_NAME: Final = "basis.safetensors"

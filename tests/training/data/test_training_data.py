@@ -5,13 +5,13 @@ import torch
 from pd_editor.errors import InputError, TrainingError
 from pd_editor.recordings.clip_selection import choose_windows
 from pd_editor.recordings.shards import write_shard
+from pd_editor.training.config.run_config import Budget
+from pd_editor.training.data.batched_scenes import augmented_scenes
 from pd_editor.training.data.training_data import (
     held_out_scenes,
     prepared_data,
     training_data,
 )
-from pd_editor.training.run.run_config import Budget
-from pd_editor.training.stage_objective import augmented_scenes
 from tests.recordings.recordings import drive
 
 

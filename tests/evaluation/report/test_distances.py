@@ -3,8 +3,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pd_editor.evaluation.distances import distance_tables
 from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
+from pd_editor.evaluation.report.distances import distance_tables
 from pd_editor.metrics.distributions.distribution_distance import histogram_of
 
 LN2_ROOT = np.sqrt(np.log(2))

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from pd_editor.errors import ModelError, TrainingError
-from pd_editor.training.run.run_config import Budget, Optimisation
-from pd_editor.training.run.run_folder import RunFolder
-from pd_editor.training.run.training_state import Standing
-from pd_editor.training.train_loop import learning_rate, spent
+from pd_editor.training.config.run_config import Budget, Optimisation
+from pd_editor.training.loop.run_folder import RunFolder
+from pd_editor.training.loop.train_loop import learning_rate, spent
+from pd_editor.training.loop.training_state import Standing
 from tests.training.fake_stage import (
     Numbers,
     config_of,

@@ -7,12 +7,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pd_editor.evaluation.scene_rows import ROW_SCHEMA
-from pd_editor.evaluation.scene_test import (
+from pd_editor.evaluation.report.scene_test import (
     Surroundings,
     scene_test,
     scene_test_tables,
 )
+from pd_editor.evaluation.scene_rows import ROW_SCHEMA
 from pd_editor.metrics.road.surroundings import FEATURES
 
 NUM_SCENES, NUM_VEHICLES = 6, 30

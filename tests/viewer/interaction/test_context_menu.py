@@ -2,7 +2,7 @@
 
 import pytest
 
-from pd_editor.viewer.overlay.context_menu import ContextMenu, Menu, MenuItem
+from pd_editor.viewer.interaction.context_menu import ContextMenu, Menu, MenuItem
 from pd_editor.viewer.overlay.overlay import Overlay
 
 

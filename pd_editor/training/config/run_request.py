@@ -6,8 +6,8 @@ from typing import Any, Literal
 import torch
 
 from pd_editor.errors import TrainingError
-from pd_editor.training.run.presets import LOSSES, PRESETS, PresetName
-from pd_editor.training.run.run_config import Budget, Precision, RunConfig
+from pd_editor.training.config.presets import LOSSES, PRESETS, PresetName
+from pd_editor.training.config.run_config import Budget, Precision, RunConfig
 
 StageName = Literal["init", "traj"]
 

@@ -20,6 +20,12 @@ from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.errors import TrainingError
 from pd_editor.features.feature_store import FeatureStore
+from pd_editor.training.config.run_config import Precision, RunConfig
+from pd_editor.training.config.run_request import (
+    RunRequest,
+    continued_config,
+    new_config,
+)
 from pd_editor.training.data.scenario_source import is_recorded
 from pd_editor.training.data.training_data import (
     PreparedData,
@@ -28,15 +34,13 @@ from pd_editor.training.data.training_data import (
     training_data,
     write_basis,
 )
-from pd_editor.training.run.loss_curves import loss_curves_png
-from pd_editor.training.run.run_config import Precision, RunConfig
-from pd_editor.training.run.run_folder import CURVES_NAME, RunFolder
-from pd_editor.training.run.run_request import RunRequest, continued_config, new_config
-from pd_editor.training.run.stop_request import stop_requests
-from pd_editor.training.run.training_state import Standing
-from pd_editor.training.run.warm_start import basis_of, start_from, starting_model
+from pd_editor.training.loop.loss_curves import loss_curves_png
+from pd_editor.training.loop.run_folder import CURVES_NAME, RunFolder
+from pd_editor.training.loop.stop_request import stop_requests
+from pd_editor.training.loop.train_loop import TrainingProgress, TrainLoop
+from pd_editor.training.loop.training_state import Standing
 from pd_editor.training.stage_objective import STAGES
-from pd_editor.training.train_loop import TrainingProgress, TrainLoop
+from pd_editor.training.warm_start import basis_of, start_from, starting_model
 from pd_editor.work_engine.work_engine import WorkProgress
 
 MAX_DEVICES: Final = 64

@@ -11,7 +11,7 @@ from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.stages import STAGE_KINDS, TRAJECTORIES
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.errors import TrainingError
-from pd_editor.training.run.run_folder import MODEL_NAME
+from pd_editor.training.loop.run_folder import MODEL_NAME
 
 
 def starting_model(folder: Path) -> TrainedModel:

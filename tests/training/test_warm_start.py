@@ -3,7 +3,7 @@ import torch
 from torch import nn
 
 from pd_editor.errors import TrainingError
-from pd_editor.training.run.warm_start import start_from
+from pd_editor.training.warm_start import start_from
 
 
 def network(width_in: int, width_out: int) -> nn.Module:

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from pd_editor.errors import TrainingError
 from pd_editor.regular_file import unwritable
-from pd_editor.training.run.run_config import RunConfig
+from pd_editor.training.config.run_config import RunConfig
 from pd_editor.work_engine.work_folder import WorkFolder
 
 CONFIG_NAME: Final = "run.json"

@@ -4,9 +4,13 @@ from dataclasses import replace
 import pytest
 
 from pd_editor.errors import ModelError, TrainingError
-from pd_editor.training.run.presets import PRESETS
-from pd_editor.training.run.run_config import Budget, Optimisation, RunConfig
-from pd_editor.training.run.run_request import RunRequest, continued_config, new_config
+from pd_editor.training.config.presets import PRESETS
+from pd_editor.training.config.run_config import Budget, Optimisation, RunConfig
+from pd_editor.training.config.run_request import (
+    RunRequest,
+    continued_config,
+    new_config,
+)
 from pd_editor.training.stage_objective import STAGES
 
 CONFIG = RunConfig(

@@ -4,21 +4,20 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Int
 from lightning_fabric import Fabric
 from torch import Tensor, nn
 
 from pd_editor.errors import TrainingError
+from pd_editor.training.config.run_config import Budget, Optimisation, RunConfig
 from pd_editor.training.data.batch_sampler import BatchSampler
 from pd_editor.training.data.prefetch import prefetched
-from pd_editor.training.run.run_config import Budget, Optimisation, RunConfig
-from pd_editor.training.run.run_folder import RunFolder
-from pd_editor.training.run.training_state import Standing, read_state, write_state
-from pd_editor.training.weight_average import WeightAverage
+from pd_editor.training.loop.run_folder import RunFolder
+from pd_editor.training.loop.training_state import Standing, read_state, write_state
+from pd_editor.training.loop.weight_average import WeightAverage
 
 _STEPS_PER_LINE = 25
 _BETAS = (0.9, 0.99)
@@ -26,32 +25,9 @@ _BETAS = (0.9, 0.99)
 _AUGMENT, _NOISE, _HELD_OUT = 1, 2, 3
 
 
-@runtime_checkable
-class Batch(Protocol):
-    """Scenes as tensors."""
-
-    def to(self, device: torch.device, /) -> "Batch":
-        """On another device."""
-        ...
-
-
 Loss = Callable[[Any, Any, torch.Generator, float], tuple[Tensor, Mapping[str, Tensor]]]
 """Loss of a network on a batch, and its parts by name; random numbers on the CPU, and
 the share of the training that is done."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TrainingData:
-    """N scenes, by row: what is trained on, what is held out, how they are batched."""
-
-    training_rows: tuple[Int[np.ndarray, "_"], ...]
-    """Of each data root."""
-    held_out_rows: Int[np.ndarray, "_"]
-    size: Int[np.ndarray, "N"]
-    """How much work a scene is; scenes of like size share batches."""
-    batch: Callable[[Int[np.ndarray, "_"]], Batch]
-    augment: Callable[[Any, torch.Generator], Batch]
-    """Another scene that is as likely as the one it is given."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from pd_editor.diffusion.initial_state.denoiser import InitialStateConfig
 from pd_editor.diffusion.initial_state.loss import InitialStateLossConfig
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
 from pd_editor.diffusion.trajectory.loss import TrajectoryLossConfig
-from pd_editor.training.run.run_config import Optimisation
+from pd_editor.training.config.run_config import Optimisation
 
 PresetName = Literal["default", "gpu", "av2", "tiny"]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.diffusion.checkpoints.model_folder import StageKind, TrainedStage
-from pd_editor.training.run.run_folder import CURVES_NAME
+from pd_editor.training.loop.run_folder import CURVES_NAME
 
 LICENCE_OF_RECORDED: Final = (
     "**Licence.** These weights were trained on recordings. If they are of Argoverse 2, "

@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from pd_editor.training.weight_average import WeightAverage
+from pd_editor.training.loop.weight_average import WeightAverage
 
 
 def constant(value):

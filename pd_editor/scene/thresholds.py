@@ -1,0 +1,6 @@
+"""Thresholds that the whole project shares."""
+
+from typing import Final
+
+STANDING_MPS: Final = 0.3
+"""Slower than this, an agent stands: the noise of tracked speeds is below it."""

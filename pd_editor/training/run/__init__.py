@@ -1,1 +1,0 @@
-"""A training run: its settings, folder, state, curves and model card."""
