@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from pd_editor.errors import TrainingError
 from pd_editor.training.config.run_config import Budget, Optimisation, RunConfig
 from pd_editor.training.data.batch_sampler import BatchSampler
+from pd_editor.training.data.batched_scenes import Batch, TrainingData
 from pd_editor.training.data.prefetch import prefetched
 from pd_editor.training.loop.run_folder import RunFolder
 from pd_editor.training.loop.training_state import Standing, read_state, write_state
