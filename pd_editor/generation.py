@@ -5,7 +5,7 @@ progress, and cancels, simply by iterating or not.
 """
 
 import math
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, runtime_checkable
 
@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from pd_editor.errors import GenerationError
 from pd_editor.plain_text import is_plain
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
@@ -80,6 +81,15 @@ class Region:
                 f"The region's centre ({self.center_m[0]:g}, {self.center_m[1]:g}) m "
                 f"is more than {MAX_POSITION_M:g} m from the scene's origin."
             )
+
+    def held(self, scenario: Scenario, agent_ids: Sequence[str]) -> tuple[str, ...]:
+        """Those agents that are in it at the current step."""
+        agents, step = scenario.agents, scenario.current_step
+        rows = agents.rows(agent_ids)
+        offset = np.abs(agents.position_m[rows, step] - np.array(self.center_m))
+        is_inside = (offset <= self.half_side_m).all(axis=1)
+        is_inside &= agents.is_valid[rows, step]
+        return tuple(agents.ids[row] for row in rows[is_inside])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,6 +167,8 @@ class TrafficSample:
     position_m: Float[np.ndarray, "G S 2"]
     heading_rad: Float[np.ndarray, "G S"]
     velocity_mps: Float[np.ndarray, "G S 2"]
+    activity: tuple[Activity, ...] = ()
+    """Of each agent at the current step; empty: unknown of all."""
 
     def __post_init__(self) -> None:
         for name in ("position_m", "heading_rad", "velocity_mps"):

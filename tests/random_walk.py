@@ -9,6 +9,7 @@ import numpy as np
 from pd_editor.editor.commands import (
     Command,
     RemoveAllAgents,
+    SetAgentActivity,
     SetAgentKind,
     SetAgentSize,
     SetFocalAgent,
@@ -26,6 +27,7 @@ from pd_editor.scenario_store import (
     has_same_content,
     open_scenario,
 )
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
@@ -146,6 +148,9 @@ def _command(scenario: Scenario, rng: np.random.Generator) -> Command:
         return SetAgentSize(agent_ids=(name,), length_m=length, width_m=width)
     if chance < 0.30:
         return SnapToLane(agent_ids=(name,))
+    if chance < 0.33:
+        activity = list(Activity)[rng.integers(len(Activity))]
+        return SetAgentActivity(agent_ids=(name,), activity=activity)
     return random_command(scenario, rng)
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.av2_io.track_table import TrackTable, is_readable, open_track_table
 from pd_editor.geometry.angles import wrap_angle
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scene_limits import (
@@ -38,7 +39,15 @@ _SCENARIO_COLUMNS: Final = (
     "focal_track_id",
     "city",
 )
-_OWN_COLUMNS: Final = ("length_m", "width_m", "has_known_size", "current_step")
+_OWN_COLUMNS: Final = (
+    "length_m",
+    "width_m",
+    "has_known_size",
+    "activity",
+    "current_step",
+)
+ACTIVITY_NAMES: Final = {one: one.name.lower() for one in Activity}
+"""Activities as files say them."""
 _ROW_COLUMNS: Final = (
     "observed",
     "track_id",
@@ -274,6 +283,7 @@ def _agents(
         velocity_mps=unfolded(velocity),
         is_valid=unfolded(np.ones(len(table), bool)),
         observed=unfolded(table.flags("observed")),
+        activity=_activities(table, track, len(ids)),
     )
 
 
@@ -333,6 +343,21 @@ def _sizes(
         flags = table.flags("has_known_size")
         has_known_size = _per_track(table, "has_known_size", track, flags)
     return np.stack(sizes, axis=-1), has_known_size
+
+
+def _activities(
+    table: TrackTable, track: Int[np.ndarray, "R"], num_agents: int
+) -> Int[np.ndarray, "A"]:
+    """Known in our own files only."""
+    if "activity" not in table.table.column_names:
+        return np.zeros(num_agents, np.int8)
+    codes, names = table.texts("activity")
+    known = {name: activity for activity, name in ACTIVITY_NAMES.items()}
+    is_bad = ~np.array([name in known for name in names])[codes]
+    if is_bad.any():
+        raise table.row_error("activity", is_bad, f"one of {', '.join(known)}")
+    per_track = _per_track(table, "activity", track, codes)
+    return np.array([known[names[code]] for code in per_track], np.int8)
 
 
 def _other_columns(table: TrackTable) -> tuple[dict[str, Any], tuple[str, ...]]:

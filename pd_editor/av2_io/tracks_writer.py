@@ -1,7 +1,8 @@
 """Writer of Argoverse 2 motion forecasting tracks (parquet).
 
 Files have additional columns that ``av2`` ignores: ``length_m``, ``width_m`` and
-``has_known_size`` always, and ``current_step`` where it does not follow from the rows.
+``has_known_size`` always, ``activity`` where that of any agent is known, and
+``current_step`` where it does not follow from the rows.
 """
 
 import io
@@ -11,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pd_editor.av2_io.tracks_file import default_current_step
+from pd_editor.av2_io.tracks_file import ACTIVITY_NAMES, default_current_step
 from pd_editor.scene.scenario import Scenario
 
 
@@ -51,6 +52,9 @@ def tracks_bytes(scenario: Scenario) -> bytes:
     columns["length_m"] = pa.array(agents.size_m[row, 0])
     columns["width_m"] = pa.array(agents.size_m[row, 1])
     columns["has_known_size"] = pa.array(agents.has_known_size[row])
+    if agents.activity.any():
+        names = [ACTIVITY_NAMES[int(activity)] for activity in agents.activity]
+        columns["activity"] = pa.array(names, pa.string()).take(pa.array(row))
     sink = io.BytesIO()
     pq.write_table(pa.table(columns), sink)
     return sink.getvalue()

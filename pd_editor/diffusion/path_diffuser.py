@@ -49,6 +49,7 @@ from pd_editor.generation import (
     GenerationRequest,
     TrafficSample,
 )
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
 
@@ -368,6 +369,8 @@ def _samples(
     position = agents.position_m[rows, now][:, None] + velocity * time_s[:, None]
     heading = agents.heading_rad[rows, now][:, None].repeat(len(time_s), axis=1)
     has = drawn >= 0
+    known = agents.activity[rows]
+    activity = tuple(Activity(int(one)) for one in known) if known.any() else ()
     samples: list[TrafficSample] = []
     for index in range(len(motion.position_m)):
         here = [one.copy() for one in (position, heading, velocity)]
@@ -385,6 +388,7 @@ def _samples(
                 position_m=here[0],
                 heading_rad=here[1],
                 velocity_mps=here[2],
+                activity=activity,
             )
         )
     return tuple(samples)

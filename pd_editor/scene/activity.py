@@ -21,16 +21,26 @@ class Activity(IntEnum):
     DRIVING = 3
     """Moving."""
 
+    @property
+    def in_words(self) -> str:
+        """As users read it."""
+        return "not known" if self is Activity.UNKNOWN else self.name.lower()
+
+
+def stands(speed_mps: Float[np.ndarray, "*s"]) -> Bool[np.ndarray, "*s"]:
+    """Whether agents of these speeds stand."""
+    return speed_mps < STANDING_SPEED_MPS
+
 
 def activity_at(
     activity: Int[np.ndarray, "A"], speed_mps: Float[np.ndarray, "A"]
 ) -> Int[np.ndarray, "A"]:
     """Make known activities consistent with speeds: moving agents are driving."""
-    stands = speed_mps < STANDING_SPEED_MPS
+    is_standing = stands(speed_mps)
     known = np.where(
-        stands & (activity == Activity.DRIVING), Activity.WAITING, activity
+        is_standing & (activity == Activity.DRIVING), Activity.WAITING, activity
     )
-    return np.where(~stands & (known > 0), Activity.DRIVING, known)
+    return np.where(~is_standing & (known > 0), Activity.DRIVING, known)
 
 
 def true_activity(

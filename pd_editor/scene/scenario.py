@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from pd_editor.scene.activity import Activity, activity_at, stands
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.road_map import RoadMap
@@ -111,6 +112,15 @@ class Scenario:
         """The last step at which any agent exists; the current one if none does."""
         steps = np.flatnonzero(self.agents.is_valid.any(axis=0))
         return max(int(steps[-1]) if len(steps) else 0, self.current_step)
+
+    def activity(self) -> Int[np.ndarray, "A"]:
+        """``Activity`` of each agent at the current step; what moves is driving.
+
+        Stored activities are not changed by edits of speeds, so this is what holds.
+        """
+        speed = self.agents.speed_mps()[:, self.current_step]
+        known = activity_at(self.agents.activity, speed)
+        return np.where(stands(speed), known, Activity.DRIVING)
 
     def with_agents(self, agents: AgentTracks, note: str | None = None) -> "Scenario":
         """Replace the agents, with a note on what is not recorded."""

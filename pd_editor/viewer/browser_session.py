@@ -18,6 +18,7 @@ from pd_editor.viewer.interaction.hover import Hover
 from pd_editor.viewer.interaction.picking import point_of
 from pd_editor.viewer.interaction.placing import Placing
 from pd_editor.viewer.interaction.pointer import Pointer
+from pd_editor.viewer.interaction.region_drawing import RegionDrawing
 from pd_editor.viewer.interaction.selecting import Selecting
 from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
@@ -150,13 +151,19 @@ class BrowserSession:
             )
             self._placing = Placing(self._desk, self._overlay, self._banner)
             self._placing.on_change(self._placing_changed)
+            self._region = RegionDrawing(self._desk, self._overlay, self._banner)
+            self._region.on_change(self._region_changed)
             self._agents = AgentsView(client, palette, self._pointer.attach)
             self._selecting = Selecting(self._desk, lambda: self._agents.poses)
             Hover(
                 self._desk,
                 self._overlay,
                 lambda: self._agents.poses,
-                lambda: self._placing.is_active or self._measure.is_active,
+                lambda: (
+                    self._placing.is_active
+                    or self._measure.is_active
+                    or self._region.is_active
+                ),
             )
             self._overlay.on("fan", self._fan_pointed)
             self._ribbons = RibbonsView(client, palette)
@@ -248,6 +255,7 @@ class BrowserSession:
                 self._generators,
                 next(iter(self._generators)),
                 lambda: np.asarray(self._client.camera.look_at)[:2],
+                self._region,
                 self._run_changed,
             )
         with tabs.add_tab("History"):
@@ -463,6 +471,7 @@ class BrowserSession:
         with self._client.atomic():
             if is_other_scene:
                 self._measure.stop()
+                self._region.clear()
                 self._viewpoint.hold_picture(self._map.road_nodes)
                 self._viewpoint.frame_opened()
             self._draw()
@@ -686,11 +695,20 @@ class BrowserSession:
         self._pointer.set_takes_ground_first(self._placing.is_active)
         if self._placing.is_active:
             self._measure.stop()
+            self._region.stop()
         self._toolbar.show()
 
+    def _region_changed(self) -> None:
+        if self._region.is_active:
+            self._measure.stop()
+            if self._placing.is_active:
+                self._placing.toggle()
+
     def _measuring_changed(self, is_measuring: bool) -> None:
-        if is_measuring and self._placing.is_active:
-            self._placing.toggle()
+        if is_measuring:
+            self._region.stop()
+            if self._placing.is_active:
+                self._placing.toggle()
         self._toolbar.show()
 
     def _escape(self) -> None:
@@ -699,6 +717,8 @@ class BrowserSession:
             self._desk.abort_gesture()
         elif self._measure.is_active:
             self._measure.stop()
+        elif self._region.is_active:
+            self._region.stop()
         elif self._placing.is_active:
             self._placing.toggle()
         elif self._candidates_panel.shows_candidates:

@@ -380,3 +380,14 @@ def test_ids_and_names_must_be_printable(text: str) -> None:
     for column in ("track_id", "city", "focal_track_id"):
         with pytest.raises(ScenarioFileError, match="expected printable texts"):
             read_tracks(with_column(column, [text] * len(table())), "x.parquet")
+
+
+def test_activities_are_written_where_any_is_known() -> None:
+    scenario = scenario_of(3, 4, 12)
+    assert b"activity" not in tracks_bytes(scenario)
+    activity = np.array([0, 1, 2, 3], np.int8)
+    known = replace(scenario, agents=replace(scenario.agents, activity=activity))
+    found = reread(known).agents
+    order = [known.agents.row_of[name] for name in found.ids]
+    assert found.activity.tolist() == activity[order].tolist()
+    assert reread(scenario).agents.activity.tolist() == [0] * len(found.ids)

@@ -12,6 +12,8 @@ from pd_editor.diffusion import path_diffuser
 from pd_editor.diffusion.core.devices import sampling_device
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.path_diffuser import DenoisingProgress, PathDiffuser
+from pd_editor.diffusion.trajectory.pipeline import TrajectoryTask
+from pd_editor.editor.commands import traffic_command
 from pd_editor.errors import EditError, GenerationError, ModelError
 from pd_editor.generation import (
     LANE_GUIDANCE,
@@ -20,7 +22,9 @@ from pd_editor.generation import (
     ScenarioGenerator,
     TrafficSample,
     guidance_terms,
+    run_to_end,
 )
+from pd_editor.scene.activity import Activity, activity_at
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
@@ -269,3 +273,27 @@ def test_real_scenarios_are_driven_around_their_kept_agents(
         assert traffic.samples[0].ids == ids[:5]
         everybody = generated(diffuser, scenario, ids)
         assert everybody.samples[0].position_m.shape[0] == len(ids)
+
+
+def test_activities_are_sampled_with_states_and_known_when_driven_again(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    request = GenerationRequest(
+        scenario=scenario, agent_ids=(), num_new_agents={AgentKind.VEHICLE: 6}, seed=2
+    )
+    traffic = run_to_end(diffuser.generate(request))
+    (sample,) = traffic.samples
+    assert len(sample.activity) == 6
+    filled = traffic_command(request, traffic).apply(scenario)
+    rows = filled.agents.rows(sample.ids)
+    assert filled.agents.activity[rows].tolist() == list(sample.activity)
+    assert Activity.UNKNOWN not in sample.activity
+    again = generated(diffuser, filled, sample.ids, seed=5).samples[0]
+    assert again.activity == sample.activity
+    known = TrajectoryTask.of(
+        filled, rows, diffuser._trajectories().model.decoder.basis
+    )
+    speed = filled.agents.speed_mps()[rows, filled.current_step]
+    of_rows = np.isin(known.features.agent_row, rows)
+    expected = activity_at(np.array(sample.activity), speed)
+    assert np.array_equal(known.features.agent_activity[of_rows], expected)

@@ -16,6 +16,7 @@ from pd_editor.editor.commands import (
     RemoveAllAgents,
     ReplaceTraffic,
     RequestSummary,
+    SetAgentActivity,
     SetAgentHeading,
     SetAgentKind,
     SetAgentPosition,
@@ -31,6 +32,7 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.generation import GuidanceTerm, TrafficSample
 from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.activity import STANDING_SPEED_MPS, Activity
 from pd_editor.scene.agent_kind import AgentKind, default_sizes_m
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
@@ -182,6 +184,16 @@ def replacements(draw: st.DrawFn, scenario: Scenario) -> ReplaceTraffic:
 
 
 @on_scenario
+def activities(draw: st.DrawFn, scenario: Scenario) -> SetAgentActivity:
+    ids = draw(present(scenario))
+    now = scenario.current_step
+    speed = scenario.agents.speed_mps()[scenario.agents.rows(ids), now]
+    standing = (Activity.UNKNOWN, Activity.PARKED, Activity.WAITING)
+    suits = standing if (speed < STANDING_SPEED_MPS).any() else (Activity.DRIVING,)
+    return SetAgentActivity(agent_ids=ids, activity=draw(st.sampled_from(suits)))
+
+
+@on_scenario
 def duplications(draw: st.DrawFn, scenario: Scenario) -> DuplicateAgents:
     ids = draw(present(scenario))
     return DuplicateAgents(
@@ -237,6 +249,7 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
         friction_coefficient=numbers(0.1, 1.2),
     ),
     AdoptTrajectory: adoptions,
+    SetAgentActivity: activities,
     SetAgentKind: lambda scenario: st.builds(
         SetAgentKind,
         agent_ids=some_of(list(scenario.agents.ids)),

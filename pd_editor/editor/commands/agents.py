@@ -16,6 +16,7 @@ from pd_editor.editor.commands.edit_limits import (
     rows_of,
 )
 from pd_editor.errors import EditError
+from pd_editor.scene.activity import STANDING_SPEED_MPS, Activity, stands
 from pd_editor.scene.agent_kind import (
     DEFAULT_SIZE_M,
     AgentCategory,
@@ -91,6 +92,48 @@ class SetAgentSize(Command):
         return scenario.with_agents(
             agents.with_rows(rows, size_m=size, has_known_size=np.array(True))
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetAgentActivity(Command):
+    """Set whether agents that stand are parked or waiting, for the model to know.
+
+    What moves is driving, so agents of the list that move are left as they are.
+    """
+
+    agent_ids: tuple[str, ...]
+    activity: Activity
+
+    @property
+    def label(self) -> str:
+        """Says the activity."""
+        return (
+            f"Activity of {agents_in_words(self.agent_ids)}: {self.activity.in_words}"
+            f"{names_after(self.agent_ids)}"
+        )
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """The scenario with other activities.
+
+        Raises:
+            EditError: the activity suits the speed of none of the agents.
+        """
+        agents = scenario.agents
+        rows = present_rows(scenario, self.agent_ids)
+        is_standing = stands(agents.speed_mps()[rows, scenario.current_step])
+        suits = is_standing != (self.activity is Activity.DRIVING)
+        if not suits.any():
+            who = agents_in_words(self.agent_ids)
+            raise EditError(
+                f"{who[:1].upper()}{who[1:]} cannot be {self.activity.in_words} at"
+                f" {agents.speed_mps()[rows, scenario.current_step].max():.1f} m/s:"
+                f" what is slower than {STANDING_SPEED_MPS:g} m/s is parked or waiting,"
+                " the rest is driving."
+            )
+        if (agents.activity[rows[suits]] == self.activity).all():
+            return scenario
+        activity = np.full(int(suits.sum()), self.activity)
+        return scenario.with_agents(agents.with_rows(rows[suits], activity=activity))
 
 
 @dataclass(frozen=True, kw_only=True)

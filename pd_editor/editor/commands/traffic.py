@@ -26,6 +26,7 @@ from pd_editor.generation import (
     check_numbers,
 )
 from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.focal_agent import focal_place_m, with_focal_agent
@@ -195,6 +196,7 @@ class ReplaceTraffic(Command):
                     velocity_mps=sample.velocity_mps[some, first - now :],
                 )
         agents = _without_past(agents, rows[~same], now)
+        agents = _with_activity(agents, rows, ~same, sample)
         return with_focal_agent(scenario.with_agents(agents, note), place)
 
 
@@ -223,6 +225,10 @@ def check_sample(sample: TrafficSample) -> None:
             raise GenerationError(
                 f"The generated {name} has shape {list(found)}, not {list(shape)}."
             )
+    if sample.activity and len(sample.activity) != count:
+        raise GenerationError(
+            f"The generated activity is of {len(sample.activity)} agents, not {count}."
+        )
     if len(sample.kinds) != count or len(set(sample.ids)) != count:
         raise GenerationError("The generated agents need one kind and one id each.")
 
@@ -329,6 +335,22 @@ def _blank(sample: TrafficSample, index: np.ndarray, num_steps: int) -> AgentTra
         is_valid=np.zeros((count, num_steps), bool),
         observed=np.zeros((count, num_steps), bool),
     )
+
+
+def _with_activity(
+    agents: AgentTracks,
+    rows: np.ndarray,
+    is_sampled: np.ndarray,
+    sample: TrafficSample,
+) -> AgentTracks:
+    """Agents with the activities that were sampled with their states.
+
+    The activity of an agent whose state stays is kept where the sample knows none.
+    """
+    known = np.array(sample.activity or (Activity.UNKNOWN,) * len(rows), np.int8)
+    kept = agents.activity[rows]
+    activity = np.where(is_sampled | (known != Activity.UNKNOWN), known, kept)
+    return agents.with_rows(rows, activity=activity)
 
 
 def _without_past(agents: AgentTracks, rows: np.ndarray, now: int) -> AgentTracks:

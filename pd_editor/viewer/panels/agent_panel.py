@@ -13,6 +13,7 @@ from pd_editor.editor.commands import (
     Command,
     DeleteAgents,
     DuplicateAgents,
+    SetAgentActivity,
     SetAgentHeading,
     SetAgentKind,
     SetAgentPosition,
@@ -23,6 +24,7 @@ from pd_editor.editor.commands import (
     new_agent_ids,
 )
 from pd_editor.errors import EditError
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.placing import Placing
@@ -31,6 +33,7 @@ from pd_editor.viewer.state.desk import Desk, set_property, set_value
 
 KINDS: Final = tuple(str(kind) for kind in AgentKind)
 MIXED: Final = "mixed"
+ACTIVITIES: Final = {one.in_words: one for one in Activity}
 SIZE_NOTE: Final = "Size assumed (Argoverse 2 has none). Change it to record it."
 PLURAL: Final[dict[AgentKind, str]] = {
     AgentKind.VEHICLE: "vehicles",
@@ -66,6 +69,12 @@ class AgentPanel:
         self._summary = FixedText(gui, 3)
         self._kind = gui.add_dropdown("Kind", KINDS)
         self._speed = gui.add_number("Speed (m/s)", 0.0, min=0.0, max=60.0, step=0.1)
+        self._activity = gui.add_dropdown(
+            "Activity",
+            tuple(ACTIVITIES),
+            hint="The model starts a parked agent seldom, a waiting one often. What "
+            "moves is driving",
+        )
         self._heading = gui.add_number("Heading (deg)", 0.0, step=1.0)
         self._position = gui.add_vector2("Position (m)", (0.0, 0.0), step=0.1)
         self._size = gui.add_vector2("Length, width (m)", (4.6, 1.9), step=0.1)
@@ -110,6 +119,9 @@ class AgentPanel:
         self._placing.on_change(self._show_placing)
         desk.on_click(self._list, self._on_list)
         desk.on_change(self._kind, self._set_kind)
+        desk.on_change(
+            self._activity, self._set_activity, failure="Activity not changed"
+        )
         desk.on_change(self._speed, self._set_speed, merge_key="speed")
         desk.on_change(self._heading, self._set_heading, merge_key="heading")
         desk.on_change(self._position, self._set_position, merge_key="position")
@@ -129,7 +141,13 @@ class AgentPanel:
         rows = agents.rows(selection)
         is_there = bool(len(rows)) and bool(agents.is_valid[rows, step].all())
         self._summary.show(*summary(scenario, rows), *stale_in_words(selection, stale))
-        for handle in (self._kind, self._speed, self._heading, self._size):
+        for handle in (
+            self._kind,
+            self._activity,
+            self._speed,
+            self._heading,
+            self._size,
+        ):
             set_property(handle, "disabled", not is_there)
         set_property(self._position, "disabled", not (is_there and len(rows) == 1))
         for button in self._actions.values():
@@ -153,6 +171,7 @@ class AgentPanel:
             self._kind.options = options
         kind = MIXED if len(kinds) > 1 else "".join(kinds)
         set_value(self._kind, kind)
+        self._show_activity(scenario, rows)
         set_value(self._speed, common(agents.speed_mps()[rows, step], 2))
         degrees = np.degrees(agents.heading_rad[rows, step])
         set_value(self._heading, common(degrees, 1))
@@ -160,6 +179,15 @@ class AgentPanel:
         set_value(self._position, (common(x, 2), common(y, 2)))
         length, width = agents.size_m[rows].T
         set_value(self._size, (common(length, 2), common(width, 2)))
+
+    def _show_activity(self, scenario: Scenario, rows: Int[np.ndarray, "G"]) -> None:
+        found = sorted({Activity(int(one)) for one in scenario.activity()[rows]})
+        names = tuple(ACTIVITIES)
+        options = (MIXED, *names) if len(found) > 1 else names
+        if tuple(self._activity.options) != options:
+            self._activity.options = options
+        shown = found[0] if found else Activity.UNKNOWN
+        set_value(self._activity, MIXED if len(found) > 1 else shown.in_words)
 
     def delete(self) -> None:
         """Delete the selection."""
@@ -211,6 +239,21 @@ class AgentPanel:
     def _set_kind(self, kind: str) -> None:
         if kind != MIXED:
             self._apply(SetAgentKind, agent_ids=self._selection(), kind=AgentKind(kind))
+
+    def _set_activity(self, name: str) -> None:
+        if name == MIXED:
+            return
+        try:
+            self._apply(
+                SetAgentActivity,
+                agent_ids=self._selection(),
+                activity=ACTIVITIES[name],
+            )
+        finally:
+            session = self._desk.session
+            self._show_activity(
+                session.scenario, session.scenario.agents.rows(session.selection)
+            )
 
     def _set_speed(self, speed: float) -> None:
         self._preview(SetAgentSpeed, "speed", speed_mps=float(speed))

@@ -22,6 +22,7 @@ from pd_editor.scene.traffic_choice import (
     replaceable_agent_ids,
     road_user_ids,
 )
+from pd_editor.viewer.interaction.region_drawing import RegionDrawing
 from pd_editor.viewer.panels.generation_run import Draw, GenerationRun
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
 from pd_editor.viewer.state.run_state import RunState
@@ -33,6 +34,8 @@ REDRAW_SELECTION: Final = "The selection"
 ADD_AGENTS: Final = "None (add)"
 AROUND_TRAFFIC: Final = "On the whole mapped road"
 AROUND_VIEW: Final = "In the middle of my view (125 m square)"
+IN_REGION: Final = "In the region I draw"
+DRAW_REGION: Final = "Draw a region"
 KIND_LABELS: Final[Mapping[AgentKind, str]] = {
     AgentKind.VEHICLE: "Vehicles",
     AgentKind.BUS: "Buses",
@@ -66,6 +69,7 @@ class GenerationPanel:
         generators: Mapping[str, GeneratorOffer],
         default: str,
         looked_at_m: Callable[[], np.ndarray],
+        drawing: RegionDrawing,
         on_run: Callable[[], None] = lambda: None,
     ) -> None:
         """Build it into the current tab.
@@ -75,11 +79,13 @@ class GenerationPanel:
             generators: what may be chosen.
             default: name of what is chosen at first.
             looked_at_m: the point of the ground in the middle of the view.
+            drawing: the mode in which a region is drawn, and the region.
             on_run: called when ``run_state`` has changed.
         """
         self._desk = desk
         self._generators = generators
         self._looked_at_m = looked_at_m
+        self._drawing = drawing
         self._counted: Scenario | None = None
         gui = desk.client.gui
         with gui.add_folder("Generator"):
@@ -154,13 +160,23 @@ class GenerationPanel:
             self._keeps_ego = gui.add_checkbox(
                 "Keep ego", True, hint="With its recorded motion"
             )
-            self._where = gui.add_dropdown("Where", (AROUND_TRAFFIC, AROUND_VIEW))
+            self._where = gui.add_dropdown(
+                "Where",
+                (AROUND_TRAFFIC, AROUND_VIEW, IN_REGION),
+                hint="In a region that is drawn, its agents alone are replaced",
+            )
+            self._draw_region = gui.add_button(
+                DRAW_REGION, icon=viser.Icon.MARQUEE_2, color="gray", hint="Esc ends it"
+            )
             self._quality = gui.add_dropdown(
                 "Quality", tuple(QUALITIES), hint="Of the agents placed"
             )
             self._resample = gui.add_button("Resample", icon=viser.Icon.ARROWS_SHUFFLE)
             clear = gui.add_button("Clear the road", color="gray")
         self._desk.on_click(self._resample, self.resample)
+        self._desk.on_click(self._draw_region, self._drawing.toggle)
+        self._desk.on_change(self._where, lambda _value: self._where_chosen())
+        self._drawing.on_change(self._region_changed)
         self._desk.on_click(clear, lambda: self._desk.apply(RemoveAllAgents()))
         self._desk.on_change(self._which, lambda _value: self._show_counts())
         for handle in (self._fits, self._keeps_focal, self._keeps_ego):
@@ -254,6 +270,47 @@ class GenerationPanel:
             draws_num_agents=bool(self._fits.value),
         )
 
+    def _where_chosen(self) -> None:
+        """Show the region where it counts, and let it be drawn where there is none."""
+        is_drawn = self._where.value == IN_REGION
+        self._drawing.set_shown(is_drawn)
+        if is_drawn != self._drawing.is_active and self._drawing.region is None:
+            self._drawing.toggle()
+        self._show_counts()
+
+    def _region_changed(self) -> None:
+        """Follow the mode: what is drawn is where to resample, until it is cleared."""
+        drawing = self._drawing
+        is_active = drawing.is_active
+        set_property(
+            self._draw_region, "label", "Stop drawing" if is_active else DRAW_REGION
+        )
+        set_property(self._draw_region, "color", "orange" if is_active else "gray")
+        if is_active or drawing.region is not None:
+            set_value(self._where, IN_REGION)
+        elif self._where.value == IN_REGION:
+            set_value(self._where, AROUND_TRAFFIC)
+        drawing.set_shown(self._where.value == IN_REGION)
+        self._show_counts()
+
+    def _region(self) -> Region | None:
+        """Where states are to be sampled.
+
+        Raises:
+            GenerationError: a region is to be drawn, and there is none.
+        """
+        if self._where.value == IN_REGION:
+            if self._drawing.region is None:
+                raise GenerationError(
+                    f"There is no region yet. Press '{DRAW_REGION}' and drag on the "
+                    "road, or choose another place under 'Where'."
+                )
+            return self._drawing.region
+        if self._where.value == AROUND_VIEW:
+            x, y = (float(value) for value in self._looked_at_m())
+            return Region(center_m=(x, y), half_side_m=REGION_HALF_SIDE_M)
+        return None
+
     def _start(
         self,
         base: Scenario,
@@ -265,11 +322,8 @@ class GenerationPanel:
         draws_num_agents: bool = False,
     ) -> None:
         offer = self._generators[self._model.value]
-        region = None
         draws_states = bool(redrawn_state_ids or num_new_agents or draws_num_agents)
-        if draws_states and self._where.value == AROUND_VIEW:
-            x, y = (float(value) for value in self._looked_at_m())
-            region = Region(center_m=(x, y), half_side_m=REGION_HALF_SIDE_M)
+        region = self._region() if draws_states else None
         takes_tries = offer.default_num_tries is not None
         guidance = guidance_terms(
             self._lane_weight(offer),
@@ -327,7 +381,7 @@ class GenerationPanel:
         places = self._generators[self._model.value].draws_states
         which = self._which.value
         of_states = (self._which, self._moving, self._only_on_road, self._where)
-        for handle in (*of_states, self._quality):
+        for handle in (*of_states, self._quality, self._draw_region):
             set_property(handle, "disabled", not places)
         for handle in (self._keeps_focal, self._keeps_ego):
             set_property(handle, "disabled", not places or which != REPLACE_ALL)
@@ -356,11 +410,14 @@ class GenerationPanel:
             set_value(count, min(number, MAX_AGENTS_OF_A_KIND))
 
     def _replaced(self, scenario: Scenario) -> tuple[str, ...]:
-        return replaceable_agent_ids(
+        ids = replaceable_agent_ids(
             scenario,
             keeps_ego=bool(self._keeps_ego.value),
             keeps_focal=bool(self._keeps_focal.value),
         )
+        if self._where.value == IN_REGION and self._drawing.region is not None:
+            return self._drawing.region.held(scenario, ids)
+        return ids
 
     def _set_running(self, is_running: bool) -> None:
         places = self._generators[self._model.value].draws_states

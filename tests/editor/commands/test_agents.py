@@ -6,13 +6,16 @@ import pytest
 from pd_editor.editor.commands import (
     DeleteAgents,
     DuplicateAgents,
+    SetAgentActivity,
     SetAgentKind,
     SetAgentSize,
+    SetAgentSpeed,
     SetFocalAgent,
     new_agent_id,
     new_agent_ids,
 )
 from pd_editor.errors import EditError
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import DEFAULT_SIZE_M, AgentCategory, AgentKind
 from tests.editor.command_strategies import ABSENT_ID, busy_scenario
 from tests.editor.same_scenario import same_tracks
@@ -100,3 +103,28 @@ def test_new_ids_are_free_and_always_the_same():
     assert new_agent_id(BASE) == "placed-1"
     taken = DuplicateAgents(agent_ids=("100",), new_ids=("copy-2",)).apply(BASE)
     assert new_agent_ids(taken, 3, "copy") == ("copy-1", "copy-3", "copy-4")
+
+
+def test_agents_that_stand_are_parked_or_wait_and_what_moves_is_driving():
+    ids = ("100", "101")
+    moves = SetAgentSpeed(agent_ids=("100",), speed_mps=5.0).apply(BASE)
+    moves = SetAgentSpeed(agent_ids=("101",), speed_mps=0.0).apply(moves)
+    command = SetAgentActivity(agent_ids=ids, activity=Activity.PARKED)
+    parked = command.apply(moves)
+    assert list(parked.agents.activity[:2]) == [Activity.UNKNOWN, Activity.PARKED]
+    assert list(parked.activity()[:2]) == [Activity.DRIVING, Activity.PARKED]
+    assert command.apply(parked) is parked
+    # An edit of the speed wins at once, and back at rest the agent is parked again.
+    driven = SetAgentSpeed(agent_ids=("101",), speed_mps=3.0).apply(parked)
+    assert driven.activity()[1] == Activity.DRIVING
+    stopped = SetAgentSpeed(agent_ids=("101",), speed_mps=0.0).apply(driven)
+    assert stopped.activity()[1] == Activity.PARKED
+
+
+@pytest.mark.parametrize(
+    ("speed", "activity"), [(5.0, Activity.PARKED), (0.0, Activity.DRIVING)]
+)
+def test_an_activity_that_contradicts_the_speed_is_refused(speed, activity):
+    scene = SetAgentSpeed(agent_ids=("100",), speed_mps=speed).apply(BASE)
+    with pytest.raises(EditError, match=f"cannot be {activity.in_words} at"):
+        SetAgentActivity(agent_ids=("100",), activity=activity).apply(scene)

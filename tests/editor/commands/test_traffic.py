@@ -12,12 +12,14 @@ from pd_editor.editor.commands import (
     RemoveAllAgents,
     ReplaceTraffic,
     RequestSummary,
+    SetAgentActivity,
+    SetAgentSpeed,
     new_agent_id,
     new_agent_ids,
     traffic_command,
 )
 from pd_editor.editor.commands.edit_limits import MAX_POSITION_M
-from pd_editor.editor.recipe import replay
+from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import EditError, GenerationError
 from pd_editor.generation import (
@@ -26,6 +28,7 @@ from pd_editor.generation import (
     TrafficSample,
     run_to_end,
 )
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.traffic_choice import road_user_ids
 from tests.editor.command_strategies import ABSENT_ID, busy_scenario
@@ -293,3 +296,55 @@ def test_an_empty_sample_changes_nothing():
     summary = RequestSummary(agent_ids=())
     command = ReplaceTraffic(sample=nobody, generator="test", request=summary)
     assert command.apply(BASE) is BASE
+
+
+def test_activities_that_were_sampled_are_kept_through_recipe_and_undo():
+    drawn = traffic().samples[0]
+    sample = replace(
+        drawn,
+        ids=("104", "new"),
+        activity=(Activity.UNKNOWN, Activity.PARKED),
+        velocity_mps=np.zeros_like(drawn.velocity_mps),
+    )
+    session = EditorSession(BASE)
+    session.apply(SetAgentSpeed(agent_ids=("104",), speed_mps=0.0))
+    session.apply(SetAgentActivity(agent_ids=("104",), activity=Activity.WAITING))
+    known = session.scenario.agents.activity
+    session.apply(
+        ReplaceTraffic(
+            sample=sample,
+            generator="test",
+            request=RequestSummary(agent_ids=("104",), num_new_agents={}),
+        )
+    )
+    # The state of 104 stays, and with it what was known of it.
+    agents = session.scenario.agents
+    assert agents.activity[agents.row_of["104"]] == Activity.WAITING
+    assert agents.activity[agents.row_of["new"]] == Activity.PARKED
+    again = replay(Recipe.from_text(session.recipe().to_text()), BASE)
+    assert np.array_equal(again.agents.activity, agents.activity)
+    session.undo()
+    assert np.array_equal(session.scenario.agents.activity, known)
+
+
+def test_states_that_are_sampled_without_an_activity_have_none():
+    standing = SetAgentSpeed(agent_ids=("104",), speed_mps=0.0).apply(BASE)
+    parked = SetAgentActivity(agent_ids=("104",), activity=Activity.PARKED)
+    moved = traffic().samples[0]
+    moved = replace(moved, position_m=moved.position_m + 5.0)
+    result = ReplaceTraffic(
+        sample=moved,
+        generator="test",
+        request=RequestSummary(agent_ids=REQUEST.agent_ids),
+    ).apply(parked.apply(standing))
+    assert not result.agents.activity.any()
+
+
+def test_a_sample_with_too_few_activities_is_refused():
+    sample = replace(traffic().samples[0], activity=(Activity.PARKED,))
+    with pytest.raises(GenerationError, match="activity is of 1 agents, not 2"):
+        ReplaceTraffic(
+            sample=sample,
+            generator="test",
+            request=RequestSummary(agent_ids=REQUEST.agent_ids),
+        )

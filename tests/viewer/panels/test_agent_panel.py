@@ -3,12 +3,15 @@
 import math
 
 import numpy as np
+import pytest
 
 from pd_editor.editor.commands import (
     SetAgentKind,
     SetAgentPosition,
     SetAgentSpeed,
 )
+from pd_editor.errors import EditError
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.panels.agent_panel import MIXED, SIZE_NOTE
 from tests.viewer.fake_browser import FakeTab
@@ -38,6 +41,28 @@ def test_fields_that_differ_are_empty_and_apply_to_all(tab: FakeTab):
     assert panel._speed.value == 6.0
     now = tab.session.scenario.current_step
     assert np.allclose(tab.session.scenario.agents.speed_mps()[:, now], 6.0)
+
+
+def test_activities_are_shown_and_set(tab: FakeTab):
+    panel, ids = tab.tab._agent_panel, tab.session.scenario.agents.ids
+    tab.run(lambda: tab.desk.apply(SetAgentSpeed(agent_ids=ids[:1], speed_mps=0.0)))
+    tab.run(lambda: tab.desk.apply(SetAgentSpeed(agent_ids=ids[1:2], speed_mps=5.0)))
+    select(tab, ids[0])
+    assert panel._activity.value == "not known"
+    tab.run(lambda: panel._set_activity("parked"))
+    assert panel._activity.value == "parked"
+    assert tab.session.scenario.activity()[0] == Activity.PARKED
+    select(tab, *ids[:2])
+    assert panel._activity.value == MIXED
+    select(tab, ids[1])
+    assert panel._activity.value == "driving"
+    panel._activity.value = "waiting"
+    before = tab.session.scenario
+    with pytest.raises(EditError, match="cannot be waiting at 5.0 m/s"):
+        tab.run(lambda: panel._set_activity("waiting"))
+    # Refused in one sentence, and the field shows again what holds.
+    assert tab.session.scenario is before
+    assert panel._activity.value == "driving"
 
 
 def test_without_a_selection_fields_are_empty_and_off(tab: FakeTab):

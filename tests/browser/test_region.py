@@ -1,0 +1,99 @@
+"""A region drawn on the road by a real mouse, and agents sampled in it alone."""
+
+import numpy as np
+import pytest
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+
+@pytest.fixture
+def editor(open_editor):
+    page = open_editor()
+    page.go_to_now()
+    return page
+
+
+def banner(editor):
+    return editor.page.get_by_role("status", name="Mode")
+
+
+def drawn_region(editor):
+    return editor._tab()._region.region
+
+
+def near_focal(editor, dx: float, dy: float) -> np.ndarray:
+    scenario = editor.session.scenario
+    row, step = scenario.agents.row_of[scenario.focal_id], scenario.current_step
+    return scenario.agents.position_m[row, step] + [dx, dy]
+
+
+@pytest.mark.parametrize("view", ["Top view", "3-D view"])
+def test_a_region_is_drawn_cleared_and_filled(editor, view):
+    session, page = editor.session, editor.page
+    editor.open_tab("Drive")
+    if view == "Top view":
+        editor.key("v")
+        editor.until(
+            lambda: editor._tab()._pointer._seen_camera.pose.fov < 0.2, "above"
+        )
+    editor.press("Draw a region")
+    banner(editor).get_by_text("Drawing a region").wait_for()
+    cursor = "getComputedStyle(__viserMutable.canvas).cursor"
+    editor.until(lambda: page.evaluate(cursor) == "crosshair", "a crosshair")
+    start, end = near_focal(editor, -11.0, -9.0), near_focal(editor, 10.0, 13.0)
+    camera = np.array(editor.client.camera.position)
+    editor.drag(start, end)
+    region = editor.until(lambda: drawn_region(editor), "a region")
+    # A square with a corner at the press, as large as the drag, along the scene's axes.
+    assert region.half_side_m == pytest.approx(11.0, abs=0.3)
+    assert np.allclose(region.center_m, start + 11.0, atol=0.4)
+    assert np.allclose(editor.client.camera.position, camera, atol=0.01)
+    assert not session.selection
+    banner(editor).wait_for(state="hidden")
+    label = page.get_by_role("group", name="Region")
+    label.wait_for()
+    assert "Region 22" in (label.text_content() or "")
+    assert editor._tab()._generation_panel._where.value == "In the region I draw"
+
+    # Esc leaves the mode, and the region as it was; undo has nothing to do with it.
+    editor.press("Draw a region")
+    banner(editor).get_by_text("Drawing a region").wait_for()
+    editor.key("Escape")
+    banner(editor).wait_for(state="hidden")
+    assert drawn_region(editor) == region
+
+    before = session.scenario
+    inside = set(region.held(before, before.agents.ids)) - {before.focal_id, "AV"}
+    editor.fill("Vehicles", 2)
+    for other in ("Buses", "Motorcyclists", "Cyclists", "Pedestrians"):
+        editor.fill(other, 0)
+    editor.press("Resample")
+    editor.until(lambda: len(session.entries) == 1, "agents", 90)
+    command = session.entries[0].command
+    assert command.request.region == region
+    after = session.scenario
+    assert set(before.agents.ids) - set(after.agents.ids) == inside
+    new = tuple(set(after.agents.ids) - set(before.agents.ids))
+    rows = after.agents.rows(new)
+    away = after.agents.position_m[rows, after.current_step] - region.center_m
+    assert len(new) == 2
+    # Repairs move agents onto their lanes by a little.
+    assert np.abs(away).max() < region.half_side_m + 3.0
+    editor.screenshot(f"60_region_{view.split()[0]}")
+    editor.key("Control+z")
+    editor.until(lambda: session.scenario is before, "the scenario before")
+    assert drawn_region(editor) == region
+    page.get_by_role("button", name="Clear the region").click()
+    editor.until(lambda: drawn_region(editor) is None, "no region")
+    label.wait_for(state="hidden")
+    assert editor._tab()._generation_panel._where.value == "On the whole mapped road"
+
+
+def test_a_region_that_is_too_small_is_refused_and_the_mode_stays(editor):
+    editor.open_tab("Drive")
+    editor.press("Draw a region")
+    banner(editor).get_by_text("Drawing a region").wait_for()
+    editor.drag(near_focal(editor, 0.0, 0.0), near_focal(editor, 4.0, 2.0))
+    editor.page.get_by_text("drag over at least 10 m").first.wait_for()
+    assert drawn_region(editor) is None
+    assert editor._tab()._region.is_active
