@@ -58,7 +58,7 @@ def test_activities_are_shown_and_set(tab: FakeTab):
     assert panel._activity.value == "driving"
     panel._activity.value = "waiting"
     before = tab.session.scenario
-    with pytest.raises(EditError, match="cannot be waiting at 5.0 m/s"):
+    with pytest.raises(EditError, match="cannot be waiting at"):
         tab.run(lambda: panel._set_activity("waiting"))
     # Refused in one sentence, and the field shows again what holds.
     assert tab.session.scenario is before
