@@ -40,19 +40,19 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
     banner(editor).get_by_text("Drawing a region").wait_for()
     cursor = "getComputedStyle(__viserMutable.canvas).cursor"
     editor.until(lambda: page.evaluate(cursor) == "crosshair", "a crosshair")
-    start, end = near_focal(editor, -11.0, -9.0), near_focal(editor, 10.0, 13.0)
+    start, end = near_focal(editor, -4.0, -1.0), near_focal(editor, 9.0, 13.0)
     camera = np.array(editor.client.camera.position)
     editor.drag(start, end)
     region = editor.until(lambda: drawn_region(editor), "a region")
     # A square with a corner at the press, as large as the drag, along the scene's axes.
-    assert region.half_side_m == pytest.approx(11.0, abs=0.3)
-    assert np.allclose(region.center_m, start + 11.0, atol=0.4)
+    assert region.half_side_m == pytest.approx(7.0, abs=0.3)
+    assert np.allclose(region.center_m, start + 7.0, atol=0.4)
     assert np.allclose(editor.client.camera.position, camera, atol=0.01)
     assert not session.selection
     banner(editor).wait_for(state="hidden")
     label = page.get_by_role("group", name="Region")
     label.wait_for()
-    assert "Region 22" in (label.text_content() or "")
+    assert "Region 1" in (label.text_content() or "")
     assert editor._tab()._generation_panel._where.value == "In the region I draw"
 
     # Esc leaves the mode, and the region as it was; undo has nothing to do with it.
