@@ -13,6 +13,7 @@ import torch
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
 from pd_editor.diffusion.trajectory.yielding import with_yielding
+from pd_editor.editor.commands import ReplaceTraffic, RequestSummary
 from pd_editor.generation import (
     GenerationRequest,
     TrafficSample,
@@ -20,6 +21,8 @@ from pd_editor.generation import (
     run_to_end,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
+from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import drivable_agent_ids
 
@@ -38,22 +41,40 @@ def sampled(scenario: Scenario, count: int) -> Iterator[TrafficSample]:
     yield from run_to_end(make_generator(DEFAULT_GENERATOR).generate(request)).samples
 
 
+def num_conflicts(scenario: Scenario, sample: TrafficSample) -> int:
+    """Pairs that collide later, and do not overlap now, of which one is sampled."""
+    command = ReplaceTraffic(
+        sample=sample,
+        generator="sampled",
+        request=RequestSummary(agent_ids=sample.ids),
+    )
+    agents, now = command.apply(scenario).agents, scenario.current_step
+    rows = agents.rows(sample.ids)
+    later, _ = first_overlap(agents, np.arange(now + 1, agents.num_steps))
+    is_judged = np.isin(later, rows).any(axis=1) & counted(agents, later)
+    later = later[is_judged & agents.is_valid[later, now].all(axis=1)]
+    already = {tuple(pair) for pair in overlapping_pairs(agents, now).tolist()}
+    return len({tuple(pair) for pair in later.tolist()} - already)
+
+
 def told(name: str, scenarios: list[Scenario], count: int) -> None:
     """Print slowed agents and milliseconds of some scenes."""
     spent: list[float] = []
-    slowed = agents = 0
+    slowed = agents = before = after = 0
     for scenario in scenarios:
         rows = scenario.agents.rows(drivable_agent_ids(scenario, None))
         for sample in sampled(scenario, count):
-            times, ids = [], ()
+            times, ids, yielded = [], (), sample
             for _ in range(REPEATS):
                 began = time.process_time()
-                _, ids = with_yielding(scenario, rows, sample)
+                yielded, ids = with_yielding(scenario, rows, sample)
                 times.append(1e3 * (time.process_time() - began))
             spent.append(min(times))
+            before += num_conflicts(scenario, sample)
+            after += num_conflicts(scenario, yielded)
             slowed, agents = slowed + len(ids), agents + len(rows)
     print(
-        f"{name:24s} {agents:7d} {slowed:7d} {np.median(spent):9.2f} {max(spent):9.2f}"
+        f"{name:24s} {agents:7d} {before:7d} {after:7d} {slowed:7d} {np.median(spent):9.2f} {max(spent):9.2f}"
     )
 
 
@@ -62,7 +83,8 @@ def main() -> None:
     torch.set_num_threads(1)
     scenarios = full_scenarios()
     print(
-        f"{'scenes':24s} {'agents':>7s} {'slowed':>7s} {'median ms':>9s} {'most':>9s}"
+        f"{'scenes':24s} {'agents':>7s} {'before':>7s} {'after':>7s} "
+        f"{'slowed':>7s} {'median ms':>9s} {'most':>9s}"
     )
     told(f"{len(scenarios)} real", scenarios, 2)
     busiest = max(scenarios, key=lambda one: len(movers_now(one, 0.5)))

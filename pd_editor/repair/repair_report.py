@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool
 
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
@@ -71,8 +71,9 @@ def repairable(
     scenario: Scenario,
     agent_ids: Iterable[str] | None,
     keep_ids: Collection[str] | None,
+    kinds: Collection[AgentKind] = LANE_FOLLOWER_KINDS,
 ) -> Bool[np.ndarray, "A"]:
-    """Lane followers that exist now, are asked for (None: all) and not kept.
+    """Agents of some kinds that exist now, are asked for (None: all) and not kept.
 
     Without ``keep_ids`` the focal agent is kept.
 
@@ -85,5 +86,4 @@ def repairable(
     if keep_ids is None:
         keep_ids = {scenario.focal_id} & set(agents.ids)
     asked[agents.rows(keep_ids)] = False
-    follows = agents.kind_mask(LANE_FOLLOWER_KINDS)
-    return asked & follows & agents.is_valid[:, scenario.current_step]
+    return asked & agents.kind_mask(kinds) & agents.is_valid[:, scenario.current_step]

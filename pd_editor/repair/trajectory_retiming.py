@@ -16,6 +16,7 @@ from pd_editor.repair.repair_report import (
     sentence,
 )
 from pd_editor.repair.trajectories import Futures
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
 
 _MAX_ROUNDS: Final = 8
@@ -61,7 +62,7 @@ def wait_for_others(
     *,
     keep_ids: Collection[str] | None = None,
 ) -> tuple[Scenario, tuple[str, ...]]:
-    """Lane followers that would collide yield, the others drive on as before.
+    """Road users that would collide yield, the others go on as before.
 
     The part of ``retime_futures`` that is about other agents, in one round: agents
     that are too fast for a curve stay so.
@@ -75,7 +76,7 @@ def wait_for_others(
     futures = Futures(
         scenario=scenario,
         friction_coefficient=DRY_ROAD_FRICTION,
-        may_change=repairable(scenario, agent_ids, keep_ids),
+        may_change=repairable(scenario, agent_ids, keep_ids, ROAD_USER_KINDS),
     )
     resolved = futures.with_yielding()
     names = sorted(scenario.agents.ids[row] for row in resolved.reasons)

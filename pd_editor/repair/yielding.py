@@ -40,6 +40,12 @@ _BEYOND_S: Final = 1.5
 """Agents go on so long after the end, so that none ends right before another one."""
 _STRIDE: Final = 2
 """Every how many steps clocks are compared with other agents."""
+_COMPARED_TOGETHER: Final = 4
+"""Compared steps of another agent that are looked at as one disc first."""
+_STEPS_TOGETHER: Final = 5
+"""The same of steps of the own future."""
+_SLACK_M: Final = 0.01
+"""For rounding, where paths are compared roughly."""
 _LEAST_WAY_M: Final = 0.5
 """Agents with a shorter future cannot yield."""
 _STANDS_MPS: Final = 0.3
@@ -387,20 +393,26 @@ class _Plans:
         own = scene.pairs[pair, side]
         other = scene.pairs[pair, 1 - side]
         compared = _compared(num_steps)
-        # No clock runs ahead of time.
-        at, cell = np.nonzero(np.arange(num_steps) <= compared[:, None])
         mine, theirs = _as_complex(scene.position_m), _as_complex(self.position_m)
         facing = np.exp(1j * scene.heading_rad), np.exp(1j * self.heading_rad)
         reach = np.hypot(scene.size_m[:, 0] + GAP_M, scene.size_m[:, 1]) / 2
-        far = theirs[other].take(compared[at], axis=1) - mine[own].take(cell, axis=1)
-        gap = np.real(far) ** 2
-        gap += np.imag(far) ** 2
-        close = gap < ((reach[own] + reach[other]) ** 2)[:, None]
-        is_there = (scene.is_valid[own] & scene.is_valid[other])[:, compared]
-        if not is_there.all():
-            close &= is_there.take(at, axis=1)
-        index, place_of = np.nonzero(close)
-        offset, at, cell = far[index, place_of], at[place_of], cell[place_of]
+        reach = reach[own] + reach[other]
+        index, at, cell = _cells_that_may_meet(
+            _Stretches.of(theirs[:, compared], _COMPARED_TOGETHER),
+            _Stretches.of(mine, _STEPS_TOGETHER),
+            other,
+            own,
+            reach,
+        )
+        # No clock runs ahead of time.
+        possible = cell <= compared[at]
+        index, at, cell = index[possible], at[possible], cell[possible]
+        offset = theirs[other[index], compared[at]] - mine[own[index], cell]
+        close = np.real(offset) ** 2 + np.imag(offset) ** 2 < reach[index] ** 2
+        is_there = scene.is_valid[:, compared]
+        close &= is_there[own[index], at] & is_there[other[index], at]
+        index, at, cell = index[close], at[close], cell[close]
+        offset = offset[close]
         a, b = own[index], other[index]
         turns = facing[0][a, cell], facing[1][b, compared[at]]
         theirs_to_yield = scene.may_yield[other] & ~self.tried[pair, 1 - side]
@@ -419,6 +431,51 @@ class _Plans:
         for table, some in zip(tables, (near, hit), strict=True):
             table[place[a[some]], flat[some]] = True
         return tables[0], tables[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Stretches:
+    """Paths of A agents cut into C stretches of a few points, each in a disc."""
+
+    center_m: Complex[np.ndarray, "A C"]
+    radius_m: Float[np.ndarray, "A C"]
+    point: Int[np.ndarray, "C M"]
+    """Points of each stretch; -1 beyond the end."""
+
+    @classmethod
+    def of(cls, path_m: Complex[np.ndarray, "A N"], length: int) -> "_Stretches":
+        num_points = path_m.shape[1]
+        count = -(-num_points // length)
+        point = np.arange(count * length).reshape(count, length)
+        inside = path_m[:, np.minimum(point, num_points - 1)]
+        center = (inside[..., 0] + inside[..., -1]) / 2
+        return cls(
+            center_m=center,
+            radius_m=np.abs(inside - center[..., None]).max(axis=-1, initial=0.0),
+            point=np.where(point < num_points, point, -1),
+        )
+
+
+def _cells_that_may_meet(
+    one: _Stretches,
+    two: _Stretches,
+    row_of_one: Int[np.ndarray, "P"],
+    row_of_two: Int[np.ndarray, "P"],
+    reach_m: Float[np.ndarray, "P"],
+) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
+    """Pairs with a point of each of the two paths, of stretches within reach."""
+    offset = one.center_m[row_of_one][:, :, None] - two.center_m[row_of_two][:, None]
+    reach = (reach_m[:, None] + _SLACK_M + one.radius_m[row_of_one])[:, :, None]
+    reach = reach + two.radius_m[row_of_two][:, None]
+    pair, first, second = np.nonzero(
+        np.real(offset) ** 2 + np.imag(offset) ** 2 <= reach**2
+    )
+    shape = (len(pair), one.point.shape[1], two.point.shape[1])
+    index = np.broadcast_to(pair[:, None, None], shape)
+    of_one = np.broadcast_to(one.point[first][:, :, None], shape)
+    of_two = np.broadcast_to(two.point[second][:, None], shape)
+    exists = (of_one >= 0) & (of_two >= 0)
+    return index[exists], of_one[exists], of_two[exists]
 
 
 def _as_complex(points_m: Float[np.ndarray, "A N 2"]) -> Complex[np.ndarray, "A N"]:

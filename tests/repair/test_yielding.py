@@ -8,7 +8,14 @@ from benchmarks.repair import at_constant_velocity
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
 from pd_editor.repair.box_overlaps import counted
-from pd_editor.repair.yielding import MAX_BRAKING_MPS2, Yielded, clocks, yielding
+from pd_editor.repair.yielding import (
+    MAX_BRAKING_MPS2,
+    Yielded,
+    _cells_that_may_meet,
+    _Stretches,
+    clocks,
+    yielding,
+)
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
@@ -116,3 +123,24 @@ def real_scenarios(av2_scenario_folders: list[Path]) -> list[Scenario]:
 def test_no_agents_or_one_is_fine(count: int) -> None:
     scenario = scenario_with(straight_drivers([(0.0, 0.0, 0.0, 9.0)] * count))
     assert len(yielded(scenario).row) == 0
+
+
+def test_no_two_points_within_reach_are_missed() -> None:
+    """The rough comparison of paths finds every pair of points that is near enough."""
+    random = np.random.default_rng(5)
+    one, two = (
+        (random.normal(0, 8, (4, 1, 2)) + random.normal(0, 2, (4, n, 2)).cumsum(1))
+        @ [1, 1j]
+        for n in (37, 75)
+    )
+    pairs = np.argwhere(np.ones((4, 4)))
+    reach = random.uniform(0.5, 6.0, len(pairs))
+    index, of_one, of_two = _cells_that_may_meet(
+        _Stretches.of(one, 4), _Stretches.of(two, 5), *pairs.T, reach
+    )
+    found = set(zip(index.tolist(), of_one.tolist(), of_two.tolist(), strict=True))
+    gap = np.abs(one[pairs[:, 0]][:, :, None] - two[pairs[:, 1]][:, None])
+    near = np.argwhere(gap < reach[:, None, None])
+    assert len(near) > 100
+    assert {tuple(cell) for cell in near.tolist()} <= found
+    assert len(found) == len(index) < gap.size / 2

@@ -82,12 +82,14 @@ def overlaps_of_pairs(
     size_m: Float[np.ndarray, "A 2"],
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
     """Which of the pairs overlap, at which steps; sorted by pair, then by step."""
-    pair, at = np.nonzero(is_valid[pairs[:, 0]] & is_valid[pairs[:, 1]])
-    a, b = pairs[pair, 0], pairs[pair, 1]
-    offset = position_m[b, at] - position_m[a, at]
+    a, b = pairs.T
+    offset = position_m[b] - position_m[a]
     radius = np.hypot(size_m[:, 0], size_m[:, 1]) / 2
-    near = np.einsum("nd,nd->n", offset, offset) < (radius[a] + radius[b]) ** 2
-    pair, at, a, b, offset = pair[near], at[near], a[near], b[near], offset[near]
+    reach = (radius[a] + radius[b])[:, None]
+    near = np.einsum("psd,psd->ps", offset, offset) < reach**2
+    near &= is_valid[a] & is_valid[b]
+    pair, at = np.nonzero(near)
+    a, b, offset = a[pair], b[pair], offset[pair, at]
     touching = boxes_touch(
         offset, heading_rad[a, at], heading_rad[b, at], size_m[a], size_m[b]
     )

@@ -4,6 +4,7 @@ from hypothesis import given, settings
 
 from pd_editor.diffusion.trajectory.yielding import with_yielding
 from pd_editor.generation import TrafficSample
+from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import crowded_road, crowds, overlaps_later
@@ -43,6 +44,17 @@ def test_a_drawn_follower_waits_behind_a_recorded_standing_car():
     assert overlaps_later(with_sample(scenario, rows, sample)) == set()
     np.testing.assert_array_equal(sample.position_m[:, 0], [[0.0, 0.0]])
     np.testing.assert_allclose(sample.velocity_mps[:, 0], [[10.0, 0.0]])
+
+
+def test_a_pedestrian_waits_as_well():
+    kinds = (AgentKind.PEDESTRIAN, AgentKind.VEHICLE)
+    states = [(10, -4, np.pi / 2, 1.4), (10, 0, 0, 0)]
+    scenario = scenario_with(straight_drivers(states, kinds=kinds))
+    rows = np.array([0])
+    assert overlaps_later(scenario) == {(0, 1)}
+    sample, waiting = with_yielding(scenario, rows, straight_on(scenario, rows))
+    assert waiting == (scenario.agents.ids[0],)
+    assert overlaps_later(with_sample(scenario, rows, sample)) == set()
 
 
 def test_the_recorded_do_not_wait_for_the_drawn():
