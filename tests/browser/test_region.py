@@ -40,13 +40,13 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
     banner(editor).get_by_text("Drawing a region").wait_for()
     cursor = "getComputedStyle(__viserMutable.canvas).cursor"
     editor.until(lambda: page.evaluate(cursor) == "crosshair", "a crosshair")
-    start, end = near_focal(editor, -4.0, -1.0), near_focal(editor, 9.0, 13.0)
+    # To the left and down: the square grows from the corner of the press.
+    start, end = near_focal(editor, 9.0, 13.0), near_focal(editor, -4.0, -1.0)
     camera = np.array(editor.client.camera.position)
     editor.drag(start, end)
     region = editor.until(lambda: drawn_region(editor), "a region")
-    # A square with a corner at the press, as large as the drag, along the scene's axes.
     assert region.half_side_m == pytest.approx(7.0, abs=0.3)
-    assert np.allclose(region.center_m, start + 7.0, atol=0.4)
+    assert np.allclose(region.center_m, start - 7.0, atol=0.4)
     assert np.allclose(editor.client.camera.position, camera, atol=0.01)
     assert not session.selection
     banner(editor).wait_for(state="hidden")
