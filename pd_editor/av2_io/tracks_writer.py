@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pd_editor.av2_io.tracks_file import ACTIVITY_NAMES, default_current_step
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.scenario import Scenario
 
 
@@ -53,7 +54,7 @@ def tracks_bytes(scenario: Scenario) -> bytes:
     columns["width_m"] = pa.array(agents.size_m[row, 1])
     columns["has_known_size"] = pa.array(agents.has_known_size[row])
     if agents.activity.any():
-        names = [ACTIVITY_NAMES[int(activity)] for activity in agents.activity]
+        names = [ACTIVITY_NAMES[Activity(int(one))] for one in agents.activity]
         columns["activity"] = pa.array(names, pa.string()).take(pa.array(row))
     sink = io.BytesIO()
     pq.write_table(pa.table(columns), sink)
