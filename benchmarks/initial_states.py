@@ -37,7 +37,7 @@ from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS
 from pd_editor.evaluation.report.distances import STATE_METRICS
-from pd_editor.features.encoded_scene import PackedScene
+from pd_editor.features.encoded_scene import LATENT_SIZE, packed
 from pd_editor.features.scene_features import scene_center, scene_features
 from pd_editor.generation import TrafficSample
 from pd_editor.generators import SHIPPED_MODEL
@@ -112,27 +112,16 @@ def _real_scene(scenario: Scenario, only_paper_agents: bool) -> RealScene | None
         scenario, agents=scenario.agents.taken(rows), focal_id=scenario.focal_id
     )
     found = scene_features(scenario, with_candidates=False, center_m=center)
-    nothing = np.zeros((len(rows), 0, 10), np.float32)
-    packed = PackedScene(
-        piece_pose=found.piece_pose,
-        piece_shape=found.piece_shape,
-        piece_kind=found.piece_kind,
-        boundary_pose=found.boundary_pose,
-        boundary_shape=found.boundary_shape,
-        agent_pose=found.agent_pose,
-        agent_speed=found.agent_speed,
-        agent_size=found.agent_size,
-        agent_kind=found.agent_kind,
-        agent_activity=found.agent_activity,
-        near_pieces=found.near_pieces,
-        near_boundary=found.near_boundary,
-        near_agents=found.near_agents,
-        candidates=nothing,
-        has_candidate=np.zeros((len(rows), 0), bool),
-        future=np.zeros((len(rows), 10), np.float32),
-        has_future=np.zeros(len(rows), bool),
+    return RealScene(
+        scenario=scenario,
+        tensors=batch_of([packed(found, _no_latents)]),
+        center_m=center,
     )
-    return RealScene(scenario=scenario, tensors=batch_of([packed]), center_m=center)
+
+
+def _no_latents(future_m: np.ndarray, speed_mps: np.ndarray) -> np.ndarray:
+    """The stage of initial states reads no futures."""
+    return np.zeros((*future_m.shape[:-2], LATENT_SIZE))
 
 
 def drawn(

@@ -15,17 +15,12 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Int
+from numpy.typing import DTypeLike
 
 from pd_editor.errors import TrainingError
-from pd_editor.features.boundary_tokens import BOUNDARY_SHAPE
-from pd_editor.features.encoded_scene import LATENT_SIZE, PackedScene
-from pd_editor.features.lane_tokens import PIECE_SHAPE
-from pd_editor.features.scene_features import (
-    NUM_CANDIDATES,
-    NUM_NEAR_AGENTS,
-    NUM_NEAR_BOUNDARY,
-    NUM_NEAR_PIECES,
-)
+from pd_editor.features.encoded_scene import PackedScene
+from pd_editor.features.scene_features import NUM_CANDIDATES
+from pd_editor.features.scene_fields import LATENT_SIZE, SCENE_FIELDS
 from pd_editor.regular_file import unwritable, write_whole
 
 FORMAT_VERSION: Final = 5
@@ -46,32 +41,9 @@ _SCENE: Final = np.dtype(
     ]
 )
 """Where a scene's rows begin, and where it comes from; one row more closes them."""
-_PIECE: Final = np.dtype(
-    [
-        ("pose", np.float32, 3),
-        ("shape", np.float16, len(PIECE_SHAPE)),
-        ("kind", np.int8),
-    ]
-)
-_BOUNDARY: Final = np.dtype(
-    [("pose", np.float32, 3), ("shape", np.float16, len(BOUNDARY_SHAPE))]
-)
-_AGENT: Final = np.dtype(
-    [
-        ("pose", np.float32, 3),
-        ("speed", np.float32),
-        ("size", np.float16, 2),
-        ("kind", np.int8),
-        ("activity", np.int8),
-        ("near_pieces", np.int16, NUM_NEAR_PIECES),
-        ("near_boundary", np.int16, NUM_NEAR_BOUNDARY),
-        ("near_agents", np.int16, NUM_NEAR_AGENTS),
-        ("num_candidates", np.int8),
-        ("future", np.float16, LATENT_SIZE),
-        ("has_future", np.bool_),
-    ]
-)
-_ARRAYS: Final = ("scenes", "pieces", "boundary", "agents", "candidates")
+_TABLES: Final = {"piece": "pieces", "boundary": "boundary", "agent": "agents"}
+"""Names of the arrays with the rows of each axis."""
+_ARRAYS: Final = ("scenes", *_TABLES.values(), "candidates")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,9 +118,7 @@ class FeatureStore:
         """
         self.folder = Path(folder)
         self.index = _read_index(self.folder)
-        self._parts = [
-            _Part.opened(self.folder / name) for name in _part_names(self.folder)
-        ]
+        self._parts = [_Part(self.folder / name) for name in _part_names(self.folder)]
         counts = [len(part.scenes) - 1 for part in self._parts]
         self._first = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
 
@@ -200,17 +170,9 @@ class FeatureStore:
         return np.concatenate([np.zeros(0, np.int64), *counts])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Part:
-    scenes: np.ndarray
-    pieces: np.ndarray
-    boundary: np.ndarray
-    agents: np.ndarray
-    candidates: np.ndarray
-
-    @classmethod
-    def opened(cls, folder: Path) -> "_Part":
-        arrays: dict[str, np.ndarray] = {}
+    def __init__(self, folder: Path) -> None:
+        self._arrays: dict[str, np.ndarray] = {}
         for title in _ARRAYS:
             path = folder / f"{title}.npy"
             try:
@@ -220,36 +182,26 @@ class _Part:
                     f"{path}: is missing or damaged; expected the part as it was "
                     "written, or none of it."
                 ) from error
-            arrays[title] = np.asarray(values)
-        return cls(**arrays)
+            self._arrays[title] = np.asarray(values)
+        self.scenes = self._arrays["scenes"]
+
+    def _rows(self, axis: str, index: int) -> np.ndarray:
+        first, end = self.scenes[axis][index : index + 2]
+        return self._arrays[_TABLES.get(axis, "candidates")][first:end]
 
     def scene(self, index: int) -> PackedScene:
-        here, after = self.scenes[index], self.scenes[index + 1]
-        pieces = self.pieces[here["piece"] : after["piece"]]
-        boundary = self.boundary[here["boundary"] : after["boundary"]]
-        agents = self.agents[here["agent"] : after["agent"]]
-        latents = self.candidates[here["candidate"] : after["candidate"]]
-        has_candidate = np.arange(NUM_CANDIDATES) < agents["num_candidates"][:, None]
+        rows = {axis: self._rows(axis, index) for axis in _TABLES}
+        num_candidates = rows["agent"]["num_candidates"]
+        has_candidate = np.arange(NUM_CANDIDATES) < num_candidates[:, None]
         candidates = np.zeros((*has_candidate.shape, LATENT_SIZE), np.float32)
-        candidates[has_candidate] = latents
+        candidates[has_candidate] = self._rows("candidate", index)
         return PackedScene(
-            piece_pose=np.ascontiguousarray(pieces["pose"]),
-            piece_shape=pieces["shape"].astype(np.float32),
-            piece_kind=pieces["kind"].astype(np.int64),
-            boundary_pose=np.ascontiguousarray(boundary["pose"]),
-            boundary_shape=boundary["shape"].astype(np.float32),
-            agent_pose=np.ascontiguousarray(agents["pose"]),
-            agent_speed=np.ascontiguousarray(agents["speed"]),
-            agent_size=agents["size"].astype(np.float32),
-            agent_kind=agents["kind"].astype(np.int64),
-            agent_activity=agents["activity"].astype(np.int64),
-            near_pieces=agents["near_pieces"].astype(np.int64),
-            near_boundary=agents["near_boundary"].astype(np.int64),
-            near_agents=agents["near_agents"].astype(np.int64),
+            **{
+                one.name: one.in_memory(rows[one.axis][one.column])
+                for one in SCENE_FIELDS
+            },
             candidates=candidates,
             has_candidate=has_candidate,
-            future=agents["future"].astype(np.float32),
-            has_future=np.ascontiguousarray(agents["has_future"]),
         )
 
 
@@ -257,50 +209,41 @@ def _tables(
     scenes: Sequence[PackedScene], groups: Sequence[str], root: int
 ) -> tuple[np.ndarray, ...]:
     """Rows of scenes, pieces, pieces of the boundary, agents and candidates."""
-    counts = np.array(
-        [
-            (
-                len(one.piece_pose),
-                len(one.boundary_pose),
-                len(one.agent_pose),
-                int(one.has_candidate.sum()),
-            )
-            for one in scenes
-        ],
-        dtype=np.int64,
-    ).reshape(-1, 4)
+    numbers = {
+        "piece": [len(one.piece_pose) for one in scenes],
+        "boundary": [len(one.boundary_pose) for one in scenes],
+        "agent": [len(one.agent_pose) for one in scenes],
+        "candidate": [int(one.has_candidate.sum()) for one in scenes],
+    }
     table = np.zeros(len(scenes) + 1, _SCENE)
-    for column, name in enumerate(("piece", "boundary", "agent", "candidate")):
-        table[name][1:] = np.cumsum(counts[:, column])
+    for name, count in numbers.items():
+        table[name][1:] = np.cumsum(count)
     table["root"] = root
     table["group"][:-1] = groups
-    pieces = np.zeros(counts[:, 0].sum(), _PIECE)
-    boundary = np.zeros(counts[:, 1].sum(), _BOUNDARY)
-    agents = np.zeros(counts[:, 2].sum(), _AGENT)
-    if not scenes:
-        latents = np.zeros((0, LATENT_SIZE), np.float16)
-        return table, pieces, boundary, agents, latents
-    for name in ("pose", "shape", "kind"):
-        pieces[name] = np.concatenate([getattr(one, f"piece_{name}") for one in scenes])
-    for name in ("pose", "shape"):
-        boundary[name] = np.concatenate(
-            [getattr(one, f"boundary_{name}") for one in scenes]
-        )
-    for name in ("pose", "speed", "size", "kind", "activity"):
-        agents[name] = np.concatenate([getattr(one, f"agent_{name}") for one in scenes])
-    for name in ("near_pieces", "near_boundary", "near_agents", "has_future"):
-        agents[name] = np.concatenate([getattr(one, name) for one in scenes])
-    agents["future"] = _half([one.future for one in scenes])
-    agents["num_candidates"] = np.concatenate(
-        [one.has_candidate.sum(1) for one in scenes]
-    )
-    latents = _half([one.candidates[one.has_candidate] for one in scenes])
-    return table, pieces, boundary, agents, latents
+    rows = {axis: np.zeros(sum(numbers[axis]), _columns(axis)) for axis in _TABLES}
+    latents = np.zeros((sum(numbers["candidate"]), LATENT_SIZE), np.float16)
+    if scenes:
+        for one in SCENE_FIELDS:
+            values = np.concatenate([getattr(scene, one.name) for scene in scenes])
+            rows[one.axis][one.column] = _storable(values, one.stored)
+        found = [scene.has_candidate.sum(1) for scene in scenes]
+        rows["agent"]["num_candidates"] = np.concatenate(found)
+        found = [scene.candidates[scene.has_candidate] for scene in scenes]
+        latents[:] = _storable(np.concatenate(found), np.float16)
+    return table, *rows.values(), latents
 
 
-def _half(latents: list[np.ndarray]) -> np.ndarray:
-    values = np.concatenate(latents)
-    return np.clip(values, -_MOST_HALF, _MOST_HALF).astype(np.float16)
+def _columns(axis: str) -> np.dtype:
+    columns = [
+        (one.column, one.stored, one.shape) for one in SCENE_FIELDS if one.axis == axis
+    ]
+    return np.dtype(columns + [("num_candidates", np.int8)] * (axis == "agent"))
+
+
+def _storable(values: np.ndarray, kind: DTypeLike) -> np.ndarray:
+    if kind == np.float16:
+        values = np.clip(values, -_MOST_HALF, _MOST_HALF)
+    return values.astype(kind)
 
 
 def _part_names(folder: Path) -> list[str]:

@@ -16,6 +16,12 @@ from pd_editor.features.lane_tokens import (
     PIECE_SHAPE,
     lane_pieces,
 )
+from pd_editor.features.scene_fields import (
+    NUM_NEAR_AGENTS,
+    NUM_NEAR_BOUNDARY,
+    NUM_NEAR_PIECES,
+    SceneTokens,
+)
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.paths.motion_primitives import candidate_positions
 from pd_editor.scene.activity import activity_at
@@ -50,9 +56,6 @@ AGENT_KINDS: Final = (
 )
 PEDESTRIAN: Final = AGENT_KINDS.index(AgentKind.PEDESTRIAN)
 """Index of the kind that follows no lane."""
-NUM_NEAR_PIECES: Final = 24
-NUM_NEAR_BOUNDARY: Final = 8
-NUM_NEAR_AGENTS: Final = 16
 NUM_CANDIDATES: Final = 24
 NUM_FUTURE_STEPS: Final = 59
 STEP_S: Final = 0.1
@@ -68,40 +71,16 @@ _KIND_INDEX: Final = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SceneFeatures:
-    """P pieces of lanes, E of the boundary and A road users at the current step.
+class SceneFeatures(SceneTokens):
+    """Tokens of a scene, with what is recorded and possible at the H future steps.
 
-    Poses are x, y, heading in the scene frame moved to ``center_m``. Agents are all
-    road users present at the current step, in the order of the scenario. Indices are
-    -1 where there is none.
+    Agents are all road users present at the current step, in the order of the scenario.
     """
 
     center_m: Float[np.ndarray, "2"]
-    piece_pose: Float[np.ndarray, "P 3"]
-    """Middle of each piece of about 10 m of a centre line, and its direction there."""
-    piece_shape: Float[np.ndarray, "P F"]
-    """Length, turn, width and so on: see ``PIECE_SHAPE``."""
-    piece_kind: Int[np.ndarray, "P"]
-    """0 vehicle, 1 bike, 2 bus lane, 3 crosswalk (one per direction)."""
-    boundary_pose: Float[np.ndarray, "E 3"]
-    """Middle of each piece of the drivable area's boundary, the ground on its left."""
-    boundary_shape: Float[np.ndarray, "E G"]
-    """The numbers named by ``BOUNDARY_SHAPE``."""
+    """Where poses are counted from."""
     agent_row: Int[np.ndarray, "A"]
     """Row of each agent in the scenario."""
-    agent_pose: Float[np.ndarray, "A 3"]
-    agent_speed: Float[np.ndarray, "A"]
-    agent_size: Float[np.ndarray, "A 2"]
-    agent_kind: Int[np.ndarray, "A"]
-    """Index into ``AGENT_KINDS``."""
-    agent_activity: Int[np.ndarray, "A"]
-    """``Activity``, made to agree with the speed; 0 where it is unknown."""
-    near_pieces: Int[np.ndarray, "A M"]
-    """The M pieces nearest to each agent, nearest first."""
-    near_boundary: Int[np.ndarray, "A N"]
-    """The N pieces of the boundary nearest to each agent, nearest first."""
-    near_agents: Int[np.ndarray, "A K"]
-    """The K other agents nearest to each agent, nearest first."""
     candidate_m: Float[np.ndarray, "A C H 2"]
     """Candidates at the H future steps, in the frame of the agent's current pose."""
     has_candidate: Bool[np.ndarray, "A C"]

@@ -33,9 +33,6 @@ from pd_editor.features.encoded_scene import LATENT_SIZE, packed
 from pd_editor.features.lane_tokens import CROSSWALK_KIND, lane_pieces
 from pd_editor.features.scene_features import (
     AGENT_KINDS,
-    NUM_NEAR_AGENTS,
-    NUM_NEAR_BOUNDARY,
-    NUM_NEAR_PIECES,
     SceneFeatures,
     scene_features,
 )
@@ -347,35 +344,9 @@ def _scene(features: SceneFeatures, placed: AgentTracks) -> SceneTensors:
     """The kept agents, then those to be placed, of whom only kind and size are known."""
     count = len(placed)
     kinds = np.array([_KIND_INDEX[kind] for kind in placed.kinds], int)
-
-    def more(values: np.ndarray, added: np.ndarray) -> np.ndarray:
-        return np.concatenate([values, added.astype(values.dtype)])
-
-    with_placed = replace(
-        features,
-        agent_row=more(features.agent_row, np.full(count, -1)),
-        agent_pose=more(features.agent_pose, np.zeros((count, 3))),
-        agent_speed=more(features.agent_speed, np.zeros(count)),
-        agent_size=more(features.agent_size, placed.size_m),
-        agent_kind=more(features.agent_kind, kinds),
-        agent_activity=more(features.agent_activity, np.zeros(count)),
-        near_pieces=more(features.near_pieces, np.full((count, NUM_NEAR_PIECES), -1)),
-        near_boundary=more(
-            features.near_boundary, np.full((count, NUM_NEAR_BOUNDARY), -1)
-        ),
-        near_agents=more(features.near_agents, np.full((count, NUM_NEAR_AGENTS), -1)),
-        candidate_m=more(
-            features.candidate_m, np.zeros((count, *features.candidate_m.shape[1:]))
-        ),
-        has_candidate=more(
-            features.has_candidate, np.zeros((count, features.has_candidate.shape[1]))
-        ),
-        future_m=more(
-            features.future_m, np.zeros((count, *features.future_m.shape[1:]))
-        ),
-        has_future=more(features.has_future, np.zeros(count)),
-    )
-    return batch_of([packed(with_placed, _no_latents)])
+    kept = packed(features, _no_latents)
+    sizes = placed.size_m
+    return batch_of([kept.with_agents(count, agent_size=sizes, agent_kind=kinds)])
 
 
 def _no_latents(

@@ -13,6 +13,12 @@ from pd_editor.diffusion.inputs.trajectory_pca import MIRRORED_LATENT_SIGNS
 from pd_editor.features.boundary_tokens import MIRRORED_BOUNDARY
 from pd_editor.features.encoded_scene import PackedScene
 from pd_editor.features.scene_features import MIRRORED_SHAPE, MIRRORED_SHAPE_SIGNS
+from pd_editor.features.scene_fields import (
+    CANDIDATE_FIELDS,
+    SCENE_FIELDS,
+    Axis,
+    SceneField,
+)
 
 _SIZE_STEP: Final = 8
 """Padded sizes are multiples of it, so that few distinct shapes occur."""
@@ -100,45 +106,32 @@ class SceneTensors:
 def batch_of(scenes: Sequence[PackedScene]) -> SceneTensors:
     """Scenes side by side, padded to the largest of them."""
     assert scenes, "a batch holds at least one scene"
-    pieces = _padded_size([len(scene.piece_pose) for scene in scenes])
-    boundary = _padded_size([len(scene.boundary_pose) for scene in scenes])
-    agents = _padded_size([len(scene.agent_pose) for scene in scenes])
+    counts: dict[Axis, list[int]] = {
+        "piece": [len(scene.piece_pose) for scene in scenes],
+        "boundary": [len(scene.boundary_pose) for scene in scenes],
+        "agent": [len(scene.agent_pose) for scene in scenes],
+    }
+    sizes = {axis: _padded_size(count) for axis, count in counts.items()}
 
-    def padded(name: str, size: int, fill: int = 0) -> Tensor:
-        first = getattr(scenes[0], name)
-        kind = np.float32 if first.dtype.kind == "f" else first.dtype
-        kind = np.int64 if first.dtype.kind in "iu" else kind
-        table = np.full((len(scenes), size, *first.shape[1:]), fill, kind)
+    def padded(field: SceneField) -> Tensor:
+        first = field.in_memory(getattr(scenes[0], field.name)[:0])
+        shape = (len(scenes), sizes[field.axis], *first.shape[1:])
+        table = np.full(shape, field.fill, first.dtype)
         for row, scene in zip(table, scenes, strict=True):
-            values = getattr(scene, name)
+            values = getattr(scene, field.name)
             row[: len(values)] = values
         return torch.from_numpy(table)
 
-    def exists(name: str, size: int) -> Tensor:
-        counts = np.array([len(getattr(scene, name)) for scene in scenes])
-        return torch.from_numpy(np.arange(size) < counts[:, None])
+    def exists(axis: Axis) -> Tensor:
+        return torch.from_numpy(
+            np.arange(sizes[axis]) < np.array(counts[axis])[:, None]
+        )
 
     return SceneTensors(
-        piece_pose=padded("piece_pose", pieces),
-        piece_shape=padded("piece_shape", pieces),
-        piece_kind=padded("piece_kind", pieces),
-        has_piece=exists("piece_pose", pieces),
-        boundary_pose=padded("boundary_pose", boundary),
-        boundary_shape=padded("boundary_shape", boundary),
-        has_boundary=exists("boundary_pose", boundary),
-        agent_pose=padded("agent_pose", agents),
-        agent_speed=padded("agent_speed", agents),
-        agent_size=padded("agent_size", agents),
-        agent_kind=padded("agent_kind", agents),
-        agent_activity=padded("agent_activity", agents),
-        has_agent=exists("agent_pose", agents),
-        near_pieces=padded("near_pieces", agents, -1),
-        near_boundary=padded("near_boundary", agents, -1),
-        near_agents=padded("near_agents", agents, -1),
-        candidates=padded("candidates", agents),
-        has_candidate=padded("has_candidate", agents),
-        future=padded("future", agents),
-        has_future=padded("has_future", agents),
+        **{one.name: padded(one) for one in (*SCENE_FIELDS, *CANDIDATE_FIELDS)},
+        has_piece=exists("piece"),
+        has_boundary=exists("boundary"),
+        has_agent=exists("agent"),
     )
 
 
