@@ -31,8 +31,7 @@ from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHODS
 from pd_editor.evaluation.report.distances import distance_tables
 from pd_editor.evaluation.report.figures import PLACING_SHOWN, SHOWN, figures_of
-from pd_editor.evaluation.report.html import html_of
-from pd_editor.evaluation.report.markdown import markdown_of
+from pd_editor.evaluation.report.formats import html_of, markdown_of
 from pd_editor.evaluation.report.scene_test import scene_test_tables
 from pd_editor.evaluation.report.sections import Findings, report_of
 from pd_editor.evaluation.results_folder import EvaluationFolder

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.diffusion.checkpoints.model_folder import StageKind, TrainedStage
+from pd_editor.markdown import markdown_table
 from pd_editor.training.loop.run_folder import CURVES_NAME
 
 LICENCE_OF_RECORDED: Final = (
@@ -15,29 +16,31 @@ LICENCE_OF_RECORDED: Final = (
     "passed on."
 )
 CARD_NAME: Final = "MODEL_CARD.md"
+_ABOUT: Final = {
+    "scenes": "scenes",
+    "steps": "steps",
+    "minutes": "minutes",
+    "held_out_loss": "held-out loss",
+}
 
 
 def card_of(name: str, stages: Mapping[str, TrainedStage]) -> str:
     """The facts that are known from training, as Markdown."""
-    lines = [f"# {name}", "", "Weights in float16; `config.json` has their hashes.", ""]
-    lines += [
-        "| stage | parameters | data | scenes | steps | minutes | held-out loss |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for key, stage in sorted(stages.items()):
-        told = stage.about
-        parameters = sum(one.numel() for one in stage.model.parameters())
-        cells = [
+    header = ("stage", "parameters", "data", *_ABOUT.values())
+    rows = [
+        (
             key,
-            f"{parameters:,}",
-            " + ".join(told.get("roots", [])),
-            *(str(told.get(one)) for one in ("scenes", "steps", "minutes")),
-            str(told.get("held_out_loss")),
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
+            f"{sum(one.numel() for one in stage.model.parameters()):,}",
+            " + ".join(stage.about.get("roots", [])),
+            *(str(stage.about.get(one)) for one in _ABOUT),
+        )
+        for key, stage in sorted(stages.items())
+    ]
+    parts = [f"# {name}", "Weights in float16; `config.json` has their hashes."]
+    parts.append(markdown_table(header, rows))
     if any(stage.about.get("is_recorded") for stage in stages.values()):
-        lines += ["", LICENCE_OF_RECORDED]
-    return "\n".join(lines) + "\n"
+        parts.append(LICENCE_OF_RECORDED)
+    return "\n\n".join(parts) + "\n"
 
 
 def copied_curves(run: Path, folder: Path, kind: StageKind) -> list[Path]:

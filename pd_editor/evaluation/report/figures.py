@@ -1,15 +1,18 @@
 """Figures of a report as SVG: intervals of the main metrics, and deviation by power."""
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from pd_editor.evaluation.report.tables import named, unit_of
 from pd_editor.evaluation.road_condition import PLAIN, RoadCondition
 from pd_editor.evaluation.summary import FAR_FROM_LANE, PERTURBED, Summary
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SHOWN: Final = (
     "lateral_deviation_final",
@@ -30,18 +33,24 @@ PLACING_SHOWN: Final = (
 """Where states are drawn."""
 COLORS: Final = ("#333333", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 """Okabe and Ito's, which colour-blind readers can tell apart."""
-_LABELS_PX: Final = 130
-_PLOT_PX: Final = 230
-_ROW_PX: Final = 30
-_TOP_PX: Final = 28
-_BOTTOM_PX: Final = 24
+_GROUP: Final = "movers on their way"
+_COLUMNS: Final = 3
+_STYLE: Final = {
+    "svg.fonttype": "none",  # Text stays text.
+    "svg.hashsalt": "pd-editor",  # Equal figures, equal bytes.
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
     """A picture with the words below it."""
 
-    svg: str
+    svg: bytes
     caption: str
 
 
@@ -51,173 +60,105 @@ def figures_of(
     shown: Sequence[str] = SHOWN,
 ) -> tuple[Figure, ...]:
     """All figures that the roads allow; a panel for each metric that is shown."""
-    group = "movers on their way"
-    if not summary.num_agents[:, :, summary.groups.index(group)].any():
+    if not summary.num_agents[:, :, summary.groups.index(_GROUP)].any():
         return ()
-    panels = "".join(_interval_panel(summary, name, group) for name in shown)
     figures = [
         Figure(
-            svg=panels,
-            caption=f"{group.capitalize()}: means with intervals. Filled: plain roads; "
+            svg=_intervals_svg(summary, shown),
+            caption=f"{_GROUP.capitalize()}: means with intervals. Filled: plain roads; "
             "hollow: perturbed roads.",
         )
     ]
-    lines = _power_panels(summary, conditions, group)
-    if lines:
+    kinds = dict.fromkeys(one.kind for one in conditions if not one.is_plain)
+    by_kind = {
+        kind: sorted(
+            (one for one in conditions if one.kind == kind or one.is_plain),
+            key=lambda one: one.power,
+        )
+        for kind in kinds
+    }
+    by_kind = {kind: roads for kind, roads in by_kind.items() if len(roads) > 2}
+    if by_kind:
         figures.append(
             Figure(
-                svg=lines,
-                caption=f"{group.capitalize()}: median final lateral deviation, m, by "
+                svg=_powers_svg(summary, by_kind),
+                caption=f"{_GROUP.capitalize()}: median final lateral deviation, m, by "
                 "power of the bend; 0 is the plain road.",
             )
         )
     return tuple(figures)
 
 
-def _interval_panel(summary: Summary, name: str, group: str) -> str:
-    """One metric: a row for each method, a mark for plain and for perturbed roads."""
-    g = summary.groups.index(group)
+def _intervals_svg(summary: Summary, shown: Sequence[str]) -> bytes:
+    """A panel for each metric, in it a row for each method."""
+    panels = _Panels(len(shown), 0.7 + 0.3 * len(summary.methods))
+    rows = np.arange(len(summary.methods))
     roads = [road for road in (PLAIN, PERTURBED) if road in summary.roads]
-    mean = summary.statistics[name].mean
-    scale = 100.0 if unit_of(name) == "share" else 1.0
-    chosen = np.ix_([summary.roads.index(road) for road in roads])[0]
-    top = scale * np.nanmax(
-        [np.nanmax(part[:, chosen, g], initial=0.0) for part in (mean.value, mean.high)]
-    )
-    axis = _Axis(highest=float(top))
-    parts = [_text(0, 16, named(name).replace(" *paper*", ""), bold=True)]
-    height = _TOP_PX + _ROW_PX * len(summary.methods)
-    parts += axis.ticks_below(height)
-    for m, method in enumerate(summary.methods):
-        y = _TOP_PX + _ROW_PX * (m + 0.5)
-        parts.append(_text(_LABELS_PX - 8, y + 4, method, anchor="end"))
+    for axes, name in zip(panels.axes, shown, strict=True):
+        mean, scale = summary.statistics[name].mean, 1.0
+        if unit_of(name) == "share":
+            scale = 100.0
         for number, road in enumerate(roads):
-            at = (m, summary.roads.index(road), g)
+            at = (rows, summary.roads.index(road), summary.groups.index(_GROUP))
             value, low, high = (
-                scale * float(part[at]) for part in (mean.value, mean.low, mean.high)
+                scale * part[at] for part in (mean.value, mean.low, mean.high)
             )
-            if np.isnan(value):
-                continue
-            color, row = COLORS[m % len(COLORS)], y - 5 + 10 * number
-            if not np.isnan(low):
-                parts.append(_line(axis.x(low), row, axis.x(high), row, color))
-            fill = color if road == PLAIN else "#ffffff"
-            parts.append(
-                f'<circle cx="{axis.x(value):.1f}" cy="{row:.1f}" r="3.5" '
-                f'fill="{fill}" stroke="{color}" stroke-width="1.5"/>'
+            for row in rows[np.isfinite(value)]:
+                color = COLORS[row % len(COLORS)]
+                y = row + 0.14 * (2 * number - 1) * (len(roads) > 1)
+                axes.plot([low[row], high[row]], [y, y], color=color)
+                fill = color if road == PLAIN else "white"
+                axes.plot(value[row], y, "o", color=color, markerfacecolor=fill, ms=5)
+        axes.set_title(named(name).replace(" *paper*", ""), loc="left", weight="bold")
+        axes.set_yticks(rows, summary.methods)
+        axes.set_ylim(len(rows) - 0.5, -0.5)
+        axes.set_xlim(left=0)
+        axes.grid(axis="x", color="#eeeeee")
+    return panels.svg()
+
+
+def _powers_svg(summary: Summary, by_kind: dict[str, list[RoadCondition]]) -> bytes:
+    """A panel for each kind of bend, in it a line for each method."""
+    panels = _Panels(len(by_kind), 2.4)
+    median = summary.median_final_m[:, :, summary.groups.index(_GROUP)]
+    for axes, (kind, roads) in zip(panels.axes, by_kind.items(), strict=True):
+        columns = [summary.roads.index(one.label) for one in roads]
+        for row, method in enumerate(summary.methods):
+            axes.plot(
+                [one.power for one in roads],
+                median[row, columns],
+                marker=".",
+                color=COLORS[row % len(COLORS)],
+                label=method,
             )
-    return _svg(height + _BOTTOM_PX, named(name), parts)
+        axes.set_title(kind, loc="left", weight="bold")
+        axes.set_ylim(0, 1.05 * max(float(np.nanmax(median, initial=0)), 0.01))
+        axes.grid(color="#eeeeee")
+    panels.axes[0].legend(frameon=False)
+    return panels.svg()
 
 
-def _power_panels(
-    summary: Summary, conditions: Sequence[RoadCondition], group: str
-) -> str:
-    """One panel for each kind of bend with several powers."""
-    g = summary.groups.index(group)
-    kinds = list(dict.fromkeys(one.kind for one in conditions if not one.is_plain))
-    top = float(np.nanmax(summary.median_final_m[:, :, g], initial=0.0))
-    panels = []
-    for kind in kinds:
-        shown = sorted(
-            (one for one in conditions if one.kind == kind or one.is_plain),
-            key=lambda one: one.power,
-        )
-        if len(shown) < 3:
-            continue
-        panels.append(_power_panel(summary, kind, shown, top, g))
-    return "".join(panels)
+class _Panels:
+    """Panels of equal size side by side; drawn without a screen."""
 
+    def __init__(self, count: int, height: float) -> None:
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure as Canvas
 
-def _power_panel(
-    summary: Summary, kind: str, shown: Sequence[RoadCondition], top: float, g: int
-) -> str:
-    across = _Axis(lowest=shown[0].power, highest=shown[-1].power)
-    up = _Axis(highest=top, start_px=190.0, length_px=-160.0)
-    parts = [_text(0, 16, kind, bold=True), *across.ticks_below(190)]
-    for tick in up.ticks():
-        y = up.x(tick)
-        parts.append(_line(_LABELS_PX, y, _LABELS_PX + _PLOT_PX, y, "#dddddd"))
-        parts.append(_text(_LABELS_PX - 8, y + 4, f"{tick:g}", anchor="end"))
-    for m, method in enumerate(summary.methods):
-        color = COLORS[m % len(COLORS)]
-        heights = [
-            summary.median_final_m[m, summary.roads.index(one.label), g]
-            for one in shown
-        ]
-        points = " ".join(
-            f"{across.x(one.power):.1f},{up.x(float(height)):.1f}"
-            for one, height in zip(shown, heights, strict=True)
-            if not np.isnan(height)
-        )
-        parts.append(
-            f'<polyline points="{points}" fill="none" stroke="{color}" '
-            'stroke-width="2"/>'
-        )
-        parts.append(_text(0, 40 + 16 * m, method, color=color))
-    return _svg(190 + _BOTTOM_PX, kind, parts)
+        columns = min(count, _COLUMNS)
+        rows = -(-count // columns)
+        with rc_context(_STYLE):
+            self._canvas = Canvas((3.7 * columns, height * rows), layout="constrained")
+            self.axes: list[Axes] = [
+                self._canvas.add_subplot(rows, columns, index + 1)
+                for index in range(count)
+            ]
 
+    def svg(self) -> bytes:
+        """The picture."""
+        from matplotlib import rc_context
 
-@dataclass(frozen=True, kw_only=True)
-class _Axis:
-    """Numbers to pixels."""
-
-    highest: float
-    lowest: float = 0.0
-    start_px: float = float(_LABELS_PX)
-    length_px: float = float(_PLOT_PX)
-
-    def x(self, value: float) -> float:
-        """Place of a number."""
-        span = (self.highest - self.lowest) or 1.0
-        return self.start_px + self.length_px * (value - self.lowest) / span
-
-    def ticks(self) -> list[float]:
-        """Round numbers, three to seven of them."""
-        span = (self.highest - self.lowest) or 1.0
-        power = 10.0 ** np.floor(np.log10(span))
-        step = next(s * power for s in (0.2, 0.5, 1.0, 2.0) if span / (s * power) <= 6)
-        first = np.ceil(self.lowest / step)
-        number = int(np.floor(self.highest / step + 1e-9) - first) + 1
-        return [float((first + k) * step) for k in range(number)]
-
-    def ticks_below(self, y_px: float) -> list[str]:
-        """The axis with its numbers at the bottom of a plot."""
-        parts = [
-            _line(self.x(self.lowest), y_px, self.x(self.highest), y_px, "#999999")
-        ]
-        for tick in self.ticks():
-            parts.append(_line(self.x(tick), y_px, self.x(tick), y_px + 4, "#999999"))
-            parts.append(_text(self.x(tick), y_px + 17, f"{tick:g}", anchor="middle"))
-        return parts
-
-
-def _svg(height_px: float, title: str, parts: Sequence[str]) -> str:
-    width = _LABELS_PX + _PLOT_PX + 20
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height_px}" '
-        f'viewBox="0 0 {width} {height_px}" role="img" aria-label="{escape(title)}" '
-        f'font-family="sans-serif" font-size="11">{"".join(parts)}</svg>'
-    )
-
-
-def _text(
-    x_px: float,
-    y_px: float,
-    text: str,
-    *,
-    anchor: str = "start",
-    color: str = "#222222",
-    bold: bool = False,
-) -> str:
-    weight = ' font-weight="bold"' if bold else ""
-    return (
-        f'<text x="{x_px:.1f}" y="{y_px:.1f}" text-anchor="{anchor}" fill="{color}"'
-        f"{weight}>{escape(text)}</text>"
-    )
-
-
-def _line(x1: float, y1: float, x2: float, y2: float, color: str) -> str:
-    return (
-        f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" '
-        f'stroke="{color}" stroke-width="1.5"/>'
-    )
+        sink = io.BytesIO()
+        with rc_context(_STYLE):
+            self._canvas.savefig(sink, format="svg", metadata={"Date": None})
+        return sink.getvalue()

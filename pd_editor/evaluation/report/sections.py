@@ -58,6 +58,11 @@ class Report:
     title: str
     sections: tuple[Section, ...]
 
+    @property
+    def shown_sections(self) -> tuple[Section, ...]:
+        """Those with something in them."""
+        return tuple(one for one in self.sections if one.paragraphs or one.tables)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Findings:

@@ -1,12 +1,13 @@
 """How near synthetic scenes come to real ones, beside what real ones differ."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from pd_editor.errors import InputError
+from pd_editor.markdown import markdown_table
 from pd_editor.metrics.distributions.noise_floor import noise_floor
 from pd_editor.scene.scenario import Scenario
 from pd_editor.synthesis.realism.scene_statistics import (
@@ -67,17 +68,7 @@ class RealismReport:
             "num_other": self.num_other,
             "allowed_ratio": ALLOWED_RATIO,
             "rows": [
-                {
-                    "name": row.name,
-                    "unit": row.unit,
-                    "distance": row.distance,
-                    "noise_floor": row.noise_floor,
-                    "ratio": row.ratio,
-                    "passes": row.passes,
-                    "other_real": row.other_real,
-                    "synthetic": list(row.synthetic),
-                    "real": list(row.real),
-                }
+                asdict(row) | {"ratio": row.ratio, "passes": row.passes}
                 for row in self.rows
             ],
         }
@@ -103,10 +94,7 @@ class RealismReport:
             + self._chance(),
             f"{num_passed} of {len(self.rows)} distances are at most "
             f"{ALLOWED_RATIO:g} times the noise floor.",
-            "| quantity | unit | distance | floor | ratio | other real | "
-            f"| synthetic {_quantile_names()} | real {_quantile_names()} |\n"
-            "|---|---|---|---|---|---|---|---|---|\n"
-            + "\n".join(_line(row) for row in self.rows),
+            markdown_table(_header(), map(_cells, self.rows)),
         ]
         return "\n\n".join(lines) + "\n"
 
@@ -196,15 +184,17 @@ def _summary(quantity: Quantity, values: np.ndarray) -> tuple[float, ...]:
     return tuple(float(value) for value in np.percentile(values, QUANTILES))
 
 
-def _quantile_names() -> str:
-    return "/".join(str(quantile) for quantile in QUANTILES) + " %"
+def _header() -> tuple[str, ...]:
+    names = "/".join(map(str, QUANTILES)) + " %"
+    fixed = ("quantity", "unit", "distance", "floor", "ratio", "other real", "")
+    return (*fixed, f"synthetic {names}", f"real {names}")
 
 
-def _line(row: RealismRow) -> str:
+def _cells(row: RealismRow) -> tuple[str, ...]:
     other = "-"
     if row.other_real is not None:
         other = f"{row.other_real / max(row.noise_floor, 1e-9):.2f}"
-    cells = (
+    return (
         row.name,
         row.unit or "-",
         f"{row.distance:.3f}",
@@ -215,4 +205,3 @@ def _line(row: RealismRow) -> str:
         " / ".join(f"{value:.3g}" for value in row.synthetic),
         " / ".join(f"{value:.3g}" for value in row.real),
     )
-    return f"| {' | '.join(cells)} |"
