@@ -108,7 +108,15 @@ def _intervals_svg(summary: Summary, shown: Sequence[str]) -> bytes:
                 y = row + 0.14 * (2 * number - 1) * (len(roads) > 1)
                 axes.plot([low[row], high[row]], [y, y], color=color)
                 fill = color if road == PLAIN else "white"
-                axes.plot(value[row], y, "o", color=color, markerfacecolor=fill, ms=5)
+                axes.plot(
+                    value[row],
+                    y,
+                    "o",
+                    color=color,
+                    markerfacecolor=fill,
+                    ms=5,
+                    clip_on=False,
+                )
         axes.set_title(named(name).replace(" *paper*", ""), loc="left", weight="bold")
         axes.set_yticks(rows, summary.methods)
         axes.set_ylim(len(rows) - 0.5, -0.5)
@@ -134,7 +142,7 @@ def _powers_svg(summary: Summary, by_kind: dict[str, list[RoadCondition]]) -> by
         axes.set_title(kind, loc="left", weight="bold")
         axes.set_ylim(0, 1.05 * max(float(np.nanmax(median, initial=0)), 0.01))
         axes.grid(color="#eeeeee")
-    panels.axes[0].legend(frameon=False)
+    panels.legend()
     return panels.svg()
 
 
@@ -144,15 +152,24 @@ class _Panels:
     def __init__(self, count: int, height: float) -> None:
         from matplotlib import rc_context
         from matplotlib.figure import Figure as Canvas
+        from matplotlib.layout_engine import ConstrainedLayoutEngine
 
         columns = min(count, _COLUMNS)
         rows = -(-count // columns)
         with rc_context(_STYLE):
-            self._canvas = Canvas((3.7 * columns, height * rows), layout="constrained")
+            self._canvas = Canvas(
+                (3.8 * columns, height * rows),
+                layout=ConstrainedLayoutEngine(h_pad=0.1, w_pad=0.1),
+            )
             self.axes: list[Axes] = [
                 self._canvas.add_subplot(rows, columns, index + 1)
                 for index in range(count)
             ]
+
+    def legend(self) -> None:
+        """Say beside the panels which line is whose."""
+        lines, names = self.axes[0].get_legend_handles_labels()
+        self._canvas.legend(lines, names, loc="outside right upper", frameon=False)
 
     def svg(self) -> bytes:
         """The picture."""

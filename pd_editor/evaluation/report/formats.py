@@ -17,6 +17,7 @@ _MARKS: Final = (
     (re.compile(r"\*\*(.+?)\*\*"), r"<b>\1</b>"),
     (re.compile(r"\*(\w+)\*"), r"<i>\1</i>"),
     (re.compile(r"`(.+?)`"), r"<code>\1</code>"),
+    (re.compile(r"\[(\S+), (\S+)\]"), r"[\1,&nbsp;\2]"),  # Of an interval.
 )
 
 
