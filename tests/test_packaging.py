@@ -34,7 +34,9 @@ def dev_requirements() -> list[str]:
         text
         for one in extras["dev"]
         for text in (
-            extras["synth"] if Requirement(one).name == PROJECT["name"] else [one]
+            [one]
+            if Requirement(one).name != PROJECT["name"]
+            else [text for name in Requirement(one).extras for text in extras[name]]
         )
     ]
 

@@ -3,7 +3,7 @@
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -35,7 +35,7 @@ COLORS: Final = ("#333333", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00
 """Okabe and Ito's, which colour-blind readers can tell apart."""
 _GROUP: Final = "movers on their way"
 _COLUMNS: Final = 3
-_STYLE: Final = {
+_STYLE: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",  # Text stays text.
     "svg.hashsalt": "pd-editor",  # Equal figures, equal bytes.
     "font.family": "sans-serif",

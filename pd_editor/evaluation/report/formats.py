@@ -37,7 +37,9 @@ def html_of(report: Report, figures: Sequence[Figure]) -> str:
     from jinja2 import Environment, PackageLoader
 
     environment = Environment(
-        loader=PackageLoader(__package__, "."), autoescape=True, trim_blocks=True
+        loader=PackageLoader("pd_editor.evaluation.report", "."),
+        autoescape=True,
+        trim_blocks=True,
     )
     environment.filters |= {
         "marked": _marked,

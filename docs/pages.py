@@ -1,0 +1,41 @@
+"""Pages of the documentation that lie elsewhere in the repository, at their own paths."""
+
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+from pd_editor.markdown import markdown_table
+from pd_editor.metrics.metric_table import METRICS
+
+ROOT = Path(__file__).parents[1]
+PAGES = (
+    "README.md",
+    "GLOSSARY.md",
+    "ROADMAP.md",
+    "docs/*.md",
+    "docs/pictures/*",
+    "models/path-diffuser/*.md",
+    "models/path-diffuser/*.png",
+)
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages, so that links among them hold as they do in the repository."""
+    for pattern in PAGES:
+        for path in sorted(ROOT.glob(pattern)):
+            place = path.relative_to(ROOT).as_posix()
+            files.append(File.generated(config, place, abs_src_path=str(path)))
+    files.append(File.generated(config, "metrics.md", content=metrics_page()))
+    return files
+
+
+def metrics_page() -> str:
+    """The table of metrics."""
+    header = ("metric", "unit", "source", "better", "definition")
+    rows = [
+        (f"`{one.name}`", one.unit, one.source, one.better, one.definition)
+        for one in METRICS.values()
+    ]
+    words = "What `pd-editor evaluate` measures; shares are in 0..1, and per cent in reports."
+    return f"# Metrics\n\n{words}\n\n{markdown_table(header, rows)}\n"
