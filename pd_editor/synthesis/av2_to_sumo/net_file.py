@@ -11,12 +11,12 @@ import shapely
 from jaxtyping import Float
 
 from pd_editor.errors import SynthesisError
-from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.polyline import arc_length, resample
 from pd_editor.scene.road_map import LaneKind
 from pd_editor.synthesis.av2_to_sumo.connections import LaneRoads, Link, junction_points
 from pd_editor.synthesis.av2_to_sumo.edges import LaneLines, Road, Stretch
 from pd_editor.synthesis.road_network.plain_xml import NET_FILE, NodeKind, StripKind
+from pd_editor.synthesis.sumo.curve_speeds import curve_speed_mps
 from pd_editor.synthesis.sumo.sumo_tools import run_sumo_tool
 
 _STRIP_OF: Final = {
@@ -31,8 +31,6 @@ _SPEED_MPS: Final = (11.5, 13.5, 16.0)
 
 _BEND_MPS2: Final = 2.2
 """Lateral acceleration of an average driver in a bend."""
-_BEND_M: Final = 3.0
-"""Length over which a bend is measured."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -229,17 +227,8 @@ def _set_line(
     lane.set("shape", _shape(points_m))
     lane.set("length", f"{length_m:.4f}")
     limit = float(lane.attrib["speed"])
-    lane.set("speed", f"{min(limit, _speed_in_bend_mps(points_m)):.2f}")
-
-
-def _speed_in_bend_mps(points_m: Float[np.ndarray, "N 2"]) -> float:
-    length = float(arc_length(points_m)[-1])
-    if length < 2 * _BEND_M:
-        return np.inf
-    points = resample(points_m, int(length / _BEND_M) + 1)
-    turn = np.diff(heading_of(np.diff(points, axis=0)))
-    curvature = np.abs(wrap_angle(turn)).max() / _BEND_M
-    return float(np.sqrt(_BEND_MPS2 / max(curvature, 1e-6)))
+    in_bend = curve_speed_mps(points_m, _BEND_MPS2)
+    lane.set("speed", f"{min(limit, in_bend):.2f}")
 
 
 def _divide(

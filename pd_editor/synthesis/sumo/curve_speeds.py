@@ -22,8 +22,10 @@ LEAST_SPEED_MPS: Final = 2.5
 _AFOOT: Final = ("crossing", "walkingarea")
 
 
-def curve_speed_mps(shape_m: Float[np.ndarray, "N 2"]) -> float:
-    """Speed at which the sharpest bend of a line asks for ``LATERAL_MPS2``."""
+def curve_speed_mps(
+    shape_m: Float[np.ndarray, "N 2"], lateral_mps2: float = LATERAL_MPS2
+) -> float:
+    """Speed at which the sharpest bend of a line asks for a lateral acceleration."""
     line = without_repeats(shape_m, 0.05)
     if len(line) < 3:
         return np.inf
@@ -33,7 +35,7 @@ def curve_speed_mps(shape_m: Float[np.ndarray, "N 2"]) -> float:
     reach = min(REACH, len(heading) - 1)
     turn = np.abs(wrap_angle(heading[reach:] - heading[:-reach]))
     curvature = float(turn.max()) / (reach * length / (len(line) - 1))
-    return max(float(np.sqrt(LATERAL_MPS2 / max(curvature, 1e-9))), LEAST_SPEED_MPS)
+    return max(float(np.sqrt(lateral_mps2 / max(curvature, 1e-9))), LEAST_SPEED_MPS)
 
 
 def write_with_curve_speeds(net_file: Path, copy: Path) -> None:

@@ -1,16 +1,29 @@
 """A SUMO net file, read into plain values."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from xml.etree import ElementTree
+from typing import TYPE_CHECKING, Any, Final
+from xml.sax import SAXException
 
 import numpy as np
 from jaxtyping import Float
 
 from pd_editor.errors import SynthesisError
 from pd_editor.scene.road_map import LaneKind
+
+if TYPE_CHECKING:
+    from sumolib.net import Net
+    from sumolib.net.edge import Edge
+    from sumolib.net.lane import Lane
+
+_KIND_OF: Final = {
+    "passenger": LaneKind.VEHICLE,
+    "bus": LaneKind.BUS,
+    "bicycle": LaneKind.BIKE,
+}
+"""Kind of a lane by the first of these that may use it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,89 +73,103 @@ class SumoNet:
         return result
 
 
+def parsed_net(net_file: Path) -> "Net":
+    """The net in a file, junctions' own lanes and footways included, as sumolib has it.
+
+    Raises:
+        SynthesisError: the file is missing or no SUMO net, or sumolib is not installed.
+    """
+    try:
+        from sumolib.net import readNet
+    except ImportError as error:
+        raise SynthesisError(
+            "sumolib is not installed; expected it from pip install 'pd-editor[synth]'."
+        ) from error
+    try:
+        net_file.stat()
+        net = readNet(
+            str(net_file),
+            withInternal=True,
+            withPedestrianConnections=True,
+            withPrograms=True,
+            lxml=False,
+        )
+    except (OSError, SAXException, KeyError, ValueError, TypeError) as error:
+        raise SynthesisError(f"{net_file}: expected a SUMO net ({error}).") from error
+    if not net.getEdges():
+        raise SynthesisError(f"{net_file}: expected a SUMO net with edges.")
+    return net
+
+
 def read_sumo_net(net_file: Path) -> SumoNet:
-    """The net in a file.
+    """What a road map needs of the net in a file.
 
     Raises:
         SynthesisError: the file is missing or no SUMO net.
     """
-    try:
-        root = ElementTree.parse(net_file).getroot()
-    except (OSError, ElementTree.ParseError) as error:
-        raise SynthesisError(f"{net_file}: expected a SUMO net ({error}).") from error
-    lanes: dict[str, SumoLane] = {}
-    crossings, walking = [], []
-    ends: dict[str, tuple[str, str]] = {}
-    for edge in root.iterfind("edge"):
-        function = edge.get("function", "normal")
-        if function == "normal":
-            ends[edge.attrib["id"]] = (edge.attrib["from"], edge.attrib["to"])
-        for lane in edge.iterfind("lane"):
-            if function == "crossing":
-                crossings.append((_points(lane), float(lane.attrib["width"])))
-            elif function == "walkingarea":
-                walking.append(_points(lane))
-            else:
-                lanes[lane.attrib["id"]] = _lane(lane, edge.attrib["id"])
-    junctions = [j for j in root.iterfind("junction") if j.get("type") != "internal"]
+    net = parsed_net(net_file)
+    by_function: dict[str, list[Any]] = {}
+    for edge in net.getEdges():
+        by_function.setdefault(edge.getFunction(), []).append(edge)
+    afoot = [*by_function.get("crossing", ()), *by_function.get("walkingarea", ())]
+    lanes = {
+        lane.getID(): _lane(lane, edge.getID())
+        for edge in net.getEdges()
+        if edge not in afoot
+        for lane in edge.getLanes()
+    }
+    ends = {
+        edge.getID(): (edge.getFromNode().getID(), edge.getToNode().getID())
+        for edge in by_function.get("", ())
+    }
     return SumoNet(
         lanes=lanes,
-        links=tuple(_links(root, lanes)),
+        links=tuple(
+            link
+            for edge in (*by_function.get("", ()), *by_function.get("internal", ()))
+            for link in _links(edge)
+            if link[1] in lanes
+        ),
         junction_of=ends,
         num_legs=_num_legs(ends),
         junction_areas_m={
-            j.attrib["id"]: _points(j) for j in junctions if j.get("shape")
+            node.getID(): np.array(node.getShape())
+            for node in net.getNodes()
+            if node.getShape()
         },
-        walking_areas_m=tuple(walking),
-        crossings=tuple(crossings),
-        has_signals=root.find("tlLogic") is not None,
+        walking_areas_m=tuple(
+            lane_shape_m(edge.getLane(0)) for edge in by_function.get("walkingarea", ())
+        ),
+        crossings=tuple(
+            (lane_shape_m(edge.getLane(0)), edge.getLane(0).getWidth())
+            for edge in by_function.get("crossing", ())
+        ),
+        has_signals=bool(net.getTrafficLights()),
     )
 
 
-def _points(element: ElementTree.Element) -> Float[np.ndarray, "N 2"]:
-    pairs = element.attrib["shape"].split()
-    return np.array([[float(v) for v in pair.split(",")[:2]] for pair in pairs])
+def lane_shape_m(lane: "Lane") -> Float[np.ndarray, "N 2"]:
+    """Middle line of a lane; outline of a walking area."""
+    return np.array(lane.getShape())
 
 
-def _lane(lane: ElementTree.Element, edge: str) -> SumoLane:
-    allowed, refused = lane.get("allow"), lane.get("disallow")
-
-    def admits(who: str) -> bool:
-        if allowed is not None:
-            return allowed == "all" or who in allowed.split()
-        return refused is None or (refused != "all" and who not in refused.split())
-
-    kind = None
-    if admits("passenger"):
-        kind = LaneKind.VEHICLE
-    elif admits("bus"):
-        kind = LaneKind.BUS
-    elif admits("bicycle"):
-        kind = LaneKind.BIKE
+def _lane(lane: "Lane", edge: str) -> SumoLane:
+    kinds = [kind for name, kind in _KIND_OF.items() if lane.allows(name)]
     return SumoLane(
-        sumo_id=lane.attrib["id"],
+        sumo_id=lane.getID(),
         edge=edge,
-        index=int(lane.attrib["index"]),
-        shape_m=_points(lane),
-        width_m=float(lane.get("width", "3.2")),
-        kind=kind,
-        is_parking=not admits("pedestrian")
-        and kind is None
-        and not edge.startswith(":"),
+        index=lane.getIndex(),
+        shape_m=lane_shape_m(lane),
+        width_m=lane.getWidth(),
+        kind=kinds[0] if kinds else None,
+        is_parking=not (kinds or lane.allows("pedestrian") or edge.startswith(":")),
     )
 
 
-def _links(
-    root: ElementTree.Element, lanes: Mapping[str, SumoLane]
-) -> list[tuple[str, str]]:
-    links = []
-    for connection in root.iterfind("connection"):
-        start = f"{connection.attrib['from']}_{connection.attrib['fromLane']}"
-        end = f"{connection.attrib['to']}_{connection.attrib['toLane']}"
-        end = connection.get("via", end)
-        if start in lanes and end in lanes:
-            links.append((start, end))
-    return links
+def _links(edge: "Edge") -> Iterator[tuple[str, str]]:
+    for lane in edge.getLanes():
+        for link in lane.getOutgoing():
+            yield lane.getID(), link.getViaLaneID() or link.getToLane().getID()
 
 
 def _num_legs(ends: Mapping[str, tuple[str, str]]) -> dict[str, int]:

@@ -1,15 +1,18 @@
 """What a SUMO network lets each class of traffic do: edges, turns, sidewalks."""
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.errors import SynthesisError
+from pd_editor.synthesis.sumo.sumo_net import lane_shape_m, parsed_net
+
+if TYPE_CHECKING:
+    from sumolib.net.edge import Edge
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -17,24 +20,20 @@ class TrafficLane:
     """A lane of a SUMO edge, index 0 the rightmost."""
 
     lane_id: str
-    allow: frozenset[str] | None
-    """Vehicle classes that may use it; None where ``disallow`` says it."""
-    disallow: frozenset[str]
+    admitted: frozenset[str]
+    """Vehicle classes that may use it."""
     length_m: float
-    width_m: float
     speed_mps: float
     shape_m: Float[np.ndarray, "N 2"]
 
     def allows(self, vehicle_class: str) -> bool:
         """Whether a SUMO vehicle class may use the lane."""
-        if self.allow is not None:
-            return vehicle_class in self.allow or "all" in self.allow
-        return vehicle_class not in self.disallow and "all" not in self.disallow
+        return vehicle_class in self.admitted
 
     @property
     def is_sidewalk(self) -> bool:
         """Whether only pedestrians may use the lane."""
-        return self.allow == {"pedestrian"}
+        return self.admitted == {"pedestrian"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,57 +119,42 @@ def read_traffic_graph(net_file: Path) -> TrafficGraph:
     Raises:
         SynthesisError: the file is missing or no SUMO network.
     """
-    try:
-        root = ElementTree.parse(net_file).getroot()
-        edges = {
-            element.attrib["id"]: _edge(element)
-            for element in root.iter("edge")
-            if "function" not in element.attrib and element.find("lane") is not None
-        }
-        turns = tuple(
+    found = [one for one in parsed_net(net_file).getEdges() if not one.isSpecial()]
+    links = [
+        link
+        for edge in found
+        for lane in edge.getLanes()
+        for link in lane.getOutgoing()
+    ]
+    return TrafficGraph(
+        edges={edge.getID(): _edge(edge) for edge in found},
+        turns=tuple(
             Turn(
-                from_edge=element.attrib["from"],
-                to_edge=element.attrib["to"],
-                from_lane=int(element.attrib["fromLane"]),
-                to_lane=int(element.attrib["toLane"]),
-                direction=element.attrib["dir"],
+                from_edge=link.getFrom().getID(),
+                to_edge=link.getTo().getID(),
+                from_lane=link.getFromLane().getIndex(),
+                to_lane=link.getToLane().getIndex(),
+                direction=link.getDirection(),
             )
-            for element in root.iter("connection")
-            if element.attrib["from"] in edges and element.attrib["to"] in edges
-        )
-    except (OSError, ElementTree.ParseError, KeyError, ValueError) as error:
-        raise SynthesisError(
-            f"{net_file} is not a readable SUMO network ({error})."
-        ) from error
-    if not edges:
-        raise SynthesisError(f"The SUMO network {net_file} has no edges.")
-    return TrafficGraph(edges=edges, turns=turns)
+            for link in links
+            if not link.getTo().isSpecial()
+        ),
+    )
 
 
-def _edge(element: ElementTree.Element) -> TrafficEdge:
+def _edge(edge: "Edge") -> TrafficEdge:
     return TrafficEdge(
-        edge_id=element.attrib["id"],
-        start_junction=element.attrib["from"],
-        end_junction=element.attrib["to"],
+        edge_id=edge.getID(),
+        start_junction=edge.getFromNode().getID(),
+        end_junction=edge.getToNode().getID(),
         lanes=tuple(
             TrafficLane(
-                lane_id=lane.attrib["id"],
-                allow=(
-                    frozenset(lane.attrib["allow"].split())
-                    if "allow" in lane.attrib
-                    else None
-                ),
-                disallow=frozenset(lane.attrib.get("disallow", "").split()),
-                length_m=float(lane.attrib["length"]),
-                width_m=float(lane.attrib.get("width", 3.2)),
-                speed_mps=float(lane.attrib["speed"]),
-                shape_m=np.array(
-                    [
-                        [float(value) for value in point.split(",")[:2]]
-                        for point in lane.attrib["shape"].split()
-                    ]
-                ),
+                lane_id=lane.getID(),
+                admitted=frozenset(lane.getPermissions()),
+                length_m=lane.getLength(),
+                speed_mps=lane.getSpeed(),
+                shape_m=lane_shape_m(lane),
             )
-            for lane in element.iter("lane")
+            for lane in edge.getLanes()
         ),
     )
