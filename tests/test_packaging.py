@@ -106,9 +106,10 @@ def test_the_wheel_holds_what_is_used_and_no_more(wheel: Path):
         assert f"pd_editor/assets/demos/{name}/log_map_archive_{name}.json" in names
     assert "pd_editor/assets/demos/README.md" in names
     assert "pd_editor/models/README.md" in names
+    assert "pd_editor/evaluation/report/report.html.jinja" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     modules = [name for name in names if name.endswith(".py")]
-    assert not [name for name in modules if "/assets/" in name or "tests" in name]
+    assert not [name for name in modules if {"assets", "tests"} & {*name.split("/")}]
     assert {name.split("/")[0] for name in names} == {
         "pd_editor",
         f"pd_editor-{PROJECT['version']}.dist-info",
@@ -116,7 +117,10 @@ def test_the_wheel_holds_what_is_used_and_no_more(wheel: Path):
 
 
 @pytest.mark.slow
-def test_the_wheel_works_in_an_environment_of_its_own(wheel: Path, tmp_path: Path):
+def test_the_wheel_works_in_an_environment_of_its_own(
+    wheel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.delenv("PYTHONPATH", raising=False)
     environment = tmp_path / "environment"
     subprocess.run(
         [sys.executable, "-m", "venv", "--without-pip", environment], check=True

@@ -1,6 +1,6 @@
 """The tables of a report, as text in cells."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -82,69 +82,79 @@ def headline_tables(
     summary: Summary, headlines: Sequence[tuple[str, str]]
 ) -> list[ReportTable]:
     """For each group, the most telling metrics on plain and on perturbed roads."""
-    return [
-        table
-        for group in summary.groups
-        for road in _main_roads(summary)
-        if (table := _headline(summary, headlines, group, road)) is not None
-    ]
-
-
-def _headline(
-    summary: Summary, headlines: Sequence[tuple[str, str]], group: str, road: str
-) -> ReportTable | None:
-    w, g = summary.roads.index(road), summary.groups.index(group)
-    if not summary.num_agents[:, w, g].any():
-        return None
     of_median = 1 + [name for name, _ in headlines].index("lateral_deviation_final")
-    rows = []
-    for m, method in enumerate(summary.methods):
-        cells = [
-            cell(summary.statistics[name].mean, (m, w, g), unit_of(name))
-            for name, _ in headlines
-        ]
-        cells.insert(of_median, _number(summary.median_final_m[m, w, g]))
-        counts = f"{summary.num_agents[m, w, g]} / {summary.num_scenes[m, w, g]}"
-        rows.append((method, counts, *cells))
     titles = [title for _, title in headlines]
     titles.insert(of_median, "its median, m")
-    return ReportTable(
-        title=f"{group.capitalize()}, {_in_words(road)}",
-        header=("method", "agents / scenes", *titles),
-        rows=tuple(rows),
-    )
+
+    def rows(w: int, g: int) -> Iterator[tuple[str, ...]]:
+        for m, method in enumerate(summary.methods):
+            cells = [
+                cell(summary.statistics[name].mean, (m, w, g), unit_of(name))
+                for name, _ in headlines
+            ]
+            cells.insert(of_median, _number(summary.median_final_m[m, w, g]))
+            counts = f"{summary.num_agents[m, w, g]} / {summary.num_scenes[m, w, g]}"
+            if summary.num_agents[:, w, g].any():
+                yield (method, counts, *cells)
+
+    return _main_tables(summary, "", ("method", "agents / scenes", *titles), rows)
 
 
 def difference_tables(summary: Summary) -> list[ReportTable]:
     """For each group, methods minus the log on the same agents."""
-    tables = []
-    for g, group in enumerate(summary.groups):
-        for road in _main_roads(summary):
-            w = summary.roads.index(road)
-            rows = []
-            for m, method in enumerate(summary.methods):
-                pairs = summary.statistics[COMPARED[0]].num_pairs[m, w, g]
-                if method == GROUND_TRUTH or not summary.num_agents[m, w, g]:
-                    continue
-                cells = [
-                    cell(
-                        summary.statistics[name].difference,
-                        (m, w, g),
-                        unit_of(name),
-                        signed=True,
-                    )
-                    for name in COMPARED
-                ]
-                rows.append((method, str(pairs), *cells))
-            if rows:
-                tables.append(
-                    ReportTable(
-                        title=f"{group.capitalize()}, {_in_words(road)}: minus the log",
-                        header=("method", "pairs", *(map(named, COMPARED))),
-                        rows=tuple(rows),
-                    )
-                )
-    return tables
+
+    def rows(w: int, g: int) -> Iterator[tuple[str, ...]]:
+        for m, method in enumerate(summary.methods):
+            if method == GROUND_TRUTH or not summary.num_agents[m, w, g]:
+                continue
+            differences = [
+                (summary.statistics[name].difference, unit_of(name))
+                for name in COMPARED
+            ]
+            yield (
+                method,
+                str(summary.statistics[COMPARED[0]].num_pairs[m, w, g]),
+                *(cell(one, (m, w, g), unit, signed=True) for one, unit in differences),
+            )
+
+    header = ("method", "pairs", *map(named, COMPARED))
+    return _main_tables(summary, ": minus the log", header, rows)
+
+
+def complete_tables(summary: Summary) -> list[ReportTable]:
+    """Every metric of every method, for each group on plain and perturbed roads."""
+
+    def rows(w: int, g: int) -> Iterator[tuple[str, ...]]:
+        for name in (*METRIC_COLUMNS, FAR_FROM_LANE):
+            mean, unit = summary.statistics[name].mean, unit_of(name)
+            cells = [cell(mean, (m, w, g), unit) for m in range(len(summary.methods))]
+            if set(cells) != {NONE}:
+                yield (named(name), *cells)
+
+    return _main_tables(summary, ": all metrics", ("metric", *summary.methods), rows)
+
+
+def _main_tables(
+    summary: Summary,
+    what: str,
+    header: tuple[str, ...],
+    rows: Callable[[int, int], Iterable[tuple[str, ...]]],
+) -> list[ReportTable]:
+    """A table for each group on plain and on perturbed roads, where it has ``rows``.
+
+    ``rows`` takes the places of the road and of the group.
+    """
+    return [
+        ReportTable(
+            title=f"{group.capitalize()}, {words} roads{what}",
+            header=header,
+            rows=found,
+        )
+        for g, group in enumerate(summary.groups)
+        for road, words in ((PLAIN, "plain"), (PERTURBED, "perturbed"))
+        if road in summary.roads
+        if (found := tuple(rows(summary.roads.index(road), g)))
+    ]
 
 
 def road_tables(summary: Summary) -> list[ReportTable]:
@@ -178,36 +188,6 @@ def _road_table(summary: Summary, group: str, name: str) -> ReportTable:
         rows=tuple(
             (method, *row) for method, row in zip(summary.methods, texts, strict=True)
         ),
-    )
-
-
-def complete_tables(summary: Summary) -> list[ReportTable]:
-    """Every metric of every method, for each group on plain and perturbed roads."""
-    names = (*METRIC_COLUMNS, FAR_FROM_LANE)
-    tables = []
-    for g, group in enumerate(summary.groups):
-        for road in _main_roads(summary):
-            w = summary.roads.index(road)
-            rows = [
-                (named(name), *cells)
-                for name in names
-                if set(cells := _metric_row(summary, name, w, g)) != {NONE}
-            ]
-            if rows:
-                tables.append(
-                    ReportTable(
-                        title=f"{group.capitalize()}, {_in_words(road)}: all metrics",
-                        header=("metric", *summary.methods),
-                        rows=tuple(rows),
-                    )
-                )
-    return tables
-
-
-def _metric_row(summary: Summary, name: str, road: int, group: int) -> tuple[str, ...]:
-    return tuple(
-        cell(summary.statistics[name].mean, (m, road, group), unit_of(name))
-        for m in range(len(summary.methods))
     )
 
 
@@ -273,11 +253,3 @@ def named(name: str) -> str:
 
 def _shown_unit(unit: str) -> str:
     return "%" if unit == "share" else unit
-
-
-def _main_roads(summary: Summary) -> Sequence[str]:
-    return [road for road in (PLAIN, PERTURBED) if road in summary.roads]
-
-
-def _in_words(road: str) -> str:
-    return "plain roads" if road == PLAIN else "perturbed roads"

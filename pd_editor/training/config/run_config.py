@@ -1,9 +1,11 @@
 """What a training run is: everything that decides what comes out of it."""
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Final, Literal, TypeVar
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Final, Literal
+
+import msgspec
 
 from pd_editor.errors import TrainingError
 
@@ -12,7 +14,6 @@ MAX_MINUTES: Final = 1e6
 MAX_COPIES: Final = 64
 MAX_WINDOWS: Final = 40
 Precision = Literal["32", "bf16"]
-_Part = TypeVar("_Part")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,41 +130,28 @@ class RunConfig:
             TrainingError: it is something else, or of another version.
         """
         try:
-            values = json.loads(text)
-        except (ValueError, RecursionError) as error:
+            config = msgspec.json.decode(text, type=cls)
+            values = msgspec.json.decode(text)
+        except msgspec.ValidationError as error:
+            reason = str(error).replace("`$.", "`")
+            raise TrainingError(
+                f"The run's configuration is impossible or of another version: {reason}."
+            ) from error
+        except (msgspec.DecodeError, RecursionError) as error:
             raise TrainingError(f"The run's configuration is no JSON ({error}).") from (
                 error
             )
-        if isinstance(values, dict):
-            # Runs from before there was this field.
-            values = {"loss": {}} | values
-        return _part(
-            cls,
-            values,
-            data=tuple,
-            weights=tuple,
-            validate=tuple,
-            optimisation=lambda part: _part(Optimisation, part),
-            budget=lambda part: _part(Budget, part),
-        )
-
-
-def _part(kind: type[_Part], values: Any, **convert: Callable[[Any], Any]) -> _Part:
-    """A dataclass out of JSON values, with every field present and none unknown."""
-    names = {one.name for one in fields(kind)}  # type: ignore[arg-type]
-    if not isinstance(values, dict) or values.keys() != names:
-        raise TrainingError(
-            f"The run's configuration is of another version ({kind.__name__})."
-        )
-    same: Callable[[Any], Any] = lambda value: value  # noqa: E731
-    try:
-        return kind(
-            **{name: convert.get(name, same)(one) for name, one in values.items()}
-        )
-    except TypeError as error:
-        raise TrainingError(
-            f"The run's configuration holds an impossible value ({error})."
-        ) from error
+        known = asdict(config)
+        for part, names in (
+            (values, known),
+            *((values[name], known[name]) for name in ("optimisation", "budget")),
+        ):
+            if unknown := sorted(part.keys() - names.keys()):
+                raise TrainingError(
+                    "The run's configuration is of another version (unknown field "
+                    f"{unknown[0]!r})."
+                )
+        return config
 
 
 def _check_range(part: Any, least: float, most: float, name: str) -> None:
