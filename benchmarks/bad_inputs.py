@@ -1,7 +1,7 @@
 """How 2,000 bad inputs of eight kinds are taken, each in a process of its own.
 
 Each must be refused in one sentence, or be accepted and then open, be judged and be
-written without trouble: no traceback, no hang (20 s), at most 1 GiB. Options: ``--num``,
+written without trouble: no traceback, no hang (20 s of processor time), at most 1 GiB in all. Options: ``--num``,
 ``--seed`` and ``--kinds``, and ``--only KIND NUMBER`` for one input, whose words are shown.
 """
 

@@ -14,6 +14,7 @@ from pd_editor.generation import GeneratorOffer
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.comparison import Comparison
 from pd_editor.viewer.interaction.context_menu import ContextMenu
+from pd_editor.viewer.interaction.framing import FreePart
 from pd_editor.viewer.interaction.hover import Hover
 from pd_editor.viewer.interaction.picking import point_of
 from pd_editor.viewer.interaction.placing import Placing
@@ -138,7 +139,7 @@ class BrowserSession:
             )
             self._viewpoint = Viewpoint(self._desk, self._overlay)
             self._desk.on_playhead_moved = self._playhead_moved
-            SidePanel(self._overlay, workspace, is_debug=self._is_debug)
+            SidePanel(self._overlay, self._desk, is_debug=self._is_debug)
             self._measure = Measure(
                 self._overlay,
                 self._banner,
@@ -392,7 +393,9 @@ class BrowserSession:
                 cancel=generation.cancel,
                 use_result=generation.use_result,
                 download=self._export_panel.download,
-                frame=lambda problem: self._viewpoint.frame_place(problem.place_m),
+                frame=lambda problem, share: self._viewpoint.frame_place(
+                    problem.place_m, FreePart.left_of(share)
+                ),
                 redraw=self._draw_frame,
             ),
         )

@@ -1,5 +1,6 @@
 """Runs one input in a forked process of its own, within limits, and judges the end."""
 
+import contextlib
 import os
 import re
 import resource
@@ -24,6 +25,9 @@ VERDICTS: tuple[Verdict, ...] = (
     "memory",
 )
 LIMIT_S = 20
+"""Of processor time; a busy machine may take longer."""
+LONGEST_WAIT_S = 120
+"""In all, for an input that waits and does nothing."""
 LIMIT_BYTES = 2**30
 
 
@@ -34,6 +38,7 @@ class Ending:
     verdict: Verdict
     said: str
     elapsed_s: float
+    """Processor time, or all of the time where it waited in vain."""
     peak_bytes: int
 
 
@@ -43,13 +48,13 @@ def ending_of(action: Callable[[], object], folder: Path) -> Ending:
     Errors on purpose count as one line and exit code 2, as in the shell.
     """
     log = folder / "said"
-    # A fork's peak counts what its parent holds already, which is no fault of the input.
-    held = _resident_bytes()
     began = time.monotonic()
     child = os.fork()
     if child == 0:
+        # Processes that it starts end with it.
+        os.setsid()
         _run(action, log)
-    deadline = began + LIMIT_S
+    deadline = began + LONGEST_WAIT_S
     while True:
         done, status, usage = os.wait4(child, os.WNOHANG)
         if done:
@@ -59,9 +64,14 @@ def ending_of(action: Callable[[], object], folder: Path) -> Ending:
             _, status, usage = os.wait4(child, 0)
             break
         time.sleep(0.005)
-    elapsed = time.monotonic() - began
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)
+    waited = time.monotonic() - began
+    used = usage.ru_utime + usage.ru_stime
+    elapsed = waited if waited > LONGEST_WAIT_S else used
     said = log.read_text(errors="replace") if log.exists() else ""
-    peak = max(usage.ru_maxrss * 1024 - held, 0)
+    # The whole process counts: the interpreter and what it has imported as well.
+    peak = usage.ru_maxrss * 1024
     return Ending(
         verdict=_verdict(os.waitstatus_to_exitcode(status), said, elapsed, peak),
         said=said,
@@ -70,13 +80,8 @@ def ending_of(action: Callable[[], object], folder: Path) -> Ending:
     )
 
 
-def _resident_bytes() -> int:
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * resource.getpagesize()
-
-
 def _verdict(code: int, said: str, elapsed_s: float, peak_bytes: int) -> Verdict:
-    if elapsed_s >= LIMIT_S:
+    if elapsed_s >= LIMIT_S or code == -signal.SIGXCPU:
         return "hang"
     if peak_bytes > LIMIT_BYTES or "MemoryError" in said:
         return "memory"
@@ -97,6 +102,7 @@ def _run(action: Callable[[], object], log: Path) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         sys.stderr = os.fdopen(2, "w", errors="backslashreplace", closefd=False)
         sys.stdout = os.fdopen(1, "w", errors="backslashreplace", closefd=False)
+        resource.setrlimit(resource.RLIMIT_CPU, (LIMIT_S, LIMIT_S + 1))
         # Address space, for bombs; what counts is the peak of what is used.
         with open("/proc/self/statm") as file:
             used = int(file.read().split()[0]) * resource.getpagesize()

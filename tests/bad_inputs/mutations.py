@@ -71,11 +71,11 @@ def spoiled_json(value: Any, random: np.random.Generator) -> Any:
         elif kind == 1:
             holder[key] = [holder[key]]
         elif kind == 2 and isinstance(holder, dict):
-            holder[str(random.choice(ODD_TEXTS))] = holder[key]
+            holder[str(random.choice(ODD_TEXTS))] = copy.deepcopy(holder[key])
         elif kind == 3 and isinstance(holder[key], (int, float)):
             holder[key] = holder[key] * float(random.choice([-1, 0, 1e3, 1e9, 1e30]))
         else:
-            holder[key] = ODD_VALUES[random.integers(len(ODD_VALUES))]
+            holder[key] = copy.deepcopy(ODD_VALUES[random.integers(len(ODD_VALUES))])
     return changed
 
 

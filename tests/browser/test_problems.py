@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from pd_editor.editor.commands import SetRoadWarp, TransformAgents
+from pd_editor.editor.commands import DuplicateAgents, SetRoadWarp, TransformAgents
 from pd_editor.editor.session import EditorSession
 from pd_editor.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
@@ -208,7 +208,7 @@ def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(editor):
     assert not editor.session.entries
 
 
-def test_the_list_shows_every_cure_and_closes_by_escape(editor):
+def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
     """Six actions fit; the hint steps aside; Escape closes and keeps the selection."""
     page, session = editor.page, editor.session
     bend(editor)
@@ -220,6 +220,8 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor):
     assert session.selection
     assert not hint.is_visible()
     overlay = editor._tab()._overlay
+    # What is shown here stays until the end.
+    monkeypatch.setattr(editor._tab()._chip, "show", lambda: None)
     state = json.loads(overlay._shown["status"])
     state["active"]["cures"] = [
         "Regenerate 131326",
@@ -247,6 +249,70 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor):
     page.keyboard.press("Escape")
     page.locator(".pd-problems").wait_for(state="hidden")
     assert session.selection
+
+
+def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
+    """What a row leads to is in sight beside the list; keys walk, and nothing moves."""
+    page, session, tab = editor.page, editor.session, editor._tab()
+    page.set_viewport_size({"width": 1280, "height": 720})
+    agents, now = session.scenario.agents, session.scenario.current_step
+    copied = [
+        n for n, there in zip(agents.ids, agents.is_valid[:, now], strict=True) if there
+    ][:22]
+    copy = DuplicateAgents(
+        agent_ids=tuple(copied),
+        new_ids=tuple(f"copy-{name}" for name in copied),
+        dx_m=0.4,
+    )
+    tab._desk.post(lambda: session.apply(copy))
+    watch = tab._problems
+    editor.until(lambda: len(watch.new) >= 20, "twenty problems")
+    editor.until(lambda: tab._checks_future_at is None, "those of the future")
+    tab._desk.post(lambda: session.select(()))
+    page.locator(".pd-chip-main").click()
+    places = [page.locator(name) for name in (".pd-problems", ".pd-problem-detail")]
+    still = [place.bounding_box() for place in places]
+    known = [problem.key for problem in watch.new]
+    assert rows(editor).count() == len(known)
+
+    def active() -> int | None:
+        chosen = tab._chip._active
+        return None if chosen is None else known.index(chosen[1].key)
+
+    # The focus is on the chip that opened the list: keys walk from there.
+    page.keyboard.press("ArrowDown")
+    editor.until(lambda: active() == 0, "the first row")
+    for key, wanted in (("End", len(known) - 1), ("Home", 0)):
+        page.keyboard.press(key)
+        editor.until(lambda wanted=wanted: active() == wanted, key)
+    page.keyboard.press("PageDown")
+    editor.until(lambda: 2 < active() < len(known) - 1, "a page on")
+    page.keyboard.press("PageUp")
+    editor.until(lambda: active() == 0, "a page back")
+    assert page.get_by_text("Not done").count() == 0
+
+    page.mouse.move(still[0]["x"] + 100, still[0]["y"] + 80)
+    page.mouse.wheel(0, 4000)
+    rows(editor).last.click()
+    editor.until(lambda: active() == len(known) - 1, "the last row")
+    editor.until(lambda: tab._chip._cures, "what helps")
+    editor.settle()
+    x, y = editor.pixel(watch.new[-1].place_m)
+    assert x < still[0]["x"] - 40
+    assert y < page.get_by_role("slider", name="Time", exact=True).bounding_box()["y"]
+
+    # After a cure by the keyboard, keys go on from the same place of the list.
+    page.get_by_role("button", name=f"Remove copy-{copied[-1]}").focus()
+    page.keyboard.press("Enter")
+    editor.until(lambda: len(watch.new) < len(known), "a cure")
+    editor.until(lambda: rows(editor).count() == len(watch.new), "fewer rows")
+    page.wait_for_function(
+        "document.activeElement.classList.contains('pd-problem-row')"
+    )
+    page.keyboard.press("ArrowUp")
+    editor.until(lambda: tab._chip._active is not None, "a row")
+    assert tab._chip._active[1] == watch.new[-2]
+    assert [place.bounding_box() for place in places] == still
 
 
 def test_an_empty_selection_and_a_stale_report(editor):

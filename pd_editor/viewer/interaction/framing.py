@@ -1,6 +1,7 @@
 """Camera poses that show a part of the scene."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -24,11 +25,29 @@ HIGHEST_RAD: Final = float(np.radians(65.0))
 """Flatter or steeper 3-D views are brought into this range when a part is framed."""
 LOWEST_OF_MAP_RAD: Final = float(np.radians(50.0))
 """A whole map, seen flatter than this, leaves most of the picture empty."""
-FREE_LEFT, FREE_RIGHT, FREE_BOTTOM, FREE_TOP = -0.90, 0.90, -0.68, 0.80
-"""What elements over the picture leave free, where the picture spans -1..1."""
+NARROWEST_FREE: Final = 0.45
+"""So much of the picture's width is used even if elements cover more than the rest."""
 MAX_WHOLE_MAP_M: Final = 1000.0
 """Of a larger map, the part with traffic is shown."""
 TALLEST_M: Final = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreePart:
+    """What elements over the picture leave free, where the picture spans -1..1."""
+
+    left: float = -0.90
+    right: float = 0.90
+    bottom: float = -0.68
+    top: float = 0.80
+
+    @classmethod
+    def left_of(cls, share: float) -> "FreePart":
+        """What is free where an element covers all but a share of the width, left."""
+        return cls(right=2.0 * min(max(share, NARROWEST_FREE), 1.0) - 1.1)
+
+
+FREE_PART: Final = FreePart()
 
 
 def from_behind(target_m: Float[np.ndarray, "2"], heading_rad: float) -> ViewPose:
@@ -65,6 +84,7 @@ def fitted(
     up: Vector | np.ndarray,
     fov_rad: float,
     aspect: float,
+    free: FreePart = FREE_PART,
 ) -> ViewPose:
     """The nearest pose in a direction that shows all points in the picture's free part.
 
@@ -74,11 +94,9 @@ def fitted(
         up: what is up in the picture; not along ``forward``.
         fov_rad: vertical field of view.
         aspect: width of the picture by its height.
+        free: the part of the picture to use.
     """
-    ahead = np.asarray(forward, float) / np.linalg.norm(forward)
-    right = np.cross(ahead, np.asarray(up, float))
-    right /= np.linalg.norm(right)
-    upwards = np.cross(right, ahead)
+    right, upwards, ahead = _axes(forward, up)
     middle = points_m.mean(axis=0)
     across, along, depth = ((points_m - middle) @ np.stack([right, upwards, ahead]).T).T
     tan_v = np.tan(fov_rad / 2)
@@ -88,8 +106,8 @@ def fitted(
     # camera, which is not empty from some distance on; the larger distance rules.
     distances, ranges = [], []
     for offset, low, high in (
-        (across, FREE_LEFT * tan_h, FREE_RIGHT * tan_h),
-        (along, FREE_BOTTOM * tan_v, FREE_TOP * tan_v),
+        (across, free.left * tan_h, free.right * tan_h),
+        (along, free.bottom * tan_v, free.top * tan_v),
     ):
         least, most = (offset - depth * high).max(), (offset - depth * low).min()
         distances.append((least - most) / (high - low))
@@ -108,6 +126,23 @@ def fitted(
         look_at_m=vector(look_at),
         up=vector(up),
         fov_rad=fov_rad,
+    )
+
+
+def facing_square(
+    center_m: Float[np.ndarray, "3"],
+    half_side_m: float,
+    *,
+    forward: Vector | np.ndarray,
+    up: Vector | np.ndarray,
+) -> Float[np.ndarray, "4 3"]:
+    """Corners of a square that faces the camera: fitted, its centre is in the middle.
+
+    A square on the ground, seen at a slant, has its centre above the middle.
+    """
+    right, upwards, _ = _axes(forward, up)
+    return center_m + half_side_m * np.array(
+        [x * right + y * upwards for x in (-1, 1) for y in (-1, 1)]
     )
 
 
@@ -150,6 +185,16 @@ def framing_direction(pose: ViewPose, lowest_rad: float = LOWEST_RAD) -> np.ndar
     elevation = np.arctan2(-look[2], np.hypot(*look[:2]))
     elevation = np.clip(elevation, lowest_rad, HIGHEST_RAD)
     return np.append(np.cos(elevation) * flat / np.hypot(*flat), -np.sin(elevation))
+
+
+def _axes(
+    forward: Vector | np.ndarray, up: Vector | np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors to the right, upwards and ahead in the picture."""
+    ahead = np.asarray(forward, float) / np.linalg.norm(forward)
+    right = np.cross(ahead, np.asarray(up, float))
+    right /= np.linalg.norm(right)
+    return right, np.cross(right, ahead), ahead
 
 
 def _corners(low: np.ndarray, high: np.ndarray) -> Float[np.ndarray, "8 3"]:

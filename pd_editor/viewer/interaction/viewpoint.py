@@ -9,13 +9,16 @@ import numpy as np
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.framing import (
+    FREE_PART,
     LOOK_AHEAD_M,
     LOWEST_OF_MAP_RAD,
     LOWEST_RAD,
     PERSPECTIVE_FOV_RAD,
     TOP_VIEW_FOV_RAD,
     TOP_VIEW_HALF_HEIGHT_M,
+    FreePart,
     agents_extent,
+    facing_square,
     fitted,
     framing_direction,
     from_above,
@@ -24,12 +27,12 @@ from pd_editor.viewer.interaction.framing import (
 )
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.desk import Desk
-from pd_editor.viewer.state.view_memory import ViewPose, vector
+from pd_editor.viewer.state.view_memory import Vector, ViewPose, vector
 
 NORTH_RAD: Final = float(np.pi / 2)
 AHEAD_M: Final = 70.0
 """How much of the road ahead of a pose is framed with it."""
-PLACE_HALF_SIDE_M: Final = 18.0
+PLACE_HALF_SIDE_M: Final = 13.0
 """Of what is shown around a place."""
 UP: Final = (0.0, 0.0, 1.0)
 TOP_TO_3D: Final = TOP_VIEW_HALF_HEIGHT_M / from_behind(np.zeros(2), 0.0).half_height_m
@@ -111,10 +114,14 @@ class Viewpoint:
         corners = np.array([[x, y] for x in (-10.0, AHEAD_M) for y in (-15.0, 15.0)])
         self._fit(np.column_stack([pose.apply(corners), np.zeros(len(corners))]))
 
-    def frame_place(self, place_m: tuple[float, float]) -> None:
-        """Show a place and its surroundings."""
-        corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
-        self._fit(np.array([*place_m, 0.0]) + PLACE_HALF_SIDE_M * corners)
+    def frame_place(
+        self, place_m: tuple[float, float], free: FreePart = FREE_PART
+    ) -> None:
+        """Show a place and its surroundings, the place in the middle of the free part."""
+        forward, up, _ = self._direction(LOWEST_RAD)
+        center = np.array([*place_m, 0.0])
+        square = facing_square(center, PLACE_HALF_SIDE_M, forward=forward, up=up)
+        self._fit(square, free=free)
 
     def show_3d(self) -> None:
         """Go to the 3-D view, framed anew."""
@@ -175,26 +182,33 @@ class Viewpoint:
         else:
             self.frame_opened()
 
-    def _fit(self, points_m: np.ndarray, lowest_rad: float = LOWEST_RAD) -> None:
+    def _fit(
+        self,
+        points_m: np.ndarray,
+        lowest_rad: float = LOWEST_RAD,
+        free: FreePart = FREE_PART,
+    ) -> None:
+        forward, up, fov_rad = self._direction(lowest_rad)
         aspect = float(self._camera.aspect)
-        if self.is_top:
-            up_rad = self._up_rad()
-            pose = fitted(
+        self._look(
+            fitted(
                 points_m,
-                forward=(0.0, 0.0, -1.0),
-                up=(float(np.cos(up_rad)), float(np.sin(up_rad)), 0.0),
-                fov_rad=TOP_VIEW_FOV_RAD,
+                forward=forward,
+                up=up,
+                fov_rad=fov_rad,
                 aspect=aspect,
+                free=free,
             )
-        else:
-            pose = fitted(
-                points_m,
-                forward=framing_direction(ViewPose.of(self._camera), lowest_rad),
-                up=UP,
-                fov_rad=PERSPECTIVE_FOV_RAD,
-                aspect=aspect,
-            )
-        self._look(pose)
+        )
+
+    def _direction(self, lowest_rad: float) -> tuple[np.ndarray, Vector, float]:
+        """Where to look when a part is framed, what is up, and the field of view."""
+        if not self.is_top:
+            pose = ViewPose.of(self._camera)
+            return framing_direction(pose, lowest_rad), UP, PERSPECTIVE_FOV_RAD
+        up_rad = self._up_rad()
+        up = (float(np.cos(up_rad)), float(np.sin(up_rad)), 0.0)
+        return np.array([0.0, 0.0, -1.0]), up, TOP_VIEW_FOV_RAD
 
     def _look(self, pose: ViewPose) -> None:
         self._num_looks += 1

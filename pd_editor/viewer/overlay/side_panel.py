@@ -5,24 +5,31 @@ from dataclasses import replace
 from typing import Any, Final
 
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.workspace import Workspace
+from pd_editor.viewer.state.desk import Desk
 
 MAX_TITLE: Final = 60
 
 
 class SidePanel:
-    """Keeps the tab that is open, and opens it again after a reload."""
+    """Keeps the tab that is open, and opens it again after a reload.
 
-    def __init__(
-        self, overlay: Overlay, workspace: Workspace, *, is_debug: bool
-    ) -> None:
+    It also tells when the pointer takes a slider and lets it go, which viser does not;
+    without the page's script a slider's gesture is over when it rests.
+    """
+
+    def __init__(self, overlay: Overlay, desk: Desk, *, is_debug: bool) -> None:
         """Open the tab that was open; viser's own settings are offered to debug only."""
-        self._workspace = workspace
+        self._desk = desk
+        workspace = desk.workspace
         overlay.on("panel", self._heard)
         overlay.show("panel", {"tab": workspace.view.panel_tab, "isDebug": is_debug})
 
     def _heard(self, event: Mapping[str, Any]) -> None:
-        title = event.get("title")
-        if event.get("kind") == "tab" and isinstance(title, str):
-            workspace = self._workspace
+        kind, title = event.get("kind"), event.get("title")
+        if kind == "hold":
+            self._desk.hold_slider()
+        elif kind == "release":
+            self._desk.release_slider()
+        elif kind == "tab" and isinstance(title, str):
+            workspace = self._desk.workspace
             workspace.view = replace(workspace.view, panel_tab=title[:MAX_TITLE])

@@ -37,7 +37,8 @@ class ChipActions:
     cancel: Callable[[], None]
     use_result: Callable[[], None]
     download: Callable[[], None]
-    frame: Callable[[SceneProblem], None]
+    frame: Callable[[SceneProblem, float], None]
+    """Shows a place in so much of the picture's width, from the left."""
     redraw: Callable[[], None]
     """Draws rings again."""
 
@@ -62,7 +63,9 @@ class StatusChip:
         self._run = run
         self._actions = actions
         self._active: tuple[Group, SceneProblem] | None = None
-        self._cures: tuple[Cure, ...] = ()
+        self._cures: tuple[Cure, ...] | None = ()
+        """What helps against the chosen problem; None until it is known."""
+        self._free_share = 1.0
         overlay.on("status", self._heard)
         timeline.on_mark = self._mark_chosen
 
@@ -106,12 +109,19 @@ class StatusChip:
         self.show()
 
     def choose(self, group: Group, problem: SceneProblem) -> None:
-        """Select the agents of a problem, show them, and go to its time."""
-        self._active = group, problem
+        """Select the agents of a problem, show them, and go to its time.
+
+        What helps is found out afterwards, so that keys walk fast through the rows.
+        """
+        self._active, self._cures = (group, problem), None
         self._timeline.seek(float(_step_to_show(problem, self._desk)))
         there = self._desk.session.scenario.agents.row_of
         self._desk.session.select(n for n in problem.agent_ids if n in there)
-        self._actions.frame(problem)
+        self._actions.frame(problem, self._free_share)
+        self.show()
+        self._desk.post(self._offer_cures, "cures")
+
+    def _offer_cures(self) -> None:
         self._find_cures()
         self.show()
 
@@ -145,12 +155,14 @@ class StatusChip:
         if self._active is None:
             return None
         group, problem = self._active
-        buttons = [cure.label for cure in self._cures]
+        # All buttons come at once, so that none moves under the pointer.
+        ignore = {"new": "Ignore", "ignored": "No longer ignore"}.get(group, "")
+        buttons = [cure.label for cure in self._cures or ()]
         return {
             "id": _id(problem),
             "message": problem.message,
             "cures": buttons,
-            "ignore": {"new": "Ignore", "ignored": "No longer ignore"}.get(group, ""),
+            "ignore": "" if self._cures is None else ignore,
             "note": "This is in the recording itself." if group == "recorded" else "",
         }
 
@@ -197,6 +209,8 @@ class StatusChip:
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         kind, value = event.get("kind"), event.get("value")
+        if kind in ("list", "choose"):
+            self._free_share = _share(event.get("free"))
         if kind == "choose":
             for name, problems in self._groups().items():
                 for problem in problems:
@@ -204,7 +218,7 @@ class StatusChip:
                         self.choose(name, problem)
                         return
         elif kind == "cure":
-            for cure in self._cures:
+            for cure in self._cures or ():
                 if cure.label == value:
                     self._use(cure)
                     return
@@ -226,6 +240,12 @@ class StatusChip:
             self._actions.apply(cure.command)
         else:
             self._actions.regenerate(cure.regenerated_ids)
+
+
+def _share(value: object) -> float:
+    """A share between 0 and 1; the whole where the page tells none."""
+    is_share = isinstance(value, int | float) and 0.0 <= value <= 1.0
+    return float(value) if is_share else 1.0
 
 
 def _step_to_show(problem: SceneProblem, desk: Desk) -> int:

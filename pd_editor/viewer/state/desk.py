@@ -17,7 +17,11 @@ from pd_editor.viewer.state.workspace import Workspace
 
 _LOG = logging.getLogger(__name__)
 GESTURE_PAUSE_S: Final = 1.0
-"""A slider that rests this long has finished its gesture (viser tells no end)."""
+"""An input that rests this long has finished its gesture (viser tells no end)."""
+LONGEST_REST_S: Final = 60.0
+"""A slider that the pointer holds may rest this long, should its end never be told."""
+LAST_VALUE_S: Final = 0.3
+"""The last value of a slider may come so long after the pointer has let go of it."""
 NOTICE_S: Final = 5.0
 """How long a notice stays that leaves by itself."""
 _NOT_DONE: Final = "Not done"
@@ -57,6 +61,7 @@ class Desk:
         """All that ``hotkey`` has registered, in that order."""
         self._gesture: str | None = None
         self._gesture_deadline: float | None = None
+        self._is_slider_held = False
         self._failure = _NOT_DONE
 
     def post(
@@ -193,10 +198,23 @@ class Desk:
             self.commit_gesture()
             self.session.begin_gesture()
             self._gesture = owner
-        self._gesture_deadline = None if has_end else time.monotonic() + GESTURE_PAUSE_S
+        pause_s = LONGEST_REST_S if self._is_slider_held else GESTURE_PAUSE_S
+        self._gesture_deadline = None if has_end else time.monotonic() + pause_s
         if command.edits_current_state:
             self.show_current_step()
         self.session.preview(command)
+
+    def hold_slider(self) -> None:
+        """The pointer has taken a slider: a gesture of its own begins."""
+        self._is_slider_held = True
+        if self._gesture_deadline is not None:
+            self.commit_gesture()
+
+    def release_slider(self) -> None:
+        """The pointer has let go of a slider: its gesture ends with its last value."""
+        self._is_slider_held = False
+        if self._gesture_deadline is not None:
+            self._gesture_deadline = time.monotonic() + LAST_VALUE_S
 
     @property
     def gesture(self) -> str | None:

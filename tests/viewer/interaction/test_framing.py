@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 from pd_editor.scenario_store import open_scenario
 from pd_editor.viewer.interaction import framing
 from pd_editor.viewer.interaction.framing import (
+    FreePart,
     agents_extent,
+    facing_square,
     fitted,
     framing_direction,
     from_above,
@@ -63,8 +65,8 @@ def test_a_fitted_pose_shows_all_points_in_the_free_part_and_no_smaller_than_nee
     )
     pose = fitted(points, forward=forward, up=(0, 0, 1.0), fov_rad=0.7, aspect=aspect)
     seen = in_picture(pose, points, aspect)
-    low = np.array([framing.FREE_LEFT, framing.FREE_BOTTOM])
-    high = np.array([framing.FREE_RIGHT, framing.FREE_TOP])
+    low = np.array([framing.FREE_PART.left, framing.FREE_PART.bottom])
+    high = np.array([framing.FREE_PART.right, framing.FREE_PART.top])
     assert (seen >= low - MARGIN).all()
     assert (seen <= high + MARGIN).all()
     slack = np.maximum(seen.min(axis=0) - low, high - seen.max(axis=0))
@@ -73,6 +75,24 @@ def test_a_fitted_pose_shows_all_points_in_the_free_part_and_no_smaller_than_nee
     assert np.allclose(
         np.cross(np.subtract(pose.look_at_m, pose.position_m), forward), 0, atol=1e-4
     )
+
+
+@pytest.mark.parametrize("share", [0.2, 0.55, 1.0])
+@pytest.mark.parametrize("elevation", [0.6, 1.1, np.pi / 2])
+def test_a_framed_place_is_in_the_middle_of_what_a_list_leaves_free(share, elevation):
+    """A place at a slant was above the middle, and half under the list of problems."""
+    place = np.array([30.0, -12.0, 0.0])
+    forward = np.array([0.0, np.cos(elevation), -np.sin(elevation)])
+    up = (0.0, 1.0, 0.0) if elevation == np.pi / 2 else (0.0, 0.0, 1.0)
+    free = FreePart.left_of(share)
+    square = facing_square(place, 13.0, forward=forward, up=up)
+    pose = fitted(square, forward=forward, up=up, fov_rad=0.7, aspect=1.26, free=free)
+    (seen,) = in_picture(pose, place[None], 1.26)
+    assert np.allclose(
+        seen, [(free.left + free.right) / 2, (free.bottom + free.top) / 2]
+    )
+    covered = 2 * max(share, framing.NARROWEST_FREE) - 1
+    assert in_picture(pose, square, 1.26)[:, 0].max() < covered
 
 
 def test_the_extent_of_agents_holds_their_trajectories(scenario):

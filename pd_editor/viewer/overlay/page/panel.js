@@ -1,4 +1,5 @@
-// viser's own panel: which of its tabs is open, and whether its settings are offered.
+// viser's own panel: which of its tabs is open, when the pointer holds one of its
+// sliders, and whether its settings are offered.
 pdOverlay.define("panel", (api) => {
   const PATIENCE_MS = 8000;
   const RETRY_MS = 250;
@@ -34,6 +35,26 @@ pdOverlay.define("panel", (api) => {
     told = title(open);
     api.send({ kind: "tab", title: told });
   }
+
+  // viser tells a slider's values, not that the pointer has let go of it. Outside of the
+  // window no pointer tells either: a slider is let go when the window is left.
+  let isHeld = false;
+  function release() {
+    if (!isHeld) return;
+    isHeld = false;
+    api.send({ kind: "release" });
+  }
+  api.listen(window, "pointerdown", (event) => {
+    release();
+    if (event.button !== 0 || api.root.contains(event.target)) return;
+    if (!event.target?.closest?.("[class*=Slider-root]")) return;
+    isHeld = true;
+    api.send({ kind: "hold" });
+  }, { capture: true });
+  for (const type of ["pointerup", "pointercancel"])
+    api.listen(window, type, release, { capture: true });
+  // Not in the capture phase: there every element that loses the focus would tell.
+  api.listen(window, "blur", release);
 
   const observer = new MutationObserver(tell);
   api.onDispose(() => {

@@ -51,9 +51,20 @@ pdOverlay.define("status", (api) => {
   chip.appendChild(bar);
   api.box.append(list, unsaved, chip);
 
+  // The share of the picture's width that the list leaves free at its left.
+  const free = () => {
+    const whole = api.root.getBoundingClientRect();
+    if (!isOpen || !whole.width) return 1;
+    const share = (list.getBoundingClientRect().left - whole.left) / whole.width;
+    return Math.min(Math.max(share, 0), 1);
+  };
+  const choose = (id) => api.send({ kind: "choose", value: id, free: free() });
+
   function toggle(wanted) {
+    const wasOpen = isOpen;
     isOpen = wanted;
     list.hidden = !isOpen;
+    if (isOpen !== wasOpen) api.send({ kind: "list", free: free() });
     // The hint has its place where the list opens.
     api.root.classList.toggle("pd-lists-problems", isOpen);
     main.setAttribute("aria-expanded", String(isOpen));
@@ -95,8 +106,7 @@ pdOverlay.define("status", (api) => {
           item.append(
             icon(row.icon), make("span", "pd-clipped", {}, row.text),
             make("span", "pd-problem-time", {}, row.time));
-          item.addEventListener("click", () =>
-            api.send({ kind: "choose", value: row.id }));
+          item.addEventListener("click", () => choose(row.id));
           parts.push(item);
         }
         if (group.more)
@@ -121,9 +131,14 @@ pdOverlay.define("status", (api) => {
     main.focus();
     event.stopPropagation();
   });
-  // Up and down walk the rows, and choose them.
-  list.addEventListener("keydown", (event) => {
-    const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+  // Keys walk the rows, and choose them; a page's worth at a time as well.
+  const pageful = () => Math.max(1, Math.floor(rows.clientHeight / 28) - 1);
+  api.listen(api.box, "keydown", (event) => {
+    if (!isOpen || event.ctrlKey || event.metaKey || event.altKey) return;
+    const step = {
+      ArrowDown: 1, ArrowUp: -1, PageDown: pageful(), PageUp: -pageful(),
+      Home: -Infinity, End: Infinity,
+    }[event.key];
     if (!step) return;
     event.preventDefault();
     event.stopPropagation();
@@ -135,12 +150,15 @@ pdOverlay.define("status", (api) => {
     const next = all[Math.min(Math.max(begin + step, 0), all.length - 1)];
     next.focus();
     next.scrollIntoView({ block: "nearest" });
-    api.send({ kind: "choose", value: next.dataset.problem });
+    choose(next.dataset.problem);
   });
 
   toggle(false);
   let drawnCures = "";
   return (next) => {
+    const isCuring = cures.contains(document.activeElement);
+    const place = [...rows.querySelectorAll(".pd-problem-row")].findIndex(
+      (item) => item.dataset.problem === state.active?.id);
     state = next;
     chip.dataset.tone = next.tone;
     if (text.textContent !== next.text) text.textContent = next.text;
@@ -170,6 +188,12 @@ pdOverlay.define("status", (api) => {
           api.send({ kind: "cure", value: label }));
       if (active?.ignore)
         button(cures, "pd-quiet", active.ignore, () => api.send({ kind: "ignore" }));
+      // Keys go on from the row that was cured, or from the one in its place.
+      const all = [...rows.querySelectorAll(".pd-problem-row")];
+      if (isCuring && isOpen)
+        (all.find((item) => item.dataset.problem === active?.id)
+          ?? all[Math.min(Math.max(place, 0), all.length - 1)] ?? main)
+          .focus({ preventScroll: true });
     }
   };
 });

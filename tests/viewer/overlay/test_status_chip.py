@@ -1,0 +1,55 @@
+"""The status chip's list of problems, without a browser."""
+
+import json
+
+import pytest
+
+from pd_editor.editor.commands import DuplicateAgents
+from tests.viewer.fake_browser import connected_tab, running_app
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory):
+    library = tmp_path_factory.mktemp("library")
+    with running_app(library, "roundabout") as app, connected_tab(app) as found:
+        yield found
+
+
+def test_a_row_never_offers_what_helps_against_another(tab, monkeypatch):
+    """A press on such a button did nothing, or would have cured another problem."""
+    session, chip, watch = tab.session, tab.tab._chip, tab.tab._problems
+    agents, now = session.scenario.agents, session.scenario.current_step
+    ids = [
+        n for n, there in zip(agents.ids, agents.is_valid[:, now], strict=True) if there
+    ][:2]
+    copy = DuplicateAgents(agent_ids=tuple(ids), new_ids=("copy-0", "copy-1"), dx_m=0.4)
+    tab.run(lambda: session.apply(copy))
+    tab.run(lambda: watch.check(with_future=True))
+    first, second = (
+        next(p for p in watch.new if name in p.agent_ids)
+        for name in ("copy-0", "copy-1")
+    )
+    shown = []
+    overlay = tab.tab._overlay
+    real = overlay.show
+
+    def show(element, state):
+        if element == "status":
+            shown.append(json.loads(json.dumps(state["active"])))
+        real(element, state)
+
+    monkeypatch.setattr(overlay, "show", show)
+    for problem in (first, second):
+        tab.run(lambda problem=problem: chip.choose("new", problem))
+        tab.run(lambda: None)
+    told = [active for active in shown if active is not None]
+    for active in told:
+        other = {"copy-0": "copy-1", "copy-1": "copy-0"}[
+            "copy-0" if "copy-0" in active["id"] else "copy-1"
+        ]
+        assert not any(other in label for label in active["cures"]), active
+        # All buttons come at once: one that is there already would move.
+        assert bool(active["ignore"]) == bool(active["cures"])
+    assert {"Remove copy-0", "Remove copy-1"} <= {
+        label for active in told for label in active["cures"]
+    }
