@@ -324,6 +324,10 @@ TOO_LARGE = {
         lambda a: a.update(drivable_areas={"1": tangle(2000, 100.0)}),
         "cross one another too often",
     ),
+    "a wide tangle of a minute": (
+        lambda a: a.update(drivable_areas={"1": tangle(200, 1700.0)}),
+        "cross one another too often",
+    ),
     "links": (
         lambda a: lane(a).update(successors=list(range(20_001))),
         "20004 links between lanes; at most 20000",

@@ -251,3 +251,42 @@ def test_possible_trajectories_are_told_apart(editor):
     use.click()
     editor.until(lambda: len(session.entries) == 1, "the trajectory")
     assert session.entries[0].label.startswith("Use a trajectory for agent")
+
+
+def test_a_slider_dragged_with_a_rest_is_one_edit_and_the_tabs_stay_in_sight(editor):
+    """One drag of the mouse is one undo step; tabs do not scroll away with the panel."""
+    page, session = editor.page, editor.session
+    editor.open_tab("Road")
+    tab_bar = page.get_by_role("tab", name="Road", exact=True)
+    top = top_of(tab_bar)
+    thumb = editor.row("Bend").get_by_role("slider")
+    thumb.scroll_into_view_if_needed()
+    box = thumb.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 15, y, steps=3)
+    editor.until(lambda: session.scenario.applied_warp is not None, "a bend")
+    first = session.scenario.applied_warp.warp
+    page.wait_for_timeout(1600)
+    page.mouse.move(x + 30, y, steps=3)
+    editor.until(lambda: session.scenario.applied_warp.warp != first, "a stronger bend")
+    assert not session.entries
+    page.mouse.up()
+    editor.until(lambda: session.entries, "an edit")
+    assert len(session.entries) == 1
+    assert not session.state.is_previewing
+
+    # The panel scrolls to its end, the tabs and the name stay where they are.
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, 3000)
+    viewport = page.locator("[data-scrollarea-viewport]").filter(has=tab_bar)
+    editor.until(lambda: viewport.evaluate("e => e.scrollTop") > 50, "a scroll")
+    assert top_of(tab_bar) == top
+    hit = tab_bar.evaluate(
+        "e => { const r = e.getBoundingClientRect(); return e.contains("
+        " document.elementFromPoint(r.x + r.width / 2, r.y + r.height / 2)); }"
+    )
+    assert hit
+    page.get_by_role("tab", name="Drive", exact=True).click()
+    page.get_by_role("button", name="Regenerate", exact=True).wait_for()

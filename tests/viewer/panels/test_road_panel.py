@@ -14,6 +14,7 @@ from pd_editor.viewer.panels.road_panel import (
     SELECTED,
     slowed_in_words,
 )
+from pd_editor.viewer.state import desk as desk_module
 from tests.viewer.fake_browser import FakeTab
 
 
@@ -47,6 +48,48 @@ def test_shape_follows_undo_and_redo(tab: FakeTab, panel):
     tab.run(history.undo)
     tab.run(history.undo)
     assert length.value == 60.0
+
+
+def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
+    tab: FakeTab, panel, monkeypatch
+):
+    """A rest of a second within one drag made two; a drag of its own is one of its own."""
+    now = [100.0]
+    monkeypatch.setattr(desk_module.time, "monotonic", lambda: now[0])
+    power, session = panel._power["ripple-road"], tab.session
+    side_panel = tab.tab._overlay._handlers["panel"]
+    num_edits = len(session.entries)
+
+    def slide(value: float) -> None:
+        def moved() -> None:
+            power.value = value
+            panel._changed()
+
+        tab.run(moved)
+
+    def rest(seconds: float) -> bool:
+        now[0] += seconds
+        return tab.run(tab.desk.tick)
+
+    tab.run(lambda: side_panel({"kind": "hold"}))
+    slide(2.0)
+    assert not rest(10.0)
+    slide(3.0)
+    tab.run(lambda: side_panel({"kind": "release"}))
+    # The browser may send the last value after it has told of the end.
+    slide(4.0)
+    assert len(session.entries) == num_edits
+    rest(1.1)
+    assert len(session.entries) == num_edits + 1
+    assert session.scenario.applied_warp.warp.terms[0].power == 4.0
+
+    # The next drag ends the former gesture, however soon it comes.
+    slide(5.0)
+    tab.run(lambda: side_panel({"kind": "hold"}))
+    slide(6.0)
+    tab.run(lambda: side_panel({"kind": "release"}))
+    rest(0.4)
+    assert len(session.entries) == num_edits + 3
 
 
 def test_shape_does_not_leak_into_another_scenario(tab: FakeTab, panel):
