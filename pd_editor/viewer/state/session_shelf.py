@@ -1,6 +1,8 @@
 """The edited scenarios of one workspace that are not open at the moment."""
 
-from dataclasses import dataclass
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -40,15 +42,45 @@ class ShelvedSession:
         return exported.starred_as is None or basket.has(exported.starred_as)
 
 
-class SessionShelf:
-    """Keeps sessions that were left, so that opening their scenario resumes them."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _StoredSession:
+    """A session that is in its journal alone."""
 
-    def __init__(self, journals: Path, basket: Basket) -> None:
-        """Begin with none; older sessions go on in the folder ``journals``."""
+    key: Key
+    exported: ExportedState | None
+
+    def is_exported(self, basket: Basket) -> bool:
+        if self.exported is None:
+            return False
+        name = self.exported.starred_as
+        return name is None or basket.has(name)
+
+
+class SessionShelf:
+    """Keeps sessions that were left, so that opening their scenario resumes them.
+
+    Journals of exported work stay on disk as long as the shelf: who comes back to such
+    a scenario finds its edits, as with any other.
+    """
+
+    def __init__(
+        self,
+        journals: Path,
+        basket: Basket,
+        on_restored: Callable[[Scenario, Scenario], None],
+    ) -> None:
+        """Begin with none.
+
+        Args:
+            journals: the folder where sessions go on that are no longer in memory.
+            basket: holds starred states.
+            on_restored: told of an exported state and of its equal after a restoration.
+        """
         self._journals = journals
         self._basket = basket
+        self._on_restored = on_restored
         self._live: list[ShelvedSession] = []
-        self._stored: dict[Path, Key] = {}
+        self._stored: dict[Path, _StoredSession] = {}
 
     @property
     def live(self) -> tuple[ShelvedSession, ...]:
@@ -67,8 +99,11 @@ class SessionShelf:
                 # It is nowhere but here.
                 continue
             self._live.remove(old)
-            old.session.close(discard=old.is_exported(self._basket))
-            self._stored[path] = _key_of(old.session.base)
+            self._stored[path] = _StoredSession(
+                key=_key_of(old.session.base),
+                exported=old.exported if old.is_exported(self._basket) else None,
+            )
+            old.session.close()
 
     def take(self, base: Scenario) -> ShelvedSession | None:
         """The session that was left last on a scenario, taken from the shelf."""
@@ -77,19 +112,34 @@ class SessionShelf:
             if _key_of(left.session.base) == wanted:
                 self._live.remove(left)
                 return left
-        paths = {path for path, key in self._stored.items() if key == wanted}
+        paths = {path for path, left in self._stored.items() if left.key == wanted}
         if not paths:
             return None
         for work in find_unfinished(self._journals):
             if work.path in paths:
-                del self._stored[work.path]
+                stored = self._stored.pop(work.path)
                 try:
                     session = restore(work, base)
                 except RecipeError:
                     # It stays in the list of unfinished work, which says why.
                     return None
-                return ShelvedSession(session=session, exported=None)
+                return ShelvedSession(
+                    session=session, exported=self._exported_again(stored, session)
+                )
         return None
+
+    def _exported_again(
+        self, stored: "_StoredSession", session: EditorSession
+    ) -> ExportedState | None:
+        if stored.exported is None:
+            return None
+        self._on_restored(stored.exported.scenario, session.scenario)
+        return replace(stored.exported, scenario=session.scenario)
+
+    def is_finished(self, journal: Path) -> bool:
+        """Whether a journal holds work of this shelf that was exported or is starred."""
+        stored = self._stored.get(journal)
+        return stored is not None and stored.is_exported(self._basket)
 
     def remove(self, left: ShelvedSession) -> None:
         """Take a session out; the caller goes on with it or ends it."""
@@ -105,6 +155,12 @@ class SessionShelf:
         for left in self._live:
             left.session.close(discard=left.is_exported(self._basket))
         self._live.clear()
+        for work in find_unfinished(self._journals) if self._stored else ():
+            if self.is_finished(work.path):
+                # Another session may just have taken it up.
+                with contextlib.suppress(RecipeError):
+                    work.discard()
+        self._stored.clear()
 
 
 def is_same_base(one: Scenario, other: Scenario) -> bool:

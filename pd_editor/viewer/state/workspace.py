@@ -118,7 +118,7 @@ class Workspace:
         self.tell: Callable[[str, str], None] = lambda _title, _body: None
         """Shows the user a few words and a sentence; set by the tab that is open."""
         self.basket = Basket(journals.parent / "basket")
-        self._shelf = SessionShelf(journals, self.basket)
+        self._shelf = SessionShelf(journals, self.basket, self._restored)
         self._given: dict[str, Scenario] = {}
         """States that were exported or starred, by the names they got."""
         self.unticked: set[str] = set()
@@ -381,6 +381,12 @@ class Workspace:
             for name, given in self._given.items()
         )
 
+    def _restored(self, exported: Scenario, again: Scenario) -> None:
+        """Let an exported state that was read from its journal keep its names."""
+        for name, given in self._given.items():
+            if given is exported:
+                self._given[name] = again
+
     def _is_given(self, name: str) -> bool:
         """Whether another state was exported under the name."""
         given = self._given.get(name)
@@ -419,6 +425,7 @@ class Workspace:
                 place=work,
             )
             for work in find_unfinished(self._journals)
+            if not self._shelf.is_finished(work.path)
         ]
         return sorted(here + stored, key=lambda one: one.last_time, reverse=True)
 

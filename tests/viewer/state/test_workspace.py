@@ -131,6 +131,46 @@ def test_a_state_that_was_taken_out_of_the_basket_is_unfinished(
     assert [work.scenario_id for work in left] == [IDS[0]]
 
 
+@pytest.mark.parametrize("way", ["exported", "starred"])
+def test_exported_work_goes_on_after_it_fell_out_of_memory(
+    workspace: Workspace, root: Path, way: str
+):
+    """It opened without its edits once four more scenarios had been edited."""
+    shift(workspace, 3.0)
+    edited = position(workspace)
+    if way == "exported":
+        workspace.exported_zip()
+    else:
+        starred = workspace.star()
+    for name in IDS[1:]:
+        workspace.open_reference(str(root / name))
+        shift(workspace, 1.0)
+    assert len(workspace._shelf.live) == MAX_LIVE
+    assert IDS[0] not in {w.scenario_id for w in workspace.unfinished_work()}
+    workspace.open_reference(str(root / IDS[0]))
+    assert position(workspace) == pytest.approx(edited)
+    assert len(workspace.session.entries) == 1
+    workspace.session.undo()
+    workspace.session.redo()
+    # It is known as exported, and under its name.
+    workspace.open_reference(str(root / IDS[1]))
+    assert IDS[0] not in {w.scenario_id for w in workspace.unfinished_work()}
+    for name in IDS[2:]:
+        workspace.open_reference(str(root / name))
+        shift(workspace, 1.0)
+    if way == "starred":
+        assert len(workspace.basket.entries()) == 1
+        workspace.basket.remove(starred.name)
+        listed = {w.scenario_id for w in workspace.unfinished_work()}
+        assert IDS[0] in listed
+        workspace.close()
+        assert IDS[0] in {w.scenario_id for w in find_unfinished(root / "journals")}
+    else:
+        workspace.close()
+        left = {w.scenario_id for w in find_unfinished(root / "journals")}
+        assert IDS[0] not in left
+
+
 def test_a_session_that_is_nowhere_on_disk_stays_in_memory(
     workspace: Workspace, root: Path
 ):
