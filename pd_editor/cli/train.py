@@ -10,6 +10,7 @@ import tyro
 
 from pd_editor.cli.arguments import OptionalFolder, Switch
 from pd_editor.cli.progress import ProgressLine, minutes_left
+from pd_editor.regular_file import check_path
 from pd_editor.work_engine.work_engine import WorkProgress
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ def train(
         learning_rate=learning_rate,
         precision=None if precision == "auto" else precision,
         seed=seed,
-        start=None if start is None else str(Path(start).resolve()),
+        start=None if start is None else _absolute(start)[0],
         windows=windows,
         copies=copies,
     )
@@ -149,6 +150,8 @@ def train(
 
 def _absolute(roots: str | Path | tuple[str | Path, ...]) -> tuple[str, ...]:
     several = roots if isinstance(roots, tuple) else (roots,)
+    for root in several:
+        check_path(root)
     return tuple(str(Path(root).resolve()) for root in several)
 
 

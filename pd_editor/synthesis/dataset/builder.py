@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.errors import InputError, SynthesisError
+from pd_editor.regular_file import check_path
 from pd_editor.synthesis.dataset.dataset_folder import (
     CorpusFolder,
     CorpusSettings,
@@ -59,6 +60,8 @@ class CorpusPlan:
     with_noise: bool = False
 
     def __post_init__(self) -> None:
+        for root in self.maps:
+            check_path(root)
         unknown = [name for name in self.families if name not in FAMILIES]
         if unknown:
             raise InputError(

@@ -244,8 +244,9 @@ class StatusChip:
 
 def _share(value: object) -> float:
     """A share between 0 and 1; the whole where the page tells none."""
-    is_share = isinstance(value, int | float) and 0.0 <= value <= 1.0
-    return float(value) if is_share else 1.0
+    if isinstance(value, int | float) and 0.0 <= value <= 1.0:
+        return float(value)
+    return 1.0
 
 
 def _step_to_show(problem: SceneProblem, desk: Desk) -> int:
