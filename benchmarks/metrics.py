@@ -29,7 +29,7 @@ REPEATS = 9
 
 
 def real_views() -> list[TrafficView]:
-    """Recorded traffic of every full scenario; all its road users are judged."""
+    """Recorded traffic of every full scenario; all its road users are evaluated."""
     root = Path(os.environ["PD_EDITOR_AV2"])
     folders = [
         path.parent

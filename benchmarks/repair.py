@@ -13,9 +13,9 @@ import numpy as np
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
 from pd_editor.metrics.collisions.box_tests import overlapping_pairs
-from pd_editor.repair import project_to_lanes, retime_futures, separate_overlaps
+from pd_editor.repair import project_to_lanes, retime_trajectories, separate_overlaps
 from pd_editor.repair.box_overlaps import counted
-from pd_editor.repair.trajectories import Futures
+from pd_editor.repair.trajectories import Trajectories
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
 from pd_editor.scene.scenario import Scenario
 
@@ -56,8 +56,10 @@ def num_overlaps(scenario: Scenario) -> int:
 def num_conflicts(scenario: Scenario) -> int:
     """Pairs that run into each other later."""
     everybody = np.ones(len(scenario.agents), bool)
-    futures = Futures(scenario=scenario, friction_coefficient=0.7, may_change=everybody)
-    return len(futures.conflicts()[0])
+    trajectories = Trajectories(
+        scenario=scenario, friction_coefficient=0.7, may_change=everybody
+    )
+    return len(trajectories.conflicts()[0])
 
 
 def print_effects(scenarios: list[Scenario]) -> None:
@@ -71,7 +73,7 @@ def print_effects(scenarios: list[Scenario]) -> None:
         for repair, count in (
             (project_to_lanes, None),
             (separate_overlaps, num_overlaps),
-            (retime_futures, num_conflicts),
+            (retime_trajectories, num_conflicts),
         ):
             found = left = changed = 0
             spent, after = [], []

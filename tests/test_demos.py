@@ -136,7 +136,7 @@ def test_nobody_overlaps_anybody_ever(demo):
 def test_everybody_is_on_the_road(demo):
     found = off_road(demo, ALL_STEPS)
     assert found.share() == 0
-    assert (found.num_corners[found.is_judged] == 0).mean() > 0.98
+    assert (found.num_corners[found.is_evaluated] == 0).mean() > 0.98
 
 
 def test_motion_is_physical(demo):

@@ -1,1 +1,1 @@
-"""One small main per shell command."""
+"""The shell: one module per subcommand."""

@@ -1,4 +1,4 @@
-"""Arguments that several commands share, as they are shown in the help."""
+"""Command-line arguments that several commands share."""
 
 from pathlib import Path
 from typing import Annotated, Final
@@ -37,7 +37,7 @@ MAX_WORKERS: Final = 256
 
 
 def num_workers(value: int | None) -> int | None:
-    """The number of processes asked for; None leaves it to the program.
+    """Validate the number of processes; None leaves it to the program.
 
     Raises:
         InputError: it is out of range.
@@ -48,6 +48,6 @@ def num_workers(value: int | None) -> int | None:
 
 
 def folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
-    """One folder or several, each once."""
+    """Convert one folder or several to a tuple without duplicates."""
     several = value if isinstance(value, tuple) else (value,)
     return tuple(dict.fromkeys(map(Path, several)))

@@ -41,7 +41,7 @@ def edit(
     _check_address(host, port)
     sys.stdout.write("Starting...\n")
     sys.stdout.flush()
-    # Imported late: the user sees at once that something happens.
+    # Imported late, so that the first output appears at once.
     from pd_editor.viewer.viewer_app import ViewerApp
 
     app = ViewerApp(
@@ -55,16 +55,16 @@ def edit(
     )
     sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")
     sys.stdout.flush()
-    # Interrupting is how a user ends it, and no failure.
+    # Interrupting is the normal end, not a failure.
     with contextlib.suppress(KeyboardInterrupt):
         app.run_forever()
 
 
 def _check_address(host: str, port: int) -> None:
-    """Refuse an address that this machine cannot listen on.
+    """Raise for an address that this machine cannot listen on.
 
     Raises:
-        InputError: the port is out of range or forbidden, or the host is not ours.
+        InputError: the port is out of range or forbidden, or the host is not local.
     """
     if not 1 <= port <= 65535:
         raise InputError(f"Port {port} is outside 1..65535.")
@@ -84,7 +84,7 @@ def _check_address(host: str, port: int) -> None:
 
 
 def _bind(host: str, port: int) -> None:
-    """Take an address and let it go; one that is taken is no error."""
+    """Bind an address and release it; an address in use is not an error."""
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     family, kind, protocol, _, address = found[0]
     with socket.socket(family, kind, protocol) as probe:

@@ -1,4 +1,4 @@
-"""``pd-editor evaluate``: judge generators on many scenes."""
+"""``pd-editor evaluate``: evaluate generators on many scenes."""
 
 import shlex
 from dataclasses import dataclass
@@ -48,9 +48,9 @@ from pd_editor.work_engine import LocalProcesses
 
 DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower")
 DEFAULT_PLACING_METHODS = (GROUND_TRUTH, DEFAULT_GENERATOR)
-"""Where states are drawn."""
+"""Default methods where initial states are sampled."""
 _BY_DEFAULT: Final = (
-    f"(default: {' '.join(DEFAULT_METHODS)}; where states are drawn "
+    f"(default: {' '.join(DEFAULT_METHODS)}; with sampled states "
     f"{' '.join(DEFAULT_PLACING_METHODS)})"
 )
 _Roots = str | Path | tuple[str | Path, ...]
@@ -59,7 +59,7 @@ _One = TypeVar("_One", str, str | Path)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluation:
-    """What an evaluation found, and where it was written."""
+    """Result of an evaluation, and the files that were written."""
 
     folder: Path
     files: tuple[Path, ...]
@@ -67,7 +67,7 @@ class Evaluation:
     record: RunRecord
 
     def __str__(self) -> str:
-        """One line per file, then what is missing."""
+        """One line per file, then notes on missing scenes and failures."""
         remarks = []
         if self.record.without_future:
             remarks.append(
@@ -108,17 +108,17 @@ def evaluate(
     device: DeviceName = "auto",
     resume: Switch = False,
 ) -> Evaluation:
-    """Let methods fill scenes and judge the results: rows, tables, a report.
+    """Evaluate methods on many scenes and write rows, tables and a report.
 
     Args:
         data: Roots of Argoverse 2 datasets; folders below them are searched.
         out: New folder for finished scenes, rows.parquet, report.md and report.html.
         methods: Reference methods, generators (also with options: path-diffuser:lanes=0.6,tries=1,steps=10) and folders of models; ground-truth is what others are compared with.
-        states: Keep the recorded states and draw futures, or draw states as well: as many agents of each kind as the log has within 62 m of the focal agent.
+        states: Keep the recorded initial states and generate trajectories, or sample initial states as well: as many agents of each kind as the log has within 62 m of the focal agent.
         agents: All road users, or only those that the paper's code keeps.
         warps: Roads: none (as recorded), KIND:POWER such as smooth-turn:3, or all.
-        samples: Of each scene, for methods that draw at random.
-        seed: Seed of all draws; the same seed gives the same numbers.
+        samples: Samples of each scene, for methods that sample at random.
+        seed: Random seed; the same seed gives the same numbers.
         development: Splits on which settings were chosen; headline figures are of the other splits alone.
         limit: Use only the first N scenarios.
         workers: Processes to use; they do not change the numbers.
@@ -153,10 +153,10 @@ def _reported(
     record: RunRecord,
     command: str,
 ) -> Evaluation:
-    """Sum up the rows and write the reports.
+    """Summarise the rows and write the reports.
 
     Raises:
-        PdEditorError: there is nothing to sum up for a method; the reports say why.
+        PdEditorError: a method has no rows; the reports say why.
     """
     rows, methods = folder.path / ROWS_NAME, plan.settings.methods
 
@@ -188,7 +188,7 @@ def _reported(
 
 
 def _several(value: _One | tuple[_One, ...]) -> tuple[_One, ...]:
-    """A value or several, as a tuple of different ones."""
+    """Convert one value or several to a tuple without duplicates."""
     return tuple(dict.fromkeys(value)) if isinstance(value, tuple) else (value,)
 
 
@@ -211,11 +211,11 @@ def _methods(
             )
         if task.draws_states and not _places_agents(plain):
             raise GenerationError(
-                f"{name[:60]} draws no states; where states are drawn, choose "
+                f"{name[:60]} samples no initial states; where states are sampled, choose "
                 f"{GROUND_TRUTH}, {DEFAULT_GENERATOR} or the folder of a model."
             )
         if device == "cuda" and plain not in REFERENCE_METHODS:
-            make(plain)  # Refused here, not once for each scene.
+            make(plain)  # An unusable method raises here, not once for each scene.
     if not asked:
         raise GenerationError(
             f"No method was asked for; choose among {', '.join(known)}."
@@ -236,10 +236,10 @@ def _within(least: int, value: int, most: int, name: str) -> int:
 
 
 def _check_something_left(found: Findings, record: RunRecord, report: Path) -> None:
-    """Refuse to call a run done in which a method has not a single scene.
+    """Raise if a method succeeded on no scene.
 
     Raises:
-        GenerationError: the first of the reasons is named.
+        GenerationError: names the first of the reasons.
     """
     if record.num_scenes == len(record.without_future):
         raise InputError(
@@ -257,7 +257,7 @@ def _check_something_left(found: Findings, record: RunRecord, report: Path) -> N
 
 
 def _command(plan: EvaluationPlan, out: str | Path) -> str:
-    """The command line that leads to the same numbers."""
+    """Command line that reproduces the numbers."""
     words = ["pd-editor", "evaluate", "--data", *map(str, plan.data), "--out", str(out)]
     words += ["--methods", *(method.name for method in plan.methods)]
     if plan.task != DRIVING:

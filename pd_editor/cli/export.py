@@ -86,7 +86,7 @@ def export(
 
 
 def _session(reference: str, variant: Variant) -> EditorSession:
-    """The session of a scenario, or of what a recipe makes."""
+    """Open a session on a scenario, or on the result of a recipe."""
     if not reference.endswith(".json"):
         session = EditorSession(open_scenario(reference))
         session.describe(variant)
@@ -105,7 +105,7 @@ def _session(reference: str, variant: Variant) -> EditorSession:
 
 
 def _zipped(out: Path, sessions: list[EditorSession], overwrite: bool) -> Path:
-    """Write one zip; of two scenarios of the same name the second gets -2."""
+    """Write one zip; the second of two scenarios of the same name gets -2."""
     target = out / ZIP_NAME
     if target.exists() and not overwrite:
         raise ExportError(f"{target}: is there already; add --overwrite to replace it.")

@@ -1,4 +1,4 @@
-"""``pd-editor generate``: regenerate trajectories, or resample whole traffic."""
+"""``pd-editor generate``: regenerate trajectories, or resample all traffic."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -89,26 +89,26 @@ def generate(
     name: NameOption = "",
     overwrite: Switch = False,
 ) -> Outcome:
-    """Regenerate trajectories; or resample whole traffic, where the model can.
+    """Regenerate trajectories, or resample all traffic if the model can.
 
     Args:
         scenario: A demo's name or an Argoverse 2 scenario folder.
         out: Folder that receives DIR/<name>/; several samples get -1, -2, ...
         agents: Ids of the agents to drive; the others keep their trajectories.
         redraw_states: Resample the initial states of these agents, too.
-        num_agents: Put new agents in the place of all but the ego and the focal agent: 20 (vehicles), vehicle=12 pedestrian=4, or fit (as many as suit the road).
+        num_agents: Replace all agents but the ego and the focal agent by new ones: 20 (vehicles), vehicle=12 pedestrian=4, or fit (as many as suit the road).
         add: Keep the present agents and add the new ones.
         replace_ego_and_focal: Let new agents replace the ego and the focal agent as well.
-        moving_share: Part of the agents drawn of each kind that moves, 0 to 1.
-        only_on_road: Draw no vehicles far from lanes, such as on parking lots.
+        moving_share: Fraction of the sampled agents of each kind that moves, 0 to 1.
+        only_on_road: Sample no vehicles far from lanes, such as on parking lots.
         region: Square in which states are sampled, in metres of the scene or of the city.
-        quality: Of sampled states: fast, or high with more denoising steps.
-        samples: How many samples to draw.
+        quality: Quality of sampled states: fast, or high with more denoising steps.
+        samples: Number of samples.
         steps: Denoising steps of trajectories; for states the model has its own number.
         keep_to_lanes: Strength of the guidance towards the lanes, from 0 for none to 1.
-        tries: Trajectories of each agent, of which those that avoid others are taken; an agent that would still collide yields. 0: raw model.
+        tries: Trajectories sampled per agent, of which the least colliding combination is used; agents that would still collide yield. 0: raw model.
         no_yielding: Do not slow agents that would collide.
-        seed: Seed of the draw; the same seed gives the same files.
+        seed: Random seed; the same seed gives the same files.
         model: path-diffuser, lane-follower (trajectories only), or the folder of a trained model.
         device: Where a model computes; auto takes a GPU if there is one.
         name: Id of the new scenario, such as 000c4929-s3.
@@ -151,7 +151,7 @@ def _written(
     wanted: Sequence[str],
     names: Sequence[str],
 ) -> Outcome:
-    """Let the generator draw, and write each sample as a folder of its own."""
+    """Run the generator, and write each sample to a folder of its own."""
     for name in names:
         check_free(out, name, opened, overwrite=overwrite)
     traffic = run_showing_progress(generator.generate(request))
@@ -178,7 +178,7 @@ def _names(opened: Scenario, name: str, request: GenerationRequest) -> tuple[str
 
 
 def _wanted_counts(texts: str | Sequence[str]) -> tuple[dict[AgentKind, int], bool]:
-    """How many new agents of each kind, and whether that is the model's choice.
+    """Number of new agents of each kind, and whether the model chooses it.
 
     Raises:
         GenerationError: a text is neither a number, nor KIND=NUMBER, nor ``fit``.
@@ -204,10 +204,10 @@ def _wanted_counts(texts: str | Sequence[str]) -> tuple[dict[AgentKind, int], bo
 
 
 def _region(scenario: Scenario, x: float, y: float, half_side: float) -> Region:
-    """The region with a road, in the scene's frame; or else in the city's.
+    """Region around a road, given in the scene frame or else in the city frame.
 
     Raises:
-        GenerationError: there is no road in either.
+        GenerationError: there is no road in the region in either frame.
     """
     asked = Region(center_m=(0.0, 0.0), half_side_m=half_side)
     points = lane_pieces(scenario.road_map).pose[:, :2]
@@ -232,29 +232,29 @@ def _region(scenario: Scenario, x: float, y: float, half_side: float) -> Region:
 
 def _refuse_contradictions(
     names_agents: bool,
-    draws_agents: bool,
-    redraws_states: bool,
+    samples_agents: bool,
+    resamples_states: bool,
     adds: bool,
     replaces_ego_and_focal: bool,
 ) -> None:
-    """Refuse options that contradict each other.
+    """Raise for options that contradict each other.
 
     Raises:
-        GenerationError: they do.
+        GenerationError: names the options.
     """
-    if redraws_states and draws_agents:
+    if resamples_states and samples_agents:
         raise GenerationError(
             "--redraw-states is for agents that stay, --num-agents for new ones; give "
             "one of them."
         )
-    if names_agents and draws_agents and not adds:
+    if names_agents and samples_agents and not adds:
         raise GenerationError(
             "--num-agents puts new agents in the place of all, so no agent is left for "
             "--agents; give --add to keep them."
         )
-    if adds and not draws_agents:
+    if adds and not samples_agents:
         raise GenerationError("--add needs --num-agents, which says how many.")
-    if replaces_ego_and_focal and (adds or not draws_agents):
+    if replaces_ego_and_focal and (adds or not samples_agents):
         raise GenerationError(
             "--replace-ego-and-focal needs --num-agents without --add: new agents "
             "replace nothing otherwise."
@@ -264,20 +264,20 @@ def _refuse_contradictions(
 def _roles(
     opened: Scenario,
     wanted: tuple[str, ...],
-    draws_agents: bool,
+    samples_agents: bool,
     adds: bool,
     replaces_ego_and_focal: bool,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Ids of agents that are removed for new ones, and of those that are driven.
+    """Ids of the agents that are replaced, and of those whose trajectories are generated.
 
-    As in the browser the ego and the focal agent stay unless told otherwise, so that
-    an export keeps the two tracks that predictors and data sets ask for.
+    As in the browser, the ego and the focal agent stay by default, so that an export
+    keeps the two tracks that predictors and data sets need.
     """
     removed = ()
-    if draws_agents and not adds:
+    if samples_agents and not adds:
         keeps = not replaces_ego_and_focal
         removed = replaceable_agent_ids(opened, keeps_ego=keeps, keeps_focal=keeps)
-    drives = not draws_agents or (wanted and adds)
+    drives = not samples_agents or (wanted and adds)
     return removed, drivable_agent_ids(opened, wanted or None) if drives else ()
 
 
@@ -292,7 +292,7 @@ def _guidance(
 def _left_out(
     scenario: Scenario, wanted: Sequence[str], driven: Sequence[str]
 ) -> tuple[str, ...]:
-    """A word about agents that were named but cannot be driven."""
+    """Remark on agents that were named but cannot be driven."""
     step = scenario.current_step
     return tuple(
         f"Agent {name} keeps its trajectory: it is "

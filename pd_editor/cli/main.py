@@ -37,13 +37,13 @@ _COMMANDS = {
 
 
 def _run(words: list[str]) -> object:
-    """What a command made.
+    """Run a command and return its result.
 
     Raises:
         InputError: the arguments are wrong.
-        PdEditorError: the command refused.
+        PdEditorError: the command failed.
     """
-    said = io.StringIO()
+    message = io.StringIO()
     has_begun = False
 
     def begun(command: Callable[..., object]) -> Callable[..., object]:
@@ -57,7 +57,7 @@ def _run(words: list[str]) -> object:
         return run
 
     with contextlib.ExitStack() as quiet:
-        quiet.enter_context(contextlib.redirect_stderr(said))
+        quiet.enter_context(contextlib.redirect_stderr(message))
         try:
             return tyro.extras.subcommand_cli_from_dict(
                 {name: begun(command) for name, command in _COMMANDS.items()},
@@ -70,14 +70,14 @@ def _run(words: list[str]) -> object:
         except SystemExit as stop:
             if has_begun or not stop.code:
                 raise
-    raise InputError(usage_error(said.getvalue(), words, list(_COMMANDS)))
+    raise InputError(usage_error(message.getvalue(), words, list(_COMMANDS)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a subcommand and print what it made.
+    """Run a subcommand and print its result.
 
     Returns:
-        The exit code: 0 done, 2 the user's input was wrong (said on stderr). A bug
+        The exit code: 0 done, 2 the user's input was wrong (message on stderr). A bug
         raises, and so exits with 1 and a traceback.
     """
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
@@ -94,8 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write("pd-editor: Interrupted.\n")
         return 130
     except SystemExit as stop:
-        # This is how the argument parser ends after --help, and a process that was
-        # started to help another one.
+        # The argument parser exits this way after --help, and so do worker processes.
         return stop.code if isinstance(stop.code, int) else 0
     if outcome is not None:
         sys.stdout.write(f"{outcome}\n")

@@ -1,4 +1,4 @@
-"""``pd-editor model``: join what two trainings have found into one model."""
+"""``pd-editor model``: join the trained stages into one model."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from pd_editor.regular_file import write_whole
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShippedModel:
-    """A model folder, ready to be used."""
+    """A complete model folder."""
 
     folder: Path
     files: tuple[Path, ...]

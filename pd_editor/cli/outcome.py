@@ -1,4 +1,4 @@
-"""What the commands hand back, and how they write it."""
+"""Results of the commands, and writing of scenarios."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from pd_editor.scene.scenario import Scenario
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """Scenarios that a command made and wrote."""
+    """Scenarios that a command wrote."""
 
     folders: tuple[Path, ...]
     """One folder per scenario: tracks, map and recipe.json."""
     scenarios: tuple[Scenario, ...]
     remarks: tuple[str, ...] = ()
-    """One sentence each: figures, and what the user should know."""
+    """Remarks for the user, one sentence each."""
 
     @property
     def folder(self) -> Path:
@@ -37,7 +37,7 @@ class Outcome:
 
 
 def write_session(out: str | Path, session: EditorSession, *, overwrite: bool) -> Path:
-    """Write a session's scenario under its name, and the recipe that leads to it.
+    """Write a session's scenario under its name, and its recipe.
 
     The recipe carries no date, so equal work gives equal files.
 
@@ -50,12 +50,12 @@ def write_session(out: str | Path, session: EditorSession, *, overwrite: bool) -
 
 
 def undated_recipe(session: EditorSession) -> Recipe:
-    """The recipe of a session, without the date."""
+    """Recipe of a session, without the date."""
     return dataclasses.replace(session.recipe(), created_at="")
 
 
 def described(name: str, tags: tuple[str, ...] = (), note: str = "") -> Variant:
-    """Name, tags and note from the shell.
+    """Validate name, tags and note from the shell.
 
     Raises:
         EditError: the name does not fit, or a text is too long.

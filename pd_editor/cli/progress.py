@@ -64,7 +64,7 @@ def work_shown(noun: str) -> Callable[[WorkProgress], None]:
 
 
 def progress_line(progress: WorkProgress, elapsed_s: float, noun: str) -> str:
-    """How far a run is and how long it will still take."""
+    """Describe the progress of a run and its remaining time."""
     done, num = progress.num_done, progress.num_items
     words = f"{done} of {num} {noun}"
     if progress.num_failed:

@@ -1,4 +1,4 @@
-"""``pd-editor replay``: make a scenario again from its recipe."""
+"""``pd-editor replay``: reproduce a scenario from its recipe."""
 
 import dataclasses
 from pathlib import Path
@@ -37,7 +37,7 @@ def replay(
         recipe: A recipe.json, or an exported folder that holds one.
         out: Folder that receives DIR/<name>/.
         base: Where the base scenario is, if not where the recipe says.
-        regenerate: Draw generated traffic anew, and say whether it is equal.
+        regenerate: Generate generated traffic again, and say whether it is equal.
         overwrite: Replace what an earlier run wrote.
     """
     parsed, where = read_recipe(Path(recipe))
@@ -52,7 +52,7 @@ def replay(
 
 
 def read_recipe(path: Path) -> tuple[Recipe, Path]:
-    """The recipe, and the file that it was read from."""
+    """Read a recipe; returns it and its file."""
     check_path(path, RecipeError)
     file = path / RECIPE_NAME if path.is_dir() else path
     text = read_regular(file, max_bytes=MAX_RECIPE_BYTES, error=RecipeError)
@@ -63,7 +63,7 @@ def read_recipe(path: Path) -> tuple[Recipe, Path]:
 
 
 def open_base(recipe: Recipe, where: Path, base: str | Path | None) -> Scenario:
-    """The scenario that a recipe starts from, or the one named in its place.
+    """Open the base scenario of a recipe, or ``base`` in its place.
 
     Raises:
         InputError: it cannot be opened.
@@ -94,11 +94,11 @@ def _regenerated(
         if isinstance(command, ReplaceTraffic)
     }
     if not names:
-        raise RecipeError("The recipe holds no generated traffic to draw anew.")
+        raise RecipeError("The recipe holds no generated traffic to regenerate.")
     if len(names) > 1:
         raise RecipeError(
             f"The recipe holds traffic of {' and '.join(sorted(names))}; expected one "
-            "generator to draw it anew."
+            "generator to regenerate it."
         )
     scenario, entries = regenerate_recipe(recipe, base, make_generator(*names))
     commands = list(recipe.commands)
@@ -110,8 +110,8 @@ def _regenerated(
 
 def _verdict(entry: RegeneratedEntry) -> str:
     if entry.is_equal:
-        return f"Entry {entry.number}: drawn again, equal."
+        return f"Entry {entry.number}: generated again, equal."
     return (
-        f"Entry {entry.number}: drawn again, NOT equal, positions up to "
+        f"Entry {entry.number}: generated again, NOT equal, positions up to "
         f"{entry.max_difference_m:.3f} m apart."
     )

@@ -32,25 +32,25 @@ _MAX_REASONS = 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Synthesis:
-    """What was made, and where it was written."""
+    """Result of a synthesis, and the files that were written."""
 
     folder: Path
     record: CorpusRecord
-    num_asked: int
+    num_requested: int
     elapsed_s: float
     files: tuple[Path, ...]
-    """The manifest, and the reports if they were asked for."""
+    """The manifest, and the reports if requested."""
 
     def __str__(self) -> str:
-        """One line per file, then figures, then what went wrong."""
+        """One line per file, then figures, then failures."""
         record, failures = self.record, self.record.failures
         lines = [*map(str, self.files)]
         lines.append(
             f"{record.num_windows} windows on {len(record.networks)} networks with "
             f"{record.num_agents} agents in {self.elapsed_s:.0f} s."
         )
-        if record.num_windows < self.num_asked:
-            lines.append(f"{self.num_asked} windows were asked for.")
+        if record.num_windows < self.num_requested:
+            lines.append(f"{self.num_requested} windows were asked for.")
         if failures:
             lines.append(f"{len(failures)} networks failed:")
             lines += [f"  {failures[key]}" for key in sorted(failures)[:_MAX_REASONS]]
@@ -75,19 +75,19 @@ def synth(
     ] = None,
     resume: Switch = False,
 ) -> Synthesis:
-    """Simulate traffic on drawn roads or real maps, as Argoverse 2 scenarios.
+    """Simulate traffic on procedural roads or real maps, as Argoverse 2 scenarios.
 
     Needs SUMO (pip install 'pd-editor[synth]').
 
     Args:
         out: New folder for the scenarios, and manifest.json with what they are.
         num: Number of scenarios.
-        seed: Seed of all draws; the same seed gives the same files.
-        families: Families of roads to draw: grid, downtown, town, arterial, t-junctions, roundabout, merge, slip-lanes, winding-street, dead-ends.
+        seed: Random seed; the same seed gives the same files.
+        families: Families of procedural roads: grid, downtown, town, arterial, t-junctions, roundabout, merge, slip-lanes, winding-street, dead-ends.
         maps: Roots of Argoverse 2 datasets, on whose maps to drive instead.
         report: Write realism.md too: distances to real scenes below the first folder, and between those and scenes below a second one, if given.
         shards: Write compact shards for training instead of scenario folders.
-        noise: Blur states and break off tracks as a tracker does; not with --shards.
+        noise: Add a tracker's noise to states and break off tracks; not with --shards.
         workers: Processes to use; they do not change the files.
         resume: Go on with an earlier run of the same settings.
     """
@@ -107,14 +107,14 @@ def synth(
     return Synthesis(
         folder=folder.path,
         record=record,
-        num_asked=num,
+        num_requested=num,
         elapsed_s=time.monotonic() - began,
         files=(folder.path / MANIFEST_NAME, *_reported(folder, real_roots)),
     )
 
 
 def _real_roots(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
-    """Folders of real scenes to compare with; refused before the work begins."""
+    """Validate the folders of real scenes to compare with, before the work begins."""
     roots = folders(value)
     if len(roots) > 2:
         raise InputError("--report takes one folder of real scenes, or two.")
@@ -124,7 +124,7 @@ def _real_roots(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
 
 
 def _reported(folder: CorpusFolder, roots: tuple[Path, ...]) -> tuple[Path, ...]:
-    """Write how near the corpus comes to real scenes; nothing without roots."""
+    """Write the realism report of the dataset; nothing without roots."""
     if not roots:
         return ()
     real, *others = map(real_scenes, roots)

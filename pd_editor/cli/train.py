@@ -25,7 +25,7 @@ _OPTIONAL = "(optional)"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Training:
-    """What a training has come to, and where it is."""
+    """Result of a training, and its files."""
 
     folder: Path
     model: Path
@@ -33,15 +33,15 @@ class Training:
     steps: int
     minutes: float
     held_out_loss: float
-    """NaN where nothing was held out."""
+    """Loss on held-out scenes; NaN without any."""
     num_scenes: int
     num_left_out: int
-    """Scenarios and files that could not be used."""
+    """Number of scenarios and files that could not be used."""
     is_stopped: bool
     """Whether it was stopped before its time; it can be resumed."""
 
     def __str__(self) -> str:
-        """The model's folder, then what is to be said about it."""
+        """The model's folder, then remarks."""
         remarks = [
             f"{self.steps} steps in {self.minutes:.1f} minutes on {self.num_scenes} "
             f"scenes; held-out loss {self.held_out_loss:.4f}."
@@ -102,10 +102,10 @@ def train(
     --from models/path-diffuser --preset av2 --out models/path-diffuser-av2. Ctrl-C stops after the step in hand; --resume goes on as if nothing had happened.
 
     Args:
-        stage: What is learned: init places agents, traj drives them; all does one after the other and joins them into a model.
+        stage: Stage to train: init (initial states), traj (trajectories), or all, which trains one after the other and joins them into a model.
         data: Roots of Argoverse 2 datasets, and folders of synthetic shards.
         validate: Roots that are held out and not trained on; a part of the data unless given.
-        weights: Shares of the roots in what is learned from, one number for each.
+        weights: Shares of the roots in the training data, one number for each.
         out: New folder of the run, runs/STAGE unless given; of the model for all, with its runs below runs/.
         preset: Size of the network and of the batches, rate and minutes: default (for a CPU), gpu (a larger network), av2 (to go on with a model on recordings), tiny (to try things out); auto chooses by device.
         minutes: Time of training, without the preparation of the data; else the preset's: init 30, traj 20 (gpu 15 and 12, av2 240, tiny 1). Of each stage, for all.
@@ -117,10 +117,10 @@ def train(
         threads: CPU threads to use; all unless given.
         precision: Of the products; auto takes bf16 on GPUs, and on CPUs that are fast at it.
         cache: Folder in which prepared scenes are kept for later runs; ~/.cache/pd-editor/scenes unless given.
-        seed: Seed of everything that is drawn; 0 unless given.
-        start: Start from the weights of this model, or run, instead of fresh ones; its trajectory basis is kept.
-        windows: See each scenario of Argoverse 2 at so many current steps (default: 1, av2 5).
-        copies: Prepare each scenario so often, changed at random each time anew (default: 1).
+        seed: Random seed; 0 unless given.
+        start: Start from the weights of this model, or run, instead of random ones; its trajectory basis is kept.
+        windows: Number of current steps at which each scenario of Argoverse 2 is used (default: 1, av2 5).
+        copies: Number of randomly augmented copies of each scenario (default: 1).
         resume: Go on with the run in the folder; its settings are taken from there.
     """
     from pd_editor.training.config.run_request import RunRequest
@@ -163,7 +163,7 @@ def _both_trained(
     *,
     resume: bool,
 ) -> Training:
-    """One stage after the other, then the model of both."""
+    """Train one stage after the other, then join them into a model."""
     from pd_editor.cli.model import model
 
     folder = Path("runs/all") if out is None else Path(out)
@@ -213,7 +213,7 @@ def _trained(
         on_progress=_progress_shown(),
     )
     if not outcome.is_first:
-        # A process that was started to help another one has nothing to say.
+        # Worker processes report nothing.
         raise SystemExit(0)
     return Training(
         folder=outcome.folder,

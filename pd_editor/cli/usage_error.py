@@ -1,11 +1,11 @@
-"""What the argument parser has to say about wrong arguments, in one sentence."""
+"""Converts the argument parser's error box to one sentence."""
 
 import re
 from collections.abc import Sequence
 from typing import Final
 
 _EDGES: Final = "╭╮╰╯│─+|- "
-"""What boxes are drawn with; the second half where the output is not in UTF-8."""
+"""Characters of box borders; the second half where the output is not in UTF-8."""
 _REWORDED: Final = (
     (r"invalid literal for int\(\) with base 10: (.*)", r"\1 is not a whole number"),
     (r"could not convert string to float: (.*)", r"\1 is not a number"),
@@ -23,10 +23,10 @@ _REWORDED: Final = (
 
 
 def usage_error(box: str, arguments: Sequence[str], commands: Sequence[str]) -> str:
-    """The sentence for a box that the parser printed.
+    """Convert the parser's output to one sentence.
 
     Args:
-        box: What it printed, drawn with lines.
+        box: Output of the parser.
         arguments: The command line.
         commands: All subcommands.
     """

@@ -1,4 +1,4 @@
-"""``pd-editor warp``: bend a scenario's road, Scene-Attack style."""
+"""``pd-editor warp``: warp a scenario's road (Scene-Attack)."""
 
 import math
 from typing import Annotated
@@ -48,7 +48,7 @@ def warp(
     name: NameOption = "",
     overwrite: Switch = False,
 ) -> Outcome:
-    """Bend the road ahead of an anchor; several kinds add up.
+    """Warp the road ahead of an anchor; several kinds add up.
 
     Args:
         scenario: A demo's name or an Argoverse 2 scenario folder.
@@ -60,10 +60,10 @@ def warp(
         exponent: Exponent of the turns, 2..8.
         anchor: focal, ego, an agent's id, or a pose x,y,heading in metres and degrees.
         friction: Slow agents to the speed that this friction coefficient allows.
-        name: Id of the bent scenario, such as 000c4929-double-turn-p6.
+        name: Id of the warped scenario, such as 000c4929-double-turn-p6.
         overwrite: Replace what an earlier run wrote.
     """
-    # Numbers are judged before files are read: the cheap answers first.
+    # Numbers are validated before files are read: cheap checks first.
     terms = _terms(kind, power, length, border, exponent)
     opened = open_scenario(scenario)
     command = SetRoadWarp(
@@ -82,7 +82,7 @@ def warp(
 
 
 def _figures(command: SetRoadWarp, friction: float | None) -> str:
-    """Curvature and speed limit of the bend, in words."""
+    """Describe curvature and speed limit of the warp."""
     assert command.warp is not None
     if command.warp.is_identity:
         return "With power 0 the road stays as it was."
@@ -128,7 +128,7 @@ def _terms(
 
 
 def _anchor_pose(scenario: Scenario, anchor: str) -> RigidMotion:
-    """Pose of an anchor as it is written on the shell."""
+    """Pose of an anchor that is given on the shell."""
     if "," not in anchor:
         return pose_of_anchor(scenario, anchor)
     try:

@@ -1,1 +1,1 @@
-"""Judging a scenario."""
+"""Metrics of agents and scenes, and distances between distributions."""

@@ -1,4 +1,4 @@
-"""Every metric by name: unit, whose definition it is, what is better."""
+"""Table of all metrics: unit, source, preferred direction, definition."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ Better = Literal["lower", "higher", "as recorded"]
 
 @dataclass(frozen=True, kw_only=True)
 class Metric:
-    """What a metric is called and how its numbers are to be read."""
+    """Name, unit and meaning of a metric."""
 
     name: str
     unit: str
-    """"share" is a number in 0..1, true or false for a single agent."""
+    """"share" is a number in 0..1; for a single agent it is true or false."""
     source: Source
     """"paper": as Path Diffuser's code computes it, faults included."""
     better: Better
@@ -35,28 +35,28 @@ _ALL: Final = (
         "share",
         "paper",
         "lower",
-        "At the state, another centre of the same group within 2 m (pedestrians 1 m).",
+        "At the current step, another centre of the same group within 2 m (pedestrians 1 m).",
     ),
     _metric(
         "actor_collision_2m",
         "share",
         "paper",
         "lower",
-        "actorCR: steps, state included, with such a centre; averaged over agent-steps.",
+        "actorCR: steps, current one included, with such a centre; averaged over agent-steps.",
     ),
     _metric(
         "init_overlap",
         "share",
         "ours",
         "lower",
-        "At the state, the box shares more than 0.05 m^2 with another road user's.",
+        "At the current step, the box shares more than 0.05 m^2 with another road user's.",
     ),
     _metric(
         "new_overlap",
         "share",
         "ours",
         "lower",
-        "At a later step, the box overlaps one that it did not overlap at the state.",
+        "At a later step, the box overlaps one that it did not overlap at the current step.",
     ),
     _metric(
         "new_overlap_steps",
@@ -70,7 +70,7 @@ _ALL: Final = (
         "share",
         "paper",
         "lower",
-        "At the state, no centre-line point of lanes or crosswalks within 4 m.",
+        "At the current step, no centre-line point of lanes or crosswalks within 4 m.",
     ),
     _metric(
         "off_road_4m_whole_path",
@@ -98,7 +98,7 @@ _ALL: Final = (
         "share",
         "ours",
         "lower",
-        "At the state, the centre is outside the drivable area.",
+        "At the current step, the centre is outside the drivable area.",
     ),
     _metric(
         "off_drivable",
@@ -119,14 +119,14 @@ _ALL: Final = (
         "m",
         "paper",
         "as recorded",
-        "At the state, distance to the nearest centre-line point (also Lat. Dev. JSD).",
+        "At the current step, distance to the nearest centre-line point (also Lat. Dev. JSD).",
     ),
     _metric(
         "nearest_edge_angle",
         "deg",
         "paper",
         "as recorded",
-        "At the state, heading minus that point's direction, in -180..180.",
+        "At the current step, heading minus that point's direction, in -180..180.",
     ),
     _metric(
         "lateral_deviation_mean",
@@ -162,21 +162,21 @@ _ALL: Final = (
         "m",
         "paper",
         "as recorded",
-        "At the state, distance to the nearest other centre of the same group; 0 alone.",
+        "At the current step, distance to the nearest other centre of the same group; 0 alone.",
     ),
     _metric(
         "local_density",
         "m",
         "paper",
         "as recorded",
-        "At the state, the up to 5 smallest distances to others of the same group.",
+        "At the current step, the up to 5 smallest distances to others of the same group.",
     ),
     _metric(
         "askew_to_lane",
         "share",
         "ours",
         "as recorded",
-        "Of standing vehicles at the state: 15 to 75 deg off the direction of the nearest "
+        "Of vehicles standing at the current step: 15 to 75 deg off the direction of the nearest "
         "centre-line point, either way round.",
     ),
     _metric(
@@ -184,7 +184,7 @@ _ALL: Final = (
         "share",
         "ours",
         "as recorded",
-        "Of standing vehicles at the state: over 15 deg off the nearest other vehicle, "
+        "Of vehicles standing at the current step: over 15 deg off the nearest other vehicle, "
         "either way round.",
     ),
     _metric(
@@ -192,23 +192,23 @@ _ALL: Final = (
         "several",
         "ours",
         "as recorded",
-        "At the state, of vehicles, the features of the scene test: lane, kerb, "
+        "At the current step, of vehicles, the features of the scene test: lane, kerb, "
         "neighbours and junction around each.",
     ),
-    _metric("speed", "m/s", "paper", "as recorded", "Speed at the state."),
+    _metric("speed", "m/s", "paper", "as recorded", "Speed at the current step."),
     _metric(
         "standing",
         "share",
         "ours",
         "as recorded",
-        "At the state, slower than 0.3 m/s.",
+        "At the current step, slower than 0.3 m/s.",
     ),
     _metric(
         "starts",
         "share",
         "ours",
         "as recorded",
-        "Of those standing at the state: moves more than 1 m away within the window.",
+        "Of agents standing at the current step: moves more than 1 m away within the window.",
     ),
     _metric(
         "path_length", "m", "ours", "as recorded", "Length of the path in the window."
@@ -293,7 +293,7 @@ _ALL: Final = (
         "m",
         "paper",
         "lower",
-        "Mean distance to the recording over all steps, the state (error 0) included.",
+        "Mean distance to the recording over all steps, the current one (error 0) included.",
     ),
     _metric(
         "ade", "m", "ours", "lower", "Mean distance to the recording over later steps."
@@ -337,4 +337,4 @@ _ALL: Final = (
 )
 
 METRICS: Final[Mapping[str, Metric]] = {metric.name: metric for metric in _ALL}
-"""All metrics that are values of agents; distances of distributions are made of them."""
+"""All metrics of agents by name; distances of distributions are computed from them."""

@@ -1,4 +1,4 @@
-"""Which agents the paper's code keeps, for numbers that can be set beside its own."""
+"""Agents that the paper's code evaluates, for figures comparable with the paper's."""
 
 import numpy as np
 from jaxtyping import Bool
@@ -12,14 +12,14 @@ BOUNDARY_M = 2.0
 
 
 def paper_init_agents(view: TrafficView) -> Bool[np.ndarray, "A"]:
-    """Agents of the first stage: vehicles there at the state and at the last step.
+    """Agents of the first stage: vehicles that exist at the current and the last step.
 
-    And "in lane" at the state: within 2 m of a boundary point or 4 m of a centre
-    point. The paper's low off-road rate of recordings is a by-product of that.
+    They must also be "in lane" at the current step: within 2 m of a boundary point or
+    4 m of a centre point. This lowers the paper's off-road rate of recordings.
     """
     agents = view.agents
-    kept = np.array([kind is AgentKind.VEHICLE for kind in agents.kinds], bool)
-    kept &= agents.is_valid[:, 0] & agents.is_valid[:, -1]
+    evaluated = np.array([kind is AgentKind.VEHICLE for kind in agents.kinds], bool)
+    evaluated &= agents.is_valid[:, 0] & agents.is_valid[:, -1]
     points = map_points(view.scenario.road_map)
     in_lane = np.zeros(len(view), bool)
     for targets, reach in (
@@ -29,11 +29,11 @@ def paper_init_agents(view: TrafficView) -> Bool[np.ndarray, "A"]:
         if len(targets):
             distance = nearest_points(agents.position_m[:, 0], targets)[1]
             in_lane |= distance <= reach
-    return kept & in_lane
+    return evaluated & in_lane
 
 
 def paper_trajectory_agents(view: TrafficView) -> Bool[np.ndarray, "A"]:
-    """Agents of the second stage: scored or focal movers there at both ends."""
+    """Agents of the second stage: scored or focal motor vehicles at both ends."""
     recorded = view.scenario.agents
     category = dict(zip(recorded.ids, recorded.categories, strict=True))
     return np.array(

@@ -1,7 +1,7 @@
-"""All metrics of one scene at once.
+"""Computes all metrics of a scene.
 
-What depends on the map only (lane graph, distances between lanes, map points, the
-drivable area) is kept as long as the map value lives; nothing else is.
+Values that depend on the map only (lane graph, distances between lanes, map points,
+drivable area) are cached as long as the map value lives.
 """
 
 from collections.abc import Sequence
@@ -30,9 +30,9 @@ from pd_editor.metrics.values import MetricValues
 
 
 def agent_values(view: TrafficView) -> dict[str, MetricValues]:
-    """Every metric of one sample by its name.
+    """All metrics of one sample by name.
 
-    Each has a row per judged agent: [A], but [A 5] for ``local_density``,
+    Each has a row per evaluated agent: [A], but [A 5] for ``local_density``,
     [A F] for ``surroundings``, and [A H]
     for the accelerations, ``jerk`` and ``yaw_rate``.
     """
@@ -65,5 +65,5 @@ def agent_values(view: TrafficView) -> dict[str, MetricValues]:
 
 
 def sample_values(views: Sequence[TrafficView]) -> dict[str, MetricValues]:
-    """Metrics of several samples of the same agents, with a row per agent."""
+    """Metrics of several samples of the same agents by name, with a row per agent."""
     return {**best_of_samples(views), **diversity_values(views)}

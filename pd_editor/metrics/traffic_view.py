@@ -1,4 +1,4 @@
-"""What is judged: some agents' way from the state on, and the scene around them."""
+"""Input of metrics: trajectories of the evaluated agents, and the scene around them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ GROUP_KINDS: Final[dict[AgentGroup, frozenset[AgentKind]]] = {
     "pedestrians": frozenset({AgentKind.PEDESTRIAN}),
     "cyclists": frozenset({AgentKind.CYCLIST}),
 }
-"""Rows of all tables."""
+"""Kinds of agents in each group, which is a row of all tables."""
 
 
 @runtime_checkable
 class SampledTraffic(Protocol):
-    """G agents at S steps, the state first; ``generation.TrafficSample`` is one."""
+    """G agents at S steps, the current one first, such as ``generation.TrafficSample``."""
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -57,7 +57,7 @@ class SampledTraffic(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AgentStates:
-    """A agents at H steps, the state first; zero where ``is_valid`` is false."""
+    """A agents at H steps, the current one first; zero where ``is_valid`` is false."""
 
     ids: tuple[str, ...]
     kinds: tuple[AgentKind, ...]
@@ -72,7 +72,7 @@ class AgentStates:
 
     @cached_property
     def group(self) -> Int[np.ndarray, "A"]:
-        """Index into ``GROUP_KINDS`` of each agent; -1 for what is no road user."""
+        """Index into ``GROUP_KINDS`` of each agent; -1 for static objects."""
         index = {
             kind: row
             for row, kinds in enumerate(GROUP_KINDS.values())
@@ -85,7 +85,7 @@ class AgentStates:
         return self.group == list(GROUP_KINDS).index(group)
 
     def taken(self, rows: np.ndarray) -> "AgentStates":
-        """Only the agents at ``rows``: indices, or one truth value per agent."""
+        """Select agents by indices or a mask."""
         index = np.arange(len(self))[rows]
         return AgentStates(
             ids=tuple(self.ids[row] for row in index),
@@ -98,7 +98,7 @@ class AgentStates:
         )
 
     def joined(self, other: "AgentStates") -> "AgentStates":
-        """These agents, then the others."""
+        """Concatenate: these agents, then the others."""
         return AgentStates(
             ids=self.ids + other.ids,
             kinds=self.kinds + other.kinds,
@@ -112,19 +112,19 @@ class AgentStates:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrafficView:
-    """A judged agents of one scene at H steps, the state first.
+    """A evaluated agents of one scene at H steps, the current one first.
 
-    Results of metrics have one row per judged agent, in this order.
+    Results of metrics have one row per evaluated agent, in this order.
     """
 
     scenario: Scenario
     """Road, time axis and, where there is one, the recorded future."""
     agents: AgentStates
-    """Who is judged."""
-    kept: AgentStates
-    """Other road users present at the state; they can be hit but are not judged."""
+    """The evaluated agents."""
+    context: AgentStates
+    """Other road users at the current step; agents can collide with them."""
     logged: AgentStates
-    """The recording of the judged agents; not valid where there is none."""
+    """Recorded trajectories of the evaluated agents; not valid without a recording."""
 
     def __post_init__(self) -> None:
         assert self.logged.ids == self.agents.ids
@@ -135,7 +135,7 @@ class TrafficView:
 
     @property
     def num_steps(self) -> int:
-        """Steps H, the state included."""
+        """Number of steps H, the current one included."""
         return self.agents.is_valid.shape[1]
 
     @property
@@ -145,15 +145,15 @@ class TrafficView:
 
     @cached_property
     def everyone(self) -> AgentStates:
-        """The judged agents, then the kept ones."""
-        return self.agents.joined(self.kept)
+        """The evaluated agents, then the context agents."""
+        return self.agents.joined(self.context)
 
     def only(self, rows: np.ndarray) -> "TrafficView":
-        """Some of the judged agents as if nobody else were in the scene."""
+        """Select evaluated agents, and remove all other agents from the scene."""
         return TrafficView(
             scenario=self.scenario,
             agents=self.agents.taken(rows),
-            kept=self.kept.taken(np.zeros(0, int)),
+            context=self.context.taken(np.zeros(0, int)),
             logged=self.logged.taken(rows),
         )
 
@@ -161,9 +161,9 @@ class TrafficView:
 def recorded_traffic(
     scenario: Scenario, agent_ids: Iterable[str] | None = None
 ) -> TrafficView:
-    """The scenario's own agents from the state on.
+    """View of a scenario's own trajectories.
 
-    Judged are those asked for, else every road user present at the state.
+    ``agent_ids`` are evaluated; None means all road users at the current step.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -175,15 +175,15 @@ def recorded_traffic(
     return TrafficView(
         scenario=scenario,
         agents=states,
-        kept=_states(scenario, np.setdiff1d(present, wanted), num_steps),
+        context=_states(scenario, np.setdiff1d(present, wanted), num_steps),
         logged=states,
     )
 
 
 def generated_traffic(scenario: Scenario, sample: SampledTraffic) -> TrafficView:
-    """The agents of a sample among the scenario's others.
+    """View of a sample's trajectories among the scenario's other agents.
 
-    A scenario without a future keeps its other agents at the state only.
+    In a scenario without a future, other agents exist at the current step only.
     """
     num_agents, num_steps = sample.heading_rad.shape
     row_of = scenario.agents.row_of
@@ -199,13 +199,13 @@ def generated_traffic(scenario: Scenario, sample: SampledTraffic) -> TrafficView
             velocity_mps=sample.velocity_mps,
             is_valid=np.ones((num_agents, num_steps), bool),
         ),
-        kept=_states(scenario, np.setdiff1d(_road_users(scenario), rows), num_steps),
+        context=_states(scenario, np.setdiff1d(_road_users(scenario), rows), num_steps),
         logged=_logged(scenario, sample, rows, num_steps),
     )
 
 
 def _road_users(scenario: Scenario) -> Int[np.ndarray, "A"]:
-    """Rows of the road users that exist at the state."""
+    """Rows of the road users that exist at the current step."""
     agents = scenario.agents
     present = agents.is_valid[:, scenario.current_step]
     return np.flatnonzero(present & agents.kind_mask(ROAD_USER_KINDS))
@@ -214,7 +214,7 @@ def _road_users(scenario: Scenario) -> Int[np.ndarray, "A"]:
 def _states(
     scenario: Scenario, rows: Int[np.ndarray, "A"], num_steps: int
 ) -> AgentStates:
-    """Rows of a scenario from the state on, cut or padded to a number of steps."""
+    """Agents from the current step on, cut or padded to a number of steps."""
     agents, step = scenario.agents, scenario.current_step
 
     def window(values: np.ndarray) -> np.ndarray:
@@ -239,7 +239,7 @@ def _logged(
     rows: Int[np.ndarray, "G"],
     num_steps: int,
 ) -> AgentStates:
-    """The recording of a sample's agents; nothing for those that are new."""
+    """Recorded trajectories of a sample's agents; not valid for new agents."""
     num_agents = len(rows)
     is_known = rows >= 0
     known = _states(scenario, rows[is_known], num_steps)

@@ -1,4 +1,4 @@
-"""Values of a metric, with what says where they mean something."""
+"""Values of a metric with a validity mask."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from pd_editor.metrics.metric_table import METRICS
 class MetricValues:
     """Values per agent [A], per agent and step [A S], or several per agent [A N].
 
-    Where ``is_valid`` is false the metric says nothing and the value is 0.
+    Where ``is_valid`` is false the metric is undefined and the value is 0.
     """
 
     name: str
@@ -36,11 +36,11 @@ class MetricValues:
         return len(self.value)
 
     def valid(self) -> Float[np.ndarray, "N"]:
-        """The values that mean something, one after the other."""
+        """Valid values, flattened."""
         return self.value[self.is_valid]
 
     def taken(self, rows: np.ndarray) -> "MetricValues":
-        """Only the agents at ``rows``: indices, or one truth value per agent."""
+        """Select agents by indices or a mask."""
         return MetricValues(
             name=self.name, value=self.value[rows], is_valid=self.is_valid[rows]
         )
@@ -51,7 +51,7 @@ def measured(
     value: Float[np.ndarray, "*shape"] | Bool[np.ndarray, "*shape"],
     is_valid: Bool[np.ndarray, "*shape"],
 ) -> MetricValues:
-    """Values of a metric; what is not valid may hold anything."""
+    """Values of a metric; the input may hold anything where it is not valid."""
     return MetricValues(
         name=name,
         value=np.where(is_valid, np.asarray(value, float), 0.0),
@@ -73,10 +73,10 @@ def mean_over_steps(
 def any_step(
     name: str, value: Bool[np.ndarray, "A S"], is_valid: Bool[np.ndarray, "A S"]
 ) -> MetricValues:
-    """Whether something is so for an agent at any valid step."""
+    """Whether a condition holds for each agent at any valid step."""
     return measured(name, np.any(value & is_valid, axis=1), np.any(is_valid, axis=1))
 
 
 def pooled(values: Iterable[MetricValues]) -> Float[np.ndarray, "N"]:
-    """The valid values of several scenes, one after the other."""
+    """Valid values of several scenes, concatenated."""
     return np.concatenate([np.zeros(0), *(one.valid() for one in values)])

@@ -1,1 +1,1 @@
-"""Where an agent could drive."""
+"""Lane graph, routes, and Frenet candidates of trajectories."""

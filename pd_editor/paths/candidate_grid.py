@@ -1,4 +1,4 @@
-"""The grid of candidates: which paths to drive, and which speeds to try on each."""
+"""Grid of candidates: paths, and target speeds on each path."""
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -23,19 +23,19 @@ from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
 MAX_SPEED_MPS: Final = 30.0
-"""No candidate speeds up beyond this."""
+"""Highest target speed of candidates that accelerate."""
 MAX_LATERAL_OFFSET_M: Final = 1.25
-"""Candidates of an agent on its lane end at most so far from the centre line."""
+"""Largest final offset from the centre line of an agent on its lane."""
 LATERAL_SHIFT_M: Final = 1.0
 ARC_CURVATURES_1PM: Final = (0.03, -0.03, 0.1, -0.1)
 _LEAST_SHIFT_M: Final = 0.3
 _MOVES_MPS: Final = 0.5
-"""Slower velocities are too noisy to tell a direction."""
+"""Slower velocities are too noisy to define a direction."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedPlan:
-    """A target speed relative to the own one, and how briskly it is neared."""
+    """Target speed relative to the current speed, with acceleration and braking."""
 
     factor: float
     extra_mps: float = 0.0
@@ -55,10 +55,11 @@ SPEED_PLANS: Final = (
     SpeedPlan(factor=1.0, extra_mps=5.0, acceleration_mps2=1.6),
     SpeedPlan(factor=1.0, acceleration_mps2=1.8),
 )
-"""The first keeps the speed, the second stops as soon as it can.
+"""Plan 0 keeps the speed, plan 1 stops as soon as possible, the last one follows the
+agent ahead.
 
-The last one follows the agent ahead. The others were picked one by one, on training scenarios, for the smallest mean
-distance from the best candidate to the logged future.
+The others were chosen greedily on training scenarios, for the smallest mean distance
+from the best candidate to the logged trajectory.
 """
 
 FOLLOWING: Final = len(SPEED_PLANS) - 1
@@ -66,7 +67,7 @@ FOLLOWING: Final = len(SPEED_PLANS) - 1
 
 
 class Role(IntEnum):
-    """What a path is for."""
+    """Role of a path among the candidates of an agent."""
 
     MAIN = 0
     """The most natural route, keeping the lateral offset."""
@@ -79,9 +80,9 @@ class Role(IntEnum):
     STRAIGHT = 4
     """Straight on, without a lane."""
     OFF_LANE = 5
-    """Straight on, of a driver who is off the lanes."""
+    """Straight on, of a driver off the lanes."""
     ARC = 6
-    """A turn of such a driver."""
+    """Arc of a driver off the lanes."""
 
 
 _NEVER: Final = 99
@@ -96,12 +97,12 @@ _TURN: Final = np.array(
         [2, 99, 6, 7, 99, 5, 99, 99, 99, 99],
     ]
 )
-"""When each plan on a path of each role gets its turn."""
+"""Priority [role, plan] of each speed plan on paths of each role; 99 means never."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Start:
-    """The asked agents at the current step."""
+    """Current states of the agents that candidates are computed for."""
 
     kinds: tuple[AgentKind, ...]
     position_m: Float[np.ndarray, "A 2"]
@@ -112,7 +113,7 @@ class Start:
 
     @classmethod
     def of(cls, scenario: Scenario, rows: np.ndarray) -> "Start":
-        """The agents at ``rows``."""
+        """Current states of the agents at ``rows``."""
         agents, step = scenario.agents, scenario.current_step
         velocity = agents.velocity_mps[rows, step]
         return cls(
@@ -127,7 +128,7 @@ class Start:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlannedPaths:
-    """P paths with what they are for."""
+    """P paths with their roles."""
 
     paths: DrivingPaths
     agent: Int[np.ndarray, "P"]
@@ -139,7 +140,7 @@ class PlannedPaths:
 
 
 def plan_paths(road_map: RoadMap, start: Start, duration_s: float) -> PlannedPaths:
-    """Paths along routes and, for those who have none, without."""
+    """Paths along routes; agents without a route get free paths."""
     gained = MAX_ACCELERATION_MPS2 * duration_s**2 / 2
     longest = MAX_SPEED_MPS * duration_s
     needed = np.minimum(start.speed_mps * duration_s + gained, longest)
@@ -210,8 +211,8 @@ def _free_grid(
 ) -> tuple[Int[np.ndarray, "P"], Int[np.ndarray, "P"], Float[np.ndarray, "P"]]:
     """Agent, role and curvature of each path without a route.
 
-    Agents that follow no lane get a straight one, drivers among them arcs as well,
-    and so do drivers that roll backwards.
+    Agents that follow no lane get a straight path. Drivers among them, and drivers
+    that roll backwards, get arcs as well.
     """
     count = len(start.kinds)
     forward = (start.velocity_mps * unit_vector(start.heading_rad)).sum(-1)
@@ -234,7 +235,7 @@ def _free_grid(
 def leaders(
     scenario: Scenario, rows: Int[np.ndarray, "A"], plans: PlannedPaths
 ) -> BoxesAhead:
-    """The agent ahead on each path that may be followed; drivers are paths."""
+    """Leader on each path with a following plan; driver indices are path indices."""
     agents, step = scenario.agents, scenario.current_step
     position, velocity = agents.position_m[:, step], agents.velocity_mps[:, step]
     heading = agents.heading_rad[:, step]
@@ -259,7 +260,7 @@ def turns(
     most: int,
     has_leader: Bool[np.ndarray, "P"],
 ) -> tuple[Int[np.ndarray, "K"], Int[np.ndarray, "K"]]:
-    """Path and speed plan of each candidate to try, by agent and then by turn."""
+    """Path and speed plan of each candidate, sorted by agent, then by priority."""
     order = _TURN[plans.role]
     wanted = (order < _NEVER) & exists[plans.agent, None]
     wanted[:, FOLLOWING] &= has_leader
@@ -274,7 +275,7 @@ def turns(
 def targets(
     speed_mps: Float[np.ndarray, "K"], plan: Int[np.ndarray, "K"]
 ) -> Float[np.ndarray, "K"]:
-    """Target speeds of plans for agents at a speed."""
+    """Target speeds of plans, given current speeds."""
     factor = np.array([plan.factor for plan in SPEED_PLANS])[plan]
     extra = np.array([plan.extra_mps for plan in SPEED_PLANS])[plan]
     fastest = np.maximum(speed_mps, MAX_SPEED_MPS)

@@ -1,4 +1,4 @@
-"""Candidates in words: where each leads and how fast, so that two never read alike."""
+"""Unique descriptions of candidates: route and speed."""
 
 from collections import Counter
 from typing import Final
@@ -16,13 +16,13 @@ U_TURN_RAD: Final = np.radians(150.0)
 STANDS_MPS: Final = 0.3
 SAME_SPEED_MPS: Final = 0.4
 SHIFT_M: Final = 0.2
-"""A smaller change of the offset from the lane is not worth a word."""
+"""Smaller changes of the offset from the lane are not mentioned."""
 
 
 def candidate_texts(found: CandidateSet, road_map: RoadMap) -> tuple[str, ...]:
-    """A text for each valid candidate of the first agent.
+    """Describe each valid candidate of the first agent.
 
-    Texts that would be alike say how far the candidate leads, too.
+    Texts that would be equal also name the length of the candidate.
     """
     valid = np.flatnonzero(found.is_valid[0])
     texts = [
@@ -45,7 +45,7 @@ def candidate_texts(found: CandidateSet, road_map: RoadMap) -> tuple[str, ...]:
 
 
 def _route(found: CandidateSet, index: int, road_map: RoadMap) -> str:
-    """Where a candidate leads."""
+    """Describe the route of a candidate."""
     heading = found.heading_rad[0, index]
     turn = float(wrap_angle(np.diff(heading)).sum())
     shift = float(found.lateral_shift_m[0, index])
@@ -66,7 +66,7 @@ def _route(found: CandidateSet, index: int, road_map: RoadMap) -> str:
 
 
 def _turns_at_junction(found: CandidateSet, index: int, road_map: RoadMap) -> bool:
-    """Whether one of the lanes that a candidate is driven along is in a junction."""
+    """Whether a candidate drives along a lane in a junction."""
     position = found.position_m[0, index]
     for lane_id in found.lane_ids[0][_slot(found, index)]:
         lane = road_map.lane_of.get(lane_id)
@@ -81,12 +81,12 @@ _ON_LANE_M: Final = 2.5
 
 
 def _slot(found: CandidateSet, index: int) -> int:
-    """Place of a candidate among the valid ones, which ``lane_ids`` holds."""
+    """Index of a candidate into ``lane_ids``, which holds the valid ones only."""
     return int(found.is_valid[0, :index].sum())
 
 
 def _speed(found: CandidateSet, index: int) -> str:
-    """How fast a candidate is."""
+    """Describe the speed of a candidate."""
     speed: Float[np.ndarray, "H"] = np.hypot(*found.velocity_mps[0, index].T)
     start, end = float(speed[0]), float(speed[-1])
     if found.is_standstill[0, index]:

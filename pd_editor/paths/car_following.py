@@ -1,4 +1,4 @@
-"""Keeping a gap: which agent is ahead on a path, and the Intelligent Driver Model.
+"""Car following: leaders on a path, and the Intelligent Driver Model (IDM).
 
 Treiber, Hennecke, Helbing: Congested traffic states in empirical observations and
 microscopic simulations (2000).
@@ -19,13 +19,13 @@ HEADWAY_S: Final = 1.4
 STANDSTILL_GAP_M: Final = 2.0
 LOOKAHEAD_M: Final = 60.0
 SIDE_CLEARANCE_M: Final = 0.15
-"""Least gap to the side at which one drives past another."""
+"""Least lateral gap at which an agent passes another one."""
 _LEAST_GAP_M: Final = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boxes:
-    """All A agents at one moment."""
+    """Boxes of all A agents at one step."""
 
     position_m: Float[np.ndarray, "A 2"]
     heading_rad: Float[np.ndarray, "A"]
@@ -39,7 +39,7 @@ def following_acceleration(
     gap_m: Float[np.ndarray, "..."],
     leader_mps: Float[np.ndarray, "..."],
 ) -> Float[np.ndarray, "..."]:
-    """Acceleration that keeps a gap (IDM); an infinite one allows the full one."""
+    """IDM acceleration for a gap; an infinite gap allows the full acceleration."""
     closing = speed_mps * (speed_mps - leader_mps)
     closing = closing / (2 * np.sqrt(ACCELERATION_MPS2 * COMFORTABLE_BRAKING_MPS2))
     wanted = STANDSTILL_GAP_M + np.maximum(speed_mps * HEADWAY_S + closing, 0.0)
@@ -54,7 +54,7 @@ def leaders_acceleration(
     rows: Int[np.ndarray, "D"],
     boxes: Boxes,
 ) -> Float[np.ndarray, "D"]:
-    """Acceleration that every driver can afford behind all boxes on its path."""
+    """IDM acceleration of each driver, the least over all boxes on its path."""
     ahead = boxes_ahead(paths, np.arange(len(rows)), place_m, rows, boxes)
     affordable = np.full(len(rows), ACCELERATION_MPS2)
     allowed = following_acceleration(
@@ -69,14 +69,14 @@ class BoxesAhead:
     """N pairs of a driver and a box on its path, sorted by driver."""
 
     driver: Int[np.ndarray, "N"]
-    """Index into the drivers asked about."""
+    """Index of the driver."""
     gap_m: Float[np.ndarray, "N"]
-    """Free length of path between both."""
+    """Free length of path between both boxes."""
     speed_mps: Float[np.ndarray, "N"]
-    """Of the box along the path."""
+    """Speed of the box along the path."""
 
     def nearest(self) -> "BoxesAhead":
-        """The first box on the path of each driver that has one."""
+        """Keep only the nearest box of each driver."""
         order = np.lexsort((self.gap_m, self.driver))
         first = order[np.diff(self.driver[order], prepend=-1) != 0]
         return BoxesAhead(
@@ -93,15 +93,15 @@ def boxes_ahead(
     rows: Int[np.ndarray, "D"],
     boxes: Boxes,
 ) -> BoxesAhead:
-    """The boxes on the paths of drivers, within ``LOOKAHEAD_M``.
+    """Find the boxes on the paths of drivers, within ``LOOKAHEAD_M``.
 
-    A box is on the path where it and the driver's box, moved along, would touch.
+    A box is on the path if the driver's box, moved along the path, would touch it.
 
     Args:
-        paths: of which ``path`` picks one for each driver.
-        path: index into the paths.
-        place_m: where on its path each driver is.
-        rows: of the drivers among the boxes.
+        paths: all paths.
+        path: index of each driver's path.
+        place_m: arc length of each driver on its path.
+        rows: rows of the drivers among the boxes.
         boxes: all agents.
     """
     num_points = paths.heading_rad.shape[1]

@@ -1,4 +1,4 @@
-"""Paths that agents could drive, smooth from their pose, sampled alike."""
+"""Drivable paths that start smoothly at an agent's pose, equally spaced."""
 
 from dataclasses import dataclass, fields
 from typing import Final
@@ -14,9 +14,9 @@ from pd_editor.paths.route_choice import RouteChoice
 SPACING_M: Final = 2.0
 """Distance between points of a path, along its route."""
 LATERAL_ACCELERATION_MPS2: Final = 3.5
-"""Lateral acceleration that speed limits in curves allow."""
+"""Lateral acceleration at the speed limit of a curve."""
 CURVE_BRAKING_MPS2: Final = 2.0
-"""Deceleration with which curves ahead are prepared for."""
+"""Deceleration ahead of curves."""
 _LEAST_LIMIT_MPS: Final = 1.5
 _GAP_FADES_M: Final = 10.0
 _LEAST_POINTS: Final = 8
@@ -33,12 +33,12 @@ class DrivingPaths:
     x_m: Float[np.ndarray, "P M"]
     y_m: Float[np.ndarray, "P M"]
     heading_rad: Float[np.ndarray, "P M"]
-    """Agent's heading at each point, without jumps of a whole turn."""
+    """Unwrapped heading of the agent at each point."""
     speed_limit_mps: Float[np.ndarray, "P M"]
-    """Speed that the curves allow here, and ahead with comfortable braking."""
+    """Speed limit from the curve here and, with comfortable braking, from those ahead."""
 
     def taken(self, path: Int[np.ndarray, "K"]) -> "DrivingPaths":
-        """Only some paths, in the order asked for."""
+        """Select paths, in that order."""
         return DrivingPaths(
             **{
                 field.name: getattr(self, field.name)[path]
@@ -78,7 +78,7 @@ class DrivingPaths:
     def _cell(
         self, path: Int[np.ndarray, "K"], distance_m: Float[np.ndarray, "K H"]
     ) -> tuple[Int[np.ndarray, "K H"], Float[np.ndarray, "K H"]]:
-        """Flat index of the point before, and the part of the way to the next."""
+        """Flat index of the previous point, and the fraction of the way to the next."""
         num_points = self.heading_rad.shape[1]
         fraction = distance_m * (1 / SPACING_M)
         cell = fraction.astype(np.int64)
@@ -103,7 +103,7 @@ def _between(
 
 
 def num_path_points(length_m: float) -> int:
-    """Points of a path of a length."""
+    """Number of points of a path of a given length."""
     return max(int(np.ceil(length_m / SPACING_M)) + 2, _LEAST_POINTS)
 
 
@@ -112,7 +112,7 @@ def velocity_of(
     first_mps: Float[np.ndarray, "K 2"],
     step_s: float,
 ) -> Float[np.ndarray, "K H 2"]:
-    """Velocities by central differences, but for the first one, which is given."""
+    """Velocities by central differences; the first one is given."""
     velocity = np.empty_like(position_m)
     if position_m.shape[1] > 1:
         np.subtract(position_m[:, 2:], position_m[:, :-2], out=velocity[:, 1:-1])
@@ -133,9 +133,9 @@ def paths_along_routes(
 ) -> DrivingPaths:
     """Paths from agents' poses to lateral offsets from routes.
 
-    ``route`` picks from the choice. The lateral offset is the quintic of the Path
-    Diffuser paper's Frenet candidates, here in arc length, so that an agent that
-    stands does not slide sideways; it also takes up the agent's heading.
+    ``route`` holds indices into the choice. The lateral offset is the quintic of the
+    Path Diffuser paper's Frenet candidates, here as a function of arc length, so that
+    a stationary agent does not slide sideways. It starts with the agent's heading.
     """
     agent = choice.agent[route]
     line = _route_points(choice, route, num_points)
@@ -144,7 +144,7 @@ def paths_along_routes(
     x = line[:, 1:-1, 0] + offset * normal[..., 0]
     y = line[:, 1:-1, 1] + offset * normal[..., 1]
     agent = choice.agent[route]
-    # The foot on the sampled line differs a little from the foot on the lane.
+    # The foot point on the resampled line differs slightly from that on the lane.
     gap = position_m[agent] - np.stack([x[:, 0], y[:, 0]], axis=-1)
     fade = np.maximum(1 - np.arange(num_points) * (SPACING_M / _GAP_FADES_M), 0.0)
     fade = fade**2 * (3 - 2 * fade)
@@ -161,7 +161,7 @@ def _lateral_profile(
     final_offset_m: Float[np.ndarray, "P"],
     num_points: int,
 ) -> Float[np.ndarray, "P M"]:
-    """Lateral offset: a quintic for the shift, another one for the start's slope."""
+    """Lateral offset: one quintic for the shift, another one for the initial slope."""
     parameter = np.arange(num_points) * SPACING_M
     speed = speed_mps[choice.agent[route]]
     start = choice.offset_m[route]
@@ -238,7 +238,7 @@ def free_paths(
 
 
 def joined_paths(first: DrivingPaths, second: DrivingPaths) -> DrivingPaths:
-    """These paths, then the others."""
+    """Concatenate two sets of paths."""
     return DrivingPaths(
         **{
             field.name: np.concatenate(
@@ -255,7 +255,7 @@ def _with_limits(
     heading_rad: Float[np.ndarray, "P"],
     direction_rad: Float[np.ndarray, "P"],
 ) -> DrivingPaths:
-    """Headings and speed limits of paths whose agents face and start as given."""
+    """Add headings and speed limits to paths with given initial headings."""
     x_m, y_m = _evenly_spaced(x_m, y_m)
     dx, dy = np.diff(x_m, axis=1), np.diff(y_m, axis=1)
     before_x = np.concatenate([np.cos(direction_rad)[:, None], dx[:, :-1]], axis=1)
@@ -277,7 +277,7 @@ def _with_limits(
 def _evenly_spaced(
     x_m: Float[np.ndarray, "P M"], y_m: Float[np.ndarray, "P M"]
 ) -> tuple[Float[np.ndarray, "P M"], Float[np.ndarray, "P M"]]:
-    """As many points of the same lines, ``SPACING_M`` of arc length apart."""
+    """Resample lines to ``SPACING_M`` of arc length; the number of points stays."""
     if not len(x_m):
         return x_m, y_m
     dx, dy = np.diff(x_m, axis=1), np.diff(y_m, axis=1)
@@ -287,10 +287,10 @@ def _evenly_spaced(
     grid = np.arange(x_m.shape[1]) * SPACING_M
     asked = np.minimum(grid, along[:, -1:])
     excess = (grid - asked) / length[:, -1:]
-    # All lines in one go: each gets a stretch of the number line of its own.
-    stretch = (np.arange(len(x_m)) * (along[:, -1].max() + 1.0))[:, None]
-    asked += stretch
-    along += stretch
+    # One interpolation for all lines: each gets a separate interval of arc length.
+    shift = (np.arange(len(x_m)) * (along[:, -1].max() + 1.0))[:, None]
+    asked += shift
+    along += shift
     asked, along = asked.ravel(), along.ravel()
     x = np.interp(asked, along, x_m.ravel()).reshape(x_m.shape)
     y = np.interp(asked, along, y_m.ravel()).reshape(y_m.shape)
@@ -302,13 +302,13 @@ def _evenly_spaced(
 def _speed_limits(
     heading_rad: Float[np.ndarray, "P M"],
 ) -> Float[np.ndarray, "P M"]:
-    # Over two points to each side, so that kinks where lanes join do not count.
+    # Over two points to each side, so that kinks between lanes have no effect.
     bend = np.abs(heading_rad[:, 4:] - heading_rad[:, :-4])
     np.maximum(bend, 1e-6, out=bend)
     squared = np.empty_like(heading_rad)
     squared[:, 2:-2] = (4 * SPACING_M * LATERAL_ACCELERATION_MPS2) / bend
     squared[:, :2], squared[:, -2:] = squared[:, 2:3], squared[:, -3:-2]
-    # Nobody speeds up before the end of a curve.
+    # Agents do not accelerate before the end of a curve.
     squared[:, 1:] = np.minimum(squared[:, 1:], squared[:, :-1])
     np.maximum(squared, _LEAST_LIMIT_MPS**2, out=squared)
     gained = 2 * CURVE_BRAKING_MPS2 * SPACING_M * np.arange(heading_rad.shape[1])

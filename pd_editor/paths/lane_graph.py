@@ -18,9 +18,9 @@ _REPEAT_M: Final = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneGraph:
-    """The L lanes of a map that have a direction; rows count only these.
+    """The L usable lanes of a map; rows are indices into these.
 
-    A lane of one point, or with numbers that are not finite, has none.
+    Lanes of one point, or with coordinates that are not finite, are left out.
     """
 
     lane_ids: tuple[int, ...]
@@ -30,7 +30,7 @@ class LaneGraph:
     successors: tuple[tuple[int, ...], ...]
     """Rows of the lanes that follow within ``MAX_GAP_M``, straightest first."""
     neighbors: tuple[tuple[int, ...], ...]
-    """Rows of the lanes beside each lane, left one first; direction not checked."""
+    """Rows of the neighbouring lanes, left one first, in either driving direction."""
 
     @cached_property
     def row_of(self) -> dict[int, int]:
@@ -72,14 +72,14 @@ class LaneGraph:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneSegments:
-    """S straight pieces of centre lines, lane after lane."""
+    """S straight segments of centre lines, lane after lane."""
 
     start_m: Float[np.ndarray, "S 2"]
     end_m: Float[np.ndarray, "S 2"]
     lane: Int[np.ndarray, "S"]
     """Row of the lane in the graph."""
     along_m: Float[np.ndarray, "S"]
-    """Arc length of the lane where the segment starts."""
+    """Arc length along the lane at which the segment starts."""
 
     @cached_property
     def length_m(self) -> Float[np.ndarray, "S"]:
@@ -100,7 +100,7 @@ class LaneSegments:
     def circles_m(
         self,
     ) -> tuple[Float[np.ndarray, "S"], Float[np.ndarray, "S"], Float[np.ndarray, "S"]]:
-        """Circles around the segments, a bit too large: x, y of the middle, radius."""
+        """Slightly enlarged circles around the segments: x, y of the centre, radius."""
         x, y = (self.start_m + self.end_m).T / 2
         return x.copy(), y.copy(), self.length_m / 2 + 1e-6
 
@@ -152,7 +152,7 @@ def _build(road_map: RoadMap) -> LaneGraph:
 
 
 def _usable(all_lanes: tuple[Lane, ...]) -> tuple[list[Lane], list[np.ndarray]]:
-    """Lanes that have a direction, and their centre lines without repeats."""
+    """Usable lanes, and their centre lines without repeated points."""
     lanes = [lane for lane in all_lanes if len(lane.centerline) >= 2]
     if not lanes:
         return [], []

@@ -14,24 +14,24 @@ from pd_editor.paths.lane_graph import LaneGraph, lane_graph
 from pd_editor.scene.road_map import LaneKind, RoadMap
 
 MAX_ROUTES_PER_LANE: Final = 12
-"""Routes kept per start lane; past that many, branches go straight on only."""
+"""Limit of routes per start lane; beyond it, only the straightest branch is followed."""
 SAMPLE_SPACING_M: Final = 1.0
 """Spacing of a route's samples."""
 SAMPLED_BEHIND_M: Final = 10.0
-"""How far a route goes back, straight, from the start of its first lane."""
+"""Length by which a route is extended backwards, straight, from its first lane."""
 _TANGENT_M: Final = 3.0
-"""Length of the last bit of a line that gives its direction."""
+"""Length of the end of a line that defines its final direction."""
 _LENGTH_STEP_M: Final = 50.0
-"""Asked lengths are rounded up to multiples of this, so that routes are reused."""
+"""Requested lengths are rounded up to multiples of this, so that routes are reused."""
 _MAX_LANES: Final = 64
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Route:
-    """A way to drive: lanes one after the other, as one line.
+    """A chain of lanes as one line.
 
     Arc length counts from the start of the first lane. Before that, and beyond
-    ``extends_m``, the route goes straight on.
+    ``extends_m``, the route is extended straight.
     """
 
     lane_ids: tuple[int, ...]
@@ -52,7 +52,7 @@ class Route:
     def samples_m(self) -> Float[np.ndarray, "M 2"]:
         """Points every ``SAMPLE_SPACING_M`` from ``-SAMPLED_BEHIND_M`` on.
 
-        They end a bit past the lanes; the line through the last two goes on.
+        The last points are past the lanes; the line through them continues the route.
         """
         points, along = self.points_m, arc_length(self.points_m)
         first = _direction(points[0], points, along, _TANGENT_M)
@@ -66,7 +66,7 @@ class Route:
         return np.stack([np.interp(grid, at, line[:, axis]) for axis in (0, 1)], -1)
 
     def num_lanes_within(self, distance_m: float) -> int:
-        """How many lanes begin before an arc length."""
+        """Number of lanes that begin before an arc length."""
         for count, end in enumerate(self.lane_ends_m, start=1):
             if end >= distance_m:
                 return count
@@ -84,7 +84,7 @@ def _direction(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneRoutes:
-    """All routes of a map, found when first asked for."""
+    """Routes of a map, computed on demand and cached."""
 
     graph: LaneGraph
     _found: dict[tuple[int, float, tuple[LaneKind, ...]], tuple[Route, ...]] = field(
@@ -107,7 +107,7 @@ class LaneRoutes:
     def _search(
         self, start: int, length_m: float, kinds: tuple[LaneKind, ...]
     ) -> tuple[Route, ...]:
-        """Grow the shortest chain first, so that branches near the start all count."""
+        """Extend the shortest chain first, so that all branches near the start are found."""
         graph, allowed = self.graph, self.graph.allowed(kinds)
         lengths = graph.lengths_m
         growing: list[tuple[float, tuple[int, ...], tuple[int, ...]]] = [
@@ -157,7 +157,7 @@ _routes: WeakKeyDictionary[RoadMap, LaneRoutes] = WeakKeyDictionary()
 
 
 def lane_routes(road_map: RoadMap) -> LaneRoutes:
-    """The routes of a map, kept as long as the map value lives."""
+    """Routes of a map, cached as long as the map value lives."""
     routes = _routes.get(road_map)
     if routes is None:
         routes = _routes[road_map] = LaneRoutes(graph=lane_graph(road_map))

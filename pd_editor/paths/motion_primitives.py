@@ -1,8 +1,8 @@
-"""Frenet candidates: where each agent could be over the next seconds.
+"""Frenet candidates: possible trajectories of each agent over the next seconds.
 
 After Path Diffuser (Lee et al., section III-D): reference lanes, a grid of speeds and
-of lateral offsets. Here speeds are relative to the agent's own, curves slow it down,
-own speed and standstill are always among the candidates, and no two are alike.
+of lateral offsets. Here target speeds are relative to the current speed, curves limit
+them, constant speed and standstill are always included, and duplicates are removed.
 """
 
 from dataclasses import dataclass
@@ -28,16 +28,16 @@ from pd_editor.paths.speed_profiles import drive
 from pd_editor.scene.scenario import Scenario
 
 SAME_M: Final = 0.3
-"""Candidates that are so close half way and at the end count as one."""
+"""Candidates closer than this half way and at the end are duplicates."""
 _FAR_M: Final = 1e9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CandidateSet:
-    """C candidates of each of A agents at H points, the first being the current state.
+    """C candidates of each of A agents at H steps, the first one the current step.
 
-    Candidates are sorted, the most natural first; other fields are 0 where
-    ``is_valid`` is false.
+    Candidates are sorted, the most natural first; fields are 0 where ``is_valid`` is
+    false.
     """
 
     position_m: Float[np.ndarray, "A C H 2"]
@@ -48,14 +48,14 @@ class CandidateSet:
     """Lanes of the route of each valid candidate, per agent; none off the lanes."""
     target_speed_mps: Float[np.ndarray, "A C"]
     lateral_shift_m: Float[np.ndarray, "A C"]
-    """Final minus initial offset from the route, to the left."""
+    """Final minus initial offset from the route; positive to the left."""
     beyond_lanes_m: Float[np.ndarray, "A C"]
-    """How far it drives straight on where the map's lanes have ended."""
+    """Length driven straight on beyond the end of the map's lanes."""
     is_standstill: Bool[np.ndarray, "A C"]
-    """Whether it stays standing, or brakes to a standstill."""
+    """Whether the agent stays stationary, or brakes to a standstill."""
     is_lane_change: Bool[np.ndarray, "A C"]
     has_lane: Bool[np.ndarray, "A"]
-    """False for agents that follow no lane: too far from any, or of such a kind."""
+    """False for agents that follow no lane: too far from lanes, or of another kind."""
 
 
 def candidates(
@@ -63,8 +63,8 @@ def candidates(
 ) -> CandidateSet:
     """Candidates of the agents at ``rows``, each from its state at the current step.
 
-    They depend on the map and on an agent's own state only: none follows the agent
-    ahead. One that does not exist at that step has none.
+    They depend on the map and the agent's own state only: none follows the agent
+    ahead. Agents that do not exist at that step have none.
     """
     axis = scenario.time_axis
     chosen = _Chosen.of(
@@ -91,12 +91,12 @@ def candidate_positions(
     Int[np.ndarray, "N"],
     Int[np.ndarray, "N"],
 ]:
-    """Only where the valid ``candidates`` lead, over a time of choice.
+    """Positions of the valid ``candidates`` over a given number of steps.
 
-    The agent of each, as index into ``rows``, and its place among the agent's follow.
-    The scenario's own time axis does not matter. With ``knows_leaders`` one more is
-    tried on each route, and off the lanes straight on: it follows the agent that is
-    ahead there now and keeps its speed.
+    Also returns each candidate's agent, as index into ``rows``, and its slot among the
+    agent's candidates. The scenario's time axis is not used. With ``knows_leaders``,
+    each route, and the straight path off the lanes, has one more candidate: it follows
+    the present leader, which keeps its speed.
     """
     chosen = _Chosen.of(
         scenario,
@@ -113,13 +113,13 @@ def candidate_positions(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Chosen:
-    """The N candidates that are kept."""
+    """The N candidates without duplicates."""
 
     start: Start
     plans: PlannedPaths
     path: Int[np.ndarray, "N"]
     slot: Int[np.ndarray, "N"]
-    """Place among the agent's candidates."""
+    """Index among the agent's candidates."""
     stands: Bool[np.ndarray, "N"]
     reached_m: Float[np.ndarray, "N H"]
     target_mps: Float[np.ndarray, "N"]
@@ -152,7 +152,7 @@ class _Chosen:
         if ahead is not None:
             follows = np.flatnonzero(plan == FOLLOWING)
             index = leader[path[follows]]
-            # One that stands starts behind a leader that drives.
+            # A stationary agent starts behind a leader that drives.
             ahead = BoxesAhead(
                 driver=follows,
                 gap_m=ahead.gap_m[index],
@@ -195,10 +195,10 @@ def _distinct(
     stands: Bool[np.ndarray, "K"],
     shape: tuple[int, int],
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Bool[np.ndarray, "N"]]:
-    """Candidates that differ from all kept before them, and their places.
+    """Remove duplicates: indices of kept candidates, their slots, and which stand.
 
-    ``marks_m`` are the points to tell them by. A kept one also stands if one that is
-    like it does.
+    ``marks_m`` are the points that are compared. A kept candidate is a standstill also
+    if one of its duplicates is.
     """
     num_agents, most = shape
     rank = np.arange(len(agent)) - np.searchsorted(agent, agent)

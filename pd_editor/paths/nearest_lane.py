@@ -1,4 +1,4 @@
-"""Which lane points lie on, and where on it."""
+"""Nearest lanes of points."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,20 +12,20 @@ from pd_editor.scene.road_map import LaneKind, RoadMap
 
 DRIVING_LANES: Final = (LaneKind.VEHICLE, LaneKind.BUS)
 WRONG_WAY_M: Final = 5.0
-"""How much further away a lane may be to win over one that runs the other way."""
+"""Extra distance up to which a lane is preferred to one in the opposite direction."""
 _CHUNK: Final = 100_000
-"""Pairs of point and segment looked at in one go; their arrays fit in the cache."""
+"""Pairs of point and segment per chunk; their arrays fit into the cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneMatch:
-    """The lane nearest to each of N points; other fields are 0 where not valid."""
+    """Nearest lane of each of N points; fields are 0 where ``is_valid`` is false."""
 
     lane_id: Int[np.ndarray, "N"]
     distance_m: Float[np.ndarray, "N"]
     """Distance to the centre line."""
     offset_m: Float[np.ndarray, "N"]
-    """The same with the sign of the side: positive to the left of the lane."""
+    """Signed distance: positive to the left of the lane."""
     along_m: Float[np.ndarray, "N"]
     """Arc length from the lane's start to the foot of the point."""
     heading_rad: Float[np.ndarray, "N"]
@@ -41,10 +41,10 @@ def nearest_lanes(
     heading_rad: Float[np.ndarray, "N"] | None = None,
     kinds: tuple[LaneKind, ...] = DRIVING_LANES,
 ) -> LaneMatch:
-    """The nearest centre line for each point.
+    """Match each point with the nearest centre line.
 
-    Given headings, a lane within 90 degrees of the heading is preferred to one that
-    runs the other way unless it is ``WRONG_WAY_M`` further away.
+    Given headings, a lane within 90 degrees of the heading is preferred to one in the
+    opposite direction unless it is ``WRONG_WAY_M`` further away.
     """
     graph = lane_graph(road_map)
     segments, usable = graph.segments, graph.allowed(kinds)[graph.segments.lane]
@@ -72,7 +72,7 @@ def nearest_lanes(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NearbyLanes:
-    """All pairs of a point and a lane near it, sorted by point, then nearest first."""
+    """Pairs of a point and a lane within reach, sorted by point, then by distance."""
 
     point: Int[np.ndarray, "Q"]
     lane: Int[np.ndarray, "Q"]
@@ -96,7 +96,7 @@ def lanes_near(
     reach_m: float,
     usable: Bool[np.ndarray, "N L"],
 ) -> NearbyLanes:
-    """Every usable lane within reach of a point and within 90 degrees of its heading."""
+    """Find all usable lanes within reach of points and 90 degrees of their headings."""
     segments = graph.segments
     point, segment = _pairs_in_reach(segments, points_m, reach_m, usable)
     start, direction = segments.start_m[segment], segments.direction[segment]

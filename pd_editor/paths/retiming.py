@@ -1,4 +1,4 @@
-"""Driving the same curve at other speeds."""
+"""Retiming: moving along the same curve at other speeds."""
 
 from typing import Final
 
@@ -8,9 +8,9 @@ from jaxtyping import Bool, Float
 from pd_editor.geometry.angles import heading_of, unit_vector, wrap_angle
 
 STANDING_SPEED_MPS: Final = 0.5
-"""Below this an agent counts as standing, and its speeds cannot be scaled."""
+"""Slower agents are stationary; their speeds cannot be scaled."""
 STANDING_EXTENT_M: Final = 1.0
-"""A curve that stays this close to its first point is jitter, not a path."""
+"""A curve that stays closer to its first point is tracking noise, not a path."""
 
 Motion = tuple[
     Float[np.ndarray, "G H 2"], Float[np.ndarray, "G H"], Float[np.ndarray, "G H 2"]
@@ -22,14 +22,14 @@ def interpolate_rows(
     known_x: Float[np.ndarray, "G H"],
     known_y: Float[np.ndarray, "G H D"],
 ) -> Float[np.ndarray, "G Q D"]:
-    """Linear interpolation with other knots in every row, clamped to the ends.
+    """Linear interpolation with separate knots in each row, clamped to the ends.
 
-    ``known_x`` must not fall along a row.
+    ``known_x`` must not decrease along a row.
     """
     num_rows, num_known = known_x.shape
     if num_known == 1:
         return np.repeat(known_y, x.shape[1], axis=1)
-    # One search finds the knots of all rows when each row lies beyond the one before.
+    # Rows are shifted to disjoint intervals, so that one search finds all knots.
     low = min(known_x.min(initial=0.0), x.min(initial=0.0))
     high = max(known_x.max(initial=0.0), x.max(initial=0.0))
     shift = (np.arange(num_rows) * (high - low + 1.0))[:, None]
@@ -47,7 +47,7 @@ def interpolate_rows(
 def fill_gaps(
     values: Float[np.ndarray, "G H D"], is_valid: Bool[np.ndarray, "G H"]
 ) -> Float[np.ndarray, "G H D"]:
-    """Values at invalid steps: interpolated in time, held before and after."""
+    """Fill invalid steps: interpolated in time, constant before and after."""
     if is_valid.all():
         return values
     steps = np.arange(is_valid.shape[1])
@@ -65,7 +65,7 @@ def fill_gaps(
 def fill_heading_gaps(
     heading_rad: Float[np.ndarray, "G H"], is_valid: Bool[np.ndarray, "G H"]
 ) -> Float[np.ndarray, "G H"]:
-    """Headings without jumps of a whole turn, filled at invalid steps."""
+    """Unwrapped headings, filled at invalid steps."""
     steps = np.arange(is_valid.shape[1])
     last = np.maximum.accumulate(np.where(is_valid, steps, -1), axis=1)
     last = np.where(last < 0, is_valid.argmax(axis=1)[:, None], last)
@@ -74,7 +74,7 @@ def fill_heading_gaps(
 
 
 def travelled_m(position_m: Float[np.ndarray, "G H 2"]) -> Float[np.ndarray, "G H"]:
-    """Distance along each row of positions from its first one."""
+    """Distance travelled along each row of positions."""
     step = np.diff(position_m, axis=1)
     length = np.hypot(step[..., 0], step[..., 1])
     return np.concatenate(
@@ -90,12 +90,12 @@ def retime(
     step_s: float,
     speed_mps: Float[np.ndarray, "G H"] | None = None,
 ) -> Motion:
-    """Move along each agent's own curve as far as asked: position, heading, velocity.
+    """Position, heading and velocity at given distances along each agent's own curve.
 
     ``distance_m`` counts from the curve's first valid point; beyond its last one the
-    agent goes straight on. Headings are those that the agent had at each place of
-    the curve. Without ``speed_mps`` the speed is the rate of ``distance_m``. Rows
-    are zero where ``is_valid`` is false.
+    agent continues straight. Headings are those of the agent at each point of the
+    curve. Without ``speed_mps`` the speed is the rate of ``distance_m``. Rows are zero
+    where ``is_valid`` is false.
     """
     curve = fill_gaps(position_m, is_valid)
     heading = fill_heading_gaps(heading_rad, is_valid)
@@ -124,11 +124,11 @@ def with_new_speed(
     new_speed_mps: Float[np.ndarray, "G"],
     step_s: float,
 ) -> Motion:
-    """Re-time futures, whose first step is the current one, for other current speeds.
+    """Retime trajectories from the current step on for other current speeds.
 
-    All speeds of an agent are scaled alike, but none above the faster of its new
-    speed and its fastest logged one. An agent that stands now goes on at the new
-    speed, along its curve if it has one, else straight ahead.
+    All speeds of an agent are scaled by the same factor, up to the larger of its new
+    speed and its highest logged speed. A stationary agent continues at the new speed,
+    along its curve if it has one, else straight ahead.
     """
     curve = fill_gaps(position_m, is_valid)
     old_speed = np.hypot(velocity_mps[..., 0], velocity_mps[..., 1]) * is_valid
@@ -168,7 +168,7 @@ def _direction_at_end(
 def _rate(
     values: Float[np.ndarray, "G H D"], step_s: float
 ) -> Float[np.ndarray, "G H D"]:
-    """Change per second along each row; zero if there is one step only."""
+    """Rate of change along each row; zero if there is only one step."""
     if values.shape[1] < 2:
         return np.zeros_like(values)
     return np.gradient(values, step_s, axis=1)
@@ -177,7 +177,7 @@ def _rate(
 def _tangent(
     position_m: Float[np.ndarray, "G H 2"], heading_rad: Float[np.ndarray, "G H"]
 ) -> Float[np.ndarray, "G H 2"]:
-    """Unit vectors of motion; those of the heading where nothing moves."""
+    """Unit vectors of motion; of the heading where the agent does not move."""
     change = _rate(position_m, 1.0)
     norm = np.hypot(change[..., 0], change[..., 1])[..., None]
     moving = norm > 1e-3

@@ -1,4 +1,4 @@
-"""Which routes each agent could take from where it is."""
+"""Possible routes of each agent from its current pose."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -17,16 +17,16 @@ ON_LANE_M: Final = 3.0
 CHANGE_REACH_M: Final = 6.0
 """An agent within this distance of a neighbouring lane can change to it."""
 MAX_TURN_RAD: Final = np.pi / 3
-"""Lanes at a larger angle to the agent are followed only if there is no other."""
+"""Lanes at a larger angle to the agent are followed only without an alternative."""
 METRES_PER_RADIAN: Final = 3.0
-"""What an angle to a lane weighs against a distance when lanes are ranked."""
+"""Weight of an angle to a lane against a distance when lanes are ranked."""
 MAX_ROUTES: Final = 6
 MAX_CHANGES: Final = 2
 _CYCLIST_LANES: Final = (*DRIVING_LANES, LaneKind.BIKE)
 
 
 def lane_kinds_of(kind: AgentKind) -> tuple[LaneKind, ...]:
-    """Lanes that an agent of a kind may follow; none for pedestrians and things."""
+    """Lane kinds that agents of a kind may follow; none for pedestrians and objects."""
     if kind not in LANE_FOLLOWER_KINDS:
         return ()
     return _CYCLIST_LANES if kind is AgentKind.CYCLIST else DRIVING_LANES
@@ -37,14 +37,14 @@ class RouteChoice:
     """Q pairs of an agent and a route, sorted by agent, most natural route first."""
 
     agent: Int[np.ndarray, "Q"]
-    """Index into the agents asked about."""
+    """Index of the agent."""
     routes: tuple[Route, ...]
     along_m: Float[np.ndarray, "Q"]
-    """Where on its route the agent is."""
+    """Arc length of the agent on its route."""
     offset_m: Float[np.ndarray, "Q"]
-    """How far it is to the left of its route."""
+    """Offset of the agent to the left of its route."""
     turn_rad: Float[np.ndarray, "Q"]
-    """Its heading minus the route's."""
+    """Heading of the agent minus that of the route."""
     is_lane_change: Bool[np.ndarray, "Q"]
 
 
@@ -55,7 +55,7 @@ def choose_routes(
     kinds: tuple[AgentKind, ...],
     needed_m: Float[np.ndarray, "A"],
 ) -> RouteChoice:
-    """Routes from the lanes an agent is on, and from their neighbours.
+    """Find routes from the lanes that agents are on, and from their neighbours.
 
     Routes of an agent differ within the ``needed_m`` ahead of it.
     """
@@ -94,7 +94,7 @@ def choose_routes(
 
 @dataclass(frozen=True, kw_only=True)
 class _PairTable:
-    """``NearbyLanes`` as lists, which are quicker to walk one by one."""
+    """``NearbyLanes`` as lists, which are faster to iterate over."""
 
     lane: list[int]
     distance_m: list[float]
@@ -116,7 +116,7 @@ class _PairTable:
 def _starts(
     table: _PairTable, pairs: list[int], graph: LaneGraph
 ) -> tuple[list[int], list[int]]:
-    """Pairs to follow a lane from, and pairs to change lane to, best first."""
+    """Pairs with lanes to follow, and pairs with lanes to change to, best first."""
     on_lane = [pair for pair in pairs if table.distance_m[pair] <= ON_LANE_M]
     good = [
         pair
@@ -147,7 +147,7 @@ def _routes_from(
     needed_m: float,
     kinds: tuple[LaneKind, ...],
 ) -> list[tuple[int, Route]]:
-    """Routes that differ within what is needed, one of each start lane in turn."""
+    """Distinct routes within ``needed_m``, one of each start lane in turn."""
     turns: list[list[tuple[int, Route]]] = []
     seen: set[tuple[int, ...]] = set()
     for pair in pairs:

@@ -1,4 +1,4 @@
-"""Speeds over time along paths, with bounded acceleration, slow in curves."""
+"""Speed profiles along paths with bounded acceleration and speed limits in curves."""
 
 from typing import Final
 
@@ -11,7 +11,7 @@ from pd_editor.paths.driving_paths import SPACING_M, DrivingPaths
 MAX_ACCELERATION_MPS2: Final = 2.5
 MAX_BRAKING_MPS2: Final = 4.0
 RESPONSE_S: Final = 0.8
-"""Time constant with which a speed nears its target."""
+"""Time constant with which a speed approaches its target."""
 
 
 def drive(
@@ -26,11 +26,11 @@ def drive(
     step_s: float,
     leaders: BoxesAhead | None = None,
 ) -> Float[np.ndarray, "K {num_steps}+1"]:
-    """Distance reached on a path at each step, from its start at a speed.
+    """Distance travelled along a path at each step, given an initial speed.
 
-    The speed nears its target with at most the acceleration and braking given, and
-    brakes for curves with at most ``MAX_BRAKING_MPS2``. Those that have a leader, which
-    keeps its speed, also keep a gap to it (IDM); its drivers are indices into K.
+    The speed approaches its target with at most the given acceleration and braking, and
+    brakes for curves with at most ``MAX_BRAKING_MPS2``. Drivers with a leader, which
+    keeps its speed, also keep a gap to it (IDM); ``leaders.driver`` indexes K.
     """
     num_points = paths.heading_rad.shape[1]
     limits = paths.speed_limit_mps.ravel()
@@ -39,7 +39,7 @@ def drive(
     reached = np.zeros((num_steps + 1, len(path)))
     scale, response = 1 / SPACING_M, step_s / RESPONSE_S
     most, least = acceleration_mps2 * step_s, -braking_mps2 * step_s
-    # First row: what the target asks for; second row: what the curves do.
+    # First row: change of speed for the target; second row: for the curves.
     wanted = np.stack([target_mps, target_mps])
     lowest = np.stack([least, np.minimum(least, -MAX_BRAKING_MPS2 * step_s)])
     seen, cell = np.empty((2, len(path))), np.empty((2, len(path)), np.int64)
@@ -78,7 +78,7 @@ def _keep_gap(
     time_s: float,
     step_s: float,
 ) -> None:
-    """Lower the changes of speed of those that follow, as far as their gaps ask."""
+    """Limit the changes of speed of drivers that follow a leader (IDM), in place."""
     index = leaders.driver
     gap = leaders.gap_m + leaders.speed_mps * time_s - place_m[index]
     allowed = following_acceleration(speed_mps[index], gap, leaders.speed_mps)

@@ -1,4 +1,4 @@
-"""The state that the road and the traffic suggest for an agent placed at a point."""
+"""Default state of an agent placed at a point, from the lane and the traffic there."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -25,14 +25,14 @@ SUGGESTED_SPEED_MPS: Final[dict[AgentKind, float]] = {
     AgentKind.CYCLIST: 4.5,
     AgentKind.PEDESTRIAN: 1.4,
 }
-"""Speed of a placed agent where no agent on its lane shows another."""
+"""Speed of a placed agent without moving agents on its lane."""
 LANE_REACH_M: Final = 4.0
 STANDSTILL_GAP_M: Final = 2.0
-"""Kept free to the agent ahead at the end of the future."""
+"""Gap to the agent ahead at the end of the look-ahead."""
 LOOK_AHEAD_S: Final = 6.0
-"""Agents that are reached later than this do not limit the speed."""
+"""Agents ahead that are reached later than this do not limit the speed."""
 MAX_TURN_RAD: Final = np.radians(60.0)
-"""An agent at a larger angle to its lane goes straight ahead instead."""
+"""An agent at a larger angle to its lane drives straight ahead instead."""
 SIDE_GAP_M: Final = 0.3
 
 
@@ -49,7 +49,7 @@ class SuggestedState:
 def suggested_heading(
     road_map: RoadMap, point_m: Float[np.ndarray, "2"], kind: AgentKind
 ) -> float:
-    """Direction of the lane at a point that a kind follows; 0 (east) without one."""
+    """Direction of the lane that a kind follows at a point; 0 (east) without one."""
     match = _lane_at(road_map, point_m, kind)
     return 0.0 if match is None else float(match.heading_rad[0])
 
@@ -60,11 +60,11 @@ def suggested_state(
     kind: AgentKind,
     heading_rad: float | None = None,
 ) -> SuggestedState:
-    """The state that the lane at a point and the agents ahead suggest for a kind.
+    """Suggest a state from the lane at a point and the agents ahead.
 
     Lane followers within reach of a lane take its direction, and the median speed of
-    moving agents on that lane; others look east and take their kind's usual speed. The
-    speed is such that the agent ahead is not reached in the next seconds.
+    moving agents on that lane; others face east with the default speed of their kind.
+    The speed is limited so that the agent ahead is not reached in the next seconds.
     """
     match = _lane_at(scenario.road_map, point_m, kind)
     lane_heading = None if match is None else float(match.heading_rad[0])
@@ -93,7 +93,7 @@ def suggested_state(
 def _lane_at(
     road_map: RoadMap, point_m: Float[np.ndarray, "2"], kind: AgentKind
 ) -> LaneMatch | None:
-    """The lane within reach that a kind follows."""
+    """Nearest lane within reach that a kind follows; None without one."""
     if kind not in LANE_FOLLOWER_KINDS:
         return None
     match = nearest_lanes(road_map, point_m[None], kinds=lane_kinds_of(kind))
@@ -104,7 +104,7 @@ def _lane_at(
 def _along_lane(
     road_map: RoadMap, match: LaneMatch, kind: AgentKind, length_m: float
 ) -> Float[np.ndarray, "M 2"]:
-    """Points of the straightest way on from a point of a lane, 1 m apart."""
+    """Points of the straightest route from a point of a lane, 1 m apart."""
     along = float(match.along_m[0])
     route = lane_routes(road_map).from_lane(
         int(match.lane_id[0]), along + length_m, lane_kinds_of(kind)
@@ -116,7 +116,7 @@ def _along_lane(
 def _speed_to_agent_ahead(
     scenario: Scenario, path_m: Float[np.ndarray, "M 2"], kind: AgentKind
 ) -> float:
-    """The constant speed at which the nearest agent on a path is just not reached."""
+    """Highest constant speed at which the nearest agent on a path is not reached."""
     agents, step = scenario.agents, scenario.current_step
     rows = np.flatnonzero(agents.is_valid[:, step])
     if not len(rows) or len(path_m) < 2:
@@ -126,7 +126,7 @@ def _speed_to_agent_ahead(
         agents.position_m[rows, step][:, None] - path_m[None], axis=-1
     )
     at = gaps.argmin(axis=1)
-    # Those that stand across the path fill it with their length.
+    # Agents that are stationary across the path block it with their length.
     half = agents.size_m[rows] / 2
     is_ahead = (at > 0) & (gaps.min(axis=1) < half[:, 1] + width / 2 + SIDE_GAP_M)
     if not is_ahead.any():

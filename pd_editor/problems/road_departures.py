@@ -39,8 +39,10 @@ def road_departures(
     lane that has no successor leaves the map, not the road: what is there is unknown.
     """
     agents, now = scenario.agents, scenario.current_step
-    judged = agents.is_valid[:, steps] & agents.kind_mask(LANE_FOLLOWER_KINDS)[:, None]
-    row, at = np.nonzero(judged)
+    evaluated = (
+        agents.is_valid[:, steps] & agents.kind_mask(LANE_FOLLOWER_KINDS)[:, None]
+    )
+    row, at = np.nonzero(evaluated)
     outside = is_off_road(scenario, agents.position_m[row, steps[at]])
     row, at = row[outside], at[outside]
     found = []

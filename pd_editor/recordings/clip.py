@@ -1,6 +1,6 @@
-"""Cuts a scenario in Argoverse 2's form out of a recording.
+"""Extracts clips of a recording as scenarios in Argoverse 2's form.
 
-Measured on 35 scenarios of Argoverse 2's train split, and followed here:
+Clips follow statistics of 35 scenarios of Argoverse 2's train split:
 
 - focal, scored and unscored tracks, and the ego ``AV``, have all 110 steps; every other
   track is a fragment of at least 10 steps without a gap;
@@ -25,23 +25,23 @@ from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
 SIDE_M: Final = 200.0
-"""Side of the square whose agents are in a scenario."""
+"""Side of the square around the window's centre whose agents are in a scenario."""
 PAST_STEPS: Final = 50
 FUTURE_STEPS: Final = 59
 MIN_TRACK_STEPS: Final = 10
 MEAN_NUM_SCORED: Final = 2.6
 _NEAR_M: Final = 14.0
-"""Distance from the focal agent over which ego and scored agents become rarer by e."""
+"""Distance from the focal agent over which the chance to be ego or scored falls by e."""
 _PATH_STRIDE: Final = 5
 _ID_SPACE: Final = uuid.UUID("6f1c1a52-31f3-5c0e-9f2d-3a0c54f1b7d6")
 _EPOCH_NS: Final = 315_964_800_000_000_000
-"""Argoverse 2's clocks show about this."""
+"""Typical start timestamp of Argoverse 2's recordings."""
 _NOTE: Final = "Synthetic traffic, simulated with SUMO."
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Cast:
-    """Who plays which part among the agents of a window; -1 if nobody does."""
+class _Roles:
+    """Rows of the agents of a window with a role; -1 if there is none."""
 
     focal: int
     ego: int
@@ -49,13 +49,13 @@ class _Cast:
 
     @property
     def main(self) -> Int[np.ndarray, "M"]:
-        """Rows of all of them."""
+        """Rows of focal, ego and scored agents."""
         rows = np.array([self.focal, self.ego, *self.scored], int)
         return rows[rows >= 0]
 
     @property
     def observer(self) -> int:
-        """From whose place the others are seen."""
+        """Row of the agent whose tracker observes the others."""
         return self.ego if self.ego >= 0 else self.focal
 
 
@@ -68,11 +68,11 @@ def cut_scenario(
     future_steps: int = FUTURE_STEPS,
     noise: TrackingNoise | None = None,
 ) -> Scenario:
-    """The scenario that a window shows, in the recording's frame.
+    """Extract the scenario of a window, in the recording's frame.
 
-    Agents in the square of side ``side_m`` at the current step are there as long as the
-    recording has them; others only while they are in it. With ``noise``, tracks also
-    begin and end as a tracker's do, and states are blurred. Equal arguments give equal
+    Agents in the square of side ``side_m`` at the current step have complete tracks;
+    others exist only while they are in the square. With ``noise``, tracks also begin
+    and end as a tracker's do, and states are noisy. Equal arguments give equal
     scenarios.
     """
     num_steps = past_steps + 1 + future_steps
@@ -81,15 +81,15 @@ def cut_scenario(
     assert first + num_steps <= recording.num_steps
     rows, tracks = _gathered(recording, window, first, num_steps, side_m)
     random = np.random.default_rng(window.seed)
-    cast = _cast(recording, window, rows, tracks, past_steps, random)
-    paths = tracks.position_m[cast.main][:, ::_PATH_STRIDE]
+    roles = _roles(recording, window, rows, tracks, past_steps, random)
+    paths = tracks.position_m[roles.main][:, ::_PATH_STRIDE]
     road_map = cropped_map(recording.road_map, paths)
     is_valid = tracks.is_valid
     if noise is not None:
         is_valid = seen(
-            tracks, cast.observer, cast.main, noise, random, recording.step_s
+            tracks, roles.observer, roles.main, noise, random, recording.step_s
         )
-    tracks = _finished(tracks, cast, is_valid, past_steps)
+    tracks = _finished(tracks, roles, is_valid, past_steps)
     if noise is not None:
         tracks = noisy(tracks, noise, random, recording.step_s)
     name = f"{recording.name}/{window.current_step}/{window.focal_id}/{window.seed}"
@@ -111,7 +111,7 @@ def has_focal_agent(
     past_steps: int = PAST_STEPS,
     future_steps: int = FUTURE_STEPS,
 ) -> bool:
-    """Whether the window's focal agent is in the square, and exists all the time."""
+    """Whether the window's focal agent is in the square and exists at all steps."""
     if window.focal_id not in recording.ids:
         return False
     row = recording.ids.index(window.focal_id)
@@ -140,7 +140,7 @@ def _time_axis(
 def _gathered(
     recording: Recording, window: Window, first: int, num_steps: int, side_m: float
 ) -> tuple[Int[np.ndarray, "A"], AgentTracks]:
-    """Agents that enter the square for a while: their rows in the recording, tracks."""
+    """Rows in the recording, and tracks, of the agents that enter the square."""
     counts = np.diff(recording.first_row)
     ends = recording.first_step + counts
     common = np.minimum(ends, first + num_steps) - np.maximum(
@@ -193,15 +193,15 @@ def runs_of(
     return rows, (steps >= begins[:, None]) & (steps < ends[:, None])
 
 
-def _cast(
+def _roles(
     recording: Recording,
     window: Window,
     rows: Int[np.ndarray, "A"],
     tracks: AgentTracks,
     current: int,
     random: np.random.Generator,
-) -> _Cast:
-    """The focal agent, an ego near it, and a few scored ones."""
+) -> _Roles:
+    """Choose the focal agent, an ego near it, and a few scored agents."""
     focal = tracks.row_of[window.focal_id]
     assert tracks.is_valid[focal].all(), "the focal agent must be there all the time"
     is_free = tracks.is_valid.all(axis=1) & ~recording.is_parked[rows]
@@ -209,7 +209,7 @@ def _cast(
     gap = np.linalg.norm(
         tracks.position_m[:, current] - tracks.position_m[focal, current], axis=-1
     )
-    # One draw per agent, the smallest wins: drawing by weight without replacement.
+    # Weighted sampling without replacement: one random key per agent, smallest first.
     wait = random.exponential(size=len(tracks)) * np.exp(gap / _NEAR_M)
     cars = np.flatnonzero(is_free & tracks.kind_mask({AgentKind.VEHICLE}))
     ego = int(cars[wait[cars].argmin()]) if len(cars) else -1
@@ -217,23 +217,23 @@ def _cast(
         is_free[ego] = False
     others = np.flatnonzero(is_free & tracks.kind_mask(ROAD_USER_KINDS) & (gap < 100))
     num = random.geometric(1 / (1 + MEAN_NUM_SCORED)) - 1
-    return _Cast(focal=focal, ego=ego, scored=others[np.argsort(wait[others])][:num])
+    return _Roles(focal=focal, ego=ego, scored=others[np.argsort(wait[others])][:num])
 
 
 def _finished(
-    tracks: AgentTracks, cast: _Cast, is_valid: Bool[np.ndarray, "A T"], current: int
+    tracks: AgentTracks, roles: _Roles, is_valid: Bool[np.ndarray, "A T"], current: int
 ) -> AgentTracks:
-    """A track for each run of valid steps, with categories, the ego under its name."""
+    """Tracks of all runs of valid steps, with categories and the ego's id."""
     categories = np.full(len(tracks), AgentCategory.UNSCORED)
-    categories[cast.scored] = AgentCategory.SCORED
-    categories[cast.focal] = AgentCategory.FOCAL
+    categories[roles.scored] = AgentCategory.SCORED
+    categories[roles.focal] = AgentCategory.FOCAL
     names = list(tracks.ids)
-    if cast.ego >= 0:
-        names[cast.ego] = EGO_ID
+    if roles.ego >= 0:
+        names[roles.ego] = EGO_ID
     rows, is_valid = runs_of(is_valid)
     is_full = is_valid.all(axis=1)
     categories = np.where(is_full, categories[rows], AgentCategory.FRAGMENT)
-    # Whoever is seen again after a while gets another id, as from a tracker.
+    # An agent that is observed again gets a new id, as from a tracker.
     again = np.arange(len(rows)) - np.searchsorted(rows, rows)
     ids = [
         f"{names[row]}-{1 + number}" if number else names[row]

@@ -1,4 +1,4 @@
-"""Chooses the windows of a recording: spread in time and space, about agents that move."""
+"""Samples the windows of a recording: moving focal agents, spread in time and space."""
 
 from typing import Final
 
@@ -11,9 +11,9 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.thresholds import STANDING_MPS
 
 MIN_FOCAL_PATH_M: Final = 3.0
-"""Focal agents come this far in a window; nine of ten of Argoverse 2's go 10 m."""
+"""Least displacement of a focal agent; nine of ten of Argoverse 2's exceed 10 m."""
 START_SHARE: Final = 0.1
-"""Share of windows about an agent that stands and is about to start, if there is one."""
+"""Share of windows with a stationary focal agent that starts, if there is one."""
 _KIND_WEIGHT: Final = {
     AgentKind.VEHICLE: 1.0,
     AgentKind.BUS: 1.0,
@@ -21,25 +21,25 @@ _KIND_WEIGHT: Final = {
     AgentKind.CYCLIST: 0.5,
     AgentKind.PEDESTRIAN: 0.15,
 }
-_COMPANY_M: Final = 80.0
-_CROWD_M: Final = 40.0
-_MAX_CROWD: Final = 15
+_NEIGHBOUR_M: Final = 80.0
+_NEARBY_M: Final = 40.0
+_MAX_NEARBY: Final = 15
 _APART_M: Final = 60.0
 _APART_STEPS: Final = 100
-"""Windows nearer than this to an earlier one, in space and time, are made rare."""
+"""Windows nearer than this to an earlier one, in space and time, are down-weighted."""
 _AGAIN: Final = 3.0
-"""An agent is so much rarer in a further window."""
+"""Factor by which the weight of an agent falls with each of its windows."""
 _MAX_PASSES: Final = 3
-"""Passes through the recording for windows that found nobody."""
+"""Passes through the recording for windows without an eligible agent."""
 
 
 def choose_windows(
     recording: Recording, seed: int, *, num_windows: int = 80
 ) -> tuple[Window, ...]:
-    """At most ``num_windows`` windows in the order of their times.
+    """Sample at most ``num_windows`` windows, in the order of their times.
 
-    Each is about an agent that exists from its first step to its last and moves. The
-    same seed gives the same windows.
+    The focal agent of each exists at all steps and moves. Equal seeds give equal
+    windows.
     """
     random = np.random.default_rng([seed, 0x57494E44])
     last = recording.num_steps - 1 - FUTURE_STEPS
@@ -74,12 +74,14 @@ def _focal_row(
     chosen: list[Window],
     random: np.random.Generator,
 ) -> int | None:
-    """An agent to look at, drawn; None if nobody is fit."""
+    """Sample the row of a focal agent; None if no agent is eligible."""
     rows = _eligible(recording, step, weight)
     place = _position(recording, rows, step)
     starting = _starting(recording, step)
-    chance = weight[rows] * _spread(place, step, chosen) * _company(place)
-    chance = chance * _crowd(
+    chance = (
+        weight[rows] * _spread_weight(place, step, chosen) * _neighbour_weight(place)
+    )
+    chance = chance * _density_weight(
         place, _position(recording, _in_traffic(recording, step), step)
     )
     starts = np.isin(rows, starting)
@@ -109,10 +111,10 @@ def _position(
     return recording.position_m[at]
 
 
-def _spread(
+def _spread_weight(
     place: Float[np.ndarray, "E 2"], step: int, chosen: list[Window]
 ) -> Float[np.ndarray, "E"]:
-    """Less where a recent window was."""
+    """Weight of positions [E]: halved for each earlier window nearby."""
     recent = [one for one in chosen if abs(step - one.current_step) < _APART_STEPS]
     if not recent:
         return np.ones(len(place))
@@ -120,10 +122,10 @@ def _spread(
     return 0.5 ** (np.linalg.norm(gap, axis=-1) < _APART_M).sum(axis=1)
 
 
-def _company(place: Float[np.ndarray, "E 2"]) -> Float[np.ndarray, "E"]:
-    """Hardly anything where nobody else is near, who could be the ego."""
+def _neighbour_weight(place: Float[np.ndarray, "E 2"]) -> Float[np.ndarray, "E"]:
+    """Weight of positions [E]: small without a neighbour that could be the ego."""
     gap = np.linalg.norm(place[:, None] - place, axis=-1)
-    return np.where((gap < _COMPANY_M).sum(axis=1) > 1, 1.0, 0.05)
+    return np.where((gap < _NEIGHBOUR_M).sum(axis=1) > 1, 1.0, 0.05)
 
 
 def _in_traffic(recording: Recording, step: int) -> Int[np.ndarray, "S"]:
@@ -133,16 +135,16 @@ def _in_traffic(recording: Recording, step: int) -> Int[np.ndarray, "S"]:
     return np.flatnonzero(is_there & ~recording.is_parked)
 
 
-def _crowd(
-    place: Float[np.ndarray, "E 2"], everyone: Float[np.ndarray, "S 2"]
+def _density_weight(
+    place: Float[np.ndarray, "E 2"], others: Float[np.ndarray, "S 2"]
 ) -> Float[np.ndarray, "E"]:
-    """More where much is going on, as in Argoverse 2, whose scenes were picked."""
-    gap = np.linalg.norm(place[:, None] - everyone, axis=-1)
-    return np.minimum((gap < _CROWD_M).sum(axis=1), _MAX_CROWD).astype(float)
+    """Weight of positions [E]: number of agents nearby; Argoverse 2 scenes are busy."""
+    gap = np.linalg.norm(place[:, None] - others, axis=-1)
+    return np.minimum((gap < _NEARBY_M).sum(axis=1), _MAX_NEARBY).astype(float)
 
 
 def _starting(recording: Recording, step: int) -> Int[np.ndarray, "S"]:
-    """Agents that stand, and will have moved at the window's end."""
+    """Rows of stationary agents that move before the window's end."""
     ends = recording.first_step + np.diff(recording.first_row)
     is_there = (recording.first_step <= step) & (ends > step + FUTURE_STEPS)
     rows = np.flatnonzero(is_there & ~recording.is_parked)

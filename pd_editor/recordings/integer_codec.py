@@ -1,8 +1,8 @@
-"""Series of whole numbers as bytes that compress well, and back.
+"""Codec of integer series: differences, zigzag encoding, byte planes.
 
-A series that changes smoothly has small differences; those are folded to non-negative
-numbers (0, -1, 1, -2, ... to 0, 1, 2, 3, ...) and written byte plane by byte plane, the
-lowest first, so that the higher planes are mostly zeros.
+A smooth series has small differences. Those are mapped to non-negative numbers (0, -1,
+1, -2, ... to 0, 1, 2, 3, ...) and written byte plane by byte plane, the lowest first,
+so that the higher planes are mostly zeros and compress well.
 """
 
 from typing import Final
@@ -17,7 +17,7 @@ _PLANES: Final = 4
 def coded(
     values: Int[np.ndarray, "P"], first_row: Int[np.ndarray, "S_plus_1"], order: int
 ) -> bytes:
-    """Series s, rows ``first_row[s]`` to ``first_row[s + 1]``, as differences' bytes."""
+    """Encode series s, the rows from ``first_row[s]`` to before ``first_row[s + 1]``."""
     assert np.abs(values, dtype=np.int64).max(initial=0) < MAX_MAGNITUDE // 4**order
     numbers = values.astype(np.int64)
     starts = first_row[:-1][np.diff(first_row) > 0]
@@ -31,14 +31,14 @@ def coded(
 
 
 def num_coded_bytes(count: int) -> int:
-    """Bytes of ``count`` coded numbers."""
+    """Number of bytes of ``count`` coded numbers."""
     return count * _PLANES
 
 
 def decoded(
     data: bytes, first_row: Int[np.ndarray, "S_plus_1"], order: int
 ) -> Int[np.ndarray, "P"]:
-    """The series that ``coded`` was given.
+    """Decode series; inverse of ``coded``.
 
     Raises:
         ValueError: the number of bytes is not that of the series.

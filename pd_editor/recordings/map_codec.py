@@ -1,4 +1,4 @@
-"""A road map as plain JSON values and integers, and back."""
+"""Codec of road maps: JSON values and quantised points."""
 
 import itertools
 from typing import Any, Final
@@ -17,15 +17,15 @@ from pd_editor.scene.road_map import (
 )
 
 MAP_STEP_M: Final = 0.001
-"""Points are rounded to this."""
+"""Quantisation step of points."""
 _ORDER: Final = 2
 _AXES: Final = 3
 
 
 def coded_map(road_map: RoadMap) -> tuple[dict[str, Any], bytes]:
-    """What a map says without its points, and its points.
+    """Encode a map as a description without points, and its points.
 
-    Fields of a source file that mean nothing here are not kept.
+    Unknown fields of the source file are not kept.
     """
     about = {
         "lanes": [
@@ -53,7 +53,7 @@ def coded_map(road_map: RoadMap) -> tuple[dict[str, Any], bytes]:
 
 
 def decoded_map(about: dict[str, Any], data: bytes) -> RoadMap:
-    """The map that ``coded_map`` was given, its points rounded.
+    """Decode a map; inverse of ``coded_map`` up to rounding.
 
     Raises:
         KeyError, TypeError, ValueError: the values are not those of a map.

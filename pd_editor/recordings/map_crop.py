@@ -1,4 +1,4 @@
-"""The part of a road map near some paths, as Argoverse 2 maps are cut."""
+"""Crops a road map to the surroundings of paths, as Argoverse 2 maps are cropped."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,9 +11,9 @@ from jaxtyping import Float, Int
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 
 MAP_MARGIN_M: Final = 35.0
-"""Lanes that come so near to a path are in the map."""
+"""Lanes within this distance of a path are in the map."""
 _AREA_MARGIN_M: Final = 15.0
-"""Drivable areas are cut off so far outside the lanes."""
+"""Drivable areas are clipped at this distance outside the lanes."""
 _MIN_AREA_M2: Final = 1.0
 
 
@@ -39,7 +39,7 @@ def _index_of(road_map: RoadMap) -> _MapIndex:
 
 
 def cropped_map(road_map: RoadMap, paths_m: Float[np.ndarray, "M T 2"]) -> RoadMap:
-    """Lanes and crosswalks within ``MAP_MARGIN_M`` of a path, and the ground there."""
+    """Crop a map to lanes, crosswalks and areas within ``MAP_MARGIN_M`` of paths."""
     index = _index_of(road_map)
     paths = shapely.MultiLineString(list(paths_m))
 
@@ -62,7 +62,7 @@ def _ground(
     lane_rows: Int[np.ndarray, "L"],
     rows: Int[np.ndarray, "K"],
 ) -> tuple[DrivableArea, ...]:
-    """The areas, cut off where they reach far beyond the lanes."""
+    """Drivable areas, clipped where they extend far beyond the lanes."""
     if not len(lane_rows) or not len(rows):
         return ()
     bounds = shapely.total_bounds(index.lanes.geometries[lane_rows])

@@ -1,4 +1,4 @@
-"""A stretch of road with all its traffic for some minutes, windows of which are cut."""
+"""Recordings of simulated traffic on a map over several minutes, and windows of them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,19 +12,19 @@ from pd_editor.scene.road_map import RoadMap
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording:
-    """A agents, each at consecutive steps of its own; P rows of all agents in a row.
+    """Simulated tracks of A agents; P states of all agents, one agent after another.
 
     The frame is that of the road map. Positions are box centres, headings point
     where the vehicle points, velocities are rates of change of the positions.
     """
 
     name: str
-    """Unique in a corpus, such as ``roundabout-00017``."""
+    """Unique name in a dataset, such as ``roundabout-00017``."""
     road_map: RoadMap
     city: str
-    """What a scenario file says; the family of a procedural road."""
+    """City name in scenario files; for procedural roads their family."""
     origin_city_m: Float[np.ndarray, "2"]
-    """Added to positions when they are written in city coordinates."""
+    """Origin of the recording's frame in city coordinates."""
     step_s: float
     num_steps: int
     ids: tuple[str, ...]
@@ -32,7 +32,7 @@ class Recording:
     size_m: Float[np.ndarray, "A 2"]
     """True length and width."""
     is_parked: Bool[np.ndarray, "A"]
-    """Whether it stands aside for good, not in traffic."""
+    """Whether an agent is parked for the whole recording."""
     first_step: Int[np.ndarray, "A"]
     """Step of each agent's first row."""
     first_row: Int[np.ndarray, "A_plus_1"]
@@ -59,13 +59,13 @@ class Recording:
 
 @dataclass(frozen=True, kw_only=True)
 class Window:
-    """Where and when to look at a recording."""
+    """Place and time of a clip in a recording."""
 
     current_step: int
     """Step of the recording that becomes the scenario's current one."""
     center_m: tuple[float, float]
-    """Middle of the square that is looked at."""
+    """Centre of the clip's square."""
     focal_id: str
-    """Agent that the window is about."""
+    """Id of the focal agent."""
     seed: int
-    """Of everything that is drawn when the window is cut."""
+    """Seed of all random choices when the clip is extracted."""

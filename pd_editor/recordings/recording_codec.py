@@ -1,4 +1,4 @@
-"""A recording as plain JSON values and integers, and back."""
+"""Codec of recordings: JSON values and quantised states."""
 
 from typing import Any, Final
 
@@ -23,7 +23,7 @@ _KIND_OF: Final = {kind.value: kind for kind in AgentKind}
 
 
 def coded_recording(recording: Recording) -> tuple[dict[str, Any], bytes, bytes]:
-    """What a recording says without its rows, its rows, and its map's points."""
+    """Encode a recording as a description, its states, and its map's points."""
     map_about, points = coded_map(recording.road_map)
     about = {
         "name": recording.name,
@@ -58,7 +58,7 @@ def coded_recording(recording: Recording) -> tuple[dict[str, Any], bytes, bytes]
 def _is_still(
     numbers: Int[np.ndarray, "P C"], first_row: Int[np.ndarray, "A_plus_1"]
 ) -> Bool[np.ndarray, "A"]:
-    """Whether all rows of an agent are alike; of those only the first is coded."""
+    """Whether all states of an agent are equal; then only the first one is encoded."""
     first = np.repeat(numbers[first_row[:-1]], np.diff(first_row), axis=0)
     is_other = np.concatenate([[0], np.cumsum((numbers != first).any(axis=1))])
     return is_other[first_row[1:]] == is_other[first_row[:-1]]
@@ -79,7 +79,7 @@ def _coded_first_row(
 
 
 def decoded_recording(about: dict[str, Any], rows: bytes, points: bytes) -> Recording:
-    """The recording that ``coded_recording`` was given, rounded.
+    """Decode a recording; inverse of ``coded_recording`` up to rounding.
 
     Raises:
         KeyError, TypeError, ValueError: the values are not those of a recording.
@@ -128,7 +128,7 @@ def decoded_recording(about: dict[str, Any], rows: bytes, points: bytes) -> Reco
 def _unwrapped(
     heading: Float[np.ndarray, "P"], first_row: Int[np.ndarray, "A_plus_1"]
 ) -> Float[np.ndarray, "P"]:
-    """Headings without jumps of a full turn within an agent."""
+    """Headings, unwrapped within each agent."""
     turns = wrap_angle(np.diff(heading, prepend=0.0))
     starts = first_row[:-1]
     turns[starts] = heading[starts]

@@ -1,8 +1,8 @@
-"""Recordings with their windows in one small file, for training.
+"""Shards: compact files of recordings and their windows, for training.
 
 A shard is a zip archive. ``index.json`` has the format's version and the windows;
 ``N/about.json`` describes recording N and its map, ``N/rows.bin`` has its states and
-``N/points.bin`` the map's points, both as integers (see ``integer_coding``). Positions
+``N/points.bin`` the map's points, both as integers (see ``integer_codec``). Positions
 are rounded to 1 cm, headings to 1 mrad, velocities to 2 cm/s, the map to 1 mm. Equal
 contents give equal bytes.
 """
@@ -51,13 +51,13 @@ _DAMAGE: Final = (
     RuntimeError,
     OverflowError,
 )
-"""What the standard library and NumPy raise on bytes that were changed."""
+"""Exceptions of the standard library and NumPy for damaged files."""
 
 
 def write_shard(
     path: Path, recordings: Iterable[tuple[Recording, Sequence[Window]]]
 ) -> None:
-    """Write a file with recordings and the windows of each, whole or not at all.
+    """Write a shard with recordings and their windows atomically.
 
     Raises:
         ExportError: it cannot be written.
@@ -66,7 +66,7 @@ def write_shard(
 
 
 def shard_bytes(recordings: Iterable[tuple[Recording, Sequence[Window]]]) -> bytes:
-    """The bytes of a shard."""
+    """Encode recordings and their windows as the bytes of a shard."""
     sink = io.BytesIO()
     entries = []
     with zipfile.ZipFile(sink, "w") as archive:
@@ -101,14 +101,14 @@ def _json_bytes(value: Any) -> bytes:
 
 
 class ShardReader:
-    """The windows of a shard, or of all shards in a folder in the order of their names.
+    """Reader of a shard, or of all shards in a folder in the order of their names.
 
-    A recording is decoded when a window of it is asked for, and kept for a while, so
-    neighbouring windows are cheap. Readers can be pickled; no file is kept open.
+    Recordings are decoded on demand and cached, so that neighbouring windows are
+    cheap. Readers can be pickled; no file is kept open.
     """
 
     def __init__(self, path: Path | str, *, num_kept: int = 8) -> None:
-        """Read what windows there are; ``num_kept`` decoded recordings are kept.
+        """Read the index of windows; ``num_kept`` decoded recordings are cached.
 
         Raises:
             InputError: there is no shard, or one is damaged.
@@ -119,9 +119,9 @@ class ShardReader:
             raise InputError(f"{path}: there is no shard (*{SHARD_SUFFIX}) in it.")
         self.num_kept = num_kept
         self.recordings: list[tuple[Path, int]] = []
-        """File and number within it of each recording."""
+        """File, and index within the file, of each recording."""
         self.windows: list[tuple[int, Window]] = []
-        """Recording's place in ``recordings``, and window."""
+        """Index into ``recordings``, and window."""
         for file in files:
             self._add(file)
         self._kept: OrderedDict[int, Recording] = OrderedDict()
@@ -135,7 +135,7 @@ class ShardReader:
         return len(self.windows)
 
     def recording(self, place: int) -> Recording:
-        """A decoded recording, by its place in ``recordings``.
+        """Decode a recording, given its index into ``recordings``.
 
         Raises:
             InputError: the file is damaged or gone.
@@ -151,7 +151,7 @@ class ShardReader:
     def window(
         self, index: int, *, side_m: float = SIDE_M, noise: TrackingNoise | None = None
     ) -> Scenario:
-        """The scenario of a window, cut as ``cut_scenario`` does.
+        """Extract the scenario of a window; see ``cut_scenario``.
 
         Raises:
             InputError: the file is damaged or gone.
@@ -164,7 +164,7 @@ class ShardReader:
 
 
 def _read_index(file: Path) -> list[list[Window]]:
-    """The windows of each recording of a shard."""
+    """Read the windows of each recording of a shard."""
     data = _members(file, [_INDEX_NAME])[0]
     try:
         index = json.loads(data)

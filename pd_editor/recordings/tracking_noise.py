@@ -1,9 +1,9 @@
-"""A model of what a tracker makes of agents: blurred states, tracks that break off.
+"""Model of a tracker's errors: noisy states, and tracks that break off.
 
-Each blur is stationary and smooth: white noise under a Gaussian kernel, so that its
+Noise is stationary and smooth: white noise under a Gaussian kernel, so that its
 correlation over a time d is exp(-d^2 / (4 c^2)), with the kernel's width c. Its strength
-differs from agent to agent (log-normal factor), which makes the heavy tails of real
-tracks. Velocities are blurred apart from positions, as a tracker's filter does.
+differs between agents (log-normal factor), which gives the heavy tails of real tracks.
+Noise of velocities is independent of that of positions, as after a tracker's filter.
 
 The defaults follow 35 scenarios of Argoverse 2's train split: heading against motion
 0.7 deg at the median and 3.6 deg at the 90th percentile; given speed against motion
@@ -30,29 +30,29 @@ _KERNEL_WIDTHS: Final = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingNoise:
-    """Strengths of a tracker's errors; zeros and infinity switch each off."""
+    """Parameters of a tracker's errors; zero or infinity disables each."""
 
     along_m: float = 0.25
     """Standard deviation of a driving agent's position along its heading."""
     across_m: float = 0.12
     standing_m: float = 0.06
-    """Of a standing agent's position, in both directions."""
+    """Standard deviation of a stationary agent's position, in both directions."""
     heading_rad: float = 0.018
     velocity_along_mps: float = 0.35
     velocity_across_mps: float = 0.2
     agent_spread: float = 0.7
     """Standard deviation of the logarithm of each agent's factor."""
     heading_spread: float = 1.0
-    """The same of headings, whose errors have heavier tails."""
+    """The same for headings, whose errors have heavier tails."""
     position_width_s: float = 1.0
     """Kernel width of positions and headings."""
     velocity_width_s: float = 0.4
     range_m: float = 65.0
-    """Median distance from the ego up to which an agent is seen."""
+    """Median distance from the ego up to which an agent is observed."""
     range_spread: float = 0.5
     """Standard deviation of the logarithm of that distance."""
     occlusions_per_s: float = 0.12
-    """Median over agents."""
+    """Median rate of occlusions over agents."""
     occlusion_spread: float = 0.8
     """Standard deviation of the logarithm of each agent's rate."""
     occlusion_s: float = 1.2
@@ -78,7 +78,7 @@ def noisy(
     random: np.random.Generator,
     step_s: float,
 ) -> AgentTracks:
-    """The tracks with blurred positions, headings and velocities."""
+    """Add noise to positions, headings and velocities of tracks."""
     count, num_steps = tracks.is_valid.shape
 
     def blur(width_s: float) -> Float[np.ndarray, "A T"]:
@@ -86,7 +86,7 @@ def noisy(
 
     spread = np.array([noise.agent_spread] * 3 + [noise.heading_spread])
     factor = np.exp(spread[:, None, None] * random.standard_normal((4, count, 1)))
-    # A filter holds standing agents fast; full noise comes back as they set off.
+    # A filter suppresses the noise of stationary agents; it returns as they start.
     drives = np.clip(tracks.speed_mps() / 3.0, 0.0, 1.0)
     along = noise.standing_m + (noise.along_m - noise.standing_m) * drives
     across = noise.standing_m + (noise.across_m - noise.standing_m) * drives
@@ -129,9 +129,9 @@ def seen(
     random: np.random.Generator,
     step_s: float,
 ) -> Bool[np.ndarray, "A T"]:
-    """When each agent is near enough to the ego and not hidden.
+    """Steps at which each agent is within range of the ego and not occluded.
 
-    ``always`` are the rows whose tracks do not break off; the ego exists at all steps.
+    ``always`` are rows whose tracks do not break off; the ego exists at all steps.
     """
     count, num_steps = tracks.is_valid.shape
     reach = noise.range_m * np.exp(noise.range_spread * random.standard_normal(count))
@@ -149,7 +149,7 @@ def _hidden(
     random: np.random.Generator,
     step_s: float,
 ) -> Bool[np.ndarray, "A T"]:
-    """Occlusions: they begin by chance, and last exponentially distributed times."""
+    """Steps at which agents are occluded: random starts, exponential durations."""
     rate = noise.occlusions_per_s * np.exp(
         noise.occlusion_spread * random.standard_normal((count, 1))
     )

@@ -1,4 +1,4 @@
-"""Overlaps that a repair looks at."""
+"""Box overlaps that repairs resolve."""
 
 from typing import Final
 
@@ -11,15 +11,15 @@ from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 
 _PUSHED_WITH: Final = frozenset({AgentKind.PEDESTRIAN, AgentKind.RIDERLESS_BICYCLE})
-"""Cyclists overlap these in recordings, getting on and off."""
+"""Kinds that cyclists overlap in recordings, when they get on or off."""
 
 
 def counted(
     agents: AgentTracks, pairs: Int[np.ndarray, "P 2"]
 ) -> Bool[np.ndarray, "P"]:
-    """Whether overlaps are to be mended: those of lane followers with anything.
+    """Whether pairs are to be separated: pairs with at least one lane follower.
 
-    Left out are cyclists with pedestrians or riderless bicycles.
+    Pairs of a cyclist and a pedestrian or riderless bicycle are left out.
     """
     follows = agents.kind_mask(LANE_FOLLOWER_KINDS)[pairs]
     cycles = agents.kind_mask([AgentKind.CYCLIST])[pairs]
@@ -35,7 +35,7 @@ def box_overlaps(
     other_heading_rad: Float[np.ndarray, "A"],
     other_size_m: Float[np.ndarray, "A 2"],
 ) -> Bool[np.ndarray, "K A"]:
-    """Whether one box at K poses overlaps A others, by more than a touch."""
+    """Whether one box, at each of K poses, overlaps each of A others."""
     gap = position_m[:, None] - other_position_m
     reach = (np.hypot(*size_m) + np.hypot(*other_size_m.T)) / 2
     pose, other = np.nonzero((gap**2).sum(-1) < reach**2)

@@ -1,4 +1,4 @@
-"""Speeds from which an agent can still brake behind whoever is ahead of it."""
+"""Limits current speeds so that agents can brake behind the agent ahead."""
 
 from collections.abc import Collection, Iterable
 from typing import Final
@@ -20,13 +20,13 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
 STANDING_GAP_M: Final = 0.5
-"""What is left between two who stand in line."""
+"""Gap between two stationary agents in line."""
 _TOUCH_M: Final = 0.1
-"""Who sticks no further than this into the strip ahead is passed by."""
+"""Agents that reach no further than this into the strip ahead do not block it."""
 _LEAST_CHANGE_MPS: Final = 0.01
 _SETTLED_MPS: Final = 1e-5
 _MOST_ROUNDS: Final = 1000
-"""A queue takes one for each agent; rings of agents without gaps take many."""
+"""Limit of iterations: a queue takes one per agent, rings without gaps take many."""
 
 
 def slow_for_gaps(
@@ -35,13 +35,13 @@ def slow_for_gaps(
     *,
     keep_ids: Collection[str] | None = None,
 ) -> tuple[Scenario, RepairReport]:
-    """Lane followers too fast for the gap ahead of them, slowed at the current step.
+    """Limit the current speeds of lane followers to the gaps ahead of them.
 
     Ahead is the strip that an agent sweeps when it drives straight on. With a gap g to
-    somebody whose speed in its direction is u, it may have at most sqrt(u^2 + 2 b g),
-    b being the hardest braking of candidates. Only current velocities change: this is
-    for agents that have just been placed. ``agent_ids`` None means all; ``keep_ids``
-    None keeps the focal agent.
+    an agent with speed u in its direction, its speed is at most sqrt(u^2 + 2 b g), b
+    being the hardest braking of candidates. Only current velocities change: this is for
+    agents that have just been placed. ``agent_ids`` None means all; ``keep_ids`` None
+    keeps the focal agent.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -83,15 +83,15 @@ def _slowed(
     velocity_mps: Float[np.ndarray, "A 2"],
     may_change: Bool[np.ndarray, "A"],
 ) -> tuple[Float[np.ndarray, "A"], Int[np.ndarray, "A"]]:
-    """Speeds that the gaps allow, and who is in the way most.
+    """Speeds that the gaps allow, and the row of the agent that limits each most.
 
-    Whoever is slowed may slow those behind, so it is looked again until nothing changes.
-    Of two who are in each other's strip, each takes the other for standing.
+    A slowed agent may slow agents behind it, so limits are iterated until nothing
+    changes. Two agents in each other's strip treat each other as stationary.
     """
     forward = unit_vector(heading_rad)
     speed = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1])
     braking = 2 * MAX_BRAKING_MPS2 * np.maximum(gap_m - STANDING_GAP_M, 0.0)
-    # Share of its speed that each of them drives in the direction of the one behind.
+    # Component of each agent's speed in the direction of the agent behind it.
     along = velocity_mps @ forward.T / np.maximum(speed, 1e-9)[:, None]
     is_mutual = np.isfinite(gap_m) & np.isfinite(gap_m.T)
     along = np.where(is_mutual, 0.0, np.maximum(along.T, 0.0))
@@ -107,7 +107,7 @@ def _slowed(
 
 
 def _gaps_ahead_m(agents: AgentTracks, step: int) -> Float[np.ndarray, "A A"]:
-    """Free way of each agent to each other one in its strip; infinite to the rest."""
+    """Gap of each agent to each agent in its strip; infinite to all others."""
     position, heading = agents.position_m[:, step], agents.heading_rad[:, step]
     length, width = agents.size_m.T
     forward = unit_vector(heading)

@@ -1,4 +1,4 @@
-"""The current states of all agents while a repair moves them."""
+"""Mutable current states of all agents during a repair."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -14,13 +14,13 @@ from pd_editor.repair.box_overlaps import box_overlaps
 from pd_editor.scene.scenario import Scenario
 
 _CHUNK_ENDS: Final = (24, 72)
-"""Poses are looked at in chunks, since one of the first is mostly free."""
+"""Poses are tested in chunks, since one of the first is usually free."""
 _TOLERANCE_M: Final = 1e-6
 
 
 @dataclass(kw_only=True, eq=False)
 class States:
-    """Poses of all A agents at the current step; written while repairing."""
+    """Poses of all A agents at the current step; repairs write into them."""
 
     scenario: Scenario
     position_m: Float[np.ndarray, "A 2"]
@@ -29,7 +29,7 @@ class States:
 
     @classmethod
     def of(cls, scenario: Scenario) -> "States":
-        """Copies of the current poses."""
+        """Copy the current poses of a scenario."""
         agents, step = scenario.agents, scenario.current_step
         return cls(
             scenario=scenario,
@@ -45,7 +45,7 @@ class States:
         heading_rad: Float[np.ndarray, "K"],
         gap_m: float = 0.0,
     ) -> Bool[np.ndarray, "K A"]:
-        """Whom an agent would overlap at other poses, with a gap ahead and behind."""
+        """Which agents one agent would overlap at K poses, with a gap ahead and behind."""
         size = self.scenario.agents.size_m
         found = box_overlaps(
             position_m,
@@ -68,10 +68,10 @@ class States:
         max_overlaps: int = 0,
         gap_m: float = 0.0,
     ) -> int | None:
-        """The first of some poses where an agent overlaps no more others than allowed.
+        """Index of the first acceptable pose of an agent; None if there is none.
 
-        And where it is neither further off any lane nor off the road, if it is on the
-        road now. None if there is no such pose.
+        An acceptable pose has at most ``max_overlaps`` overlaps, is not further from a
+        lane than now, and is not off the road if the agent is on the road now.
         """
         start = 0
         for end in (*_CHUNK_ENDS, len(position_m)):
@@ -89,7 +89,7 @@ class States:
     def is_no_worse(
         self, row: int, position_m: Float[np.ndarray, "K 2"]
     ) -> Bool[np.ndarray, "K"]:
-        """Whether places are as near to a lane, and as much on the road, as now."""
+        """Whether positions are as near to a lane, and as much on the road, as now."""
         both = np.concatenate([self.position_m[row][None], position_m])
         kinds = lane_kinds_of(self.scenario.agents.kinds[row])
         off_lane = nearest_lanes(self.scenario.road_map, both, kinds=kinds).distance_m
@@ -99,7 +99,7 @@ class States:
         )
 
     def carried(self) -> Scenario:
-        """The scenario with whole tracks moved rigidly to the new poses."""
+        """Scenario with whole tracks moved rigidly to the new poses."""
         scenario = self.scenario
         agents, step = scenario.agents, scenario.current_step
         before, heading = agents.position_m[:, step], agents.heading_rad[:, step]

@@ -1,4 +1,4 @@
-"""Slowing futures to the friction limit of the curves that they follow."""
+"""Slows trajectories to the friction limit of their own curves."""
 
 from typing import Final
 
@@ -16,9 +16,9 @@ from pd_editor.perturbation.friction_slowdown import (
 from pd_editor.scene.road_warp import RoadWarp
 
 TOLERANCE: Final = 1.02
-"""Ratio of speed to limit up to which an agent is left alone."""
+"""Ratio of speed to limit up to which an agent is not slowed."""
 _MARGIN: Final = 0.98
-"""Ratio of new speed to limit; re-timing moves the points that curvature is read at."""
+"""Ratio of new speed to limit: retiming moves the points at which curvature is measured."""
 _SLOWEST_MPS: Final = 0.1
 _NO_WARP: Final = RoadWarp(
     anchor=RigidMotion(x_m=0.0, y_m=0.0, rotation_rad=0.0), terms=()
@@ -38,16 +38,16 @@ def speed_limit(
 def exceeds(
     speed_mps: Float[np.ndarray, "G H"], limit_mps: Float[np.ndarray, "G H"]
 ) -> Bool[np.ndarray, "G"]:
-    """Who is faster than its limit anywhere."""
+    """Which agents exceed their limit at any point."""
     return np.any(speed_mps > TOLERANCE * limit_mps, axis=1)
 
 
 def drivable_speed(
     along_m: Float[np.ndarray, "G H"], limit_mps: Float[np.ndarray, "G H"]
 ) -> Float[np.ndarray, "G H"]:
-    """The highest speed at each place from which the limits ahead can be kept.
+    """Highest speed at each point from which the limits ahead can be kept.
 
-    Braking ahead of a limit and picking up speed after it are those of drivers.
+    Braking ahead of a limit and acceleration after it are those of normal driving.
     """
     squared = (_MARGIN * limit_mps) ** 2
     braking, gaining = 2 * BRAKING_MPS2 * along_m, 2 * ACCELERATION_MPS2 * along_m
@@ -62,10 +62,10 @@ def slowed_distance(
     allowed_mps: Float[np.ndarray, "G H"],
     step_s: float,
 ) -> tuple[Float[np.ndarray, "G H"], Float[np.ndarray, "G H"]]:
-    """How far each agent comes by each step, and its speed there, if slowed.
+    """Distance travelled and speed of each slowed agent at each step.
 
-    Speed is seen as a function of place: where it is lowered, everything after comes
-    later. Standing times are kept.
+    Speed is a function of position: where it is lowered, all later points are reached
+    later. Times at rest are kept.
     """
     slowed = np.minimum(speed_mps, allowed_mps)
 

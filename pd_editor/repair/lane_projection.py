@@ -1,4 +1,4 @@
-"""Putting agents that move beside the road back onto their lanes."""
+"""Snaps moving agents beside the road to their lanes."""
 
 from collections.abc import Collection, Iterable
 from typing import Final
@@ -30,10 +30,10 @@ from pd_editor.scene.scenario import Scenario
 MAX_OFFSET_M: Final = 2.0
 """A moving agent within this distance of a centre line is on its lane.
 
-Half of a wide lane: whoever changes lane is nowhere further from both.
+Half of a wide lane: an agent that changes lanes is never further from both.
 """
 MAX_SHIFT_M: Final = 15.0
-"""Lanes further away than this are nobody's."""
+"""Lanes further away than this are not considered."""
 
 
 def project_to_lanes(
@@ -44,13 +44,13 @@ def project_to_lanes(
     max_offset_m: float = MAX_OFFSET_M,
     max_shift_m: float = MAX_SHIFT_M,
 ) -> tuple[Scenario, RepairReport]:
-    """Moving lane followers too far from any lane that runs their way, put onto one.
+    """Snap moving lane followers that are too far from any lane in their direction.
 
-    They keep their speed and head along the lane; whole tracks are carried along.
-    Standing agents stay: parked ones belong beside lanes. Where the place on the lane
-    is taken, the nearest free one along it is used. Agents that would then overlap
-    more others than before stay, and are named. ``agent_ids`` None means all;
-    ``keep_ids`` None keeps the focal agent.
+    They keep their speed and head along the lane; whole tracks move with them.
+    Stationary agents stay, since parked ones belong beside lanes. If the position on
+    the lane is occupied, the nearest free one along it is used. Agents that would
+    overlap more others than before stay, and are reported. ``agent_ids`` None means
+    all; ``keep_ids`` None keeps the focal agent.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -95,10 +95,10 @@ def project_to_lanes(
 def _placed_until_stuck(
     states: States, graph: LaneGraph, place_of: dict[int, tuple[int, float]]
 ) -> set[int]:
-    """Put each row at its lane and place; those that stay, lane -1 among them."""
+    """Move each row to its lane; returns the rows that could not be moved."""
     left = list(place_of)
     num_left = len(left) + 1
-    # A place may become free when somebody else is moved.
+    # A position may become free when another agent is moved.
     while len(left) < num_left:
         num_left = len(left)
         left = [
@@ -118,7 +118,7 @@ def _problem(agents: AgentTracks, row: int, reason: str) -> RepairProblem:
 def _put_on_lane(
     states: States, row: int, graph: LaneGraph, lane: int, along_m: float
 ) -> bool:
-    """Move an agent to the nearest free place of its lane; False if there is none."""
+    """Move an agent to the nearest free position on its lane; False if there is none."""
     if lane < 0:
         return False
     on_lane = float(np.clip(along_m, 0.0, graph.lengths_m[lane]))

@@ -1,4 +1,4 @@
-"""What a repair changed, and what it could not mend; plain values only."""
+"""Report of a repair: changes made, and problems that remain."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -12,29 +12,29 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
 RepairKind = Literal[
-    "project-to-lanes", "separate-overlaps", "slow-for-gaps", "retime-futures"
+    "project-to-lanes", "separate-overlaps", "slow-for-gaps", "retime-trajectories"
 ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RepairChange:
-    """What was done to one agent."""
+    """Change of one agent."""
 
     repair: RepairKind
     agent_id: str
     shift_m: float
-    """Distance between old and new place: now, or at the end of a re-timed future."""
+    """Distance between old and new position: now, or at the end if retimed."""
     turn_deg: float
     """Change of the current heading, counter-clockwise."""
     slowdown_mps: float
-    """By how much the agent became slower, at most, over all steps."""
+    """Largest decrease of the agent's speed over all steps."""
     message: str
     """One sentence for the user."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RepairProblem:
-    """Something that was found, but could not be mended."""
+    """Problem that could not be repaired."""
 
     repair: RepairKind
     agent_ids: tuple[str, ...]
@@ -44,13 +44,13 @@ class RepairProblem:
 
 @dataclass(frozen=True, kw_only=True)
 class RepairReport:
-    """All that was done, in the order of the agents."""
+    """Changes and remaining problems, in the order of the agents."""
 
     changes: tuple[RepairChange, ...] = ()
     problems: tuple[RepairProblem, ...] = ()
 
     def joined(self, other: "RepairReport") -> "RepairReport":
-        """This report, then another one."""
+        """Concatenate this report and another one."""
         return RepairReport(
             changes=self.changes + other.changes,
             problems=self.problems + other.problems,
@@ -58,12 +58,12 @@ class RepairReport:
 
 
 def name_of(agents: AgentTracks, row: int) -> str:
-    """Kind and id for the middle of a sentence."""
+    """Kind and id of an agent, for the middle of a sentence."""
     return f"{agents.kinds[row].value.replace('_', ' ')} {agents.ids[row]}"
 
 
 def sentence(text: str) -> str:
-    """The text with a capital and a full stop."""
+    """Capitalise a text and add a full stop."""
     return f"{text[:1].upper()}{text[1:]}."
 
 
@@ -75,7 +75,7 @@ def repairable(
 ) -> Bool[np.ndarray, "A"]:
     """Agents of some kinds that exist now, are asked for (None: all) and not kept.
 
-    Without ``keep_ids`` the focal agent is kept.
+    Agents in ``keep_ids`` are left out; None means the focal agent.
 
     Raises:
         EditError: an id is not in the scenario.

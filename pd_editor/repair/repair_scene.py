@@ -1,4 +1,4 @@
-"""All repairs in order."""
+"""Applies all repairs in order."""
 
 from collections.abc import Collection, Iterable
 
@@ -6,7 +6,7 @@ from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.repair.lane_projection import project_to_lanes
 from pd_editor.repair.repair_report import RepairReport
 from pd_editor.repair.separation import separate_overlaps
-from pd_editor.repair.trajectory_retiming import retime_futures
+from pd_editor.repair.trajectory_retiming import retime_trajectories
 from pd_editor.scene.scenario import Scenario
 
 
@@ -17,7 +17,7 @@ def repair_scene(
     keep_ids: Collection[str] | None = None,
     friction_coefficient: float = DRY_ROAD_FRICTION,
 ) -> tuple[Scenario, RepairReport]:
-    """States onto lanes, then apart, then futures re-timed; see each of the three.
+    """Snap states to lanes, separate overlaps, then retime trajectories.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -25,7 +25,7 @@ def repair_scene(
     wanted = scenario.agents.ids if agent_ids is None else tuple(agent_ids)
     scenario, report = project_to_lanes(scenario, wanted, keep_ids=keep_ids)
     scenario, apart = separate_overlaps(scenario, wanted, keep_ids=keep_ids)
-    scenario, retimed = retime_futures(
+    scenario, retimed = retime_trajectories(
         scenario,
         wanted,
         keep_ids=keep_ids,

@@ -1,4 +1,4 @@
-"""Sliding agents along their lanes until their boxes are free."""
+"""Separates overlapping agents by sliding them along their lanes."""
 
 from collections.abc import Collection, Iterable
 from typing import Final
@@ -24,9 +24,9 @@ from pd_editor.repair.sliding import SLIDE_REACH_M, lanes_of, slid_poses, slides
 from pd_editor.scene.scenario import Scenario
 
 GAP_M: Final = 0.5
-"""Room left ahead of and behind an agent that was slid."""
+"""Gap ahead of and behind an agent that was slid."""
 _LANE_REACH_M: Final = 6.0
-"""Agents within this distance of a lane, parked ones too, are slid along it."""
+"""Agents within this distance of a lane, including parked ones, slide along it."""
 
 
 def separate_overlaps(
@@ -35,12 +35,12 @@ def separate_overlaps(
     *,
     keep_ids: Collection[str] | None = None,
 ) -> tuple[Scenario, RepairReport]:
-    """Lane followers that overlap anything now, slid to the nearest free place.
+    """Slide lane followers that overlap others now to the nearest free position.
 
-    They slide along their lane, or straight where they have none, by multiples of
-    0.25 m up to 20 m, never further off their lane nor off the road; whole tracks are
-    carried along. Of two, the less important moves (benchmark category, then the
-    later row), the other one only if it cannot. Pairs that stay are named.
+    They slide along their lane, or straight without one, by multiples of 0.25 m up to
+    20 m, never further off their lane nor off the road; whole tracks move with them. Of
+    a pair, the less important agent moves (benchmark category, then the later row), the
+    other one only if the first cannot. Pairs that still overlap are reported.
     ``agent_ids`` None means all; ``keep_ids`` None keeps the focal agent.
 
     Raises:
@@ -70,7 +70,7 @@ def _one_pass(
     pairs: Int[np.ndarray, "P 2"],
     may_move: Bool[np.ndarray, "A"],
 ) -> set[int]:
-    """Move one agent of each pair if it can be; every move mends its pair."""
+    """Move one agent of each pair if possible; each move separates its pair."""
     agents = states.scenario.agents
     rows = np.unique(pairs[may_move[pairs]])
     choice = lanes_of(
@@ -94,7 +94,7 @@ def _one_pass(
 
 
 def _slide(states: States, graph: LaneGraph, row: int, lane: int) -> bool:
-    """Move an agent to the nearest free place; False if there is none."""
+    """Move an agent to the nearest free position; False if there is none."""
     position, heading = slid_poses(
         graph, lane, states.position_m[row], float(states.heading_rad[row]), slides_m()
     )

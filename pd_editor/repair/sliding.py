@@ -1,4 +1,4 @@
-"""Places that an agent can be slid to, along its lane or straight."""
+"""Poses that an agent can slide to, along its lane or straight."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -15,13 +15,13 @@ from pd_editor.paths.route_choice import METRES_PER_RADIAN, lane_kinds_of
 from pd_editor.scene.agent_kind import AgentKind
 
 SLIDE_REACH_M: Final = 20.0
-"""Furthest that an agent is slid, either way."""
+"""Largest distance that an agent slides, forwards or backwards."""
 SLIDE_STEP_M: Final = 0.25
 _TANGENT_M: Final = 0.5
 
 
 def slides_m() -> Float[np.ndarray, "K"]:
-    """Distances to slide, the least first; backwards first among equals."""
+    """Distances to slide, sorted by size; backwards first among equals."""
     count = round(SLIDE_REACH_M / SLIDE_STEP_M)
     steps = np.repeat(np.arange(1, count + 1), 2) * SLIDE_STEP_M
     return steps * np.tile([-1.0, 1.0], count)
@@ -29,14 +29,14 @@ def slides_m() -> Float[np.ndarray, "K"]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneChoice:
-    """The lane that each of N agents belongs to."""
+    """Assigned lane of each of N agents."""
 
     lane: Int[np.ndarray, "N"]
-    """Row in the lane graph; -1 without a lane in reach that runs its way."""
+    """Row in the lane graph; -1 without a lane in reach in the agent's direction."""
     distance_m: Float[np.ndarray, "N"]
-    """Least distance to any lane that runs its way; infinite without one."""
+    """Distance to the nearest lane in the agent's direction; infinite without one."""
     along_m: Float[np.ndarray, "N"]
-    """Where on its lane each agent is."""
+    """Arc length of each agent on its lane."""
 
 
 def lanes_of(
@@ -47,7 +47,7 @@ def lanes_of(
     reach_m: float,
     max_turn_rad: float,
 ) -> LaneChoice:
-    """The best lane of each agent by distance and angle, within ``reach_m``."""
+    """Assign each agent the best lane by distance and angle, within ``reach_m``."""
     count = len(kinds)
     lane, along = np.full(count, -1), np.zeros(count)
     distance = np.full(count, np.inf)
@@ -71,9 +71,9 @@ def lanes_of(
 
 
 def line_through(graph: LaneGraph, lane: int) -> tuple[FrenetFrames, float]:
-    """A lane with what leads to it and on from it, and where on that line it starts.
+    """Frame of a lane with its predecessors and successors, and the lane's start in it.
 
-    Both ways the straightest lanes are taken, as far as an agent may be slid.
+    The straightest lanes are used in both directions, as far as an agent may slide.
     """
     behind, ahead, before = [lane], [lane], 0.0
     while before < SLIDE_REACH_M:
@@ -109,9 +109,9 @@ def poses_along(
     s_m: Float[np.ndarray, "K"],
     d_m: float,
 ) -> tuple[Float[np.ndarray, "K 2"], Float[np.ndarray, "K"], Bool[np.ndarray, "K"]]:
-    """Positions at an offset from a line, its headings there, and whether it is there.
+    """Positions at an offset from a line, headings there, and whether they are on it.
 
-    Off the line's ends poses go straight on.
+    Beyond the line's ends poses continue straight.
     """
     places = np.stack([s_m - _TANGENT_M, s_m, s_m + _TANGENT_M])
     ends = frames.to_plane(places[::2].reshape(1, -1), np.zeros((1, 2 * len(s_m))))
@@ -128,10 +128,9 @@ def slid_poses(
     heading_rad: float,
     slide_m: Float[np.ndarray, "K"],
 ) -> tuple[Float[np.ndarray, "M 2"], Float[np.ndarray, "M"]]:
-    """Poses at distances along a lane, offset and angle to it kept.
+    """Poses at distances along a lane, with constant offset and angle to it.
 
-    Places before and past the lane's line are left out. Without a lane (-1) agents go
-    straight on.
+    Poses beyond the lane's line are left out. Without a lane (-1) agents move straight.
     """
     if lane < 0:
         direction = np.array([np.cos(heading_rad), np.sin(heading_rad)])

@@ -1,4 +1,4 @@
-"""Futures of a scene while they are re-timed."""
+"""Trajectories of a scene while they are retimed."""
 
 from dataclasses import dataclass, field, replace
 
@@ -27,22 +27,22 @@ from pd_editor.scene.scenario import Scenario
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Futures:
-    """Agents of a scene, some of which may be driven slower along their own paths."""
+class Trajectories:
+    """Trajectories of a scene's agents, some of which may be slowed along their paths."""
 
     scenario: Scenario
     friction_coefficient: float
     may_change: Bool[np.ndarray, "A"]
     reasons: dict[int, tuple[str, ...]] = field(default_factory=dict)
-    """Why each row was re-timed."""
+    """Reasons why each row was retimed."""
 
     @property
     def agents(self) -> AgentTracks:
-        """All agents as they are now."""
+        """All agents after the changes so far."""
         return self.scenario.agents
 
     def moving_rows(self) -> Int[np.ndarray, "G"]:
-        """Rows that may change and leave their place."""
+        """Rows that may change and are not stationary."""
         step = self.scenario.current_step
         rows = np.flatnonzero(self.may_change)
         curve = fill_gaps(
@@ -56,15 +56,15 @@ class Futures:
     ) -> tuple[
         Float[np.ndarray, "G H 2"], Float[np.ndarray, "G H"], Float[np.ndarray, "G H"]
     ]:
-        """Curve, headings and distance along of futures, without gaps."""
+        """Positions, headings and travelled distance of rows, with gaps filled."""
         step = self.scenario.current_step
         is_valid = self.agents.is_valid[rows, step:]
         curve = fill_gaps(self.agents.position_m[rows, step:], is_valid)
         heading = fill_heading_gaps(self.agents.heading_rad[rows, step:], is_valid)
         return curve, heading, travelled_m(curve)
 
-    def slowed_to_friction(self) -> "Futures":
-        """Futures with all agents slowed that are too fast for their own curves."""
+    def slowed_to_friction(self) -> "Trajectories":
+        """Slow all agents that exceed the friction limit of their own curves."""
         rows, step_s = self.moving_rows(), self.scenario.time_axis.step_s
         if len(rows) == 0 or self.scenario.time_axis.num_future_steps < 1:
             return self
@@ -89,8 +89,8 @@ class Futures:
         distance_m: Float[np.ndarray, "G H"],
         speed_mps: Float[np.ndarray, "G H"],
         reason: str,
-    ) -> "Futures":
-        """Futures with some agents at other distances along their own paths."""
+    ) -> "Trajectories":
+        """Move some agents to other distances along their own paths."""
         step = self.scenario.current_step
         agents = self.agents
         old = agents.position_m[rows], agents.heading_rad[rows]
@@ -124,8 +124,8 @@ class Futures:
             self, scenario=self.scenario.with_agents(changed), reasons=reasons
         )
 
-    def with_yielding(self) -> "Futures":
-        """Futures with agents that yield where they would collide."""
+    def with_yielding(self) -> "Trajectories":
+        """Let agents yield where they would collide."""
         step, agents = self.scenario.current_step, self.agents
         found = yielding(agents, step, self.may_change, self.scenario.time_axis.step_s)
         if not len(found.row):
@@ -152,10 +152,10 @@ class Futures:
         )
 
     def conflicts(self) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P"], int]:
-        """Pairs that collide, first step of each; number of all overlaps.
+        """Pairs that collide, first step of each, and the number of all overlaps.
 
-        Pairs that overlap now are no matter of timing, nor are tracks that begin later:
-        recordings often lose an agent and find it again as another one.
+        Pairs that overlap now are left out, and so are tracks that begin later:
+        recordings often lose an agent and find it again under another id.
         """
         now = self.scenario.current_step
         later = np.arange(now + 1, self.agents.num_steps)

@@ -1,4 +1,4 @@
-"""Re-timing futures so that curves can be driven and agents do not collide."""
+"""Retimes trajectories so that they keep the friction limit and do not collide."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import replace
@@ -15,48 +15,48 @@ from pd_editor.repair.repair_report import (
     repairable,
     sentence,
 )
-from pd_editor.repair.trajectories import Futures
+from pd_editor.repair.trajectories import Trajectories
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
 
 _MAX_ROUNDS: Final = 8
 
 
-def retime_futures(
+def retime_trajectories(
     scenario: Scenario,
     agent_ids: Iterable[str] | None = None,
     *,
     keep_ids: Collection[str] | None = None,
     friction_coefficient: float = DRY_ROAD_FRICTION,
 ) -> tuple[Scenario, RepairReport]:
-    """Lane followers slowed along their own paths, never ahead of their old timing.
+    """Slow lane followers along their own paths; they never run ahead of their timing.
 
     Speeds keep v <= sqrt(mu g / kappa), with braking ahead of curves; agents that
-    would collide yield. Places and headings at the current step stay; a current speed
-    is lowered where a curve is too near. A change that would make others overlap is
-    left out; pairs that still collide are named. ``agent_ids`` None means all;
-    ``keep_ids`` None keeps the focal agent.
+    would collide yield. Current poses stay; a current speed is lowered if a curve is
+    too near. Changes that would cause other overlaps are left out; pairs that still
+    collide are reported. ``agent_ids`` None means all; ``keep_ids`` None keeps the
+    focal agent.
 
     Raises:
         EditError: an id is not in the scenario.
     """
-    futures = Futures(
+    trajectories = Trajectories(
         scenario=scenario,
         friction_coefficient=friction_coefficient,
         may_change=repairable(scenario, agent_ids, keep_ids),
     )
-    # What one round moves may call for another one; the result calls for none.
+    # One round may cause new conflicts; the result has none that a round resolves.
     for _ in range(_MAX_ROUNDS):
-        after = _one_round(futures)
-        if after is futures:
+        after = _one_round(trajectories)
+        if after is trajectories:
             break
-        futures = after
-    return futures.scenario, RepairReport(
-        changes=_changes(scenario, futures), problems=_problems(futures)
+        trajectories = after
+    return trajectories.scenario, RepairReport(
+        changes=_changes(scenario, trajectories), problems=_problems(trajectories)
     )
 
 
-def wait_for_others(
+def yield_to_others(
     scenario: Scenario,
     agent_ids: Iterable[str] | None = None,
     *,
@@ -64,48 +64,49 @@ def wait_for_others(
 ) -> tuple[Scenario, tuple[str, ...]]:
     """Road users that would collide yield, the others go on as before.
 
-    The part of ``retime_futures`` that is about other agents, in one round: agents
-    that are too fast for a curve stay so.
+    One round of ``retime_trajectories`` without the friction limit.
 
     Returns:
-        The scene, and the ids of the agents that were slowed, sorted.
+        The scene, and the sorted ids of the agents that were slowed.
 
     Raises:
         EditError: an id is not in the scenario.
     """
-    futures = Futures(
+    trajectories = Trajectories(
         scenario=scenario,
         friction_coefficient=DRY_ROAD_FRICTION,
         may_change=repairable(scenario, agent_ids, keep_ids, ROAD_USER_KINDS),
     )
-    resolved = futures.with_yielding()
+    resolved = trajectories.with_yielding()
     names = sorted(scenario.agents.ids[row] for row in resolved.reasons)
     return resolved.scenario, tuple(names)
 
 
-def _one_round(futures: Futures) -> Futures:
-    """Friction, then conflicts; without the friction step where it makes overlaps."""
-    pairs, _, total = futures.conflicts()
-    slowed = futures.slowed_to_friction().with_yielding()
+def _one_round(trajectories: Trajectories) -> Trajectories:
+    """Apply the friction limit, then yielding; without the former if it adds overlaps."""
+    pairs, _, total = trajectories.conflicts()
+    slowed = trajectories.slowed_to_friction().with_yielding()
     new_pairs, _, new_total = slowed.conflicts()
     if len(new_pairs) <= len(pairs) and new_total <= total:
         return slowed
-    return futures.with_yielding()
+    return trajectories.with_yielding()
 
 
-def _changes(scenario: Scenario, futures: Futures) -> tuple[RepairChange, ...]:
-    before, after, step = scenario.agents, futures.agents, scenario.current_step
+def _changes(
+    scenario: Scenario, trajectories: Trajectories
+) -> tuple[RepairChange, ...]:
+    before, after, step = scenario.agents, trajectories.agents, scenario.current_step
     there = before.is_valid[:, step:]
     slower = (before.speed_mps() - after.speed_mps())[:, step:]
     slower = np.max(np.where(there, slower, 0.0), axis=1, initial=0.0)
     last = there.shape[1] - 1 - there[:, ::-1].argmax(axis=1) + step
     changes = []
-    for row in sorted(futures.reasons):
+    for row in sorted(trajectories.reasons):
         gap = before.position_m[row, last[row]] - after.position_m[row, last[row]]
         shift = float(np.hypot(*gap))
         changes.append(
             RepairChange(
-                repair="retime-futures",
+                repair="retime-trajectories",
                 agent_id=before.ids[row],
                 shift_m=shift,
                 turn_deg=0.0,
@@ -113,32 +114,32 @@ def _changes(scenario: Scenario, futures: Futures) -> tuple[RepairChange, ...]:
                 message=sentence(
                     f"{name_of(before, row)} is up to {slower[row]:.1f} m/s slower and "
                     f"ends {shift:.1f} m from where it did, "
-                    + " and ".join(futures.reasons[row])
+                    + " and ".join(trajectories.reasons[row])
                 ),
             )
         )
     return tuple(changes)
 
 
-def _problems(futures: Futures) -> tuple[RepairProblem, ...]:
-    agents, now = futures.agents, futures.scenario.current_step
-    pairs, steps, _ = futures.conflicts()
+def _problems(trajectories: Trajectories) -> tuple[RepairProblem, ...]:
+    agents, now = trajectories.agents, trajectories.scenario.current_step
+    pairs, steps, _ = trajectories.conflicts()
     problems = [
         RepairProblem(
-            repair="retime-futures",
+            repair="retime-trajectories",
             agent_ids=(agents.ids[one], agents.ids[two]),
             message=sentence(
                 f"{name_of(agents, one)} and {name_of(agents, two)} still run into "
-                f"each other in {(step - now) * futures.scenario.time_axis.step_s:.1f} s"
+                f"each other in {(step - now) * trajectories.scenario.time_axis.step_s:.1f} s"
             ),
         )
         for (one, two), step in zip(pairs.tolist(), steps.tolist(), strict=True)
-        if futures.may_change[[one, two]].any()
+        if trajectories.may_change[[one, two]].any()
     ]
-    too_fast = replace(futures, reasons={}).slowed_to_friction().reasons
+    too_fast = replace(trajectories, reasons={}).slowed_to_friction().reasons
     problems += [
         RepairProblem(
-            repair="retime-futures",
+            repair="retime-trajectories",
             agent_ids=(agents.ids[row],),
             message=sentence(
                 f"{name_of(agents, row)} is too fast for its curve, and slower it "

@@ -78,7 +78,7 @@ def test_who_draws_no_states_is_refused_where_they_are_drawn(
 ):
     command = ("evaluate", "--data", data, "--out", tmp_path / "out")
     words = shell.refused(*command, "--states", "drawn", "--methods", name)
-    assert words.startswith(f"{name} draws no states")
+    assert words.startswith(f"{name} samples no initial states")
     assert not (tmp_path / "out").exists()
 
 

@@ -34,7 +34,7 @@ def test_generated_traffic_is_replayed_and_drawn_again(shell: Shell, tmp_path: P
         stored = shell.run("replay", folder, "--out", out)
         assert stored.code == 0
         drawn = shell.run("replay", folder, "--out", out, "--regenerate", "--overwrite")
-        assert drawn.lines[1:] == ["Entry 1: drawn again, equal."]
+        assert drawn.lines[1:] == ["Entry 1: generated again, equal."]
         assert files_of(out / folder.name) == files_of(folder)
 
 
@@ -45,7 +45,9 @@ def test_unequal_traffic_is_said_and_its_recipe_written(shell: Shell, tmp_path: 
     recipe_file.write_text(json.dumps(recipe))
     command = ("replay", recipe_file, "--out", tmp_path / "again")
     result = shell.run(*command, "--regenerate")
-    assert result.lines[1].startswith("Entry 1: drawn again, NOT equal, positions up")
+    assert result.lines[1].startswith(
+        "Entry 1: generated again, NOT equal, positions up"
+    )
     again = tmp_path / "again" / recipe_file.parent.name
     stored = shell.run("replay", again, "--out", tmp_path / "third")
     assert stored.code == 0
@@ -121,4 +123,4 @@ def test_a_missing_recipe_is_refused(shell: Shell, tmp_path: Path):
 def test_a_recipe_without_traffic_cannot_be_drawn_again(shell: Shell, tmp_path: Path):
     folder = warp(JUNCTION, kind="smooth-turn", power=2, out=tmp_path).folder
     refused = shell.refused("replay", folder, "--out", tmp_path / "x", "--regenerate")
-    assert refused == "The recipe holds no generated traffic to draw anew."
+    assert refused == "The recipe holds no generated traffic to regenerate."

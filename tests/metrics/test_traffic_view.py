@@ -38,7 +38,7 @@ def test_recorded_road_users_at_the_state_are_judged_in_groups():
 def test_only_some_are_judged_among_the_others():
     view = recorded_traffic(SCENARIO, ["102"])
     assert view.agents.ids == ("102",)
-    assert view.kept.ids == ("100", "101")
+    assert view.context.ids == ("100", "101")
     assert len(view.only(np.array([True])).everyone) == 1
     with pytest.raises(EditError):
         recorded_traffic(SCENARIO, ["nobody"])
@@ -56,7 +56,7 @@ def test_generated_agents_keep_their_recording_and_new_ones_have_none():
     path = np.zeros((2, 60, 2))
     sample = sample_of(("102", "new"), path)
     view = generated_traffic(SCENARIO, sample)
-    assert view.kept.ids == ("100", "101")
+    assert view.context.ids == ("100", "101")
     np.testing.assert_array_equal(
         view.logged.position_m[0], SCENARIO.agents.position_m[2, 50:]
     )
@@ -69,7 +69,7 @@ def test_a_scenario_without_a_future_is_padded_for_generated_traffic():
     agents = straight_drivers(STATES[:2], kinds=KINDS[:2], time_axis=axis)
     scenario = replace(scenario_with(agents_of_110()), agents=agents, time_axis=axis)
     view = generated_traffic(scenario, sample_of(("100",), np.ones((1, 60, 2))))
-    assert view.kept.is_valid.sum() == 1
+    assert view.context.is_valid.sum() == 1
     assert view.logged.is_valid.sum() == 1
     values = agent_values(view)
     assert values["path_length"].is_valid.all()

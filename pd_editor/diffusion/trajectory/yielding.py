@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int
 
 from pd_editor.generation import TrafficSample
-from pd_editor.repair import wait_for_others
+from pd_editor.repair import yield_to_others
 from pd_editor.scene.scenario import Scenario
 
 
@@ -28,7 +28,7 @@ def with_yielding(
             agents.is_valid, rows, now, np.ones(sample.heading_rad.shape, bool)
         ),
     )
-    waiting, ids = wait_for_others(
+    waiting, ids = yield_to_others(
         scenario.with_agents(driven), sample.ids, keep_ids=()
     )
     if not ids:

@@ -13,7 +13,7 @@ from pd_editor.evaluation.evaluation_task import EvaluationTask
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.evaluation.report.tables import ReportTable
 from pd_editor.metrics.distributions.distribution_distance import HISTOGRAMS, Histogram
-from pd_editor.metrics.distributions.noise_floor import NUM_DRAWS, noise_floor
+from pd_editor.metrics.distributions.noise_floor import NUM_RESAMPLES, noise_floor
 from pd_editor.metrics.metric_table import METRICS
 from pd_editor.metrics.values import MetricValues, measured
 
@@ -124,7 +124,7 @@ def distance_tables(
             header=("metric", "unit", "bins", "noise floor", *others),
             rows=tuple(lines),
             note=f"{whole}. The noise floor is "
-            f"the mean over {NUM_DRAWS} draws of recorded scenes with as many agents.",
+            f"the mean over {NUM_RESAMPLES} resamples of recorded scenes with as many agents.",
         )
     ]
 

@@ -1,1 +1,1 @@
-"""Collisions: boxes that overlap, centres too near, paths that would meet, time to collision."""
+"""Collision metrics: box overlap, centre distance, path collisions, time to collision."""

@@ -1,4 +1,4 @@
-"""How often boxes overlap: at the state, and newly within the window."""
+"""Box overlap metrics: at the current step, and new overlaps at later steps."""
 
 from dataclasses import dataclass
 
@@ -17,32 +17,32 @@ from pd_editor.metrics.values import (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoxOverlap:
-    """Overlaps of A judged agents with anybody at H steps, the state first."""
+    """Overlaps of A evaluated agents with any agent at H steps, the current one first."""
 
     is_valid: Bool[np.ndarray, "A H"]
     is_overlapping: Bool[np.ndarray, "A H"]
     is_new: Bool[np.ndarray, "A H"]
-    """Overlaps of pairs that do not overlap at the state."""
+    """Overlaps of pairs that do not overlap at the current step."""
 
     def at_state(self) -> MetricValues:
-        """``init_overlap`` [A]."""
+        """Metric ``init_overlap`` [A]."""
         return measured("init_overlap", self.is_overlapping[:, 0], self.is_valid[:, 0])
 
     def newly(self) -> MetricValues:
-        """``new_overlap`` [A]."""
+        """Metric ``new_overlap`` [A]."""
         return any_step("new_overlap", self.is_new[:, 1:], self.is_valid[:, 1:])
 
     def new_steps(self) -> MetricValues:
-        """``new_overlap_steps`` [A]."""
+        """Metric ``new_overlap_steps`` [A]."""
         return mean_over_steps(
             "new_overlap_steps", self.is_new[:, 1:], self.is_valid[:, 1:]
         )
 
 
 def box_overlap(view: TrafficView) -> BoxOverlap:
-    """Overlaps of the judged agents with each other and with the kept ones.
+    """Overlaps of the evaluated agents with each other and with context agents.
 
-    Two pedestrians never count: they walk in groups.
+    Pairs of pedestrians do not count, since they walk in groups.
     """
     everyone = view.everyone
     num_agents, num_steps = len(view), view.num_steps
@@ -69,7 +69,7 @@ def box_overlap(view: TrafficView) -> BoxOverlap:
 def pairs_that_matter(
     agents: AgentStates, pairs: Int[np.ndarray, "P 2"]
 ) -> Bool[np.ndarray, "P"]:
-    """Pairs of road users of which not both are pedestrians."""
+    """Whether pairs count: both are road users, and not both are pedestrians."""
     walks = agents.is_in("pedestrians")
     is_road_user = agents.group >= 0
     a, b = pairs[:, 0], pairs[:, 1]
@@ -79,9 +79,9 @@ def pairs_that_matter(
 def _of_agents(
     hit: Bool[np.ndarray, "P H"], pairs: Int[np.ndarray, "P 2"], num_agents: int
 ) -> Bool[np.ndarray, "A H"]:
-    """Hits of pairs, given to both agents of each."""
+    """Hits of pairs, assigned to both agents of each."""
     result = np.zeros((num_agents, hit.shape[1]), bool)
     for side in (0, 1):
-        judged = pairs[:, side] < num_agents
-        np.logical_or.at(result, pairs[judged, side], hit[judged])
+        evaluated = pairs[:, side] < num_agents
+        np.logical_or.at(result, pairs[evaluated, side], hit[evaluated])
     return result

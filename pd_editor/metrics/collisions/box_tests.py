@@ -1,4 +1,4 @@
-"""Which agents overlap, now and later."""
+"""Box overlap tests between agents over time."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -11,9 +11,9 @@ from pd_editor.metrics.road.path_pieces import bounds_m, rectangles_meet
 from pd_editor.scene.agent_tracks import AgentTracks
 
 MIN_OVERLAP_M2: Final = 0.05
-"""Boxes that share no more than this merely touch."""
+"""Boxes that share at most this area only touch."""
 _PORTION: Final = 50_000
-"""Pairs times steps looked at in one go."""
+"""Number of pairs times steps per chunk."""
 
 
 def overlapping_pairs(agents: AgentTracks, step: int) -> Int[np.ndarray, "P 2"]:
@@ -25,16 +25,16 @@ def overlapping_pairs(agents: AgentTracks, step: int) -> Int[np.ndarray, "P 2"]:
 def first_overlap(
     agents: AgentTracks, steps: Int[np.ndarray, "S"]
 ) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P"]]:
-    """Pairs of rows that overlap at one of the steps, and the first such step.
+    """Pairs of rows that overlap at any of the steps, and the first such step.
 
-    ``steps`` must rise. Pairs are sorted by row, the lower one first.
+    ``steps`` must increase. Pairs are sorted by row, the lower one first.
     """
     position, is_valid = agents.position_m[:, steps], agents.is_valid[:, steps]
     radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
     pairs = pairs_that_meet(position, is_valid, radius)
     heading, first = agents.heading_rad[:, steps], np.full(len(pairs), -1)
     for part, some in _parts(len(pairs), position.shape[1]):
-        # Pairs that were found to overlap need not be looked at again.
+        # Pairs that were found to overlap are not tested again.
         open_pairs = part[first[part] < 0]
         pair, at = overlaps_of_pairs(
             pairs[open_pairs],
@@ -50,7 +50,7 @@ def first_overlap(
 
 
 def _parts(num_pairs: int, num_steps: int) -> Iterator[tuple[np.ndarray, slice]]:
-    """Pairs and steps in portions that fit in little memory, early steps first."""
+    """Chunks of pairs and steps that bound the memory, early steps first."""
     at_once = max(_PORTION // max(num_pairs, 1), 1)
     for start in range(0, num_steps, at_once):
         for low in range(0, num_pairs, _PORTION):
@@ -63,10 +63,10 @@ def pairs_that_meet(
     is_valid: Bool[np.ndarray, "A S"],
     radius_m: Float[np.ndarray, "A"],
 ) -> Int[np.ndarray, "P 2"]:
-    """Pairs whose discs sweep upright rectangles that have a common point.
+    """Pairs whose swept discs have intersecting axis-aligned bounding boxes.
 
-    Only such pairs can come so close that their discs touch. Pairs are sorted by
-    row, the lower one first.
+    Only the discs of such pairs can touch. Pairs are sorted by row, the lower one
+    first.
     """
     low, high = bounds_m(position_m, is_valid)
     low, high = low - radius_m[:, None], high + radius_m[:, None]
@@ -81,7 +81,7 @@ def overlaps_of_pairs(
     is_valid: Bool[np.ndarray, "A S"],
     size_m: Float[np.ndarray, "A 2"],
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
-    """Which of the pairs overlap, at which steps; sorted by pair, then by step."""
+    """Indices of overlapping pairs and steps, sorted by pair, then by step."""
     a, b = pairs.T
     offset = position_m[b] - position_m[a]
     radius = np.hypot(size_m[:, 0], size_m[:, 1]) / 2
@@ -125,7 +125,7 @@ def turned_boxes_touch(
     size_a_m: Float[np.ndarray, "N 2"],
     size_b_m: Float[np.ndarray, "N 2"],
 ) -> Bool[np.ndarray, "N"]:
-    """The same of plane vectors as complex numbers; directions are unit vectors."""
+    """``boxes_touch`` for vectors as complex numbers; directions are unit vectors."""
     turn = direction_b * direction_a.conj()
     cos, sin = np.abs(np.real(turn)), np.abs(np.imag(turn))
     touch = np.ones(len(turn), bool)

@@ -1,7 +1,7 @@
-"""The paper's collision rule: another agent's centre within 2 m.
+"""The paper's collision rule: the centre of another agent within 2 m.
 
-Boxes play no part: two cars in line, bumper to tail, are no collision. The paper's
-code compares agents of different scenes of a batch as well; here never.
+Boxes are ignored: two cars bumper to bumper do not collide. The paper's code also
+compares agents of different scenes of a batch; this module does not.
 """
 
 from typing import Final
@@ -15,18 +15,18 @@ from pd_editor.metrics.values import MetricValues, mean_over_steps, measured
 
 COLLISION_M: Final = 2.0
 PEDESTRIAN_COLLISION_M: Final = 1.0
-"""Between two pedestrians."""
+"""Collision distance of two pedestrians."""
 
 
 def init_collision_2m(view: TrafficView) -> MetricValues:
-    """Whether each agent collides at the state [A]."""
+    """Whether each agent collides at the current step [A]."""
     return measured(
         "init_collision_2m", _collides(view, 1)[:, 0], view.agents.is_valid[:, 0]
     )
 
 
 def actor_collision_2m(view: TrafficView) -> MetricValues:
-    """Share of each agent's steps in collision [A], the state included.
+    """Share of each agent's steps in collision [A], the current step included.
 
     The mean over agents that exist at all steps is the paper's actorCR.
     """
@@ -36,12 +36,12 @@ def actor_collision_2m(view: TrafficView) -> MetricValues:
 
 
 def _collides(view: TrafficView, num_steps: int) -> Bool[np.ndarray, "A S"]:
-    """Whether a centre of the same group is within the group's distance."""
+    """Whether another centre of the same group is within the group's distance."""
     everyone = view.everyone
     position = everyone.position_m[:, :num_steps]
     is_valid = everyone.is_valid[:, :num_steps]
     reach = _reach_m(everyone.is_in("pedestrians"))
-    # Half of the distance each, and a bit for rounding.
+    # Half of the distance each, and a margin for rounding.
     pairs = pairs_that_meet(position, is_valid, reach / 2 + 1e-6)
     a, b = pairs[:, 0], pairs[:, 1]
     alike = (everyone.group[a] == everyone.group[b]) & (everyone.group[a] >= 0)

@@ -1,4 +1,4 @@
-"""How close agents are to others of their group at the state."""
+"""Distances to other agents of the same group at the current step."""
 
 from typing import Final
 
@@ -12,7 +12,7 @@ NUM_NEIGHBORS: Final = 5
 
 
 def nearest_distance(view: TrafficView) -> MetricValues:
-    """Distance to the nearest other centre [A]; 0, as in the paper, to nobody."""
+    """Distance to the nearest other centre [A]; 0 without one, as in the paper."""
     nearest = np.min(_distances_m(view), axis=1, initial=np.inf)
     return measured(
         "nearest_distance",
@@ -22,7 +22,7 @@ def nearest_distance(view: TrafficView) -> MetricValues:
 
 
 def local_density(view: TrafficView) -> MetricValues:
-    """The smallest distances to others, sorted [A 5]; not valid past the last one."""
+    """The smallest distances to others, sorted [A 5]; valid as far as there are others."""
     distance = np.sort(_distances_m(view), axis=1)[:, :NUM_NEIGHBORS]
     missing = NUM_NEIGHBORS - distance.shape[1]
     distance = np.pad(distance, ((0, 0), (0, missing)), constant_values=np.inf)
@@ -31,7 +31,7 @@ def local_density(view: TrafficView) -> MetricValues:
 
 
 def _distances_m(view: TrafficView) -> Float[np.ndarray, "A B"]:
-    """Distance to everyone of the same group; infinite to oneself and others."""
+    """Distances to agents of the same group; infinite to oneself and other groups."""
     agents, everyone = view.agents, view.everyone
     offset = agents.position_m[:, None, 0] - everyone.position_m[None, :, 0]
     distance = np.hypot(offset[..., 0], offset[..., 1])

@@ -1,4 +1,4 @@
-"""Whether agents would be hit on trajectories that they do not drive yet."""
+"""Collisions of an agent on candidate trajectories."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from pd_editor.scene.scenario import Scenario
 
 @dataclass(frozen=True, kw_only=True)
 class PathCollision:
-    """The first agent that a trajectory meets."""
+    """First collision on a trajectory."""
 
     agent_id: str
     step: int
@@ -25,10 +25,10 @@ def first_collisions(
     heading_rad: Float[np.ndarray, "C H"],
     is_valid: Bool[np.ndarray, "C"],
 ) -> tuple[PathCollision | None, ...]:
-    """The first collision of an agent on each of C trajectories.
+    """Find the first collision of an agent on each of C trajectories.
 
-    Trajectories begin at the current step; the other agents move as they do in the
-    scenario. Agents that the box overlaps at the start are left out.
+    Trajectories begin at the current step; other agents move as in the scenario. Agents
+    that the box overlaps at the start are left out.
     """
     agents, now = scenario.agents, scenario.current_step
     num_paths, num_points = position_m.shape[:2]

@@ -1,4 +1,4 @@
-"""How near agents come to touching: gap, time to collision, post-encroachment time."""
+"""Surrogate safety measures: gap, time to collision, post-encroachment time."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -20,19 +20,19 @@ from pd_editor.metrics.traffic_view import AgentStates, TrafficView
 from pd_editor.metrics.values import MetricValues, measured
 
 HORIZON_S: Final = 5.0
-"""Times to collision beyond this are none."""
+"""Longer times to collision do not count."""
 CRITICAL_S: Final = 0.95
 CLOSING_MPS: Final = 0.5
-"""Agents that approach more slowly are not on a collision course."""
+"""Least closing speed of agents on a collision course."""
 MOVED_M: Final = 1.0
-"""Post-encroachment times are those of agents that both move further than this."""
+"""Post-encroachment times count for pairs that both move further than this."""
 
 
 def safety_values(view: TrafficView) -> dict[str, MetricValues]:
     """Gap and times by name, each [A].
 
-    Against everybody but pedestrian against pedestrian. Pairs whose boxes touch at
-    the state are left out of the times: default box sizes make many of them.
+    Pairs of pedestrians do not count. Pairs whose boxes touch at the current step are
+    left out of the times: default box sizes cause many of them.
     """
     pairs = _Pairs.of(view)
     to_collision = pairs.least(*_times_to_collision_s(pairs))
@@ -60,25 +60,25 @@ def _finite(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pairs:
-    """P pairs (a, b) of agents, a judged, at H steps."""
+    """P pairs (a, b) of agents at H steps; agent a is evaluated."""
 
     agents: AgentStates
-    num_judged: int
+    num_evaluated: int
     a: Int[np.ndarray, "P"]
     b: Int[np.ndarray, "P"]
     is_valid: Bool[np.ndarray, "P H"]
     offset_m: Float[np.ndarray, "P H 2"]
-    """From a to b."""
+    """Vector from a to b."""
     distance_m: Float[np.ndarray, "P H"]
     radius_m: Float[np.ndarray, "P"]
-    """Sum of the radii of the boxes' outer circles."""
+    """Sum of the circumradii of the boxes."""
     touches_at_state: Bool[np.ndarray, "P"]
 
     @classmethod
     def of(cls, view: TrafficView) -> "_Pairs":
-        agents, num_judged = view.everyone, len(view)
+        agents, num_evaluated = view.everyone, len(view)
         pairs = np.argwhere(np.triu(np.ones((len(agents), len(agents)), bool), 1))
-        pairs = pairs[(pairs[:, 0] < num_judged) & pairs_that_matter(agents, pairs)]
+        pairs = pairs[(pairs[:, 0] < num_evaluated) & pairs_that_matter(agents, pairs)]
         a, b = pairs.T
         radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
         offset = agents.position_m[b] - agents.position_m[a]
@@ -92,7 +92,7 @@ class _Pairs:
         )
         return cls(
             agents=agents,
-            num_judged=num_judged,
+            num_evaluated=num_evaluated,
             a=a,
             b=b,
             is_valid=is_valid,
@@ -105,17 +105,17 @@ class _Pairs:
     def least(
         self, pair: Int[np.ndarray, "N"], value: Float[np.ndarray, "N"]
     ) -> Float[np.ndarray, "A"]:
-        """Each judged agent's least value among its pairs; infinite without any."""
+        """Least value of each evaluated agent among its pairs; infinite without pairs."""
         result = np.full(len(self.agents), np.inf)
         np.minimum.at(result, self.a[pair], value)
         np.minimum.at(result, self.b[pair], value)
-        return result[: self.num_judged]
+        return result[: self.num_evaluated]
 
 
 def _times_to_collision_s(
     pairs: _Pairs,
 ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-    """Times until boxes at constant velocity would touch, for pairs at some step."""
+    """Pairs, and times until their boxes would touch at constant velocity."""
     agents, a, b = pairs.agents, pairs.a, pairs.b
     velocity = agents.velocity_mps[b] - agents.velocity_mps[a]
     offset = pairs.offset_m
@@ -146,10 +146,10 @@ def sweep_times_s(
     heading_rad: tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]],
     size_m: tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]],
 ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-    """When boxes begin and cease to share a point; never if the first is not less.
+    """Times at which boxes start and stop touching; they never touch if start >= stop.
 
-    Offset and velocity are those of the second box seen from the first. Along each
-    of the four axes that could part the boxes, they meet during one interval.
+    Offset and velocity are those of the second box relative to the first. The result is
+    the intersection of the overlap intervals along the four separating axes.
     """
     enter = np.full(len(offset_m), -np.inf)
     leave = np.full(len(offset_m), np.inf)
@@ -176,7 +176,7 @@ def sweep_times_s(
 def _post_encroachment_s(
     pairs: _Pairs, step_s: float
 ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-    """Times between pairs' boxes being at the same place."""
+    """Pairs, and times between the presence of their boxes at the same place."""
     agents = pairs.agents
     position, is_valid = agents.position_m, agents.is_valid
     offset = position - position[:, :1]
@@ -204,9 +204,9 @@ def _post_encroachment_s(
 def _steps_nearby(
     pairs: _Pairs, chosen: Int[np.ndarray, "Q"]
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
-    """Pairs, a step of a and one of b, at which the boxes' outer circles meet.
+    """Pairs, steps of a and steps of b at which the boxes' circumcircles intersect.
 
-    First by bounding boxes of pieces of paths, then step by step.
+    The search tests bounding boxes of path segments first, then single steps.
     """
     agents = pairs.agents
     position, is_valid = in_pieces(agents.position_m), in_pieces(agents.is_valid)
@@ -236,7 +236,7 @@ def _steps_nearby(
 
 
 def _gaps_m(pairs: _Pairs) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-    """Distances of boxes, for the pairs and steps that can hold an agent's least."""
+    """Pairs and box distances, for the pairs and steps that can have the minimum."""
     agents, a, b = pairs.agents, pairs.a, pairs.b
     half_width = agents.size_m.min(axis=1) / 2
     distance = np.where(pairs.is_valid, pairs.distance_m, np.inf)
@@ -260,9 +260,9 @@ def box_gap_m(
     heading_rad: tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]],
     size_m: tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]],
 ) -> Float[np.ndarray, "N"]:
-    """Distance between boxes, the second one at an offset; 0 where they touch.
+    """Distance between two boxes, the second one at an offset; 0 if they touch.
 
-    Between rectangles apart, the least distance begins at a corner of one of them.
+    The least distance between disjoint rectangles involves a corner of one of them.
     """
     gap = np.full(len(offset_m), np.inf)
     centers = (np.zeros_like(offset_m), offset_m)

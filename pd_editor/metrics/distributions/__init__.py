@@ -1,1 +1,1 @@
-"""Distances of distributions, and the noise floor of recordings against recordings."""
+"""Distances between distributions, and their noise floor between recordings."""

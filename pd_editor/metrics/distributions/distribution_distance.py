@@ -1,8 +1,8 @@
-"""How far the distribution of a metric is from the recorded one.
+"""Jensen-Shannon distance between the generated and recorded distribution of a metric.
 
-The paper's histograms drop values out of their range, and its "JSD" is the square
-root of the divergence; ours count what is out of range in two bins of its own. The
-logarithm is the natural one, so a divergence is at most ln 2.
+The paper's histograms drop values out of their range, and its "JSD" is the square root
+of the divergence; our histograms have two more bins for values out of range. With the
+natural logarithm a divergence is at most ln 2.
 """
 
 from dataclasses import dataclass
@@ -16,22 +16,22 @@ from pd_editor.metrics.metric_table import METRICS, Source
 
 @dataclass(frozen=True, kw_only=True)
 class DistributionDistance:
-    """A distance of two sets of values."""
+    """Distance between two sets of values."""
 
     divergence: float
     """Jensen-Shannon divergence, natural logarithm, 0..ln 2."""
     is_valid: bool
-    """False where a set has no value in the histogram."""
+    """False if a set has no value in the histogram."""
 
     @property
     def root(self) -> float:
-        """Square root of the divergence, which is what the paper calls JSD."""
+        """Jensen-Shannon distance: square root of the divergence; the paper's JSD."""
         return float(np.sqrt(self.divergence))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Histogram:
-    """Equal bins for the values of a metric."""
+    """Bins of equal width for the values of a metric."""
 
     metric: str
     """Key of ``METRICS``."""
@@ -45,11 +45,11 @@ class Histogram:
 
     @property
     def drops_out_of_range(self) -> bool:
-        """The paper's do; ours have one more bin at each end."""
+        """Whether values out of range are dropped, as in the paper; ours have two bins."""
         return self.source == "paper"
 
     def counts(self, values: Float[np.ndarray, "N"]) -> Float[np.ndarray, "B"]:
-        """How many values fall into each bin; the last one includes its end."""
+        """Number of values in each bin; the last bin includes its end."""
         edges = np.linspace(self.low, self.high, self.num_bins + 1)
         inside = np.histogram(values, edges)[0].astype(float)
         if self.drops_out_of_range:
@@ -60,7 +60,7 @@ class Histogram:
     def distance(
         self, first: Float[np.ndarray, "N"], second: Float[np.ndarray, "M"]
     ) -> DistributionDistance:
-        """Distance of two sets of values."""
+        """Distance between two sets of values."""
         one, two = self.counts(first), self.counts(second)
         if not one.any() or not two.any():
             return DistributionDistance(divergence=0.0, is_valid=False)
@@ -103,11 +103,11 @@ HISTOGRAMS: Final = (
     _ours("post_encroachment_time", 0, 5, 20),
     _ours("minimum_gap", 0, 30, 30),
 )
-"""All bins of all distances."""
+"""Histograms of all distances."""
 
 
 def histogram_of(metric: str, source: Source) -> Histogram:
-    """The bins of a metric, as the paper has them or ours."""
+    """Histogram of a metric, the paper's or ours."""
     (found,) = (h for h in HISTOGRAMS if h.metric == metric and h.source == source)
     return found
 
@@ -115,7 +115,7 @@ def histogram_of(metric: str, source: Source) -> Histogram:
 def jensen_shannon_divergence(
     first: Float[np.ndarray, "B"], second: Float[np.ndarray, "B"]
 ) -> float:
-    """Divergence of two histograms, neither empty; natural logarithm."""
+    """Jensen-Shannon divergence of two non-empty histograms; natural logarithm."""
     p, q = first / first.sum(), second / second.sum()
     middle = (p + q) / 2
     safe = np.where(middle > 0, middle, 1.0)

@@ -1,4 +1,4 @@
-"""Maximum mean discrepancy: a distance of distributions without bins."""
+"""Maximum mean discrepancy (MMD) between distributions."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,13 +11,13 @@ _MAX_POINTS: Final = 3000
 
 @dataclass(frozen=True, kw_only=True)
 class MeanDiscrepancy:
-    """Maximum mean discrepancy of two sets."""
+    """Maximum mean discrepancy between two sets."""
 
     squared: float
-    """Unbiased estimate of its square; may fall a little below 0."""
+    """Unbiased estimate of the squared MMD; may be slightly below 0."""
     bandwidth: float
     is_valid: bool
-    """False where a set has fewer than two points, or the second one no width."""
+    """False if a set has fewer than two points, or the reference has no spread."""
 
 
 def maximum_mean_discrepancy(
@@ -25,8 +25,8 @@ def maximum_mean_discrepancy(
 ) -> MeanDiscrepancy:
     """MMD with the kernel exp(-|x - y|^2 / (2 h^2)), h the reference's median distance.
 
-    Gretton et al. (2012), unbiased form. Of more than 3,000 points, evenly spaced
-    ones are taken.
+    Gretton et al. (2012), unbiased form. Of more than 3,000 points, an evenly spaced
+    subset is used.
     """
     first, reference = _thinned(first), _thinned(reference)
     if len(first) < 2 or len(reference) < 2:

@@ -1,4 +1,4 @@
-"""What a distance of distributions is between recordings and recordings."""
+"""Noise floor: the distance of distributions between recordings and recordings."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,16 +7,16 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
-NUM_DRAWS: Final = 200
+NUM_RESAMPLES: Final = 200
 
 
 @runtime_checkable
 class RowsOfValues(Protocol):
-    """Values with a row for each agent of a scene; ``MetricValues`` are such."""
+    """Values with a row for each agent of a scene, such as ``MetricValues``."""
 
     @property
     def is_valid(self) -> Bool[np.ndarray, "A *shape"]:
-        """Which values mean something."""
+        """Which values are valid."""
         ...
 
     def __len__(self) -> int:
@@ -24,21 +24,21 @@ class RowsOfValues(Protocol):
         ...
 
     def taken(self, rows: np.ndarray) -> "RowsOfValues":
-        """Only some rows: indices, or one truth value per row."""
+        """Select rows by indices or a mask."""
         ...
 
     def valid(self) -> Float[np.ndarray, "N"]:
-        """The values that mean something, one after the other."""
+        """Valid values, flattened."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseFloor:
-    """What a distance is between recordings and other recordings."""
+    """Mean and deviation of a distance between recordings and other recordings."""
 
     mean: float
     std: float
-    num_draws: int
+    num_resamples: int
 
 
 def noise_floor(
@@ -46,20 +46,20 @@ def noise_floor(
     distance: Callable[[np.ndarray, np.ndarray], float],
     *,
     num_agents: int,
-    draws: int = NUM_DRAWS,
+    num_resamples: int = NUM_RESAMPLES,
     seed: int = 0,
 ) -> NoiseFloor:
-    """Mean distance from all real scenes to as many agents of real scenes drawn anew.
+    """Mean distance between all real scenes and resampled real scenes.
 
-    Scenes are drawn with replacement and whole, the last one cut to the number of
-    agents. ``distance`` takes the valid values of the draw and those of all scenes.
+    Whole scenes are resampled with replacement, the last one cut to the number of
+    agents. ``distance`` takes the valid values of the resample and of all scenes.
 
     Args:
         real_scenes: values per scene; agents without a valid value do not count.
         distance: for example ``lambda a, b: histogram.distance(a, b).root``.
-        num_agents: how many agents the set under test has.
-        draws: number of draws.
-        seed: of the draws.
+        num_agents: number of agents of the set under test.
+        num_resamples: number of resamples.
+        seed: seed of the resamples.
     """
     scenes = [scene.taken(_has_value(scene)) for scene in real_scenes]
     scenes = [scene for scene in scenes if len(scene)]
@@ -67,8 +67,8 @@ def noise_floor(
     assert num_agents > 0
     everything = np.concatenate([scene.valid() for scene in scenes])
     random = np.random.default_rng(seed)
-    found = np.zeros(draws)
-    for draw in range(draws):
+    found = np.zeros(num_resamples)
+    for index in range(num_resamples):
         parts: list[np.ndarray] = []
         missing = num_agents
         while missing > 0:
@@ -77,8 +77,10 @@ def noise_floor(
                 scene = scene.taken(random.permutation(len(scene))[:missing])
             parts.append(scene.valid())
             missing -= len(scene)
-        found[draw] = distance(np.concatenate(parts), everything)
-    return NoiseFloor(mean=float(found.mean()), std=float(found.std()), num_draws=draws)
+        found[index] = distance(np.concatenate(parts), everything)
+    return NoiseFloor(
+        mean=float(found.mean()), std=float(found.std()), num_resamples=num_resamples
+    )
 
 
 def _has_value(scene: RowsOfValues) -> np.ndarray:

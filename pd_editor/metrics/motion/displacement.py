@@ -1,4 +1,4 @@
-"""How far generated paths are from the recorded ones."""
+"""Displacement errors of generated trajectories against the recorded ones."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -13,17 +13,17 @@ MISS_M: Final = 2.0
 
 
 def ade_with_state(view: TrafficView) -> MetricValues:
-    """The paper's ADE [A]: the state, where the error is 0, counts as a step."""
+    """The paper's ADE [A], which includes the current step, where the error is 0."""
     return mean_over_steps("ade_with_state", _error_m(view), _is_known(view))
 
 
 def ade(view: TrafficView) -> MetricValues:
-    """Mean distance to the recording over later steps [A]."""
+    """Average displacement error: mean distance to the recording at later steps [A]."""
     return mean_over_steps("ade", _error_m(view)[:, 1:], _is_known(view)[:, 1:])
 
 
 def fde(view: TrafficView) -> MetricValues:
-    """Distance at the last step that the recording has [A]."""
+    """Final displacement error: distance at the recording's last step [A]."""
     is_known = _is_known(view)
     last = is_known.shape[1] - 1 - is_known[:, ::-1].argmax(axis=1)
     error = _error_m(view)[np.arange(len(view)), last]

@@ -1,4 +1,4 @@
-"""How much several samples of the same agents differ."""
+"""Diversity of several samples of the same agents."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -7,19 +7,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.metrics.road.lane_deviation import path_length_m
-from pd_editor.metrics.road.off_lane import judged_steps
+from pd_editor.metrics.road.off_lane import evaluated_steps
 from pd_editor.metrics.road.reachable_lanes import lane_search, reachable_lanes
 from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.metrics.values import MetricValues, measured
 
 VISIT_M: Final = 2.0
-"""A lane is visited by who comes so close to its centre line."""
+"""An agent visits a lane if it comes this close to its centre line."""
 
 
 def diversity_values(views: Sequence[TrafficView]) -> dict[str, MetricValues]:
-    """``pairwise_ade``, ``end_spread`` and ``lane_coverage`` by name, each [A].
+    """Metrics ``pairwise_ade``, ``end_spread`` and ``lane_coverage`` by name, each [A].
 
-    Spreads need two samples.
+    The first two need at least two samples.
     """
     assert all(view.agents.ids == views[0].agents.ids for view in views)
     apart, is_valid = _distances_m(views)
@@ -62,10 +62,10 @@ def _lane_coverage(views: Sequence[TrafficView]) -> MetricValues:
         longest,
         spare_m=0.0,
     )
-    is_valid = judged_steps(views[0])[:, 0] & np.any(reachable, axis=1)
+    is_valid = evaluated_steps(views[0])[:, 0] & np.any(reachable, axis=1)
     search, visited = lane_search(road_map), np.zeros(reachable.shape, bool)
     for view in views:
-        steps = judged_steps(view) & is_valid[:, None]
+        steps = evaluated_steps(view) & is_valid[:, None]
         distance, segment = search.nearest(view.agents.position_m, steps, reachable)
         agent, step = np.nonzero(steps & (distance <= VISIT_M))
         visited[agent, search.graph.segments.lane[segment[agent, step]]] = True

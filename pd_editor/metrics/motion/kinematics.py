@@ -1,4 +1,4 @@
-"""Speed, acceleration, jerk and turning, and whether they can be and feel right.
+"""Speed, acceleration, jerk and yaw rate, with limits of comfort and of physics.
 
 Recorded positions carry noise of some centimetres, whose second difference at 10 Hz
 is many m/s^2. So cubics are fitted over two seconds (Savitzky and Golay, 1964), and
@@ -32,7 +32,7 @@ COMFORT_LATERAL_MPS2: Final = 4.89
 COMFORT_JERK_MPS3: Final = 8.37
 COMFORT_YAW_RATE_RADPS: Final = 0.95
 MAX_ACCELERATION_MPS2: Final = 9.81
-"""What tyres hold on a dry road at best."""
+"""Highest acceleration of tyres on a dry road."""
 MAX_CURVATURE_PER_M: Final = 0.3
 TURNING_MPS: Final = 2.0
 """Below this speed, yaw rate over speed is noise rather than curvature."""
@@ -40,9 +40,9 @@ TURNING_MPS: Final = 2.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Kinematics:
-    """Derivatives of A judged agents' paths at H steps, the state first.
+    """Derivatives of A evaluated agents' paths at H steps, the current one first.
 
-    A step is valid if the agent exists throughout the two seconds that are fitted.
+    A step is valid if the agent exists throughout the two seconds of its fit.
     """
 
     is_valid: Bool[np.ndarray, "A H"]
@@ -53,7 +53,7 @@ class Kinematics:
     yaw_rate_radps: Float[np.ndarray, "A H"]
 
     def is_uncomfortable(self) -> Bool[np.ndarray, "A H"]:
-        """Beyond one of nuPlan's comfort limits."""
+        """Whether one of nuPlan's comfort limits is exceeded."""
         return (
             (self.longitudinal_mps2 < COMFORT_BRAKING_MPS2)
             | (self.longitudinal_mps2 > COMFORT_ACCELERATION_MPS2)
@@ -63,7 +63,7 @@ class Kinematics:
         )
 
     def is_impossible(self) -> Bool[np.ndarray, "A H"]:
-        """More acceleration or curvature than a vehicle can have."""
+        """Whether acceleration or curvature is physically impossible."""
         total = np.hypot(self.longitudinal_mps2, self.lateral_mps2)
         bend = np.abs(self.yaw_rate_radps) > MAX_CURVATURE_PER_M * self.speed_mps
         turns = bend & (self.speed_mps > TURNING_MPS)
@@ -82,7 +82,7 @@ class Kinematics:
         }
 
     def values(self) -> dict[str, MetricValues]:
-        """Limits kept or broken, by name, each [A]."""
+        """Violations of limits by name, each [A]."""
         valid, result = self.is_valid, {}
         for name, broken in (
             ("uncomfortable", self.is_uncomfortable()),
@@ -94,7 +94,7 @@ class Kinematics:
 
 
 def kinematics(view: TrafficView) -> Kinematics:
-    """Derivatives of the judged agents' paths."""
+    """Derivatives of the evaluated agents' paths."""
     agents = view.agents
     num_steps, degree = view.num_steps, DEGREE
     window = min(WINDOW_STEPS, num_steps)
@@ -111,7 +111,7 @@ def kinematics(view: TrafficView) -> Kinematics:
     first, second, third = derivative_operators(num_steps, window, view.step_s)
     acceleration = second @ agents.position_m
     forward = unit_vector(agents.heading_rad)
-    # Unwrapping across rows without a track is harmless: their fits are not valid.
+    # Headings of steps without a track are unwrapped too; their fits are not valid.
     heading = np.unwrap(agents.heading_rad, axis=1)
     return Kinematics(
         is_valid=whole_windows(agents.is_valid, window),
@@ -124,7 +124,7 @@ def kinematics(view: TrafficView) -> Kinematics:
 
 
 def motion_values(view: TrafficView) -> dict[str, MetricValues]:
-    """``speed``, ``standing``, ``starts`` and ``path_length`` by name, each [A]."""
+    """Metrics ``speed``, ``standing``, ``starts`` and ``path_length``, each [A]."""
     agents = view.agents
     here = agents.is_valid[:, 0]
     speed = np.hypot(agents.velocity_mps[:, 0, 0], agents.velocity_mps[:, 0, 1])
@@ -146,9 +146,9 @@ def motion_values(view: TrafficView) -> dict[str, MetricValues]:
 def derivative_operators(
     num_steps: int, window: int, step_s: float
 ) -> Float[np.ndarray, "3 H H"]:
-    """Matrices that take H values to the derivatives of cubics fitted around each.
+    """Matrices that map H values to derivatives of cubics fitted around each step.
 
-    Windows are centred, but for the first and the last few steps.
+    Windows are centred, except at the first and the last steps.
     """
     operators = np.zeros((3, num_steps, num_steps))
     for row, start in enumerate(_window_starts(num_steps, window)):
@@ -168,7 +168,7 @@ def _window_starts(num_steps: int, window: int) -> np.ndarray:
 def whole_windows(
     is_valid: Bool[np.ndarray, "A H"], window: int
 ) -> Bool[np.ndarray, "A H"]:
-    """Whether each agent exists throughout the window that is fitted at a step."""
+    """Whether each agent exists throughout the fitted window of each step."""
     before = np.pad(np.cumsum(is_valid, axis=1), ((0, 0), (1, 0)))
     start = _window_starts(is_valid.shape[1], window)
     return before[:, start + window] - before[:, start] == window

@@ -1,1 +1,1 @@
-"""Agents and the road: lane deviation, off-lane and off-road, what surrounds an agent."""
+"""Metrics of agents relative to the road: lane deviation, off-lane, off-road."""

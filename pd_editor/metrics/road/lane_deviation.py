@@ -1,4 +1,4 @@
-"""How far, and at what angle, agents are from the lanes they could have followed."""
+"""Lateral and angular deviation of agents from their reachable lanes."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import unit_vector
-from pd_editor.metrics.road.off_lane import judged_steps
+from pd_editor.metrics.road.off_lane import evaluated_steps
 from pd_editor.metrics.road.reachable_lanes import (
     lane_search,
     reachable_lanes,
@@ -23,23 +23,23 @@ MOVING_MPS: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneDeviation:
-    """Deviation of A judged agents at H steps from their reachable lanes."""
+    """Deviation of A evaluated agents at H steps from their reachable lanes."""
 
     is_valid: Bool[np.ndarray, "A H"]
-    """False for pedestrians, and where the map has no lane for the agent."""
+    """False for pedestrians, and if the map has no lane for the agent."""
     lateral_m: Float[np.ndarray, "A H"]
-    """Distance to the foot of the point on the nearest reachable lane."""
+    """Distance to the nearest reachable lane."""
     angle_deg: Float[np.ndarray, "A H"]
-    """Angle, 0..180, between heading and that lane."""
+    """Angle between the heading and that lane, 0 to 180."""
     is_wrong_way: Bool[np.ndarray, "A H"]
     can_be_wrong_way: Bool[np.ndarray, "A H"]
-    """Moving within 2 m of the centre line of some lane."""
+    """Whether the agent moves within 2 m of the centre line of a lane."""
     lane: Int[np.ndarray, "A H"]
     """Row in the lane graph of the nearest reachable lane."""
     is_reachable: Bool[np.ndarray, "A L"]
 
     def values(self) -> dict[str, MetricValues]:
-        """Lane metrics by name, each [A]; the state itself does not count."""
+        """Lane metrics by name, each [A]; the current step does not count."""
         later = self.is_valid[:, 1:]
         last = later.shape[1] - later[:, ::-1].argmax(axis=1) if later.size else 0
         final = self.lateral_m[np.arange(len(later)), last]
@@ -60,10 +60,10 @@ class LaneDeviation:
 
 
 def lane_deviation(view: TrafficView) -> LaneDeviation:
-    """Deviation from the lanes within the length of each agent's way."""
+    """Deviation from the lanes that are reachable within each agent's path length."""
     agents, road_map = view.agents, view.scenario.road_map
     segments = lane_graph(road_map).segments
-    is_valid = judged_steps(view)
+    is_valid = evaluated_steps(view)
     reachable = reachable_lanes(
         road_map,
         agents.position_m[:, 0],
@@ -83,7 +83,7 @@ def lane_deviation(view: TrafficView) -> LaneDeviation:
     on_lane, with_lane = search.lanes_below(
         agents.position_m,
         agents.heading_rad,
-        judged_steps(view) & (speed > MOVING_MPS),
+        evaluated_steps(view) & (speed > MOVING_MPS),
         usable_lanes(search.graph, agents.kinds),
         WRONG_WAY_M,
     )
@@ -101,7 +101,7 @@ def lane_deviation(view: TrafficView) -> LaneDeviation:
 def path_length_m(
     position_m: Float[np.ndarray, "A H 2"], is_valid: Bool[np.ndarray, "A H"]
 ) -> Float[np.ndarray, "A"]:
-    """Length of each path, over steps between two valid ones."""
+    """Length of each path over pairs of consecutive valid steps."""
     step = np.diff(position_m, axis=1)
     both = is_valid[:, 1:] & is_valid[:, :-1]
     return np.where(both, np.hypot(step[..., 0], step[..., 1]), 0.0).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Nearest segments of centre lines for the paths of many agents at once."""
+"""Nearest segments of centre lines for the paths of many agents."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,21 +11,21 @@ from pd_editor.metrics.road.path_pieces import PathPieces, in_pieces, joined_pie
 from pd_editor.paths.lane_graph import LaneGraph
 
 DEAD_END_M: Final = 100.0
-"""A lane without a successor is thought to go straight on so far."""
+"""Lanes without a successor are extended straight by this length."""
 _SPARE_M: Final = 3.0
-"""How much further from lanes than at first an agent is thought to get."""
+"""Reach of the fast search beyond an agent's initial distance to its lanes."""
 _CHUNK: Final = 200_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneSearch:
-    """Searches among the S segments of a map's lanes, dead ends made longer."""
+    """Search among the S segments of a map's lanes with extended dead ends."""
 
     graph: LaneGraph
 
     @cached_property
     def length_m(self) -> Float[np.ndarray, "S"]:
-        """Length of each segment; the last one of a dead end goes on."""
+        """Length of each segment; the last one of a dead end is extended."""
         segments = self.graph.segments
         length = segments.length_m.copy()
         if not len(length):
@@ -49,9 +49,9 @@ class LaneSearch:
         is_valid: Bool[np.ndarray, "A H"],
         lanes: Bool[np.ndarray, "A L"],
     ) -> tuple[Float[np.ndarray, "A H"], Int[np.ndarray, "A H"]]:
-        """Distance to, and index of, the nearest segment of each agent's lanes.
+        """Distance to, and index of, the nearest segment among each agent's lanes.
 
-        Each agent with a valid step must have a lane.
+        Each agent with a valid step must have at least one lane.
         """
         num_steps = is_valid.shape[1]
         reach = self._first_distance_m(position_m, is_valid, lanes)
@@ -82,7 +82,7 @@ class LaneSearch:
         lanes: Bool[np.ndarray, "A L"],
         reach_m: float,
     ) -> tuple[Bool[np.ndarray, "A H"], Bool[np.ndarray, "A H"]]:
-        """Whether a segment is within reach, and one within 90 degrees of the heading."""
+        """Whether any segment, and any within 90 degrees of the heading, is in reach."""
         num_steps = is_valid.shape[1]
         pieces = PathPieces.of(position_m, is_valid)
         below = np.zeros(pieces.is_valid.shape, bool)
@@ -126,7 +126,7 @@ class LaneSearch:
         lanes: Bool[np.ndarray, "A L"],
         reach_m: Float[np.ndarray, "A"],
     ) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"]]:
-        """Pieces and segments of their agents' lanes within reach of all they pass."""
+        """Pairs of a path piece and a segment of its agent's lanes within reach."""
         piece, segment = pieces.near_boxes(*self.bounds_m, reach_m)
         agent = piece // pieces.num_pieces
         mine = lanes[agent, self.graph.segments.lane[segment]]
@@ -161,7 +161,7 @@ class LaneSearch:
         squared: Float[np.ndarray, "A H"],
         found: Int[np.ndarray, "A H"],
     ) -> None:
-        """Fill in what was not found nearby."""
+        """Fill in the distances that the fast search did not find."""
         segments = self.graph.segments
         if not len(row):
             return
@@ -179,7 +179,7 @@ class LaneSearch:
 def _excursion_m(
     position_m: Float[np.ndarray, "A H 2"], is_valid: Bool[np.ndarray, "A H"]
 ) -> Float[np.ndarray, "A"]:
-    """How far each agent gets from its first valid position."""
+    """Largest distance of each agent from its first valid position."""
     first = is_valid.argmax(axis=1)[:, None, None]
     offset = position_m - np.take_along_axis(position_m, first, axis=1)
     return np.where(is_valid, np.hypot(offset[..., 0], offset[..., 1]), 0.0).max(

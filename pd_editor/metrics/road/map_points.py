@@ -1,7 +1,7 @@
-"""The paper's map points: what it measures distances to the road with.
+"""The paper's map points, to which its road metrics measure distances.
 
-As QCNet lays maps out: every polyline without its last point; centre lines of all
-lanes, and the midline of each crosswalk in both directions.
+As in QCNet: every polyline without its last point; centre lines of all lanes, and the
+midline of each crosswalk in both directions.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from pd_editor.scene.road_map import Crosswalk, RoadMap
 
 _MIDLINE_SPACING_M: Final = 2.0
 _CHUNK: Final = 400_000
-"""Pairs of points looked at in one go."""
+"""Pairs of points per chunk."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapPoints:
-    """P centre points with the direction of the line there; B boundary points."""
+    """P centre points with the direction of their lines; B boundary points."""
 
     center_m: Float[np.ndarray, "P 2"]
     heading_rad: Float[np.ndarray, "P"]
@@ -34,7 +34,7 @@ _points: WeakKeyDictionary[RoadMap, MapPoints] = WeakKeyDictionary()
 
 
 def map_points(road_map: RoadMap) -> MapPoints:
-    """The points of a map, kept as long as the map value lives."""
+    """Points of a map, cached as long as the map value lives."""
     points = _points.get(road_map)
     if points is None:
         points = _points[road_map] = _build(road_map)
@@ -44,7 +44,7 @@ def map_points(road_map: RoadMap) -> MapPoints:
 def nearest_points(
     points_m: Float[np.ndarray, "N 2"], targets_m: Float[np.ndarray, "P 2"]
 ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-    """Index of, and distance to, the nearest target; there must be one."""
+    """Index of, and distance to, the nearest of at least one target."""
     count = len(points_m)
     chunk = max(1, _CHUNK // len(targets_m))
     nearest = np.zeros(count, int)
@@ -63,7 +63,7 @@ def paths_within(
     targets_m: Float[np.ndarray, "P 2"],
     reach_m: float,
 ) -> Bool[np.ndarray, "A S"]:
-    """Whether some target is within reach of each agent at each step."""
+    """Whether any target is within reach of each agent at each step."""
     reach = np.full(len(position_m), reach_m)
     pieces = PathPieces.of(position_m, is_valid)
     piece, target = pieces.near_boxes(targets_m, targets_m, reach)
@@ -100,7 +100,7 @@ def _build(road_map: RoadMap) -> MapPoints:
 
 
 def _midline(crosswalk: Crosswalk) -> Float[np.ndarray, "N 2"]:
-    """The middle between both edges, with points about 2 m apart."""
+    """Line midway between both edges, with points about 2 m apart."""
     one, two = crosswalk.edge1[:, :2], crosswalk.edge2[:, :2]
     start, end = (one[0] + two[0]) / 2, (one[-1] + two[-1]) / 2
     num_points = int(np.ceil(np.hypot(*(end - start)) / _MIDLINE_SPACING_M)) + 1

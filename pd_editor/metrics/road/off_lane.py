@@ -1,4 +1,4 @@
-"""The paper's off-road rule (no centre-line point within 4 m), and its repairs."""
+"""Off-road metrics: the paper's 4 m rule, its corrections, and the drivable area."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -23,16 +23,16 @@ OFF_LANE_M: Final = 4.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OffLane:
-    """Being far from the road, for A judged agents at H steps, the state first.
+    """Off-road tests of A evaluated agents at H steps, the current one first.
 
-    Pedestrians are not judged.
+    They are not valid for pedestrians.
     """
 
     is_valid: Bool[np.ndarray, "A H"]
     is_far: Bool[np.ndarray, "A H"]
-    """No centre-line point within 4 m."""
+    """Whether no centre-line point is within 4 m."""
     is_outside: Bool[np.ndarray, "A H"]
-    """Centre outside the drivable area."""
+    """Whether the centre is outside the drivable area."""
 
     def values(self) -> dict[str, MetricValues]:
         """Off-road metrics by name, each [A]."""
@@ -54,8 +54,8 @@ class OffLane:
 
 
 def off_lane(view: TrafficView) -> OffLane:
-    """Off-road tests of the judged agents that follow lanes."""
-    is_valid = judged_steps(view)
+    """Off-road tests of the evaluated agents that follow lanes."""
+    is_valid = evaluated_steps(view)
     position = view.agents.position_m
     center = map_points(view.scenario.road_map).center_m
     is_outside = np.zeros(is_valid.shape, bool)
@@ -65,8 +65,8 @@ def off_lane(view: TrafficView) -> OffLane:
 
 
 def nearest_edge(view: TrafficView) -> tuple[MetricValues, MetricValues]:
-    """``nearest_edge`` and ``nearest_edge_angle`` of the agents at the state [A]."""
-    is_valid, agents = judged_steps(view)[:, 0], view.agents
+    """Metrics ``nearest_edge`` and ``nearest_edge_angle`` at the current step [A]."""
+    is_valid, agents = evaluated_steps(view)[:, 0], view.agents
     points = map_points(view.scenario.road_map)
     distance, angle = np.zeros(len(view)), np.zeros(len(view))
     if len(points.center_m):
@@ -80,7 +80,7 @@ def nearest_edge(view: TrafficView) -> tuple[MetricValues, MetricValues]:
     )
 
 
-def judged_steps(view: TrafficView) -> Bool[np.ndarray, "A H"]:
-    """Where agents that follow lanes exist."""
+def evaluated_steps(view: TrafficView) -> Bool[np.ndarray, "A H"]:
+    """Steps at which evaluated agents that follow lanes exist."""
     follows = [kind in LANE_FOLLOWER_KINDS for kind in view.agents.kinds]
     return view.agents.is_valid & np.array(follows, bool)[:, None]

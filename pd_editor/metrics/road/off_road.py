@@ -1,4 +1,4 @@
-"""Which agents are off the drivable area."""
+"""Off-road tests against the drivable area."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,7 +17,7 @@ from pd_editor.scene.scenario import Scenario
 def drivable_ground(road_map: RoadMap) -> shapely.Geometry:
     """Union of the drivable areas; of lanes and crosswalks where a map has none.
 
-    Prepared for many point queries, and kept as long as the map is in use.
+    Prepared for many point queries, and cached as long as the map is in use.
     """
     if road_map.drivable_areas:
         rings = [area.boundary[:, :2] for area in road_map.drivable_areas]
@@ -33,10 +33,10 @@ def drivable_ground(road_map: RoadMap) -> shapely.Geometry:
 def is_off_road(
     scenario: Scenario, points_m: Float[np.ndarray, "*s 2"]
 ) -> Bool[np.ndarray, "*s"]:
-    """Whether points of the scene lie outside the drivable area.
+    """Whether points of the scene are outside the drivable area.
 
-    Under a warp they are taken back and tested on the original road, so nothing has
-    to be built while a road is being bent.
+    Under a warp they are mapped back and tested on the original road, so that no
+    geometry has to be built while a warp is being edited.
     """
     if scenario.applied_warp is not None:
         points_m = scenario.applied_warp.warp.undo(points_m)
@@ -46,36 +46,36 @@ def is_off_road(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OffRoad:
-    """Off-road tests of A agents at S steps; false for whom they mean nothing.
+    """Off-road tests of A agents at S steps; false where ``is_evaluated`` is false.
 
-    Judged are vehicles, buses, motorcyclists and cyclists, where they exist.
+    Evaluated are vehicles, buses, motorcyclists and cyclists, where they exist.
     """
 
-    is_judged: Bool[np.ndarray, "A S"]
+    is_evaluated: Bool[np.ndarray, "A S"]
     center: Bool[np.ndarray, "A S"]
-    """Whether the box's centre is off the drivable area."""
+    """Whether the box's centre is outside the drivable area."""
     num_corners: Int[np.ndarray, "A S"]
-    """How many corners of the box are off it."""
+    """Number of corners of the box outside the drivable area."""
 
     def share(self) -> float:
-        """Share of judged agents whose centre is off road at any of the steps."""
-        judged = self.is_judged.any(axis=1)
-        return float(self.center.any(axis=1).sum() / max(judged.sum(), 1))
+        """Share of evaluated agents whose centre is off-road at any of the steps."""
+        evaluated = self.is_evaluated.any(axis=1)
+        return float(self.center.any(axis=1).sum() / max(evaluated.sum(), 1))
 
 
 def off_road(scenario: Scenario, steps: Int[np.ndarray, "S"]) -> OffRoad:
     """Off-road tests of all agents at some steps."""
     agents = scenario.agents
     follows = agents.kind_mask(LANE_FOLLOWER_KINDS)
-    is_judged = agents.is_valid[:, steps] & follows[:, None]
-    row, at = np.nonzero(is_judged)
+    is_evaluated = agents.is_valid[:, steps] & follows[:, None]
+    row, at = np.nonzero(is_evaluated)
     position = agents.position_m[row, steps[at]]
     corners = box_corners(
         position, agents.heading_rad[row, steps[at]], agents.size_m[row]
     )
     off = is_off_road(scenario, np.concatenate([position[:, None], corners], axis=1))
-    center = np.zeros(is_judged.shape, bool)
-    num_corners = np.zeros(is_judged.shape, int)
+    center = np.zeros(is_evaluated.shape, bool)
+    num_corners = np.zeros(is_evaluated.shape, int)
     center[row, at] = off[:, 0]
     num_corners[row, at] = off[:, 1:].sum(axis=1)
-    return OffRoad(is_judged=is_judged, center=center, num_corners=num_corners)
+    return OffRoad(is_evaluated=is_evaluated, center=center, num_corners=num_corners)

@@ -1,4 +1,4 @@
-"""Paths cut into short pieces, whose bounding boxes are small."""
+"""Paths divided into short pieces with small bounding boxes, for fast searches."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,7 +10,7 @@ PIECE_STEPS: Final = 12
 
 
 def in_pieces(values: np.ndarray) -> np.ndarray:
-    """[A H ...] as [A K 12 ...], padded at the end with zeros (false)."""
+    """Reshape [A H ...] to [A K 12 ...], padded at the end with zeros (false)."""
     num_agents, num_steps = values.shape[:2]
     padding = [(0, 0)] * values.ndim
     padding[1] = (0, -num_steps % PIECE_STEPS)
@@ -20,7 +20,7 @@ def in_pieces(values: np.ndarray) -> np.ndarray:
 
 
 def joined_pieces(values: np.ndarray, num_steps: int) -> np.ndarray:
-    """[A*K 12] as [A H], without the padding; inverse of ``in_pieces``."""
+    """Reshape [A*K 12] to [A H] without the padding; inverse of ``in_pieces``."""
     num_pieces = -(-num_steps // PIECE_STEPS)
     return values.reshape(-1, num_pieces * PIECE_STEPS)[:, :num_steps]
 
@@ -28,7 +28,7 @@ def joined_pieces(values: np.ndarray, num_steps: int) -> np.ndarray:
 def bounds_m(
     position_m: Float[np.ndarray, "*rows S 2"], is_valid: Bool[np.ndarray, "*rows S"]
 ) -> tuple[Float[np.ndarray, "*rows 2"], Float[np.ndarray, "*rows 2"]]:
-    """Least and greatest coordinates; an empty box where no step is valid."""
+    """Least and greatest coordinates over valid steps; an empty box without any."""
     low, high = [], []
     # Axis by axis: reductions over the last axis are several times quicker.
     for axis in (0, 1):
@@ -44,7 +44,7 @@ def rectangles_meet(
     low_b_m: Float[np.ndarray, "*b 2"],
     high_b_m: Float[np.ndarray, "*b 2"],
 ) -> Bool[np.ndarray, "*c"]:
-    """Whether upright rectangles have a common point; shapes are broadcast."""
+    """Whether axis-aligned rectangles intersect; shapes are broadcast."""
     meet = low_a_m[..., 0] <= high_b_m[..., 0]
     meet = meet & (low_b_m[..., 0] <= high_a_m[..., 0])
     meet &= low_a_m[..., 1] <= high_b_m[..., 1]
@@ -54,7 +54,7 @@ def rectangles_meet(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathPieces:
-    """The paths of A agents, each cut into pieces of P steps."""
+    """Paths of A agents, each divided into pieces of P steps."""
 
     num_pieces: int
     position_m: Float[np.ndarray, "N P 2"]
@@ -64,7 +64,7 @@ class PathPieces:
     def of(
         cls, position_m: Float[np.ndarray, "A H 2"], is_valid: Bool[np.ndarray, "A H"]
     ) -> "PathPieces":
-        """Cut paths of the same number of steps."""
+        """Divide paths with the same number of steps."""
         valid = in_pieces(is_valid)
         return cls(
             num_pieces=valid.shape[1],
@@ -78,16 +78,16 @@ class PathPieces:
         high_m: Float[np.ndarray, "B 2"],
         reach_m: Float[np.ndarray, "A"],
     ) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"]]:
-        """Pairs of a piece and an upright box whose bounds are within reach.
+        """Pairs of a piece and an axis-aligned box whose bounds are within reach.
 
-        Every box within its agent's reach of a piece's valid step is among them.
-        Sorted by piece.
+        They include every box within its agent's reach of a valid step of the piece,
+        and are sorted by piece.
         """
         shape = (len(reach_m), self.num_pieces, 2)
         low, high = bounds_m(self.position_m, self.is_valid)
         low = low.reshape(shape) - reach_m[:, None, None]
         high = high.reshape(shape) + reach_m[:, None, None]
-        # First whole paths, then pieces of the few that pass.
+        # Whole paths first, then the pieces of those that pass.
         whole_low, whole_high = low.min(axis=1), high.max(axis=1)
         agent, box = np.nonzero(
             rectangles_meet(whole_low[:, None], whole_high[:, None], low_m, high_m)

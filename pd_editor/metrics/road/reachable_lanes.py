@@ -1,4 +1,4 @@
-"""Which lanes can be driven to from where an agent is."""
+"""Lanes that agents can reach by driving from their positions."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,10 +17,10 @@ from pd_editor.scene.road_map import LaneKind, RoadMap
 ON_LANE_M: Final = 3.0
 """Lanes within this distance, and within 60 degrees, are an agent's initial ones."""
 NEAR_LANE_M: Final = 8.0
-"""Who has no initial lane gets the nearest such lane within this distance."""
+"""Agents without an initial lane get the nearest such lane within this distance."""
 MAX_TURN_RAD: Final = np.pi / 3
 SPARE_M: Final = 10.0
-"""Lanes that begin so far past the end of an agent's way still count."""
+"""Lanes that begin up to this distance past the end of an agent's path count."""
 _CYCLIST_LANES: Final = (*DRIVING_LANES, LaneKind.BIKE)
 
 
@@ -32,9 +32,9 @@ class LaneDistances:
 
     @cached_property
     def start_to_start_m(self) -> Float[np.ndarray, "L L"]:
-        """From the start of one lane to the start of another; infinite if no way leads.
+        """Driving distance between the starts of two lanes; infinite if unreachable.
 
-        Changing to a lane beside that runs the same way costs nothing.
+        A change to a neighbouring lane in the same direction costs nothing.
         """
         graph, count = self.graph, len(self.graph.lane_ids)
         distance = np.full((count, count), np.inf)
@@ -57,7 +57,7 @@ _searches: WeakKeyDictionary[RoadMap, LaneSearch] = WeakKeyDictionary()
 
 
 def lane_distances(road_map: RoadMap) -> LaneDistances:
-    """Driving distances of a map, kept as long as the map value lives."""
+    """Driving distances of a map, cached as long as the map value lives."""
     distances = _distances.get(road_map)
     if distances is None:
         graph = lane_graph(road_map)
@@ -66,7 +66,7 @@ def lane_distances(road_map: RoadMap) -> LaneDistances:
 
 
 def lane_search(road_map: RoadMap) -> LaneSearch:
-    """The lane search of a map, kept as long as the map value lives."""
+    """Lane search of a map, cached as long as the map value lives."""
     search = _searches.get(road_map)
     if search is None:
         graph = lane_graph(road_map)
@@ -83,11 +83,11 @@ def reachable_lanes(
     *,
     spare_m: float = SPARE_M,
 ) -> Bool[np.ndarray, "A L"]:
-    """Lanes that each agent can get to within a distance, initial ones included.
+    """Lanes that each agent can reach within a distance, including its initial lanes.
 
-    Initial are the lanes within 3 m beside the agent that run its way, within 60
-    degrees; where there is none, the nearest such lane within 8 m, else the nearest
-    lane. Cyclists may use bike lanes. Columns are rows of the lane graph.
+    Initial lanes are those within 3 m and 60 degrees of the agent; without one, the
+    nearest such lane within 8 m, else the nearest lane. Cyclists may use bike lanes.
+    Columns are rows of the lane graph.
     """
     distances = lane_distances(road_map)
     graph, count = distances.graph, len(position_m)
@@ -113,7 +113,7 @@ def reachable_lanes(
 def usable_lanes(
     graph: LaneGraph, kinds: tuple[AgentKind, ...]
 ) -> Bool[np.ndarray, "A L"]:
-    """Lanes that agents may use by their kind; bike lanes are for cyclists."""
+    """Lanes that agents may use by their kind; bike lanes are for cyclists only."""
     driving, cycling = graph.allowed(DRIVING_LANES), graph.allowed(_CYCLIST_LANES)
     cycles = np.array([kind is AgentKind.CYCLIST for kind in kinds], bool)
     return np.where(cycles[:, None], cycling, driving)
@@ -126,9 +126,9 @@ def _lanes_ahead(
     usable: Bool[np.ndarray, "A L"],
     within_m: float,
 ) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"], Float[np.ndarray, "Q"]]:
-    """Agents, lanes beside them that run their way, and where along these they are.
+    """Agents, nearby lanes in their direction, and their arc lengths on these.
 
-    Sorted by agent, then nearest first.
+    Sorted by agent, then by distance.
     """
     near = lanes_near(graph, position_m, heading_rad, reach_m=within_m, usable=usable)
     good = near.is_beside & (np.abs(near.turn_rad) <= MAX_TURN_RAD)
@@ -141,7 +141,7 @@ def _lanes_of_lost(
     heading_rad: Float[np.ndarray, "N"],
     usable: Bool[np.ndarray, "N L"],
 ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-    """One lane for each agent that is on none, and where along it the agent is."""
+    """Lane, and arc length on it, of each agent without an initial lane."""
     graph = lane_graph(road_map)
     match = nearest_lanes(road_map, position_m, heading_rad=heading_rad)
     lane = np.array([graph.row_of.get(i, 0) for i in match.lane_id.tolist()], int)

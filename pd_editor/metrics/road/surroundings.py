@@ -1,7 +1,7 @@
-"""What a person sees around each vehicle at the state: lane, kerb, neighbours.
+"""Features of the surroundings of each vehicle: lane, kerb, neighbours, junction.
 
-A classifier that cannot tell recorded from generated vehicles by these features is the
-scene test of an evaluation; two of them are metrics of their own.
+The scene test of an evaluation is a classifier that tells generated from recorded
+vehicles by these features; two of them are metrics of their own.
 """
 
 import zlib
@@ -45,7 +45,7 @@ FEATURES: Final = (
 ASKEW_TO_LANE_DEG: Final = (15.0, 75.0)
 ASKEW_TO_NEIGHBOUR_DEG: Final = 15.0
 _FAR_M: Final = 99.0
-"""Stands for a neighbour or junction that is not there."""
+"""Value for the distance to a missing neighbour or junction."""
 _POSITION_NOISE_M: Final = 0.3
 _HEADING_NOISE_RAD: Final = np.radians(3.0)
 _SPEED_NOISE_MPS: Final = 0.5
@@ -53,23 +53,23 @@ _CREEPING_MPS: Final = 0.5
 
 
 def surroundings(view: TrafficView) -> MetricValues:
-    """The features of ``FEATURES`` for each vehicle [A F]; other kinds are not judged.
+    """Features ``FEATURES`` of each vehicle [A F]; not valid for other kinds.
 
-    States are jittered by a tracker's noise, the same for every method, so that the
-    smoothness of generated states does not give them away; creeping counts as standing.
+    States get a tracker's noise, the same for every method, so that a classifier
+    cannot recognise generated states by their smoothness; creeping counts as standing.
     """
-    judged = _vehicles(view)
+    evaluated = _vehicles(view)
     values = np.zeros((len(view), len(FEATURES)))
-    if judged.any() and view.scenario.road_map.lanes:
-        values[judged] = _features(view, judged)
+    if evaluated.any() and view.scenario.road_map.lanes:
+        values[evaluated] = _features(view, evaluated)
     else:
-        judged = np.zeros(len(view), bool)
-    is_valid = np.repeat(judged[:, None], len(FEATURES), axis=1)
+        evaluated = np.zeros(len(view), bool)
+    is_valid = np.repeat(evaluated[:, None], len(FEATURES), axis=1)
     return measured("surroundings", values, is_valid)
 
 
 def askew(view: TrafficView) -> tuple[MetricValues, MetricValues]:
-    """Which standing vehicles are askew to their nearest lane, and to their neighbour."""
+    """Metrics of stationary vehicles at an angle to the nearest lane or neighbour."""
     agents = view.agents
     speed = np.hypot(*agents.velocity_mps[:, 0].T)
     standing = _vehicles(view) & (speed < STANDING_MPS)
@@ -94,12 +94,12 @@ def askew(view: TrafficView) -> tuple[MetricValues, MetricValues]:
 
 
 def _features(
-    view: TrafficView, judged: Bool[np.ndarray, "A"]
+    view: TrafficView, evaluated: Bool[np.ndarray, "A"]
 ) -> Float[np.ndarray, "V F"]:
     scenario, others = view.scenario, view.everyone
     present = others.is_valid[:, 0] & _is_vehicle(others.kinds)
     count = len(others)
-    # Noise follows the agent, so that neither order nor pose of the scene matters.
+    # Noise depends on the agent's id, not on the order or pose of the scene.
     noise = np.array([_noise_of(name) for name in others.ids]).reshape(count, 4)
     heading = others.heading_rad[:, 0]
     ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
@@ -111,7 +111,7 @@ def _features(
     noisy = np.abs(speed + _SPEED_NOISE_MPS * noise[:, 3])
     speed = np.where(speed < _CREEPING_MPS, 0.0, noisy)
 
-    rows = np.flatnonzero(judged)  # Judged agents come first among all.
+    rows = np.flatnonzero(evaluated)  # Evaluated agents come first among all.
     here, facing = position[rows], heading[rows]
     points, direction = _lane_points(scenario.road_map)
     nearest, lane_m = nearest_points(here, points)
@@ -165,7 +165,7 @@ def _features(
 
 @lru_cache(maxsize=4096)
 def _noise_of(agent_id: str) -> tuple[float, ...]:
-    """Four standard normal numbers that belong to an agent."""
+    """Four standard normal numbers, determined by an agent's id."""
     random = np.random.default_rng(zlib.crc32(agent_id.encode()))
     return tuple(random.standard_normal(4).tolist())
 
@@ -176,7 +176,7 @@ def _distances(
     counts: Bool[np.ndarray, "B"],
     own: np.ndarray | None = None,
 ) -> Float[np.ndarray, "V B"]:
-    """Distances to others that count; infinite to the rest and to oneself."""
+    """Distances to the counted others; infinite to the rest and to oneself."""
     distance = np.hypot(*np.moveaxis(here_m[:, None] - others_m[None], -1, 0))
     distance[:, ~counts] = np.inf
     each = np.arange(len(here_m))
@@ -185,7 +185,7 @@ def _distances(
 
 
 def _folded_deg(turn_rad: np.ndarray) -> np.ndarray:
-    """Angle between two lines without direction, 0 to 90 degrees."""
+    """Angle between two undirected lines, 0 to 90 degrees."""
     return np.abs(np.degrees((turn_rad + np.pi / 2) % np.pi - np.pi / 2))
 
 
@@ -201,7 +201,7 @@ def _is_vehicle(kinds: tuple[AgentKind, ...]) -> Bool[np.ndarray, "A"]:
 def _lane_points(
     road_map: RoadMap,
 ) -> tuple[Float[np.ndarray, "P 2"], Float[np.ndarray, "P"]]:
-    """Points of the centre lines of lanes for vehicles, and the direction there."""
+    """Points of the centre lines of vehicle lanes, and the directions there."""
     lines = [
         lane.centerline_m for lane in road_map.lanes if lane.kind is not LaneKind.BIKE
     ]

@@ -113,7 +113,7 @@ def test_the_noise_floor_falls_with_the_number_of_agents():
 
     few = noise_floor(scenes, root, num_agents=20)
     many = noise_floor(scenes, root, num_agents=2000)
-    assert few.num_draws == 200
+    assert few.num_resamples == 200
     assert 0 < many.mean < few.mean / 3
     assert noise_floor(scenes, root, num_agents=20) == few
     assert noise_floor(scenes, root, num_agents=20, seed=1) != few
@@ -128,5 +128,5 @@ def test_draws_have_just_so_many_agents(num_agents):
         return 0.0
 
     scenes = scenes_of_speeds(30)
-    noise_floor(scenes, count, num_agents=num_agents, draws=20)
+    noise_floor(scenes, count, num_agents=num_agents, num_resamples=20)
     assert set(sizes) == {(num_agents, sum(len(scene.valid()) for scene in scenes))}

@@ -43,7 +43,7 @@ def test_pedestrians_and_absent_agents_are_not_judged():
     )
     agents = replace(agents, is_valid=np.zeros_like(agents.is_valid))
     found = off_road(scenario_with(agents), NOW)
-    assert not found.is_judged.any()
+    assert not found.is_evaluated.any()
     assert found.share() == 0
 
 
