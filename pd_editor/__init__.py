@@ -2,13 +2,13 @@
 
 The commands of the shell are functions of the same names. Each takes the scenario
 (a demo's name or an Argoverse 2 folder), writes into ``out`` and returns an ``Outcome``
-with the folders, the scenarios and what is to be said about them::
+with the folders, the scenarios and remarks::
 
     import pd_editor
 
-    bent = pd_editor.warp("signalised-junction", kind="smooth-turn", power=6, out="out")
-    pd_editor.generate(bent.folder, samples=2, seed=1, out="futures")
-    pd_editor.replay(bent.folder / "recipe.json", out="again")
+    warped = pd_editor.warp("signalised-junction", kind="smooth-turn", power=6, out="out")
+    pd_editor.generate(warped.folder, samples=2, seed=1, out="trajectories")
+    pd_editor.replay(warped.folder / "recipe.json", out="again")
     pd_editor.export("winding-street", out="copy", verify=True)
     pd_editor.edit("signalised-junction")  # serves until interrupted
 
@@ -20,7 +20,7 @@ with the folders, the scenarios and what is to be said about them::
 
     pd_editor.synth(num=100, seed=1, out="synthetic")
 
-``train`` learns a stage of the model from such roots, ``model`` joins both stages::
+``train`` trains a stage of the model on such roots, ``model`` joins both stages::
 
     pd_editor.train("traj", data="synthetic", out="runs/traj")
     pd_editor.model(init="runs/init", traj="runs/traj", out="models/mine")
@@ -94,7 +94,7 @@ _MODULES = {"commands": "pd_editor.editor.commands"}
 
 
 def __getattr__(name: str) -> Any:
-    """The public name's object, imported when it is asked for."""
+    """Import the object of a public name on first access."""
     if name in _MODULES:
         return import_module(_MODULES[name])
     if name not in _HOMES:

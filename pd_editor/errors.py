@@ -1,14 +1,17 @@
-"""Every error raised on purpose, as one tree.
+"""Hierarchy of all errors that are raised on purpose.
 
 PdEditorError
 ├── InputError              a file or folder that the user gave cannot be used
 │   ├── ScenarioFileError   tracks (parquet)
 │   ├── MapFileError        map (JSON)
 │   └── ArchiveError        zip upload
-├── EditError               an edit that makes no sense on this scenario
-├── RecipeError             a recipe or journal that cannot be replayed
-├── GenerationError         a generator refused, or answered nonsense
-└── ExportError             a result that cannot be written
+├── EditError               an edit is not valid for its scenario
+├── RecipeError             a recipe or journal cannot be read or replayed
+├── GenerationError         a generator refused a request, or its result is invalid
+├── ExportError             a result cannot be written
+├── SynthesisError          synthetic traffic cannot be made
+├── ModelError              weights are missing, damaged, or do not fit the model
+└── TrainingError           a training run cannot start or continue
 
 Each message is one sentence for the user: what was wrong, where, what was expected.
 """
@@ -20,7 +23,7 @@ class PdEditorError(Exception):
     """Root of all errors that a user, a file or a browser can cause."""
 
     def __str__(self) -> str:
-        """The message in one line; what cannot be printed is escaped."""
+        """Message in one line; unprintable characters are escaped."""
         return one_line(super().__str__())
 
 
@@ -41,19 +44,19 @@ class ArchiveError(InputError):
 
 
 class EditError(PdEditorError):
-    """An edit that makes no sense on the scenario it was applied to."""
+    """An edit is not valid for the scenario that it was applied to."""
 
 
 class RecipeError(PdEditorError):
-    """A recipe or journal that cannot be read or replayed."""
+    """A recipe or journal cannot be read or replayed."""
 
 
 class GenerationError(PdEditorError):
-    """A generator refused a request, or its answer cannot be used."""
+    """A generator refused a request, or its result is invalid."""
 
 
 class ExportError(PdEditorError):
-    """A result that cannot be written where it was asked for."""
+    """A result cannot be written to the requested place."""
 
 
 class SynthesisError(PdEditorError):
@@ -61,8 +64,8 @@ class SynthesisError(PdEditorError):
 
 
 class ModelError(PdEditorError):
-    """Weights that are missing, damaged, or do not fit the model."""
+    """Weights are missing, damaged, or do not fit the model."""
 
 
 class TrainingError(PdEditorError):
-    """A training run that cannot start or go on."""
+    """A training run cannot start or continue."""

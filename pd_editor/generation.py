@@ -1,7 +1,7 @@
-"""The port through which traffic is generated; plain values, NumPy only.
+"""Interface of traffic generators: requests, results and progress (NumPy only).
 
-A generator is an iterator of progress that returns its result, so a caller shows
-progress, and cancels, simply by iterating or not.
+``generate`` is a Python generator: it yields progress and returns the result, so that a
+caller can show progress and cancel.
 """
 
 import math
@@ -22,20 +22,20 @@ from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
 MAX_SAMPLES: Final = 1_000
 MAX_DENOISING_STEPS: Final = 1_000
 MAX_TRIES: Final = 64
-MAX_FUTURES: Final = 50_000
-"""Samples times tries times agents."""
+MAX_TRAJECTORIES: Final = 50_000
+"""Limit of samples times tries times agents in one request."""
 MAX_SEED: Final = 2**63 - 1
 MAX_SIZE_M: Final = 100.0
 """Longest and widest agent that is read or generated."""
 
 
 Quality = Literal["fast", "high"]
-"""Of sampled states, against time."""
+"""Quality of sampled states; higher quality takes more time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GuidanceTerm:
-    """One wish about the result: what, how strongly, for whom."""
+    """A guidance term: name, strength and the agents that it applies to."""
 
     name: str
     weight: float = 1.0
@@ -65,7 +65,7 @@ class GuidanceTerm:
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """A square of the scene frame, along its axes."""
+    """An axis-aligned square of the scene frame."""
 
     center_m: tuple[float, float]
     half_side_m: float
@@ -94,29 +94,29 @@ class Region:
 
 @dataclass(frozen=True, kw_only=True)
 class GenerationRequest:
-    """What to generate, on which scenario."""
+    """Request for traffic on a scenario."""
 
     scenario: Scenario
     agent_ids: tuple[str, ...]
-    """Agents whose futures are redrawn; the rest is kept."""
+    """Agents whose trajectories are generated; all others are context."""
     num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
-    """How many agents of each kind to add with states of the model's choosing."""
+    """Number of agents of each kind to add with sampled initial states."""
     draws_num_agents: bool = False
-    """Whether the model also chooses how many of each kind, to suit the road."""
+    """Whether the model also samples the number of agents of each kind for the road."""
     redrawn_state_ids: tuple[str, ...] = ()
-    """Those of ``agent_ids`` whose states are drawn anew too; id, kind, size stay."""
+    """Those of ``agent_ids`` whose initial states are resampled; id, kind, size stay."""
     moving_share: float | None = None
-    """Of the agents of each kind whose states are drawn; None: as on roads alike."""
+    """Fraction of the sampled agents of each kind that moves; None: unconditioned."""
     only_on_road: bool = False
-    """Whether states are drawn near lanes only, not on parking lots and the like."""
+    """Whether states are sampled near lanes only, not for example on parking lots."""
     region: Region | None = None
-    """Where states are sampled. None: where agents are, and on the mapped road around
-    the focal agent."""
+    """Square in which states are sampled. None: around agents, and on the mapped road
+    around the focal agent."""
     quality: Quality = "fast"
-    """Of sampled states: "high" takes more denoising steps."""
+    """Quality of sampled states: "high" takes more denoising steps."""
     num_samples: int = 1
     num_denoising_steps: int | None = None
-    """None: the generator's own default."""
+    """Denoising steps of trajectories; None: the generator's default."""
     guidance: tuple[GuidanceTerm, ...] = ()
     seed: int = 0
 
@@ -129,27 +129,27 @@ class GenerationRequest:
         )
         tries = max((t.parameters.get("tries", 1) for t in self.guidance), default=1.0)
         num_agents = len(self.agent_ids) + sum(self.num_new_agents.values())
-        num_futures = int(self.num_samples * max(tries, 1) * num_agents)
-        if num_futures > MAX_FUTURES:
+        num_trajectories = int(self.num_samples * max(tries, 1) * num_agents)
+        if num_trajectories > MAX_TRAJECTORIES:
             raise GenerationError(
-                f"{num_futures} futures were asked for (samples times tries times "
-                f"agents); at most {MAX_FUTURES} are drawn at once."
+                f"{num_trajectories} trajectories were requested (samples times tries times "
+                f"agents); at most {MAX_TRAJECTORIES} are sampled at once."
             )
         share = self.moving_share
         if share is not None and not 0 <= share <= 1:
             raise GenerationError(
                 f"The share of agents that move must be between 0 and 1, not {share:g}."
             )
-        if (share is not None or self.only_on_road) and not self.draws_states:
+        if (share is not None or self.only_on_road) and not self.samples_states:
             raise GenerationError(
                 "Which share moves, and whether all are on the road, is about agents "
-                "whose states are drawn: ask for new agents or for states drawn anew "
+                "whose states are sampled: ask for new agents or for resampled states "
                 "(in the shell --num-agents or --redraw-states)."
             )
 
     @property
-    def draws_states(self) -> bool:
-        """Whether anybody is placed, not only driven."""
+    def samples_states(self) -> bool:
+        """Whether initial states of any agents are sampled."""
         return bool(
             self.draws_num_agents
             or self.redrawn_state_ids
@@ -159,7 +159,7 @@ class GenerationRequest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrafficSample:
-    """Generated states of G agents at S steps: the current one and all later ones."""
+    """Generated trajectories of G agents at S steps: the current one and all later ones."""
 
     ids: tuple[str, ...]
     kinds: tuple[AgentKind, ...]
@@ -183,7 +183,7 @@ class TrafficSample:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneratedTraffic:
-    """A generator's answer."""
+    """Result of a generator."""
 
     samples: tuple[TrafficSample, ...]
     generator: str
@@ -193,15 +193,15 @@ class GeneratedTraffic:
     seed: int = 0
     elapsed_s: float = 0.0
     notes: tuple[str, ...] = ()
-    """What the user should know, such as agents that found no lane."""
+    """Remarks for the user, such as agents that found no lane."""
     slowed_ids: tuple[tuple[str, ...], ...] = ()
-    """Agents of each sample that yield: they were slowed to avoid a collision. Empty
-    where no agent of any sample was."""
+    """Ids of the agents of each sample that were slowed to avoid a collision; empty if
+    there are none in any sample."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GenerationProgress:
-    """A step done."""
+    """Progress of a generation after a step."""
 
     fraction: float
     message: str
@@ -209,7 +209,7 @@ class GenerationProgress:
 
 @runtime_checkable
 class ScenarioGenerator(Protocol):
-    """Anything that can draw traffic for a scenario."""
+    """Interface of everything that generates traffic for a scenario."""
 
     @property
     def name(self) -> str:
@@ -219,7 +219,7 @@ class ScenarioGenerator(Protocol):
     def generate(
         self, request: GenerationRequest
     ) -> Generator[GenerationProgress, None, GeneratedTraffic]:
-        """Yield progress, return the traffic.
+        """Yield progress and return the traffic.
 
         Raises:
             GenerationError: the request cannot be met.
@@ -228,28 +228,28 @@ class ScenarioGenerator(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GeneratorOffer:
-    """A generator that users may choose; made, and loaded, when it is asked for."""
+class GeneratorSpec:
+    """Specification of a generator that users can choose; built and loaded on demand."""
 
     make: Callable[[], ScenarioGenerator]
-    draws_states: bool = False
-    """Whether it can place agents, not only drive those that are there."""
+    samples_states: bool = False
+    """Whether it can sample initial states, not only trajectories of existing agents."""
     default_num_steps: int | None = None
-    """Denoising steps; None if it takes no such number."""
+    """Default number of denoising steps; None if it has none."""
     default_guidance: float | None = None
-    """Weight of ``LANE_GUIDANCE``; None if it takes no guidance."""
+    """Default weight of ``LANE_GUIDANCE``; None if it has no guidance."""
     default_num_tries: int | None = None
-    """Of ``AVOIDANCE``; None if it does not try several futures."""
+    """Default tries of ``AVOIDANCE``; None if it does not select among several samples."""
     warm_up: Callable[[], None] | None = None
-    """Loads what the first call would have to wait for; for a thread of its own."""
+    """Loads the model ahead of the first call; to be run in a separate thread."""
 
 
 LANE_GUIDANCE: Final = "nearest-candidate"
-"""Name of the term that pulls every agent to the nearest way along the lanes."""
+"""Name of the guidance term that pulls each agent to its nearest Frenet candidate."""
 AVOIDANCE: Final = "avoidance"
-"""Name of the term by which, of ``tries`` futures of each agent, those that avoid
-others are taken, and agents that would still collide yield, unless its parameter
-``yields`` is 0. With no tries, futures are those of the model."""
+"""Name of the term that avoids collisions: of ``tries`` sampled trajectories per agent,
+the least colliding joint combination is selected, and agents that would still collide
+yield, unless its parameter ``yields`` is 0. Without tries: raw model output."""
 
 
 def check_numbers(
@@ -259,10 +259,10 @@ def check_numbers(
     num_new_agents: Mapping[AgentKind, int],
     seed: int,
 ) -> None:
-    """Refuse numbers of a request that are out of range.
+    """Raise for numbers of a request that are out of range.
 
     Raises:
-        GenerationError: one is; the sentence names the range.
+        GenerationError: names the range.
     """
     steps = 1 if num_denoising_steps is None else num_denoising_steps
     counts = [*num_new_agents.values(), sum(num_new_agents.values())]
@@ -282,28 +282,28 @@ def check_numbers(
 def guidance_terms(
     lane_weight: float | None, num_tries: int | None, *, yields: bool = True
 ) -> tuple[GuidanceTerm, ...]:
-    """The usual terms; None leaves one to the generator."""
+    """Guidance terms for lanes and avoidance; None leaves a value to the generator."""
     terms: list[GuidanceTerm] = []
     if lane_weight is not None:
         terms.append(GuidanceTerm(name=LANE_GUIDANCE, weight=lane_weight))
-    told = {} if num_tries is None else {"tries": float(num_tries)}
+    parameters = {} if num_tries is None else {"tries": float(num_tries)}
     if not yields:
-        told["yields"] = 0.0
-    if told:
-        terms.append(GuidanceTerm(name=AVOIDANCE, parameters=told))
+        parameters["yields"] = 0.0
+    if parameters:
+        terms.append(GuidanceTerm(name=AVOIDANCE, parameters=parameters))
     return tuple(terms)
 
 
 class RunningGeneration:
-    """The steps of a generation, one by one; afterwards what they led to."""
+    """Iterator over the progress of a generation that stores its result."""
 
     def __init__(
         self, steps: Generator[GenerationProgress, None, GeneratedTraffic]
     ) -> None:
-        """Take the steps over; nothing runs yet."""
+        """Wrap the steps of a generation; nothing runs yet."""
         self._steps = steps
         self.traffic: GeneratedTraffic | None = None
-        """None until the last step is done."""
+        """The result; None until the last step is done."""
 
     def __iter__(self) -> Iterator[GenerationProgress]:
         self.traffic = yield from self._steps
@@ -313,7 +313,7 @@ def run_to_end(
     steps: Generator[GenerationProgress, None, GeneratedTraffic],
     on_progress: Callable[[GenerationProgress], None] = lambda _: None,
 ) -> GeneratedTraffic:
-    """The result of a generation."""
+    """Run a generation and return its result."""
     running = RunningGeneration(steps)
     for progress in running:
         on_progress(progress)

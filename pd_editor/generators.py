@@ -1,4 +1,4 @@
-"""All generators by name; heavy ones are made when they are asked for."""
+"""Registry of all generators by name; models are loaded on demand."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
@@ -12,7 +12,7 @@ from pd_editor.diffusion.defaults import (
     DeviceName,
 )
 from pd_editor.errors import GenerationError
-from pd_editor.generation import GeneratorOffer, ScenarioGenerator
+from pd_editor.generation import GeneratorSpec, ScenarioGenerator
 from pd_editor.installed_files import models_folder
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 SHIPPED_MODEL: Final = "path-diffuser"
 MODEL_CONFIG: Final = "config.json"
-"""The file that makes a folder a model."""
+"""File that identifies a model folder."""
 
 
 def _lane_follower() -> ScenarioGenerator:
@@ -33,7 +33,7 @@ def _lane_follower() -> ScenarioGenerator:
 def _path_diffuser(
     folder: Path, name: str, device: DeviceName = "auto"
 ) -> "PathDiffuser":
-    """Weights are read once for all who ask."""
+    """Load a model; its weights are read once per process."""
     from pd_editor.diffusion.path_diffuser import PathDiffuser
 
     return PathDiffuser(folder, name, device)
@@ -43,10 +43,10 @@ def _shipped_model(device: DeviceName = "auto") -> "PathDiffuser":
     return _path_diffuser(models_folder() / SHIPPED_MODEL, SHIPPED_MODEL, device)
 
 
-def _model_offer(make: Callable[[], "PathDiffuser"]) -> GeneratorOffer:
-    return GeneratorOffer(
+def _model_offer(make: Callable[[], "PathDiffuser"]) -> GeneratorSpec:
+    return GeneratorSpec(
         make=make,
-        draws_states=True,
+        samples_states=True,
         default_num_steps=NUM_STEPS,
         default_guidance=DEFAULT_WEIGHT,
         default_num_tries=NUM_TRIES,
@@ -54,26 +54,26 @@ def _model_offer(make: Callable[[], "PathDiffuser"]) -> GeneratorOffer:
     )
 
 
-def _offers() -> dict[str, GeneratorOffer]:
-    """The shipped model first, if its weights are there."""
-    offers: dict[str, GeneratorOffer] = {}
+def _offers() -> dict[str, GeneratorSpec]:
+    """All generators, the shipped model first if its weights are installed."""
+    offers: dict[str, GeneratorSpec] = {}
     if (models_folder() / SHIPPED_MODEL / MODEL_CONFIG).is_file():
         offers[SHIPPED_MODEL] = _model_offer(_shipped_model)
-    offers["lane-follower"] = GeneratorOffer(make=_lane_follower)
+    offers["lane-follower"] = GeneratorSpec(make=_lane_follower)
     return offers
 
 
-GENERATORS: Final[Mapping[str, GeneratorOffer]] = _offers()
+GENERATORS: Final[Mapping[str, GeneratorSpec]] = _offers()
 DEFAULT_GENERATOR: Final = next(iter(GENERATORS))
 
 
-def offers_with(models: Sequence[Path]) -> Mapping[str, GeneratorOffer]:
-    """All generators, before them the models in some folders, named after those.
+def offers_with(models: Sequence[Path]) -> Mapping[str, GeneratorSpec]:
+    """Models in some folders, named after the folders, followed by all generators.
 
     Raises:
         GenerationError: a folder holds no model, or has the name of another generator.
     """
-    offers: dict[str, GeneratorOffer] = {}
+    offers: dict[str, GeneratorSpec] = {}
     for folder in map(Path.resolve, models):
         name = folder.name
         if not (folder / MODEL_CONFIG).is_file():
@@ -89,12 +89,12 @@ def offers_with(models: Sequence[Path]) -> Mapping[str, GeneratorOffer]:
 
 
 def make_generator(name: str, *, device: DeviceName = "auto") -> ScenarioGenerator:
-    """The generator of a name, or the model in a folder.
+    """Make the generator of a name, or the model in a folder.
 
-    Only models care about the device.
+    Only models use the device.
 
     Raises:
-        GenerationError: there is none, or no GPU although one is asked for.
+        GenerationError: there is none, or there is no GPU although one is requested.
     """
     if name == SHIPPED_MODEL and name in GENERATORS:
         return _shipped_model(device)

@@ -7,12 +7,12 @@ from typing import Final
 from pd_editor.errors import InputError
 
 SENTENCES_NAME: Final = "sentences.json"
-"""Beside the demos: what each shows, by its name."""
+"""File beside the demos with a description of each."""
 _PACKAGE = Path(__file__).resolve().parent
 
 
 def _folder(name: str) -> Path:
-    """In a wheel the folder lies inside the package, in a checkout beside it."""
+    """Folder of installed files: inside the package in a wheel, beside it in a checkout."""
     inside = _PACKAGE / name
     return inside if inside.is_dir() else _PACKAGE.parent / name
 
@@ -39,7 +39,7 @@ def demo_folder(name: str) -> Path:
 
 
 def demo_sentence(name: str) -> str:
-    """What a demo shows; empty if nobody has said."""
+    """Description of a demo; empty without one."""
     path = _folder("assets") / "demos" / SENTENCES_NAME
     if not path.is_file():
         return ""

@@ -1,9 +1,9 @@
-"""Texts from files and users, safe to show in one line."""
+"""Makes texts from files and users safe to show in one line."""
 
 from typing import Final
 
 MAX_NAME_BYTES: Final = 255
-"""Longest name that common file systems take."""
+"""Longest file name of common file systems."""
 _SHOWN_CHARACTERS: Final = 800
 
 
@@ -16,7 +16,7 @@ def is_plain(text: str, max_bytes: int = MAX_NAME_BYTES) -> bool:
 
 
 def one_line(text: str, max_characters: int = _SHOWN_CHARACTERS) -> str:
-    """The text with escapes for what cannot be printed, shortened in the middle."""
+    """Escape unprintable characters of a text and shorten it in the middle."""
     if not text.isprintable():
         text = "".join(
             character

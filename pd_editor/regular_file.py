@@ -1,4 +1,4 @@
-"""Files that users name: regular ones are read up to a limit, and written whole."""
+"""Reads regular files up to a size limit, and writes files atomically."""
 
 import contextlib
 import os
@@ -13,7 +13,7 @@ MAX_PATH_BYTES: Final = 4096
 
 
 def check_path(path: str | Path, error: type[PdEditorError] = InputError) -> None:
-    """Refuse paths that no file system takes or no text can hold.
+    """Raise for paths that are not valid on any file system or cannot be encoded.
 
     Raises:
         PdEditorError: of the type ``error``.
@@ -38,13 +38,13 @@ def check_path(path: str | Path, error: type[PdEditorError] = InputError) -> Non
 def read_regular(
     path: Path, *, max_bytes: int, error: type[PdEditorError] = InputError
 ) -> bytes:
-    """The content of a regular file of at most ``max_bytes``.
+    """Read a regular file of at most ``max_bytes``.
 
-    Devices, pipes and sockets are refused without waiting for them.
+    Devices, pipes and sockets raise without blocking.
 
     Raises:
-        PdEditorError: of the type ``error``: the path cannot be used, or it is no
-            regular file, is too large, or cannot be read.
+        PdEditorError: of the type ``error``: the path is invalid or names no regular
+            file, or the file is too large or cannot be read.
     """
     check_path(path, error)
     try:
@@ -56,7 +56,7 @@ def read_regular(
                 raise error(f"{path}: is not a regular file.")
             if status.st_size > max_bytes:
                 raise _too_large(path, max_bytes, error)
-            # The size may be untrue, as under /proc.
+            # The reported size may be wrong, as under /proc.
             data = file.read(max_bytes + 1)
     except OSError as failure:
         reason = failure.strerror or str(failure)
@@ -69,7 +69,7 @@ def read_regular(
 def check_regular(
     path: Path, *, max_bytes: int, error: type[PdEditorError] = InputError
 ) -> None:
-    """Refuse a file that ``read_regular`` would refuse, without reading it.
+    """Raise for a file that ``read_regular`` would not read, without reading it.
 
     Raises:
         PdEditorError: of the type ``error``.

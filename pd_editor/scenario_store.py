@@ -1,4 +1,4 @@
-"""Opens scenarios by the names users give, and writes them with their recipes."""
+"""Opens scenarios by name or folder, and writes them with their recipes."""
 
 import dataclasses
 import logging
@@ -22,14 +22,14 @@ from pd_editor.scene.scenario import Scenario
 DEMO_PREFIX: Final = "demo:"
 MAX_RECIPE_BYTES: Final = 256 * 2**20
 MAX_LABELS: Final = 8
-"""Edits that a note names; more are counted."""
+"""Number of edits that a note names; further ones are counted."""
 SAME_M: Final = 0.02
-"""Track files keep positions exactly, map files to the centimetre."""
+"""Tolerance of equal positions: map files are rounded to centimetres."""
 _LOG: Final = logging.getLogger(__name__)
 
 
 def open_scenario(reference: str | Path) -> Scenario:
-    """The scenario that a user names: a demo, or an Argoverse 2 scenario folder.
+    """Open a demo or an Argoverse 2 scenario folder.
 
     Raises:
         InputError: there is no such demo or folder, or it cannot be read.
@@ -43,7 +43,7 @@ def open_scenario(reference: str | Path) -> Scenario:
             scenario.provenance, source=f"{DEMO_PREFIX}{name}"
         )
         return dataclasses.replace(scenario, provenance=provenance)
-    # os.path, unlike pathlib, takes an unknown ~user or a forbidden parent calmly.
+    # os.path, unlike pathlib, does not raise for an unknown ~user or forbidden parent.
     folder = os.path.expanduser(text)
     if not os.path.isdir(folder):
         raise InputError(
@@ -56,7 +56,7 @@ def open_scenario(reference: str | Path) -> Scenario:
 
 
 def recipe_of_export(folder: Path) -> Recipe | None:
-    """The recipe of a folder that the editor wrote; None of any other."""
+    """Recipe of a folder that the editor wrote; None for other folders."""
     path = folder / RECIPE_NAME
     if not path.is_file():
         return None
@@ -70,9 +70,9 @@ def recipe_of_export(folder: Path) -> Recipe | None:
 
 
 def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
-    """An opened export that knows from its recipe what in it was made up.
+    """Add provenance from its recipe to an opened export.
 
-    A recipe that belongs to another scenario is passed over.
+    A recipe of another scenario is ignored.
     """
     if recipe.result_id != scenario.scenario_id or not recipe.commands:
         return scenario
@@ -93,7 +93,7 @@ def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
 
 
 def has_same_content(one: Scenario, other: Scenario) -> bool:
-    """Whether two scenarios would be written alike, but for rounding and their ids."""
+    """Whether two scenarios are equal apart from rounding and their ids."""
     mine, theirs = one.agents, other.agents
     if (mine.ids, mine.kinds, one.focal_id) != (
         theirs.ids,
@@ -112,9 +112,9 @@ def has_same_content(one: Scenario, other: Scenario) -> bool:
 
 
 def exported_files(scenario: Scenario, recipe: Recipe) -> dict[str, bytes]:
-    """The scenario as an Argoverse 2 folder's files, with the recipe that made it.
+    """Files of an Argoverse 2 folder for a scenario, with its recipe.
 
-    Its id is the one that the recipe gives to the result.
+    The scenario's id is that of the recipe's variant.
 
     Raises:
         ExportError: the scenario cannot be written, for example without a focal agent.
@@ -137,10 +137,10 @@ def exported_files(scenario: Scenario, recipe: Recipe) -> dict[str, bytes]:
 def check_free(
     out: str | Path, name: str, scenario: Scenario, *, overwrite: bool = False
 ) -> None:
-    """Refuse ``out/name`` as ``export_into`` would, before the work is done.
+    """Raise if ``export_into`` could not write ``out/name``, before the work is done.
 
     Raises:
-        ExportError: the folder holds something, or is the one that was read.
+        ExportError: the folder is not empty, or is the one that was read.
     """
     files = tracks_name(name), map_name(name)
     check_place(
@@ -170,7 +170,7 @@ def export_into(
 
 
 def _input_folder(scenario: Scenario) -> Path | None:
-    """The folder that a scenario was read from; None if it was uploaded."""
+    """Folder that a scenario was read from; None if it was uploaded."""
     source = scenario.provenance.source
     if not source:
         return None

@@ -1,1 +1,1 @@
-"""Edited scenarios that were collected, to be written together."""
+"""The basket: a collection of edited scenarios for a joint export."""

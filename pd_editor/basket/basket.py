@@ -1,4 +1,4 @@
-"""The basket: starred scenarios, as folders on disk that outlive the server."""
+"""The basket: starred scenarios, stored as folders on disk."""
 
 import json
 import logging
@@ -17,7 +17,7 @@ from pd_editor.errors import ExportError, InputError, RecipeError
 from pd_editor.exporters.bundle import write_files, zip_folders
 
 ENTRY_NAME: Final = "entry.json"
-"""What the list shows of an entry; not part of the scenario."""
+"""File with an entry's summary for lists; not part of the scenario."""
 _logger: Final = logging.getLogger(__name__)
 
 
@@ -27,9 +27,9 @@ class BasketEntry:
 
     row: IndexRow
     starred_at: float
-    """Seconds since 1970."""
+    """Time of starring, in seconds since 1970."""
     thumbnail: str = ""
-    """A small picture of it, as SVG; empty where none was made."""
+    """Small picture of the scenario as SVG; empty without one."""
 
     @property
     def name(self) -> str:
@@ -38,13 +38,13 @@ class BasketEntry:
 
 
 class Basket:
-    """A folder with one folder per starred scenario; nothing in it is ever replaced.
+    """A folder with one folder per starred scenario; entries are never replaced.
 
-    Tabs and processes may share it: an entry appears and goes as a whole.
+    Tabs and processes may share it: entries are added and removed atomically.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Use a folder, which is made when needed."""
+        """Use a folder, which is created when needed."""
         self._folder = folder
         self._adding = threading.Lock()
 
@@ -60,10 +60,10 @@ class Basket:
         starred_at: float,
         thumbnail: str = "",
     ) -> BasketEntry:
-        """Keep an exported scenario.
+        """Add an exported scenario.
 
         Raises:
-            ExportError: the name is taken, or the disk refuses.
+            ExportError: the name is taken, or the files cannot be written.
         """
         entry = BasketEntry(row=row, starred_at=starred_at, thumbnail=thumbnail)
         about = json.dumps(to_json(entry)).encode()
@@ -94,10 +94,10 @@ class Basket:
         return sorted(found, key=lambda entry: (entry.starred_at, entry.name))
 
     def remove(self, name: str) -> None:
-        """Take a scenario out for good; it goes as a whole.
+        """Remove a scenario permanently and atomically.
 
         Raises:
-            ExportError: the disk refuses.
+            ExportError: the folder cannot be removed.
         """
         if name not in {entry.name for entry in self.entries()}:
             return
@@ -111,7 +111,7 @@ class Basket:
         shutil.rmtree(gone, ignore_errors=True)
 
     def zipped(self, names: Collection[str]) -> bytes:
-        """One zip with the folder of each scenario, and a table of them.
+        """Pack the folders of scenarios and a table of them into one zip.
 
         Raises:
             InputError: none of them is in the basket, or one cannot be read.

@@ -1,4 +1,4 @@
-"""One line per scenario of a collection, as a CSV table."""
+"""CSV table of a collection, with one line per scenario."""
 
 import csv
 import io
@@ -32,37 +32,37 @@ _FORMULA_STARTS: Final = ("=", "+", "-", "@", "\t", "\r")
 
 @dataclass(frozen=True, kw_only=True)
 class IndexRow:
-    """What the table says of a scenario."""
+    """Row of the table for one scenario."""
 
     scenario_id: str
     base_id: str
-    """Id of the recording or demo that it was first made from."""
+    """Id of the original recording or demo."""
     city: str
     edits: tuple[str, ...] = ()
-    """A few words for each edit in force."""
+    """Label of each edit in force."""
     seeds: tuple[int, ...] = ()
     generators: tuple[str, ...] = ()
     problems: Mapping[str, int] = field(default_factory=dict)
-    """Number of problems that edits caused, of each kind."""
+    """Number of problems of each kind that edits caused."""
     tags: tuple[str, ...] = ()
     note: str = ""
 
     @property
     def num_problems(self) -> int:
-        """Number of problems of all kinds."""
+        """Total number of problems."""
         return sum(self.problems.values())
 
 
 def index_row(scenario: Scenario, base: Scenario, recipe: Recipe) -> IndexRow:
-    """The line of a scenario that a recipe makes from ``base``."""
-    drawn = [one for one in recipe.commands if isinstance(one, ReplaceTraffic)]
+    """Row of a scenario that a recipe makes from ``base``."""
+    generated = [one for one in recipe.commands if isinstance(one, ReplaceTraffic)]
     return IndexRow(
         scenario_id=recipe.result_id,
         base_id=recipe.base.root.scenario_id,
         city=scenario.city,
         edits=tuple(command.label for command in recipe.commands),
-        seeds=tuple(dict.fromkeys(one.seed for one in drawn)),
-        generators=tuple(dict.fromkeys(one.generator for one in drawn)),
+        seeds=tuple(dict.fromkeys(one.seed for one in generated)),
+        generators=tuple(dict.fromkeys(one.generator for one in generated)),
         problems=problem_counts(scenario, base),
         tags=recipe.variant.tags,
         note=recipe.variant.note,
@@ -70,13 +70,13 @@ def index_row(scenario: Scenario, base: Scenario, recipe: Recipe) -> IndexRow:
 
 
 def problem_counts(scenario: Scenario, base: Scenario) -> dict[str, int]:
-    """How many problems of each kind edits have caused."""
+    """Number of problems of each kind that edits have caused."""
     found = checked(scenario, base, scene_problems(base)).new
     return dict(sorted(Counter(one.kind for one in found).items()))
 
 
 def index_csv(rows: Iterable[IndexRow]) -> bytes:
-    """The table, UTF-8; cells that a spreadsheet would compute are quoted."""
+    """Write the table in UTF-8; cells that a spreadsheet would evaluate are quoted."""
     sink = io.StringIO(newline="")
     writer = csv.writer(sink)
     writer.writerow(_COLUMNS)

@@ -14,7 +14,7 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 HALF_WIDTH_M: Final = 54.0
 HALF_HEIGHT_M: Final = 36.0
 LEAST_SIZE_M: Final = 1.6
-"""Smaller agents would be a fraction of a pixel."""
+"""Least rendered size; smaller agents would be a fraction of a pixel."""
 _SIMPLER_M: Final = 0.3
 _EVERY_STEPS: Final = 10
 # Colours that can be told apart on light and on dark ground.
@@ -26,7 +26,7 @@ _OTHER: Final = "#3d7fe6"
 
 
 def thumbnail(scenario: Scenario) -> str:
-    """Drivable area, agents and where they go, north up around the focal agent."""
+    """Render drivable area, agents and their trajectories, north up, as SVG."""
     agents, now = scenario.agents, scenario.current_step
     there = np.flatnonzero(agents.is_valid[:, now])
     middle = _middle(scenario)
@@ -93,5 +93,5 @@ def _ground_path(scenario: Scenario, middle: Float[np.ndarray, "2"]) -> str:
 
 
 def _points(offset_m: Float[np.ndarray, "N 2"]) -> str:
-    """Points of the drawing: decimetres suffice, and y points down."""
+    """Points of the SVG, in decimetres with y down."""
     return " ".join(f"{x:.1f},{-y:.1f}" for x, y in offset_m.tolist())

@@ -170,11 +170,11 @@ def _reported(
         development=summary_of(splits.development) if is_apart else None,
         distances=distance_tables(rows, methods, plan.task, splits.headline),
         scene_test=scene_test_tables(rows, methods, splits.headline)
-        if plan.task.draws_states
+        if plan.task.samples_states
         else (),
     )
     report = report_of(plan, record, found, command)
-    shown = PLACING_SHOWN if plan.task.draws_states else SHOWN
+    shown = PLACING_SHOWN if plan.task.samples_states else SHOWN
     page = html_of(report, figures_of(found.summary, plan.conditions, shown))
     files = (
         folder.write("report.md", markdown_of(report).encode()),
@@ -196,7 +196,7 @@ def _methods(
     wanted: str | tuple[str, ...] | None, device: DeviceName, task: EvaluationTask
 ) -> tuple[Method, ...]:
     if wanted is None:
-        wanted = DEFAULT_PLACING_METHODS if task.draws_states else DEFAULT_METHODS
+        wanted = DEFAULT_PLACING_METHODS if task.samples_states else DEFAULT_METHODS
     asked = _several(wanted)
     make = make_generator
     if device != "auto":
@@ -209,7 +209,7 @@ def _methods(
             raise GenerationError(
                 f"There is no method {name[:60]!r}; choose among {', '.join(known)}."
             )
-        if task.draws_states and not _places_agents(plain):
+        if task.samples_states and not _places_agents(plain):
             raise GenerationError(
                 f"{name[:60]} samples no initial states; where states are sampled, choose "
                 f"{GROUND_TRUTH}, {DEFAULT_GENERATOR} or the folder of a model."
@@ -226,7 +226,7 @@ def _methods(
 def _places_agents(name: str) -> bool:
     if name in REFERENCE_METHODS:
         return name == GROUND_TRUTH
-    return name not in GENERATORS or GENERATORS[name].draws_states
+    return name not in GENERATORS or GENERATORS[name].samples_states
 
 
 def _within(least: int, value: int, most: int, name: str) -> int:

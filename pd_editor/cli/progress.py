@@ -1,4 +1,4 @@
-"""Progress of long work on stderr."""
+"""Progress display on stderr."""
 
 import sys
 import time
@@ -39,7 +39,7 @@ class ProgressLine:
 def run_showing_progress(
     steps: Generator[GenerationProgress, None, GeneratedTraffic],
 ) -> GeneratedTraffic:
-    """The result of a generation."""
+    """Run a generation and show its progress."""
     line = ProgressLine()
     try:
         return run_to_end(
@@ -53,7 +53,7 @@ def run_showing_progress(
 
 
 def work_shown(noun: str) -> Callable[[WorkProgress], None]:
-    """Progress of work on many items."""
+    """Display of progress of work on many items."""
     line = ProgressLine()
 
     def show(progress: WorkProgress) -> None:

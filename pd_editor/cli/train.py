@@ -243,7 +243,7 @@ def _progress_shown() -> "Callable[[TrainingProgress], None]":
 
 
 def progress_line(progress: "TrainingProgress") -> str:
-    """How far a training is, how well it does, and how long it will still take."""
+    """Describe the progress of a training, its loss and its remaining time."""
     held_out = progress.held_out_loss
     checked = "" if math.isnan(held_out) else f" (held out {held_out:.4f})"
     return (

@@ -127,11 +127,11 @@ class PathDiffuser:
         began = time.perf_counter()
         check_request(request)
         model = self.model()
-        if not request.agent_ids and not request.draws_states:
+        if not request.agent_ids and not request.samples_states:
             raise GenerationError(
                 "There is nobody to generate; expected at least one agent."
             )
-        if request.draws_states:
+        if request.samples_states:
             found = yield from self._sampled_states_and_trajectories(request)
         else:
             label = f"{len(request.agent_ids)} agents"

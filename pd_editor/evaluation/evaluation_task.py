@@ -32,7 +32,7 @@ class EvaluationTask:
     """With ``paper``, only those that the paper's code keeps at this stage."""
 
     @property
-    def draws_states(self) -> bool:
+    def samples_states(self) -> bool:
         """Whether agents are placed, not only driven."""
         return self.states == "drawn"
 
@@ -50,14 +50,14 @@ class EvaluationTask:
         Raises:
             GenerationError: no road user is left.
         """
-        if self.draws_states or self.agents == "paper":
+        if self.samples_states or self.agents == "paper":
             rows = self._rows(recorded)
             scenario = replace(scenario, agents=scenario.agents.taken(rows))
         ids = drivable_agent_ids(scenario)
         request = GenerationRequest(
             scenario=scenario, agent_ids=ids, num_samples=num_samples, seed=seed
         )
-        if not self.draws_states:
+        if not self.samples_states:
             return request
         x, y = scene_center(recorded).tolist()
         return replace(
@@ -72,9 +72,11 @@ class EvaluationTask:
         view = recorded_traffic(recorded)
         kept = np.ones(len(view), bool)
         if self.agents == "paper":
-            keeps = paper_init_agents if self.draws_states else paper_trajectory_agents
+            keeps = (
+                paper_init_agents if self.samples_states else paper_trajectory_agents
+            )
             kept &= keeps(view)
-        if self.draws_states:
+        if self.samples_states:
             offset = view.agents.position_m[:, 0] - scene_center(recorded)
             kept &= (np.abs(offset) <= DRAWN_HALF_SIDE_M).all(axis=1)
         if not kept.any():

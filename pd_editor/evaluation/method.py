@@ -84,7 +84,7 @@ class Method:
         """
         reference = REFERENCE_METHODS.get(self.name)
         if reference is not None:
-            if request.draws_states and self.name != GROUND_TRUTH:
+            if request.samples_states and self.name != GROUND_TRUTH:
                 raise GenerationError(f"{self.name} draws no states.")
             return JudgedTraffic(samples=reference.traffic(request))
         generator = _generator(self.make_generator, self.generator_name)

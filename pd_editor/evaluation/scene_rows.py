@@ -114,7 +114,7 @@ def judge_scene(item: SceneItem) -> SceneRows:
         seed=scene_seed(item.seed, recorded.scenario_id),
     )
     log = None
-    if not item.task.draws_states:
+    if not item.task.samples_states:
         log = _columns_of(recorded_traffic(request.scenario, request.agent_ids))
     tables, failures, hashes = [ROW_SCHEMA.empty_table()], {}, {}
     for method in item.methods:

@@ -1,1 +1,1 @@
-"""What the networks see of a scene: map tokens, agents, and their store on disk."""
+"""Input features of the networks: map tokens, agents, and their store on disk."""

@@ -1,4 +1,4 @@
-"""The boundary of the drivable area cut into pieces of about 10 m, as map tokens."""
+"""Map tokens of the drivable area's boundary: pieces of about 10 m."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,31 +15,31 @@ from pd_editor.scene.scenario import Scenario
 
 BOUNDARY_LENGTH_M: Final = 10.0
 BOUNDARY_SHAPE: Final = ("length", "turn_before", "turn", "turn_after")
-"""Length in tens of metres; turns of the piece before, of itself and of the one after, in
-radians, left positive."""
+"""Length in tens of metres; turns of the previous piece, of the piece itself and of the
+next one, in radians, positive to the left."""
 MIRRORED_BOUNDARY: Final = (0, 3, 2, 1)
-"""Where each number of ``BOUNDARY_SHAPE`` comes from when the scene is mirrored: the piece
-runs the other way then, since the ground stays on its left."""
+"""Index of the feature that replaces each one of ``BOUNDARY_SHAPE`` in a mirrored scene,
+where pieces run the other way, since the drivable area stays on their left."""
 
 _CLOSED_GAP_M: Final = 0.3
-"""Areas nearer to each other than twice this are one: maps leave cracks between them."""
+"""Areas nearer to each other than twice this are merged: maps have gaps between them."""
 _LEAST_HOLE_M2: Final = 4.0
 _LEAST_PART_M2: Final = 20.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundaryPieces:
-    """E pieces of the boundary of the drivable area, the ground on the left of each."""
+    """E pieces of the drivable area's boundary, with the area on their left."""
 
     pose: Float[np.ndarray, "E 3"]
-    """Middle of each piece in the scene frame, and its direction."""
+    """Midpoint of each piece in the scene frame, and its direction."""
     shape: Float[np.ndarray, "E 4"]
-    """The numbers named by ``BOUNDARY_SHAPE``."""
+    """Features named by ``BOUNDARY_SHAPE``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Cut:
-    """Start, middle and end of each piece, and which pieces come before and after."""
+class _DividedBoundary:
+    """Start, midpoint and end of each piece, with the previous and next pieces."""
 
     points_m: Float[np.ndarray, "E 3 2"]
     before: Int[np.ndarray, "E"]
@@ -47,7 +47,7 @@ class _Cut:
 
 
 def boundary_pieces(scenario: Scenario) -> BoundaryPieces:
-    """The pieces of a scenario's road; those of the original road, bent, under a warp."""
+    """Pieces of a scenario's road; under a warp, the warped pieces of the original road."""
     cut = _cut(scenario.original_road_map)
     points = cut.points_m
     if scenario.applied_warp is not None and len(points):
@@ -65,8 +65,8 @@ def boundary_pieces(scenario: Scenario) -> BoundaryPieces:
 
 
 @lru_cache(maxsize=16)
-def _cut(road_map: RoadMap) -> _Cut:
-    """The boundary of a map's drivable area, cut; kept as long as the map is in use."""
+def _cut(road_map: RoadMap) -> _DividedBoundary:
+    """Divide the boundary of a map's drivable area; cached as long as the map is in use."""
     points: list[np.ndarray] = [np.zeros((0, 3, 2))]
     before: list[np.ndarray] = [np.zeros(0, int)]
     after: list[np.ndarray] = [np.zeros(0, int)]
@@ -84,7 +84,7 @@ def _cut(road_map: RoadMap) -> _Cut:
         before.append(np.roll(index, 1))
         after.append(np.roll(index, -1))
         count += number
-    return _Cut(
+    return _DividedBoundary(
         points_m=np.concatenate(points),
         before=np.concatenate(before),
         after=np.concatenate(after),
@@ -92,7 +92,7 @@ def _cut(road_map: RoadMap) -> _Cut:
 
 
 def _rings(road_map: RoadMap) -> list[Float[np.ndarray, "N 2"]]:
-    """Closed rings around the ground, and around holes in it the other way."""
+    """Closed rings around the drivable area, and reversed rings around its holes."""
     ground = drivable_ground(road_map)
     closed = shapely.buffer(ground, _CLOSED_GAP_M, join_style="mitre")
     closed = shapely.buffer(closed, -_CLOSED_GAP_M, join_style="mitre")

@@ -1,4 +1,4 @@
-"""What the models are trained on, of one window."""
+"""Training features of one window, with encoded trajectories and candidates."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -47,11 +47,11 @@ class PackedScene(SceneTokens):
 
 
 Encoder = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Latents of futures [.. H 2] at speeds, as ``TrajectoryBasis.encode`` makes them."""
+"""Encoder of trajectories [.. H 2] at speeds; see ``TrajectoryBasis.encode``."""
 
 
 def packed(features: SceneFeatures, encode: Encoder) -> PackedScene:
-    """A scene with latents in the place of candidates and futures."""
+    """Encode the candidates and trajectories of a scene."""
     speed = features.agent_speed
     has_candidate, has_future = features.has_candidate, features.has_future
     candidates = np.zeros((*has_candidate.shape, LATENT_SIZE), np.float32)

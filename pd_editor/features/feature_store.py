@@ -1,8 +1,8 @@
-"""Packed scenes of many windows on disk, read one by one in any order.
+"""On-disk store of encoded scenes, with random access.
 
-A store is a folder of parts. Each part holds five arrays: rows of scenes, of pieces, of
-pieces of the boundary, of agents and of candidates, where a scene's rows begin at its offsets. A part appears
-whole or not at all, so that an interrupted preparation goes on where it was.
+A store is a folder of parts. Each part holds five arrays: scenes, lane pieces, boundary
+pieces, agents and candidates; a scene has the offsets of its rows in the other arrays.
+Parts are written atomically, so that an interrupted preparation can be resumed.
 """
 
 import json
@@ -24,11 +24,11 @@ from pd_editor.features.scene_fields import LATENT_SIZE, SCENE_FIELDS
 from pd_editor.regular_file import unwritable, write_whole
 
 FORMAT_VERSION: Final = 5
-"""Also of what the numbers mean."""
+"""Version of the file format and of the features' definitions."""
 _INDEX_NAME: Final = "store.json"
 _PART_PREFIX: Final = "part-"
 _MOST_HALF: Final = 6e4
-"""About the largest number that float16 holds."""
+"""Approximate largest number of float16."""
 
 _SCENE: Final = np.dtype(
     [
@@ -40,7 +40,7 @@ _SCENE: Final = np.dtype(
         ("group", "U48"),
     ]
 )
-"""Where a scene's rows begin, and where it comes from; one row more closes them."""
+"""Offsets and origin of a scene; one additional row holds the final offsets."""
 _TABLES: Final = {"piece": "pieces", "boundary": "boundary", "agent": "agents"}
 """Names of the arrays with the rows of each axis."""
 _ARRAYS: Final = ("scenes", *_TABLES.values(), "candidates")
@@ -48,18 +48,18 @@ _ARRAYS: Final = ("scenes", *_TABLES.values(), "candidates")
 
 @dataclass(frozen=True, kw_only=True)
 class StoreIndex:
-    """What a store is made of and how; two that differ must not be mixed."""
+    """Identity of a store's data and settings; stores that differ must not be mixed."""
 
     fingerprint: str
-    """Of data and settings together."""
+    """Hash of data and settings."""
     roots: tuple[str, ...]
     settings: str
-    """Told in words, for people."""
+    """Readable description of the settings."""
     version: int = FORMAT_VERSION
 
 
 def open_for_writing(folder: Path, index: StoreIndex) -> frozenset[str]:
-    """Make the folder, or go on with it; the names of the parts that are there.
+    """Create or resume a store; returns the names of the existing parts.
 
     Raises:
         TrainingError: the folder holds something else, or cannot be written.
@@ -91,7 +91,7 @@ def write_part(
 ) -> None:
     """Add scenes of a root to a store; ``groups`` are their networks or cities.
 
-    Nothing happens where another process has just added a part of this name.
+    Nothing is written if another process has just added a part of this name.
     """
     whole = folder / f"{_PART_PREFIX}{name}"
     beside = folder / f".{name}-{os.getpid()}"
@@ -108,10 +108,10 @@ def write_part(
 
 
 class FeatureStore:
-    """The packed scenes of a folder, in the order of the parts' names."""
+    """Encoded scenes of a folder, in the order of the parts' names."""
 
     def __init__(self, folder: Path) -> None:
-        """Open a store; arrays are mapped, not read.
+        """Open a store; arrays are memory-mapped.
 
         Raises:
             TrainingError: there is no store, or one of another version.
@@ -127,22 +127,22 @@ class FeatureStore:
 
     @property
     def fingerprint(self) -> str:
-        """Of data and settings together."""
+        """Hash of data and settings."""
         return self.index.fingerprint
 
     @property
     def roots(self) -> tuple[str, ...]:
-        """The data roots, as they were given."""
+        """Data roots, as given to the preparation."""
         return self.index.roots
 
     @property
     def root(self) -> Int[np.ndarray, "N"]:
-        """Which root each scene is from."""
+        """Index of the root of each scene."""
         return self._column("root").astype(np.int64)
 
     @property
     def group(self) -> np.ndarray:
-        """Network or city of each scene, as text [N]; no two roots share one."""
+        """Network or city of each scene, as text [N], unique across roots."""
         return self._column("group")
 
     @property
@@ -152,7 +152,7 @@ class FeatureStore:
 
     @property
     def num_pieces(self) -> Int[np.ndarray, "N"]:
-        """Number of pieces of each scene."""
+        """Number of lane pieces of each scene."""
         return self._counts("piece")
 
     def __getitem__(self, index: int) -> PackedScene:
@@ -208,7 +208,7 @@ class _Part:
 def _tables(
     scenes: Sequence[PackedScene], groups: Sequence[str], root: int
 ) -> tuple[np.ndarray, ...]:
-    """Rows of scenes, pieces, pieces of the boundary, agents and candidates."""
+    """Arrays of scenes, lane pieces, boundary pieces, agents and candidates."""
     numbers = {
         "piece": [len(one.piece_pose) for one in scenes],
         "boundary": [len(one.boundary_pose) for one in scenes],
@@ -269,6 +269,6 @@ def _read_index(folder: Path) -> StoreIndex:
     if index.version != FORMAT_VERSION:
         raise TrainingError(
             f"{folder}: holds features of format {index.version}; expected "
-            f"{FORMAT_VERSION}, so prepare them anew."
+            f"{FORMAT_VERSION}, so prepare them again."
         )
     return index

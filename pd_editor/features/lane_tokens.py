@@ -1,4 +1,4 @@
-"""Lanes cut into pieces of about 10 m, the map as the model sees it."""
+"""Map tokens of lanes and crosswalks: pieces of about 10 m."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from pd_editor.scene.road_map import Crosswalk, LaneKind, RoadMap
 
 PIECE_LENGTH_M: Final = 10.0
 PIECE_KINDS: Final = (LaneKind.VEHICLE, LaneKind.BIKE, LaneKind.BUS)
-"""Lanes by ``piece_kind``; crosswalks come after them."""
+"""Lane kinds by ``piece_kind``; crosswalks come after them."""
 CROSSWALK_KIND: Final = len(PIECE_KINDS)
 NUM_PIECE_KINDS: Final = CROSSWALK_KIND + 1
 
@@ -32,19 +32,20 @@ PIECE_SHAPE: Final = (
     "has_predecessor",
     "branches",
 )
-"""What is told of each piece, scaled to about one.
+"""Features of each piece, scaled to about one.
 
-Its length in tens of metres; the turns of the piece before, of itself and of the one
-after in radians, left positive; the distances to both boundaries in units of 2 m;
-whether lanes that run the same way are to both sides; whether its lane is in an intersection; whether
-another piece follows it, leads to it; whether several follow it.
+Length in tens of metres; turns of the previous piece, of the piece itself and of the
+next one in radians, positive to the left; distances to both boundaries in units of 2 m;
+whether there are neighbouring lanes in the same direction on each side; whether the lane
+is in an intersection; whether the piece has a successor, a predecessor, and several
+successors.
 """
 MIRRORED_SHAPE: Final = (0, 1, 2, 3, 5, 4, 7, 6, 8, 9, 10, 11)
-"""Where each number of ``PIECE_SHAPE`` comes from when the scene is mirrored."""
+"""Index of the feature that replaces each one of ``PIECE_SHAPE`` in a mirrored scene."""
 MIRRORED_SHAPE_SIGNS: Final = (1, -1, -1, -1, 1, 1, 1, 1, 1, 1, 1, 1)
 
 _HALF_WIDTH_M: Final = 1.75
-"""Assumed where a boundary has no length."""
+"""Assumed distance to a boundary without length."""
 _WIDTH_UNIT_M: Final = 2.0
 _WIDEST_M: Final = 8.0
 
@@ -53,14 +54,14 @@ _WIDEST_M: Final = 8.0
 class LanePieces:
     """P pieces of lanes and crosswalks; poses in the scene frame.
 
-    Lanes come in the order of the map, each cut into pieces of equal length, then
-    crosswalks, each as one piece per direction.
+    Lanes come first, in the order of the map, each divided into pieces of equal length;
+    then crosswalks, each as one piece per direction.
     """
 
     pose: Float[np.ndarray, "P 3"]
-    """Middle of each piece and direction from its start to its end."""
+    """Midpoint of each piece, and direction from its start to its end."""
     shape: Float[np.ndarray, "P F"]
-    """The numbers named by ``PIECE_SHAPE``."""
+    """Features named by ``PIECE_SHAPE``."""
     kind: Int[np.ndarray, "P"]
 
 
@@ -68,7 +69,7 @@ _pieces: WeakKeyDictionary[RoadMap, LanePieces] = WeakKeyDictionary()
 
 
 def lane_pieces(road_map: RoadMap) -> LanePieces:
-    """The pieces of a map, cut once per map value."""
+    """Pieces of a map, computed once per map value."""
     pieces = _pieces.get(road_map)
     if pieces is None:
         lanes = _pieces_of_lanes(road_map, lane_graph(road_map))
@@ -77,17 +78,17 @@ def lane_pieces(road_map: RoadMap) -> LanePieces:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Cut:
-    """Which pieces belong to which of the L lanes of a graph."""
+class _DividedLanes:
+    """Assignment of pieces to the L lanes of a graph."""
 
     lane: Int[np.ndarray, "P"]
     first: Int[np.ndarray, "L"]
     last: Int[np.ndarray, "L"]
     part: Float[np.ndarray, "P 3"]
-    """Start, middle and end of each piece as parts of its lane's length."""
+    """Start, midpoint and end of each piece as fractions of its lane's length."""
 
     @classmethod
-    def of(cls, graph: LaneGraph) -> "_Cut":
+    def of(cls, graph: LaneGraph) -> "_DividedLanes":
         counts = np.maximum(np.rint(graph.lengths_m / PIECE_LENGTH_M), 1).astype(int)
         ends = np.cumsum(counts)
         lane = np.repeat(np.arange(len(counts)), counts)
@@ -99,7 +100,7 @@ class _Cut:
 def _pieces_of_lanes(road_map: RoadMap, graph: LaneGraph) -> LanePieces:
     if not graph.lane_ids:
         return _no_pieces()
-    cut = _Cut.of(graph)
+    cut = _DividedLanes.of(graph)
     lanes = [road_map.lane_of[lane_id] for lane_id in graph.lane_ids]
     start, middle, end = _points_at(graph.centerlines_m, cut.lane, cut.part)
     chord = end - start
@@ -134,9 +135,9 @@ def _pieces_of_lanes(road_map: RoadMap, graph: LaneGraph) -> LanePieces:
 def _is_beside(
     graph: LaneGraph, neighbors: Sequence[int | None]
 ) -> Bool[np.ndarray, "L"]:
-    """Whether each lane has a neighbour in the map that runs the same way.
+    """Whether each lane has a neighbour in the map with the same direction.
 
-    Argoverse 2 also names oncoming lanes.
+    Argoverse 2's neighbours include oncoming lanes.
     """
     chords = np.array([line[-1] - line[0] for line in graph.centerlines_m])
     rows = [graph.row_of.get(-1 if one is None else one, -1) for one in neighbors]
@@ -145,11 +146,11 @@ def _is_beside(
 
 
 def _links(
-    graph: LaneGraph, cut: _Cut
+    graph: LaneGraph, cut: _DividedLanes
 ) -> tuple[Int[np.ndarray, "P"], Int[np.ndarray, "P"], Int[np.ndarray, "P"]]:
-    """Piece after and before each piece, -1 where none is; how many follow it.
+    """Next and previous piece of each piece (-1: none), and its number of successors.
 
-    Of several the straightest counts.
+    Of several successors or predecessors the straightest is used.
     """
     count = len(cut.lane)
     after = np.arange(1, count + 1)
@@ -178,29 +179,29 @@ def _points_at(
     line: Int[np.ndarray, "P"],
     part: Float[np.ndarray, "P N"],
 ) -> Float[np.ndarray, "N P 2"]:
-    """Points at parts of the length of lines, all lines in one go."""
+    """Points at fractions of the length of lines, in one pass."""
     counts = np.array([len(one) for one in lines_m])
     points = np.concatenate(lines_m)
     step = np.diff(points, axis=0)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
     ends = np.cumsum(counts)
     low, high = along[ends - counts][line], along[ends - 1][line]
-    # The jump from one line to the next would blur its ends: keep strictly inside.
-    asked = low[:, None] + part * (high - low)[:, None]
+    # Stay strictly inside each line, so that ends are not interpolated with the next.
+    wanted = low[:, None] + part * (high - low)[:, None]
     inner = 1e-9 * (high - low)[:, None]
-    asked = np.clip(asked, low[:, None] + inner, high[:, None] - inner)
+    wanted = np.clip(wanted, low[:, None] + inner, high[:, None] - inner)
     return np.stack(
-        [np.interp(asked.T, along, points[:, axis]) for axis in (0, 1)], axis=-1
+        [np.interp(wanted.T, along, points[:, axis]) for axis in (0, 1)], axis=-1
     )
 
 
 def _width(
     boundaries_m: list[np.ndarray],
-    cut: _Cut,
+    cut: _DividedLanes,
     middle_m: Float[np.ndarray, "P 2"],
     outward: Float[np.ndarray, "P 2"],
 ) -> Float[np.ndarray, "P"]:
-    """Distance from the middle of each piece to a boundary, in units of 2 m."""
+    """Distance from the midpoint of each piece to a boundary, in units of 2 m."""
     usable = np.array([len(b) > 0 and np.isfinite(b).all() for b in boundaries_m])
     lines = [
         line if is_usable else np.zeros((1, 2))
@@ -212,7 +213,7 @@ def _width(
 
 
 def _crossings(crosswalks: tuple[Crosswalk, ...]) -> LanePieces:
-    """Each crosswalk as two pieces, there and back."""
+    """Pieces of crosswalks, one per direction."""
     ends = np.array([_ends(one) for one in crosswalks]).reshape(-1, 2, 2, 2)
     ends = ends[np.isfinite(ends).all(axis=(1, 2, 3))]
     middle_line = ends.mean(axis=1)
@@ -239,7 +240,7 @@ def _crossings(crosswalks: tuple[Crosswalk, ...]) -> LanePieces:
 
 
 def _ends(crosswalk: Crosswalk) -> list[list[np.ndarray]]:
-    """First and last point of both edges, running the same way."""
+    """First and last points of both edges, oriented alike."""
     one, two = crosswalk.edge1[:, :2], crosswalk.edge2[:, :2]
     if np.linalg.norm(one[-1] - two[-1]) > np.linalg.norm(one[-1] - two[0]):
         two = two[::-1]

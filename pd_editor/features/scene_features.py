@@ -1,4 +1,4 @@
-"""What both stages of the model see of a scene, as plain arrays."""
+"""Input features of both stages of the model, as NumPy arrays."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -55,19 +55,19 @@ AGENT_KINDS: Final = (
     AgentKind.PEDESTRIAN,
 )
 PEDESTRIAN: Final = AGENT_KINDS.index(AgentKind.PEDESTRIAN)
-"""Index of the kind that follows no lane."""
+"""Index of the pedestrian kind, which follows no lane."""
 NUM_CANDIDATES: Final = 24
 NUM_FUTURE_STEPS: Final = 59
 STEP_S: Final = 0.1
 PIECE_REACH_M: Final = 130.0
-"""Pieces further from the middle are left out, unless an agent is near."""
+"""Pieces further from the scene's centre are left out, unless an agent is near."""
 MOST_PIECES: Final = 512
-"""So many of lanes at most, and of the boundary, besides those near an agent."""
+"""Limit of lane pieces, and of boundary pieces, besides those near an agent."""
 _KIND_INDEX: Final = {
     kind: AGENT_KINDS.index(kind if kind in ROAD_USER_KINDS else AgentKind.PEDESTRIAN)
     for kind in AgentKind
 }
-"""Things, where they are asked for, count as the kind that is nearest in size."""
+"""Static objects, where they are included, count as the kind nearest in size."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,7 +87,7 @@ class SceneFeatures(SceneTokens):
     future_m: Float[np.ndarray, "A H 2"]
     """Recorded positions at the future steps, in the frame of the agent's pose."""
     has_future: Bool[np.ndarray, "A"]
-    """Whether every future step is recorded; never true of a scenario without."""
+    """Whether every future step is recorded."""
 
 
 def scene_features(
@@ -98,14 +98,15 @@ def scene_features(
     agents: np.ndarray | None = None,
     center_m: Float[np.ndarray, "2"] | None = None,
 ) -> SceneFeatures:
-    """Features at the current step of all road users there, or of the rows asked for.
+    """Compute the features of a scene at the current step.
 
-    Without candidates there are none (C = 0); if they know leaders, some follow the
-    agent ahead. The horizon is always
-    ``NUM_FUTURE_STEPS`` steps of ``STEP_S``, whatever the scenario's time axis is.
+    ``agents`` are rows of the scenario; None means all road users at the current step.
+    Without candidates, C is 0; with ``knows_leaders``, some candidates follow the agent
+    ahead. The horizon is always ``NUM_FUTURE_STEPS`` steps of ``STEP_S``, whatever the
+    scenario's time axis is.
 
     Raises:
-        GenerationError: an agent asked for has no finite state at the current step.
+        GenerationError: a requested agent has no finite state at the current step.
     """
     rows = _rows(scenario, agents)
     center = scene_center(scenario) if center_m is None else np.asarray(center_m, float)
@@ -151,7 +152,7 @@ def scene_features(
 
 
 def scene_center(scenario: Scenario) -> Float[np.ndarray, "2"]:
-    """Where the focal agent is now, or the ego, or all agents, or the road."""
+    """Centre of a scene: position of the focal agent, else of ego, agents or road."""
     tracks, step = scenario.agents, scenario.current_step
     there = tracks.is_valid[:, step]
     there = there & np.isfinite(tracks.position_m[:, step]).all(axis=-1)
@@ -188,7 +189,7 @@ def _near_pieces(
     center_m: Float[np.ndarray, "2"],
     most: int,
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "A {most}"]]:
-    """Rows of the pieces that are kept, in order, and which of these are near each agent."""
+    """Rows of the selected pieces, in order, and indices of those near each agent."""
     near = _nearest(position_m, points_m, most)
     distance = np.hypot(*(points_m - center_m).T)
     wanted = distance <= PIECE_REACH_M
@@ -208,7 +209,7 @@ def _nearest(
     *,
     but_itself: bool = False,
 ) -> Int[np.ndarray, "A {most}"]:
-    """The nearest points, nearest first; the first of those equally near first."""
+    """Indices of the nearest points, nearest first; ties in the order of the points."""
     near = np.full((len(from_m), most), -1)
     count = min(most, len(points_m) - but_itself)
     if count <= 0:
@@ -216,7 +217,7 @@ def _nearest(
     gap = (from_m[:, None, 0] - points_m[:, 0]) ** 2
     gap += (from_m[:, None, 1] - points_m[:, 1]) ** 2
     np.sqrt(gap, out=gap)
-    # Two ways over one crosswalk have the same middle: its first one comes first.
+    # Both directions of a crosswalk have the same midpoint: ties keep their order.
     gap += np.arange(len(points_m)) * 1e-7
     if but_itself:
         np.fill_diagonal(gap, np.inf)
@@ -233,7 +234,7 @@ def _candidates(
     *,
     knows_leaders: bool,
 ) -> tuple[Float[np.ndarray, "A C H 2"], Bool[np.ndarray, "A C"]]:
-    """Candidates in the agents' frames."""
+    """Candidates of agents, in the agents' frames."""
     local = np.zeros((len(rows), most, NUM_FUTURE_STEPS, 2), np.float32)
     is_valid = np.zeros((len(rows), most), bool)
     if most:
@@ -253,7 +254,7 @@ def _candidates(
 def _futures(
     scenario: Scenario, rows: Int[np.ndarray, "A"]
 ) -> tuple[Float[np.ndarray, "A H 2"], Bool[np.ndarray, "A"]]:
-    """Recorded futures in the agents' frames, where they are whole."""
+    """Recorded trajectories in the agents' frames, where they are complete."""
     tracks, step, axis = scenario.agents, scenario.current_step, scenario.time_axis
     future = np.zeros((len(rows), NUM_FUTURE_STEPS, 2), np.float32)
     if axis.num_future_steps < NUM_FUTURE_STEPS or abs(axis.step_s - STEP_S) > 1e-6:
@@ -271,10 +272,10 @@ def _in_frames(
     scenario: Scenario,
     rows: Int[np.ndarray, "N"],
 ) -> Float[np.ndarray, "N H 2"]:
-    """Points of the scene frame in the frames of agents' current poses."""
+    """Transform points of the scene frame to the frames of agents' current poses."""
     agents, step = scenario.agents, scenario.current_step
     origin = agents.position_m[rows, step].view(np.complex128)
-    # As complex numbers, a shift and a turn are one pass each.
+    # With complex numbers, translation and rotation take one pass each.
     local = np.ascontiguousarray(points_m).view(np.complex128)[..., 0] - origin
     local *= np.exp(-1j * agents.heading_rad[rows, step])[:, None]
     return local.view(float).reshape(points_m.shape)

@@ -72,7 +72,7 @@ class LaneFollower:
 
 
 def _checked_rows(request: GenerationRequest) -> Int[np.ndarray, "G"]:
-    if request.draws_states:
+    if request.samples_states:
         raise GenerationError(
             "The lane follower cannot place new agents; place them by hand, or choose "
             "a learned model."

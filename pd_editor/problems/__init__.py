@@ -1,1 +1,1 @@
-"""What is wrong with a scenario, in one list of values with a sentence each."""
+"""Detection of problems in a scenario, each with a sentence for the user."""

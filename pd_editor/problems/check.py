@@ -1,4 +1,4 @@
-"""The one list of what is wrong, and which of it edits have caused."""
+"""List of all problems of a scenario, and which of them edits have caused."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from pd_editor.problems.scene_problem import SceneProblem
 from pd_editor.scene.scenario import Scenario
 
 _WORSE: Final = 1.2
-"""Ratio of severities from which a problem of the recording counts as a new one."""
+"""Ratio of severities above which a recorded problem counts as caused by edits."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneCheck:
-    """All problems of a scenario: those that edits caused, and the recording's own."""
+    """Problems of a scenario: those caused by edits, and recorded ones."""
 
     new: tuple[SceneProblem, ...] = ()
     recorded: tuple[SceneProblem, ...] = ()
@@ -29,9 +29,9 @@ class SceneCheck:
 def scene_problems(
     scenario: Scenario, *, with_future: bool = True
 ) -> tuple[SceneProblem, ...]:
-    """What is wrong at the current step and after it, in the order of time.
+    """Find problems from the current step on, in the order of time.
 
-    Without the future only the current step and the road are looked at.
+    Without the future only the current step and the road are checked.
     """
     now = scenario.current_step
     end = scenario.time_axis.num_steps if with_future else now + 1
@@ -53,10 +53,10 @@ def checked(
     *,
     with_future: bool = True,
 ) -> SceneCheck:
-    """The problems of a scenario that was made from ``base`` by edits.
+    """Check a scenario that was made from ``base`` by edits.
 
-    ``recorded`` are the problems of ``base``, which a session keeps. Where ``base`` is
-    an earlier export, those that its edits have caused count as new ones.
+    ``recorded`` are the problems of ``base``, which a session stores. If ``base`` is an
+    earlier export, problems that its edits have caused count as caused by edits.
     """
     provenance = base.provenance
     now = scenario.current_step
@@ -75,16 +75,15 @@ def split(
     unmoved: Collection[str],
     untouched: Collection[str],
 ) -> SceneCheck:
-    """Problems that edits caused, and those that the recording has by itself.
+    """Split problems into those caused by edits and recorded ones.
 
     Args:
-        problems: what is wrong now.
-        recorded: what was wrong in the recording.
-        unmoved: agents whose state at the current step is as in the recording. A
-            recorded problem of that step stays the recording's as long as it names
-            none but them.
-        untouched: agents whose whole motion is as in the recording; likewise for
-            problems that come later.
+        problems: problems of the edited scenario.
+        recorded: problems of the recording.
+        unmoved: agents whose state at the current step is as recorded. A recorded
+            problem at that step stays a recorded one if it involves only these.
+        untouched: agents whose whole trajectory is as recorded; likewise for
+            problems at later steps.
     """
     known = {problem.key: problem.severity for problem in recorded}
     same_now, same_later = frozenset(unmoved), frozenset(untouched)
@@ -92,7 +91,7 @@ def split(
     def is_recorded(problem: SceneProblem) -> bool:
         if problem.key not in known:
             return False
-        # A bend makes an agent that was a little too fast much too fast.
+        # A warp can turn a slight recorded excess of speed into a large one.
         if problem.kind == "friction" and (
             problem.severity > _WORSE * known[problem.key]
         ):

@@ -1,10 +1,10 @@
-"""Agents whose boxes overlap.
+"""Problems of agents whose boxes overlap.
 
-Left out, because recordings are full of them and an edit cannot mend them:
+Overlaps that are frequent in recordings and that no edit can resolve are left out:
 
-- overlaps without a road user (cones, bins, signs), of pedestrians with each other
-  (they walk in groups), and of people with a bicycle that they push;
-- later overlaps of agents that both stand: they merely come into view.
+- overlaps between static objects (cones, bins, signs), between pedestrians (they walk
+  in groups), and between pedestrians and bicycles that they push;
+- later overlaps of two stationary agents, which only come into view.
 """
 
 from typing import Final
@@ -26,16 +26,16 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
 MOVING_M: Final = 0.5
-"""An agent that stays within this distance stands."""
+"""An agent that stays within this distance is stationary."""
 _PAIRS_AT_ONCE: Final = 1_000
 MAX_COLLISIONS: Final = 500
-"""More are not looked for: no user reads them, and time and memory stay bounded."""
+"""Limit of reported collisions, which bounds time and memory."""
 
 
 def collisions(scenario: Scenario, steps: Int[np.ndarray, "S"]) -> list[SceneProblem]:
-    """Pairs that overlap at some of the steps, which rise from the current one on.
+    """Find pairs that overlap at any of the increasing steps from the current one on.
 
-    A pair that overlaps now is told as such, and not again as a later one.
+    A pair that overlaps now is reported once, not again for later steps.
     """
     agents, now = scenario.agents, scenario.current_step
     position, is_valid = agents.position_m[:, steps], agents.is_valid[:, steps]
@@ -88,7 +88,7 @@ def _overlaps(
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
     """Index of the pair, index of the step and shared area of each overlap.
 
-    Sorted by pair, then by step; with very many pairs only the first ones are found.
+    Sorted by pair, then by step; of very many pairs only the first ones are tested.
     """
     position, heading = agents.position_m[:, steps], agents.heading_rad[:, steps]
     is_valid, size = agents.is_valid[:, steps], agents.size_m
@@ -113,7 +113,7 @@ def _overlaps(
 def _moves(
     position_m: Float[np.ndarray, "A S 2"], is_valid: Bool[np.ndarray, "A S"]
 ) -> Bool[np.ndarray, "A"]:
-    """Whether each agent leaves its place during the steps."""
+    """Whether each agent moves during the steps."""
     first = np.take_along_axis(
         position_m, is_valid.argmax(axis=1)[:, None, None], axis=1
     )

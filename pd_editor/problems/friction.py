@@ -1,4 +1,4 @@
-"""Agents that drive their curves faster than friction holds: v^2 |kappa| > mu g."""
+"""Problems of agents above the friction limit in curves: v^2 |kappa| > mu g."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -38,14 +38,14 @@ from pd_editor.scene.scenario import Scenario
 TOLERANCE: Final = 1.25
 """Ratio of acceleration to limit up to which an agent is not reported.
 
-Curvatures of jittering paths are known to about a tenth: agents that were slowed to the
-limit, by another measure of it, must not be reported.
+Curvatures of noisy paths are known to about a tenth: agents that were slowed to the
+limit, as measured elsewhere, must not be reported.
 """
 _MIN_STEPS: Final = 2
-"""What lasts shorter is taken for noise."""
+"""Shorter excesses count as noise."""
 _NODES_PER_STEP: Final = 4
 _SLOWEST_MPS: Final = 2.0
-"""Below this speed a recorded path is too noisy to tell a curve from."""
+"""Below this speed a recorded path is too noisy to measure curvature."""
 _MAX_ROUNDS: Final = 6
 _NO_WARP: Final = RoadWarp(
     anchor=RigidMotion(x_m=0.0, y_m=0.0, rotation_rad=0.0), terms=()
@@ -54,16 +54,16 @@ _NO_WARP: Final = RoadWarp(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SidewaysMotion:
-    """How G agents take their curves at S steps, the current one first."""
+    """Lateral motion of G agents at S steps, the current one first."""
 
     rows: Int[np.ndarray, "G"]
     speed_mps: Float[np.ndarray, "G S"]
     lateral_mps2: Float[np.ndarray, "G S"]
-    """The greatest between a step and the next one; zero where it is not known."""
+    """Largest lateral acceleration from a step to the next one; zero if unknown."""
 
 
 def friction_coefficient_of(scenario: Scenario) -> float:
-    """The coefficient that agents were slowed to, or that of a dry road."""
+    """Friction coefficient that agents were slowed to, or that of a dry road."""
     applied = scenario.applied_warp
     if applied is None or applied.friction_coefficient is None:
         return DRY_ROAD_FRICTION
@@ -71,10 +71,10 @@ def friction_coefficient_of(scenario: Scenario) -> float:
 
 
 def sideways_motion(scenario: Scenario) -> SidewaysMotion:
-    """Lateral accelerations of vehicles, buses, motorcyclists and cyclists that move.
+    """Lateral accelerations of moving vehicles, buses, motorcyclists and cyclists.
 
-    The motion without the warp in force is smoothed by cubics over two seconds, as
-    recorded positions jitter; the warp's own share, which is often shorter than that,
+    The motion without the warp is smoothed by cubics over two seconds because recorded
+    positions are noisy; the contribution of the warp, which is often shorter than that,
     is exact.
     """
     agents, now = scenario.agents, scenario.current_step
@@ -89,8 +89,8 @@ def sideways_motion(scenario: Scenario) -> SidewaysMotion:
     position = fill_gaps(warp.undo(agents.position_m[rows]), is_valid)
     step_s = scenario.time_axis.step_s
     estimates = []
-    # With the past the state is known better, unless an edit made a jump there; agents
-    # without a past are looked at from the current step on alone.
+    # The past improves the estimate at the current step, unless an edit made a jump
+    # there; agents without a past are evaluated from the current step on.
     for start in (0, now):
         velocity, acceleration, known = _derivatives(
             position[:, start:], is_valid[:, start:], step_s
@@ -99,7 +99,7 @@ def sideways_motion(scenario: Scenario) -> SidewaysMotion:
         speed, lateral = _under_warp(
             position[:, now:], velocity[:, later], acceleration[:, later], warp
         )
-        # Where the road bends between two steps, the sharpest point counts.
+        # If the road bends between two steps, the sharpest point counts.
         nodes = lateral.reshape(*is_valid[:, now:].shape, _NODES_PER_STEP).max(axis=-1)
         estimates.append(np.where(known[:, later], nodes, np.inf))
     least = np.minimum(*estimates)
@@ -111,7 +111,7 @@ def sideways_motion(scenario: Scenario) -> SidewaysMotion:
 
 
 def friction_problems(scenario: Scenario) -> list[SceneProblem]:
-    """Agents over the friction limit of the scenario, from the current step on."""
+    """Find agents above the friction limit from the current step on."""
     agents, now = scenario.agents, scenario.current_step
     motion, mu = sideways_motion(scenario), friction_coefficient_of(scenario)
     limit = mu * GRAVITY_MPS2
@@ -121,7 +121,7 @@ def friction_problems(scenario: Scenario) -> list[SceneProblem]:
         row, steps = int(motion.rows[index]), np.flatnonzero(over[index])
         worst = int(motion.lateral_mps2[index].argmax())
         lateral = float(motion.lateral_mps2[index, worst])
-        # The velocity that the picture and the panel tell as well.
+        # The same velocity that the view and the panel show.
         speed = float(np.hypot(*agents.velocity_mps[row, worst + now]))
         place = agents.position_m[row, steps[0] + now]
         held = speed * float(np.sqrt(limit / lateral))
@@ -146,7 +146,7 @@ def friction_problems(scenario: Scenario) -> list[SceneProblem]:
 
 
 def _when(scenario: Scenario, first: int, worst: int) -> str:
-    """Where a list goes to first, and the time of the figures told."""
+    """Describe the first time of the excess, and the time of the given figures."""
     at_worst = at_time(scenario, worst)
     if worst == first:
         return at_worst
@@ -157,10 +157,10 @@ def _when(scenario: Scenario, first: int, worst: int) -> str:
 def slowed_to_limit(
     scenario: Scenario, agent_ids: tuple[str, ...], friction_coefficient: float
 ) -> AgentTracks:
-    """Agents re-timed along their own paths until friction holds them.
+    """Retime agents along their own paths to the friction limit.
 
-    They brake ahead of a curve and pick up speed after it. Places at the current step
-    stay; a current speed is lowered where a curve is too near.
+    They brake ahead of a curve and accelerate after it. Current positions stay; a
+    current speed is lowered if a curve is too near.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -192,7 +192,7 @@ def _one_pass(
     along = travelled_m(curve)
     speed = np.gradient(along, step_s, axis=1)
     lateral = motion.lateral_mps2[some]
-    # Each of two neighbouring steps may stand for the sharpest point between them.
+    # The sharpest point between two steps may be assigned to either of them.
     lateral[:, 1:] = np.maximum(lateral[:, 1:], lateral[:, :-1])
     allowed = np.where(
         lateral > 0,
@@ -219,7 +219,7 @@ def _derivatives(
 ) -> tuple[
     Float[np.ndarray, "G S 2"], Float[np.ndarray, "G S 2"], Bool[np.ndarray, "G S"]
 ]:
-    """Velocity and acceleration of fitted cubics, and where they are known."""
+    """Velocity and acceleration of fitted cubics, and whether they are known."""
     num_steps = position_m.shape[1]
     window = min(WINDOW_STEPS, num_steps)
     if window <= DEGREE:
@@ -236,10 +236,10 @@ def _under_warp(
     acceleration_mps2: Float[np.ndarray, "G S 2"],
     warp: RoadWarp,
 ) -> tuple[Float[np.ndarray, "G K"], Float[np.ndarray, "G K"]]:
-    """Speed and lateral acceleration after a warp, several times between two steps.
+    """Speed and lateral acceleration after a warp, at several times between two steps.
 
     With v the velocity before and J = [[1, 0], [f', 1]] the velocity after is J v and
-    the acceleration J a + (0, f'' vx^2); their cross product over the speed counts.
+    the acceleration J a + (0, f'' vx^2); lateral is their cross product over the speed.
     """
     position, velocity, acceleration = (
         _between(values) for values in (position_m, velocity_mps, acceleration_mps2)
@@ -250,7 +250,7 @@ def _under_warp(
     slope = warp.derivative(x, 1)
     after = np.stack([ahead, velocity @ left_of(forward) + slope * ahead], axis=-1)
     speed = np.hypot(after[..., 0], after[..., 1])
-    # J leaves areas, and with them cross products, as they are.
+    # J preserves areas, and therefore cross products.
     cross = (
         velocity[..., 0] * acceleration[..., 1]
         - velocity[..., 1] * acceleration[..., 0]
@@ -261,7 +261,7 @@ def _under_warp(
 
 
 def _between(values: Float[np.ndarray, "G S D"]) -> Float[np.ndarray, "G K D"]:
-    """Values at several times from each step on; the last step's are repeated."""
+    """Interpolate values at several times after each step; the last step is repeated."""
     share = (np.arange(_NODES_PER_STEP) / _NODES_PER_STEP)[:, None]
     after = np.concatenate([values[:, 1:], values[:, -1:]], axis=1)
     nodes = values[:, :, None] + share * (after - values)[:, :, None]

@@ -1,4 +1,4 @@
-"""Agents that are off the drivable area: the one meaning of "off the road" for users."""
+"""Problems of agents outside the drivable area, which users see as "off the road"."""
 
 from functools import lru_cache
 from typing import Final
@@ -24,19 +24,19 @@ _MEASURED_STEPS: Final = 5
 _MUCH_FURTHER_M: Final = 0.5
 _EXIT_BEHIND_M: Final = 6.0
 _EXIT_AHEAD_M: Final = 60.0
-"""Drivable areas often go on for some way past the last lane."""
+"""Drivable areas often extend past the last lane by up to this length."""
 _EXIT_HALF_WIDTH_M: Final = 4.0
 _EXIT_COSINE: Final = 0.85
-"""An agent that leaves the map drives about as the lane that ends there points."""
+"""Least cosine between an agent that leaves the map and the lane that ends there."""
 
 
 def road_departures(
     scenario: Scenario, steps: Int[np.ndarray, "S"]
 ) -> list[SceneProblem]:
-    """Vehicles, buses, motorcyclists and cyclists whose centres are off the road.
+    """Find vehicles, buses, motorcyclists and cyclists whose centres are off the road.
 
-    ``steps`` rise from the current one on. An agent that drives on past the end of a
-    lane that has no successor leaves the map, not the road: what is there is unknown.
+    ``steps`` increase from the current one on. An agent that drives past the end of a
+    lane without a successor leaves the map, not the road, and is not reported.
     """
     agents, now = scenario.agents, scenario.current_step
     evaluated = (
@@ -82,7 +82,7 @@ def road_departures(
 
 
 def _leaves_the_map(scenario: Scenario, row: int, first: int) -> bool:
-    """Whether an agent, off the road from a step on, left it where the map ends."""
+    """Whether an agent that is off the road from a step on left the map there."""
     path = scenario.agents.position_m[row, first - 1 : first + 1]
     if scenario.applied_warp is not None:
         path = scenario.applied_warp.warp.undo(path)
@@ -126,10 +126,10 @@ def _map_exits(
 def _distances(
     scenario: Scenario, row: int, steps: Int[np.ndarray, "N"]
 ) -> tuple[int, float, float]:
-    """The step, among a few, at which an agent is furthest from the road.
+    """Step at which an agent is furthest from the road, and its distances.
 
-    With how far it is then, and at the first step. Under a warp the distances are those
-    on the original road.
+    The distances are those at that step and at the first step; under a warp they are
+    measured on the original road. Only a few steps are evaluated.
     """
     some = steps[
         np.unique(np.linspace(0, len(steps) - 1, _MEASURED_STEPS).round().astype(int))

@@ -1,4 +1,4 @@
-"""Roads that were bent more than any vehicle can drive."""
+"""Problems of roads that are warped more sharply than a vehicle can drive."""
 
 from dataclasses import replace
 from typing import Final
@@ -11,14 +11,14 @@ from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
 
 MIN_RADIUS_M: Final = 5.0
-"""About what a car can turn at its slowest, measured at its centre."""
+"""Approximate smallest turning radius of a car, measured at its centre."""
 FOLDED_RADIUS_M: Final = 1.75
 """Half a lane's width: with less, the inner edge of a lane folds over itself."""
 _SAMPLE_SPACING_M: Final = 0.05
 
 
 def road_problems(scenario: Scenario) -> list[SceneProblem]:
-    """One problem if the warp in force makes a road that cannot be driven."""
+    """One problem if the applied warp makes the road undrivable, else none."""
     applied = scenario.applied_warp
     if applied is None:
         return []
@@ -54,13 +54,13 @@ def road_problems(scenario: Scenario) -> list[SceneProblem]:
 def weakened_to_radius(
     warp: RoadWarp, min_radius_m: float = MIN_RADIUS_M
 ) -> RoadWarp | None:
-    """The same bends with all powers scaled down alike until they can be driven.
+    """Scale down all powers of a warp by one factor until it is drivable.
 
-    None if nothing is left of them.
+    None if nothing remains of the warp.
     """
 
     def scaled(share: float) -> RoadWarp:
-        # Powers stay such as the sliders show, and are rounded towards zero.
+        # Powers are rounded towards zero to the step of the sliders.
         return replace(
             warp,
             terms=tuple(
@@ -73,7 +73,7 @@ def weakened_to_radius(
         summary: WarpSummary = summarise(scaled(share))
         return summary.min_radius_m >= min_radius_m
 
-    # The sum of bends need not grow evenly, so the highest share that holds is sought.
+    # Sharpness need not be monotonic in the factor, so the largest valid one is searched.
     for share in np.linspace(1.0, 0.0, 101)[:-1].tolist():
         if is_drivable(share):
             weaker = scaled(share)
@@ -82,7 +82,7 @@ def weakened_to_radius(
 
 
 def _sharpest_place(warp: RoadWarp) -> tuple[float, float]:
-    """Where a road that ran straight ahead of the anchor bends most."""
+    """Point of largest curvature of a warped road that was straight."""
     end = warp.extent_m()
     x = np.linspace(0.0, end, max(int(end / _SAMPLE_SPACING_M), 1) + 1)
     ahead = float(x[np.abs(warp.curvature(x)).argmax()])

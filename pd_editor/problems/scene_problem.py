@@ -1,4 +1,4 @@
-"""One thing that is wrong with a scenario."""
+"""A problem of a scenario, as a value."""
 
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -22,7 +22,7 @@ ProblemKind = Literal[
 NOW_KINDS: Final[frozenset[ProblemKind]] = frozenset(
     {"collision", "off-road", "sharp-road", "folded-road"}
 )
-"""Problems of the state at the current step; the others come after it."""
+"""Kinds of problems at the current step; the others are at later steps."""
 _KIND_NAME: Final[dict[AgentKind, str]] = {
     kind: kind.value.replace("_", " ") for kind in AgentKind
 } | {
@@ -32,7 +32,7 @@ _KIND_NAME: Final[dict[AgentKind, str]] = {
     AgentKind.UNKNOWN: "object",
 }
 _GAP_STEPS: Final = 2
-"""Spans that are no further apart are joined."""
+"""Spans at most this far apart are joined."""
 
 ProblemKey = tuple[ProblemKind, tuple[str, ...]]
 Spans = tuple[tuple[int, int], ...]
@@ -40,51 +40,51 @@ Spans = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, kw_only=True)
 class SceneProblem:
-    """A collision, an agent off the road or too fast, or a road that is too sharp."""
+    """A collision, an agent off the road or too fast, or a road that bends too sharply."""
 
     kind: ProblemKind
     agent_ids: tuple[str, ...]
-    """Those concerned; none where it is the road."""
+    """Ids of the agents involved; empty for a problem of the road."""
     spans: Spans
-    """First and last steps of the times at which it holds, in order."""
+    """First and last steps of the intervals at which the problem holds, in order."""
     worst_step: int
     severity: float
-    """Shared area (m^2), distance from the road (m), acceleration over its limit, or
-    radius wanted over radius; comparable within a kind."""
+    """Shared area (m^2), distance from the road (m), ratio of acceleration to its limit,
+    or ratio of least to actual radius; comparable within a kind."""
     headline: str
-    """A few words for a list."""
+    """Short text for lists."""
     message: str
     """One sentence for the user."""
     place_m: tuple[float, float]
-    """Where it happens first."""
+    """Position of the first occurrence in the scene frame."""
 
     @property
     def key(self) -> ProblemKey:
-        """What makes it the same problem after another edit."""
+        """Key by which a problem is recognised after further edits."""
         return self.kind, self.agent_ids
 
     @property
     def first_step(self) -> int:
-        """When it happens first."""
+        """First step at which the problem holds."""
         return self.spans[0][0]
 
     @property
     def is_now(self) -> bool:
-        """Whether it is about the state at the current step."""
+        """Whether the problem is at the current step."""
         return self.kind in NOW_KINDS
 
     def num_steps(self) -> int:
-        """How long it lasts in all."""
+        """Number of steps at which the problem holds."""
         return sum(last - first + 1 for first, last in self.spans)
 
     def holds_at(self, step: float) -> bool:
-        """Whether it holds at a step; half steps are rounded."""
+        """Whether the problem holds at a step; half steps are rounded."""
         nearest = round(step)
         return any(first <= nearest <= last for first, last in self.spans)
 
 
 def spans_of(steps: Int[np.ndarray, "N"]) -> Spans:
-    """Runs of rising steps as first and last ones; short gaps are passed over."""
+    """First and last steps of the runs in increasing steps; short gaps are closed."""
     breaks = np.flatnonzero(np.diff(steps) > _GAP_STEPS)
     first = steps[np.concatenate([[0], breaks + 1])]
     last = steps[np.concatenate([breaks, [len(steps) - 1]])]
@@ -92,16 +92,16 @@ def spans_of(steps: Int[np.ndarray, "N"]) -> Spans:
 
 
 def agent_name(agents: AgentTracks, row: int) -> str:
-    """Kind and id for the middle of a sentence."""
+    """Kind and id of an agent, for the middle of a sentence."""
     return f"{_KIND_NAME[agents.kinds[row]]} {agents.ids[row]}"
 
 
 def at_time(scenario: Scenario, step: int) -> str:
-    """The time of a step, counted from the current one, as the timeline shows it."""
+    """Time of a step relative to the current one, in the timeline's format."""
     later = (step - scenario.current_step) * scenario.time_axis.step_s
     return f"at {later:.1f} s"
 
 
 def capitalised(text: str) -> str:
-    """A sentence's first letter made large."""
+    """Capitalise the first letter of a sentence."""
     return text[:1].upper() + text[1:]

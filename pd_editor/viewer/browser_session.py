@@ -10,7 +10,7 @@ import viser
 
 from pd_editor.editor.session import SessionState
 from pd_editor.errors import PdEditorError
-from pd_editor.generation import GeneratorOffer
+from pd_editor.generation import GeneratorSpec
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.comparison import Comparison
 from pd_editor.viewer.interaction.context_menu import ContextMenu
@@ -68,7 +68,7 @@ SEND_PAUSE_S: Final = 1e-3
 JOURNAL_RETRY_S: Final = 3.0
 """Edits that could not be kept on disk are tried again this often."""
 
-Generators = Mapping[str, GeneratorOffer]
+Generators = Mapping[str, GeneratorSpec]
 
 
 class BrowserSession:

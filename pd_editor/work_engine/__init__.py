@@ -1,4 +1,4 @@
-"""Running many work items: on local processes; a cluster may join behind the port."""
+"""Parallel execution of many work items on local processes."""
 
 from pd_editor.work_engine.local_processes import LocalProcesses
 from pd_editor.work_engine.work_engine import WorkEngine, WorkResult, run_items

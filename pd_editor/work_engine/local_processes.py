@@ -1,4 +1,4 @@
-"""Work items on processes of this machine."""
+"""Runs work items on processes of this machine."""
 
 import multiprocessing
 import os
@@ -30,7 +30,7 @@ ONE_THREAD: Final[dict[str, str]] = dict.fromkeys(
 )
 """Read by NumPy's libraries and by torch when they are first imported."""
 _QUEUED_PER_WORKER: Final = 2
-"""Items handed over ahead, so that no worker waits for the caller."""
+"""Items queued per worker, so that no worker waits for the caller."""
 PROCESS_DIED: Final = WorkFailure(
     error="ProcessDied",
     message="The process that worked on it died; it may have run out of memory.",
@@ -39,10 +39,10 @@ PROCESS_DIED: Final = WorkFailure(
 
 @dataclass(frozen=True, kw_only=True)
 class LocalProcesses:
-    """A pool of fresh processes, one thread of arithmetic each."""
+    """Work engine with a pool of new processes, each with one compute thread."""
 
     num_workers: int | None = None
-    """None: as many as this process may use cores."""
+    """Number of processes; None: number of cores that this process may use."""
 
     def __post_init__(self) -> None:
         assert self.num_workers is None or self.num_workers >= 1
@@ -56,8 +56,8 @@ class LocalProcesses:
     ) -> None:
         """Call ``function`` on every item; see ``WorkEngine.run``.
 
-        If a process dies (killed, out of memory), the items that were under way run
-        again one by one, so that only the one that kills its process fails.
+        If a process dies (killed, out of memory), the running items are repeated one by
+        one, so that only the item that kills its process fails.
         """
         left = dict(items)
         while left:
@@ -77,9 +77,9 @@ class LocalProcesses:
         left: dict[str, Item],
         on_result: Callable[[WorkResult[Value]], None],
     ) -> dict[str, Item]:
-        """Run until all is done, or a process dies: then the items under way.
+        """Run until all items are done or a process dies; returns the running items.
 
-        Items that are done, are taken out of ``left``.
+        Finished items are removed from ``left``.
         """
         waiting = iter(list(left))
         num_workers = min(self.num_workers or available_cores(), max(len(left), 1))
@@ -106,7 +106,7 @@ class LocalProcesses:
 
 
 def available_cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     if sys.platform == "linux":
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -114,7 +114,7 @@ def available_cores() -> int:
 
 @contextmanager
 def _pool(num_workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool whose processes are gone when it is left, done or not."""
+    """Process pool whose processes end with the context."""
     with _environment(ONE_THREAD):
         pool = ProcessPoolExecutor(
             num_workers,
@@ -133,7 +133,7 @@ def _pool(num_workers: int) -> Iterator[ProcessPoolExecutor]:
 
 @contextmanager
 def _environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Environment variables that spawned processes inherit, for a while."""
+    """Set environment variables that spawned processes inherit within the context."""
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:
@@ -147,13 +147,13 @@ def _environment(values: Mapping[str, str]) -> Iterator[None]:
 
 
 def _start_worker() -> None:
-    """Leave Ctrl-C to the parent, which ends its workers in order; end if it is killed."""
+    """Ignore Ctrl-C, which the parent handles, and end if the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """A parent that was killed tells nobody, and its workers would go on and wait."""
+    """End this worker when its parent dies; otherwise it would wait forever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -163,7 +163,7 @@ def _end_with_parent() -> None:
 def _one_item(
     function: Callable[[Item], Value], key: str, item: Item
 ) -> WorkResult[Value]:
-    """Runs in the worker; whatever the function raises becomes a value."""
+    """Run one item in the worker; exceptions become failures."""
     start = time.perf_counter()
     try:
         value = function(item)
@@ -175,7 +175,7 @@ def _one_item(
 
 
 def _result_of(future: Future[WorkResult[Value]], key: str) -> WorkResult[Value]:
-    """What a worker answered, or why the item or its value could not travel."""
+    """Result of a worker, or a failure if item or value could not be pickled."""
     try:
         return future.result()
     except BrokenProcessPool:

@@ -1,4 +1,4 @@
-"""The port behind which many work items are run, and what comes back."""
+"""Interface of work engines, which run a function on many items, and their results."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, kw_only=True)
 class WorkFailure:
-    """Why an item has no value; text only, so that it crosses any process border."""
+    """Reason why an item has no value; text only, so that it can always be pickled."""
 
     error: str
     """Name of the exception's class; ``ProcessDied`` if its process was lost."""
@@ -21,7 +21,7 @@ class WorkFailure:
     traceback: str = ""
     """The worker's traceback, for a log."""
     is_users: bool = False
-    """Whether it is an error that users can cause (a ``PdEditorError``), not a bug."""
+    """Whether the error is a ``PdEditorError``, which users can cause, not a bug."""
 
     @property
     def reason(self) -> str:
@@ -30,7 +30,7 @@ class WorkFailure:
 
 
 def failure_of(error: Exception) -> WorkFailure:
-    """An exception as text."""
+    """Convert an exception to a failure."""
     return WorkFailure(
         error=type(error).__name__,
         message=str(error),
@@ -41,7 +41,7 @@ def failure_of(error: Exception) -> WorkFailure:
 
 @dataclass(frozen=True, kw_only=True)
 class WorkResult(Generic[Value]):
-    """What became of one item: a value, or a failure."""
+    """Result of one item: a value or a failure."""
 
     key: str
     value: Value | None = None
@@ -51,7 +51,7 @@ class WorkResult(Generic[Value]):
 
 @dataclass(frozen=True, kw_only=True)
 class WorkProgress:
-    """How far a run has come; items done in an earlier run count neither way."""
+    """Progress of a run; items finished in an earlier run do not count."""
 
     num_done: int
     num_failed: int
@@ -60,7 +60,7 @@ class WorkProgress:
 
 @runtime_checkable
 class WorkEngine(Protocol):
-    """Anything that calls a function on many items."""
+    """Interface of engines that call a function on many items."""
 
     def run(
         self,
@@ -69,12 +69,12 @@ class WorkEngine(Protocol):
         *,
         on_result: Callable[[WorkResult[Value]], None],
     ) -> None:
-        """Call ``function`` on every item and hand on each result as it comes.
+        """Call ``function`` on every item and pass each result to ``on_result``.
 
         Function, items and values must be picklable; keys name the items. Results
-        come in any order, in the caller's thread. An item that raises gives a
-        failure and never stops the rest. If ``on_result`` raises, or on
-        KeyboardInterrupt, what runs is stopped and the exception goes on.
+        arrive in any order, in the caller's thread. An item that raises gives a
+        failure and does not stop the others. If ``on_result`` raises, or on
+        KeyboardInterrupt, running items are stopped and the exception is raised.
         """
         ...
 
@@ -88,7 +88,7 @@ def run_items(
     on_progress: Callable[[WorkProgress], None] | None = None,
     done: Collection[str] = (),
 ) -> WorkProgress:
-    """Run the items whose keys are not in ``done``; the final count.
+    """Run the items whose keys are not in ``done``; returns the final progress.
 
     To resume, a caller stores each result in ``on_result`` and gives the stored keys
     next time. ``on_progress`` is called once before the first result, then after each.

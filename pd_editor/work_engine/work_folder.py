@@ -1,4 +1,4 @@
-"""Folders of long work: new or taken up again, each of their files whole."""
+"""Results folders of long runs, which can be interrupted and resumed."""
 
 import json
 import os
@@ -17,17 +17,17 @@ FINISHED_NAME: Final = "finished"
 
 
 class WorkFolder:
-    """The folder of a run; a file is whole or not there at all."""
+    """Folder of a run; files are written atomically."""
 
     def __init__(self, path: Path) -> None:
-        """Name the folder; ``write`` makes it."""
+        """Set the path of the folder; ``write`` creates it."""
         self.path = Path(path)
 
     def check_free(self) -> None:
-        """Refuse a folder that holds something.
+        """Raise if the folder is not empty.
 
         Raises:
-            ExportError: it does, or it is no folder.
+            ExportError: the folder holds files, or is no folder.
         """
         if self._holds_files():
             raise ExportError(
@@ -36,10 +36,10 @@ class WorkFolder:
             )
 
     def write(self, name: str, data: bytes) -> Path:
-        """Write a file of the folder, whole or not at all.
+        """Write a file of the folder atomically.
 
         Raises:
-            ExportError: it cannot be written.
+            ExportError: the file cannot be written.
         """
         target = self.path / name
         write_whole(target, data)
@@ -57,22 +57,22 @@ class WorkFolder:
 
 
 class ResumableFolder(WorkFolder):
-    """Finished parts on disk, with the settings they hold for."""
+    """Finished parts on disk with their settings; the run can be resumed."""
 
     def __init__(
         self, path: Path, settings: "DataclassInstance", *, work: str, resume: bool
     ) -> None:
-        """Make the folder, or go on with the one of an earlier run.
+        """Create the folder, or resume the one of an earlier run.
 
         Args:
             path: the folder.
-            settings: what must be equal for finished parts to be of use.
-            work: what the folder is of, in a word: "evaluation".
-            resume: whether to go on with what is there.
+            settings: settings that must be equal for finished parts to be reused.
+            work: name of the work for messages, such as "evaluation".
+            resume: whether to reuse finished parts.
 
         Raises:
             ExportError: the folder cannot be written, or holds something else.
-            InputError: it was begun with other settings.
+            InputError: the folder belongs to a run with other settings.
         """
         super().__init__(path)
         wanted = json.loads(json.dumps(asdict(settings)))

@@ -7,7 +7,7 @@ import pytest
 from pd_editor import generators
 from pd_editor.cli.generate import generate
 from pd_editor.errors import GenerationError
-from pd_editor.generation import LANE_GUIDANCE, GeneratorOffer, Region
+from pd_editor.generation import LANE_GUIDANCE, GeneratorSpec, Region
 from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import EGO_ID
@@ -92,7 +92,7 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
         (f"--tries {10**21}", "tries is 1e+21; expected a whole number from 0 to 64."),
         (f"--num-agents {10**21}", "is neither a number"),
         ("--num-agents 600", "The number of new agents is 600; expected 0 to 500."),
-        ("--samples 1000 --tries 64", "at most 50000 are drawn at once."),
+        ("--samples 1000 --tries 64", "at most 50000 are sampled at once."),
         ("--region 0 0 0", "expected more than 0 and at most 5000 m."),
         ("--add", "--add needs --num-agents"),
         ("--replace-ego-and-focal", "needs --num-agents without --add"),
@@ -152,7 +152,7 @@ def test_who_cannot_be_driven_is_said(av2_scenario_folders: list[Path], tmp_path
 @pytest.fixture
 def placing(monkeypatch: pytest.MonkeyPatch) -> PlacingGenerator:
     generator = PlacingGenerator()
-    offer = GeneratorOffer(make=lambda: generator, draws_states=True)
+    offer = GeneratorSpec(make=lambda: generator, samples_states=True)
     monkeypatch.setattr(generators, "GENERATORS", {"placing": offer})
     return generator
 

@@ -42,7 +42,7 @@ def test_by_default_all_keep_their_states(scenario: Scenario):
     request = asked(DRIVING, scenario)
     assert request.scenario is scenario
     assert request.agent_ids == (NEAR, EDGE, BEYOND)
-    assert not request.draws_states
+    assert not request.samples_states
     assert (request.num_samples, request.seed) == (3, 7)
 
 
@@ -74,12 +74,12 @@ def test_the_papers_agents(scenario: Scenario, task: EvaluationTask, keeps):
     kept = [
         name for name, keep in zip(view.agents.ids, keeps(view), strict=True) if keep
     ]
-    if task.draws_states:
+    if task.samples_states:
         assert kept == [NEAR, BEYOND]
         kept = [NEAR]
     request = asked(task, scenario)
     assert list(request.agent_ids) == kept
-    assert request.only_on_road == task.draws_states
+    assert request.only_on_road == task.samples_states
 
 
 def test_agents_are_chosen_by_the_recording_and_stand_on_the_bent_road(

@@ -58,12 +58,12 @@ class _Rows:
         key = [f"{scene}/{name}" for scene, name in zip(self.scene, agent, strict=True)]
         self.agent = np.array(key, object)
         self.is_logged = np.asarray(self.method == GROUND_TRUTH, bool)
-        if task.draws_states:
+        if task.samples_states:
             self.counts = whole | ~self.is_logged
         else:
             logged = set(self.agent[whole & self.is_logged])
             self.counts = np.array([name in logged for name in key], bool)
-        self._states_count = self.counts | task.draws_states
+        self._states_count = self.counts | task.samples_states
         self.columns = {
             name: [_numbers(value) for value in table[name].to_pylist()]
             for name in metrics
@@ -115,7 +115,7 @@ def distance_tables(
         unit = METRICS[histogram.metric].unit
         lines.append((histogram.metric, unit, histogram.source, floor, *cells))
     whole = f"{num_agents} agents that the log has to the end"
-    if task.draws_states:
+    if task.samples_states:
         present = len(set(rows.agent[is_logged]))
         whole = f"{present} agents of the log at the state; of their ways, {whole}"
     return [

@@ -120,7 +120,7 @@ def _compared(
 ) -> tuple[Section, ...]:
     """Results, and how far they are from the log."""
     beside = "overlap, path length, ADE and spread"
-    if task.draws_states:
+    if task.samples_states:
         beside = "overlap and path length"
     results = (
         "Means over agents and samples, with intervals. Final lateral deviation alone is "
@@ -128,7 +128,7 @@ def _compared(
         "Agents of the log are judged while they are recorded, all others to the end"
     )
     of_states = "states (speed, nearest distance, density, nearest edge and its angle)"
-    if task.draws_states:
+    if task.samples_states:
         return (
             _results(summary, f"{results}.", PLACING_HEADLINES),
             _distances(
@@ -170,7 +170,7 @@ def _development(task: EvaluationTask, found: Findings) -> tuple[Section, ...]:
     """Results on the scenes that settings were chosen on, apart from the headline."""
     if found.development is None:
         return ()
-    headlines = PLACING_HEADLINES if task.draws_states else HEADLINES
+    headlines = PLACING_HEADLINES if task.samples_states else HEADLINES
     words = (
         f"Settings were chosen on {_listed(found.splits.development)}; these figures are "
         "for development and are no evidence of quality."
@@ -276,7 +276,7 @@ def _split_words(splits: EvaluationSplits) -> str:
 def _asked(task: EvaluationTask) -> str:
     """What methods were asked to fill."""
     words = "Agents keep their states at the current step; their futures are redrawn."
-    if task.draws_states:
+    if task.samples_states:
         words = (
             "Agents are placed anew and driven: as many of each kind as the log has in a "
             f"square of {2 * DRAWN_HALF_SIDE_M:g} m around the focal agent, all others "
@@ -285,7 +285,7 @@ def _asked(task: EvaluationTask) -> str:
     if task.agents == "paper":
         words += (
             " Only agents that the paper's code keeps are in the scenes"
-            + (", and states are drawn on the road only" if task.draws_states else "")
+            + (", and states are drawn on the road only" if task.samples_states else "")
             + "."
         )
     return words

@@ -10,7 +10,7 @@ from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     GenerationRequest,
-    GeneratorOffer,
+    GeneratorSpec,
     Quality,
     Region,
     guidance_terms,
@@ -66,7 +66,7 @@ class GenerationPanel:
     def __init__(
         self,
         desk: Desk,
-        generators: Mapping[str, GeneratorOffer],
+        generators: Mapping[str, GeneratorSpec],
         default: str,
         looked_at_m: Callable[[], np.ndarray],
         drawing: RegionDrawing,
@@ -322,8 +322,8 @@ class GenerationPanel:
         draws_num_agents: bool = False,
     ) -> None:
         offer = self._generators[self._model.value]
-        draws_states = bool(redrawn_state_ids or num_new_agents or draws_num_agents)
-        region = self._region() if draws_states else None
+        samples_states = bool(redrawn_state_ids or num_new_agents or draws_num_agents)
+        region = self._region() if samples_states else None
         takes_tries = offer.default_num_tries is not None
         guidance = guidance_terms(
             self._lane_weight(offer),
@@ -336,10 +336,10 @@ class GenerationPanel:
             num_new_agents=num_new_agents or {},
             draws_num_agents=draws_num_agents,
             redrawn_state_ids=redrawn_state_ids,
-            moving_share=MOVING_SHARES[self._moving.value] if draws_states else None,
-            only_on_road=draws_states and bool(self._only_on_road.value),
+            moving_share=MOVING_SHARES[self._moving.value] if samples_states else None,
+            only_on_road=samples_states and bool(self._only_on_road.value),
             region=region,
-            quality=QUALITIES[self._quality.value] if draws_states else "fast",
+            quality=QUALITIES[self._quality.value] if samples_states else "fast",
             num_samples=int(self._samples.value),
             num_denoising_steps=None
             if offer.default_num_steps is None
@@ -352,7 +352,7 @@ class GenerationPanel:
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)
 
-    def _lane_weight(self, offer: GeneratorOffer) -> float | None:
+    def _lane_weight(self, offer: GeneratorSpec) -> float | None:
         """Strength of the guidance; None leaves it to the model."""
         usual, asked = offer.default_guidance, float(self._guidance.value)
         return None if usual is None or abs(asked - usual) < _SAME else asked
@@ -378,7 +378,7 @@ class GenerationPanel:
             set_value(self._guidance, offer.default_guidance)
 
     def _show_counts(self) -> None:
-        places = self._generators[self._model.value].draws_states
+        places = self._generators[self._model.value].samples_states
         which = self._which.value
         of_states = (self._which, self._moving, self._only_on_road, self._where)
         for handle in (*of_states, self._quality, self._draw_region):
@@ -420,6 +420,6 @@ class GenerationPanel:
         return ids
 
     def _set_running(self, is_running: bool) -> None:
-        places = self._generators[self._model.value].draws_states
+        places = self._generators[self._model.value].samples_states
         set_property(self._run, "disabled", is_running)
         set_property(self._resample, "disabled", is_running or not places)

@@ -226,7 +226,7 @@ class GenerationRun:
 
     def _progressed(self, draw: Draw, progress: GenerationProgress) -> None:
         request = draw.request
-        verb = "Resampling" if request.draws_states else "Regenerating"
+        verb = "Resampling" if request.samples_states else "Regenerating"
         text = f"{verb} ..."
         if progress.fraction == 0 and progress.message:
             text = progress.message

@@ -12,7 +12,7 @@ from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.errors import GenerationError
 from pd_editor.exporters.bundle import write_files
-from pd_editor.generation import LANE_GUIDANCE, GeneratorOffer, GuidanceTerm
+from pd_editor.generation import LANE_GUIDANCE, GeneratorSpec, GuidanceTerm
 from pd_editor.installed_files import models_folder
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.panels.generation_panel import (
@@ -30,13 +30,13 @@ from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
 def placing(monkeypatch) -> PlacingGenerator:
     generator = PlacingGenerator()
     offers = {
-        "placing": GeneratorOffer(
+        "placing": GeneratorSpec(
             make=lambda: generator,
-            draws_states=True,
+            samples_states=True,
             default_num_steps=6,
             default_guidance=0.4,
         ),
-        "plain": GeneratorOffer(make=lambda: generator),
+        "plain": GeneratorSpec(make=lambda: generator),
     }
     monkeypatch.setattr(generators, "GENERATORS", offers)
     return generator
