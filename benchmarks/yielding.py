@@ -51,8 +51,8 @@ def num_conflicts(scenario: Scenario, sample: TrafficSample) -> int:
     agents, now = command.apply(scenario).agents, scenario.current_step
     rows = agents.rows(sample.ids)
     later, _ = first_overlap(agents, np.arange(now + 1, agents.num_steps))
-    is_judged = np.isin(later, rows).any(axis=1) & counted(agents, later)
-    later = later[is_judged & agents.is_valid[later, now].all(axis=1)]
+    is_evaluated = np.isin(later, rows).any(axis=1) & counted(agents, later)
+    later = later[is_evaluated & agents.is_valid[later, now].all(axis=1)]
     already = {tuple(pair) for pair in overlapping_pairs(agents, now).tolist()}
     return len({tuple(pair) for pair in later.tolist()} - already)
 

@@ -73,7 +73,7 @@ def repairable(
     keep_ids: Collection[str] | None,
     kinds: Collection[AgentKind] = LANE_FOLLOWER_KINDS,
 ) -> Bool[np.ndarray, "A"]:
-    """Agents of some kinds that exist now, are asked for (None: all) and not kept.
+    """Which agents may be repaired: present ones of ``kinds`` in ``agent_ids`` (None: all).
 
     Agents in ``keep_ids`` are left out; None means the focal agent.
 

@@ -62,7 +62,7 @@ def yield_to_others(
     *,
     keep_ids: Collection[str] | None = None,
 ) -> tuple[Scenario, tuple[str, ...]]:
-    """Road users that would collide yield, the others go on as before.
+    """Let road users yield that would collide; all others are unchanged.
 
     One round of ``retime_trajectories`` without the friction limit.
 
