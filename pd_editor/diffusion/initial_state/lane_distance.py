@@ -1,7 +1,8 @@
 """How far agents are from the road, and which way it is."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import torch
 from jaxtyping import Bool, Complex, Float
@@ -9,9 +10,12 @@ from torch import Tensor
 
 from pd_editor.diffusion.initial_state.features import as_complex
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.features.lane_tokens import CROSSWALK_KIND, PIECE_LENGTH_M
+from pd_editor.features.lane_tokens import CROSSWALK_KIND, PIECE_LENGTH_M, PIECE_SHAPE
 from pd_editor.features.scene_features import PEDESTRIAN
 from pd_editor.metrics.road.off_lane import OFF_LANE_M
+
+_IS_INTERSECTION: Final = PIECE_SHAPE.index("is_intersection")
+_HALF_LANE_M: Final = 1.75
 
 
 def is_on_road(scene: SceneTensors) -> Bool[Tensor, "B A"]:
@@ -46,6 +50,8 @@ class CenterLines:
     half_m: Float[Tensor, "B 1 P"]
     far_m: Float[Tensor, "B 1 P"]
     """Added to distances: infinity for what is no lane."""
+    is_junction: Bool[Tensor, "B 1 P"]
+    """Whether the lane of a piece is in a junction."""
 
     @classmethod
     def of(cls, scene: SceneTensors) -> "CenterLines":
@@ -58,15 +64,34 @@ class CenterLines:
             axis=torch.complex(heading.cos(), heading.sin()),
             half_m=scene.piece_shape[:, None, :, 0] * (PIECE_LENGTH_M / 2),
             far_m=nothing.masked_fill(~usable[:, None], math.inf),
+            is_junction=scene.piece_shape[:, None, :, _IS_INTERSECTION] > 0.5,
         )
+
+    def outside_junctions(self) -> "CenterLines":
+        """Those of no junction."""
+        return replace(self, far_m=self.far_m.masked_fill(self.is_junction, math.inf))
+
+    def in_junction(self, place_m: Complex[Tensor, "*s B A"]) -> Bool[Tensor, "*s B A"]:
+        """Whether the nearest lane is in a junction, and the place is on it."""
+        gap, length_m = self._gaps_m(place_m)
+        nearest_m, nearest = length_m.min(dim=-1, keepdim=True)
+        is_junction = self.is_junction.expand(gap.shape).gather(-1, nearest)
+        return (is_junction & (nearest_m <= _HALF_LANE_M))[..., 0]
 
     def offset_m(
         self, place_m: Complex[Tensor, "*s B A"]
     ) -> tuple[Complex[Tensor, "*s B A"], Float[Tensor, "*s B A"]]:
         """From the nearest point of a centre line to each place; its length."""
+        gap, far_m = self._gaps_m(place_m)
+        length_m, nearest = far_m.min(dim=-1, keepdim=True)
+        axis = self.axis.expand(gap.shape).gather(-1, nearest)
+        return (gap.gather(-1, nearest) * axis)[..., 0], length_m[..., 0]
+
+    def _gaps_m(
+        self, place_m: Complex[Tensor, "*s B A"]
+    ) -> tuple[Complex[Tensor, "*s B A P"], Float[Tensor, "*s B A P"]]:
+        """From the nearest point of each piece, in its own frame; lengths."""
         own = (place_m[..., None] - self.middle_m) * self.axis.conj_physical()
         inside = torch.minimum(torch.maximum(own.real, -self.half_m), self.half_m)
         gap = own - inside
-        length_m, nearest = (gap.abs() + self.far_m).min(dim=-1, keepdim=True)
-        axis = self.axis.expand(gap.shape).gather(-1, nearest)
-        return (gap.gather(-1, nearest) * axis)[..., 0], length_m[..., 0]
+        return gap, gap.abs() + self.far_m

@@ -233,6 +233,7 @@ def place_agents(
     guidance = InitialStateGuidance() if guidance is None else guidance
     if placing.traits.only_on_road:
         guidance = guidance.within_lanes()
+    may_stop = random.random(scene.has_agent.shape) < guidance.stopped_in_junctions
     steps = sample_initial_states(
         model,
         scene,
@@ -240,7 +241,9 @@ def place_agents(
         seed=seed,
         task=task,
         config=sampler,
-        guide=guidance.of(scene, model.schedule, task),
+        guide=guidance.of(
+            scene, model.schedule, task, torch.from_numpy(may_stop).to(device)
+        ),
         square=placing.square,
     )
     clean = None

@@ -30,6 +30,7 @@ from pd_editor.diffusion.initial_state.state_encoding import (
     encode_states,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.features.lane_tokens import PIECE_SHAPE
 from pd_editor.scene.activity import Activity
 from tests.diffusion.initial_state.scenes import scene_batch, small_model
 
@@ -254,3 +255,40 @@ def test_guidance_keeps_all_within_lanes_where_nobody_is_wished_off_the_road():
     offset = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]
     assert (offset <= 1.5).all()
     assert (offset >= 1.3).all()
+
+
+def junction_scene() -> SceneTensors:
+    """A road along x of ten pieces, the middle four in a junction; four agents."""
+    scene = scene_batch(4)
+    pieces = scene.piece_pose.shape[1]
+    assert pieces >= 10
+    pose = torch.zeros_like(scene.piece_pose)
+    pose[0, :10, 0] = torch.arange(-45.0, 50.0, 10.0)
+    shape = torch.zeros_like(scene.piece_shape)
+    shape[0, :, PIECE_SHAPE.index("length")] = 1.0
+    shape[0, 3:7, PIECE_SHAPE.index("is_intersection")] = 1.0
+    return replace(
+        scene,
+        piece_pose=pose,
+        piece_shape=shape,
+        piece_kind=torch.zeros_like(scene.piece_kind),
+        has_piece=torch.arange(pieces)[None] < 10,
+        agent_kind=torch.zeros_like(scene.agent_kind),
+        has_agent=torch.ones_like(scene.has_agent),
+    )
+
+
+def test_vehicles_that_stand_in_a_junction_are_moved_out_of_it():
+    scene = junction_scene()
+    pose = torch.tensor([[12.0, 0, 0], [-13.0, 0, 0], [2.0, 0, 0], [33.0, 0, 0]])
+    speed = torch.tensor([0.0, 0.0, 5.0, 0.0])
+    clean = encode_states(pose, speed, torch.full((4,), 2))[None, None]
+    may_stop = torch.tensor([[False, True, False, False]])
+    guide = InitialStateGuidance().of(scene, SCHEDULE, may_stop=may_stop)
+    x = decode_states(guide(clean, 0.0))[0, 0, :, 0]
+    # The border is at 20 m. One that may stop, one that moves, one outside stay.
+    assert x[0] == pytest.approx(23.0, abs=0.1)
+    assert x[1:].tolist() == pytest.approx([-13.0, 2.0, 33.0], abs=0.1)
+    unguided = InitialStateGuidance().of(scene, SCHEDULE)
+    same = decode_states(unguided(clean, 0.0))[0, 0, :, 0]
+    assert same.tolist() == pytest.approx(pose[:, 0].tolist(), abs=0.1)
