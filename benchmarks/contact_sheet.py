@@ -138,14 +138,15 @@ def main() -> None:
     centers = [scene_center(row[0]) for row in rows]
     if options.blind is not None:
         write_blind(rows, centers, options.blind, options.out / "blind")
+    origin = "simulated" if options.split == "demos" else "recorded"
     pictures, titles = [], []
     for row, center in zip(rows, centers, strict=True):
         for index, scenario in enumerate(row):
             # Samples have an origin of their own.
             offset = row[0].origin_city_m - scenario.origin_city_m
             pictures.append(top_view(scenario, center + offset, options.side))
-            name = row[0].scenario_id[:18]
-            titles.append(f"sample {index}" if index else f"{name}, recorded")
+            name = row[0].scenario_id[:20]
+            titles.append(f"sample {index}" if index else f"{name}, {origin}")
     titled(pictures, titles, 1 + options.samples).save(
         options.out / "contact_sheet.webp", quality=70, method=6
     )

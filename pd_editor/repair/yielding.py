@@ -35,6 +35,8 @@ _BRAKES_S: Final = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 _STAYS_S: Final = (0.5, 1.5, np.inf)
 _RECOVERY_1PS: Final = 0.2
 """How fast a clock catches up with time again."""
+_TOO_LATE_S: Final = 0.3
+"""Braking moves an agent by 0.2 m until then: a collision so early is not prevented."""
 _MOST_ROUNDS: Final = 8
 _BEYOND_S: Final = 1.5
 """Agents go on so long after the end, so that none ends right before another one."""
@@ -246,11 +248,16 @@ class _Scene:
     def rough_braking(self, rows: Int[np.ndarray, "G"]) -> Float[np.ndarray, "G K"]:
         """Braking that each clock asks for, roughly; infinite where it is impossible."""
         speed = self.speed_mps[rows]
-        fastest = np.empty((len(rows), len(_BEGINS_S) * len(_BRAKES_S)))
-        for window, (begins, brakes) in enumerate(product(_BEGINS_S, _BRAKES_S)):
-            first, last = round(begins / self.step_s), round(brakes / self.step_s)
-            part = speed[:, first : first + last + 1]
-            fastest[:, window] = part.max(axis=1, initial=0.0)
+        num_steps = speed.shape[1]
+        lasts = np.rint(np.array(_BRAKES_S) / self.step_s).astype(int)
+        fastest = np.zeros((len(rows), len(_BEGINS_S), len(_BRAKES_S)))
+        for index, begins in enumerate(_BEGINS_S):
+            first = round(begins / self.step_s)
+            if first < num_steps:
+                so_far = np.maximum.accumulate(speed[:, first:], axis=1)
+                last = np.minimum(lasts, num_steps - 1 - first)
+                fastest[:, index] = so_far[:, last]
+        fastest = fastest.reshape(len(rows), -1)
         stands = speed[:, :1] < _STANDS_MPS
         braking = fastest[:, self.clocks.window] * self.clocks.slope_1ps
         waiting = np.where(stands, 0.0, np.inf)
@@ -278,8 +285,8 @@ class _Plans:
     """First step at which each pair collides; -1 if it does not."""
     tried: Bool[np.ndarray, "P 2"]
     """Which of each pair have tried to yield to the other one."""
-    has_changed: bool = False
-    """Whether any clock has changed since all began to try."""
+    has_changed: Bool[np.ndarray, "A"]
+    """Whose clock has changed since all began to try."""
 
     @classmethod
     def of(cls, scene: _Scene) -> "_Plans":
@@ -290,9 +297,11 @@ class _Plans:
             position_m=scene.position_m.copy(),
             heading_rad=scene.heading_rad.copy(),
             first_step=np.full(len(scene.pairs), -1),
-            tried=~scene.may_yield[scene.pairs],
+            tried=np.ones((len(scene.pairs), 2), bool),
+            has_changed=np.zeros(count, bool),
         )
         plans._find_conflicts(scene, np.arange(len(scene.pairs)))
+        plans._let_try(scene, np.arange(len(scene.pairs)))
         return plans
 
     @property
@@ -303,10 +312,12 @@ class _Plans:
     def advanced(self, scene: _Scene) -> bool:
         """Let one of each pair that collides yield; false if none can any more."""
         pair = np.flatnonzero((self.first_step >= 0) & ~self.tried.all(axis=1))
-        if not len(pair) and self.has_changed:
-            # What was in the way then may be gone by now.
-            self.tried = ~scene.may_yield[scene.pairs]
-            self.has_changed = False
+        if not len(pair) and self.has_changed.any():
+            # What was in the way then may be gone by now, where any clock has changed.
+            involved = np.unique(scene.pairs[self.has_changed[scene.pairs].any(axis=1)])
+            again = np.isin(scene.pairs, involved).any(axis=1)
+            self._let_try(scene, np.flatnonzero(again))
+            self.has_changed[:] = False
             pair = np.flatnonzero((self.first_step >= 0) & ~self.tried.all(axis=1))
         if not len(pair):
             return False
@@ -319,13 +330,21 @@ class _Plans:
         clock = self._best_clocks(scene, row)
         changed = clock != self.clock[row]
         row, first, clock = row[changed], first[changed], clock[changed]
-        self.has_changed |= len(row) > 0
+        self.has_changed[row] = True
         self.clock[row] = clock
         self.behind[row] = both[first, 1 - side[first]]
         self.position_m[row], self.heading_rad[row] = scene.driven(row, clock)
         touched = np.isin(scene.pairs, row).any(axis=1)
         self._find_conflicts(scene, np.flatnonzero(touched))
         return True
+
+    def _let_try(self, scene: _Scene, pair: Int[np.ndarray, "C"]) -> None:
+        """Let both of each pair try to yield, unless they cannot or it is too late."""
+        both = scene.pairs[pair]
+        moves = scene.speed_mps[both, 0] >= _STANDS_MPS
+        early = self.first_step[pair] * scene.step_s <= _TOO_LATE_S
+        is_late = (self.first_step[pair] >= 0) & early
+        self.tried[pair] = ~scene.may_yield[both] | (moves & is_late[:, None])
 
     def _side_that_yields(
         self, scene: _Scene, pair: Int[np.ndarray, "C"]
@@ -362,15 +381,17 @@ class _Plans:
         """
         near, hit = self._blocked(scene, rows)
         braking = scene.rough_braking(rows)
-        able = [braking <= most for most in (_GENTLE_MPS2, MAX_BRAKING_MPS2)]
+        gentle = braking <= _GENTLE_MPS2
         best = self.clock[rows].copy()
         for index, row in enumerate(rows.tolist()):
             own = -np.diff(scene.speed_mps[row]).min(initial=0.0) / scene.step_s
             limit = max(MAX_BRAKING_MPS2, own) + _TOLERANCE_MPS2
+            able = np.flatnonzero(braking[index] <= MAX_BRAKING_MPS2)
+            cells = scene.clocks.cell[able]
             for blocked in (near, hit):
-                is_free = ~blocked[index].take(scene.clocks.cell).any(axis=1)
-                free = [np.flatnonzero(is_free & ok[index]) for ok in able]
-                some = np.concatenate([one[:_MOST_CHECKED] for one in free])
+                free = able[~blocked[index].take(cells).any(axis=1)]
+                easy = free[gentle[index, free]]
+                some = np.concatenate([easy[:_MOST_CHECKED], free[:_MOST_CHECKED]])
                 some = some[scene.hardest_braking(row, some) <= limit]
                 if len(some):
                     best[index] = some[0]
