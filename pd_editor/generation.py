@@ -5,6 +5,7 @@ caller can show progress and cancel.
 """
 
 import math
+import re
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, runtime_checkable
@@ -232,6 +233,8 @@ class GeneratorSpec:
     """Specification of a generator that users can choose; built and loaded on demand."""
 
     make: Callable[[], ScenarioGenerator]
+    origin: str = ""
+    """Where it is from, in words for the user."""
     samples_states: bool = False
     """Whether it can sample initial states, not only trajectories of existing agents."""
     default_num_steps: int | None = None
@@ -242,6 +245,14 @@ class GeneratorSpec:
     """Default tries of ``AVOIDANCE``; None if it does not select among several samples."""
     warm_up: Callable[[], None] | None = None
     """Loads the model ahead of the first call; to be run in a separate thread."""
+
+
+_REFERENCE: Final = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
+
+
+def is_reference(name: str) -> bool:
+    """Whether the name of a generator has the form ``package.module:attribute``."""
+    return _REFERENCE.fullmatch(name) is not None
 
 
 LANE_GUIDANCE: Final = "nearest-candidate"
@@ -292,6 +303,47 @@ def guidance_terms(
     if parameters:
         terms.append(GuidanceTerm(name=AVOIDANCE, parameters=parameters))
     return tuple(terms)
+
+
+def check_traffic(traffic: GeneratedTraffic, request: GenerationRequest) -> None:
+    """Refuse an answer that is not what was asked for.
+
+    Raises:
+        GenerationError: samples, agents, shapes or numbers are wrong.
+    """
+    if len(traffic.samples) != request.num_samples:
+        raise GenerationError(
+            f"{len(traffic.samples)} samples came back, {request.num_samples} were "
+            "asked for."
+        )
+    num_steps = request.scenario.time_axis.num_future_steps + 1
+    adds = request.draws_num_agents or any(request.num_new_agents.values())
+    for number, sample in enumerate(traffic.samples):
+        kept = sample.ids[: len(request.agent_ids)] if adds else sample.ids
+        if kept != request.agent_ids or len(sample.kinds) != len(sample.ids):
+            raise GenerationError(
+                f"Sample {number} holds other agents than were asked for."
+            )
+        _check_arrays(sample, number, len(sample.ids), num_steps)
+
+
+def _check_arrays(
+    sample: TrafficSample, number: int, num_agents: int, num_steps: int
+) -> None:
+    for name, expected in (
+        ("size_m", (num_agents, 2)),
+        ("position_m", (num_agents, num_steps, 2)),
+        ("heading_rad", (num_agents, num_steps)),
+        ("velocity_mps", (num_agents, num_steps, 2)),
+    ):
+        values = np.asarray(getattr(sample, name))
+        if values.shape != expected:
+            raise GenerationError(
+                f"Sample {number}: {name} has the shape {values.shape}; expected "
+                f"{expected}."
+            )
+        if not np.isfinite(values).all():
+            raise GenerationError(f"Sample {number}: {name} holds NaN or infinity.")
 
 
 class RunningGeneration:

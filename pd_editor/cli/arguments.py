@@ -1,12 +1,13 @@
 """Command-line arguments that several commands share."""
 
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, TypeVar
 
 import tyro
 
 from pd_editor.errors import InputError
 
+One = TypeVar("One", str, Path, str | Path)
 ScenarioArgument = Annotated[
     str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")
 ]
@@ -49,5 +50,9 @@ def num_workers(value: int | None) -> int | None:
 
 def folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
     """Convert one folder or several to a tuple without duplicates."""
-    several = value if isinstance(value, tuple) else (value,)
-    return tuple(dict.fromkeys(map(Path, several)))
+    return several(tuple(map(Path, value)) if isinstance(value, tuple) else Path(value))
+
+
+def several(value: One | tuple[One, ...]) -> tuple[One, ...]:
+    """Convert one value or several to a tuple without duplicates."""
+    return tuple(dict.fromkeys(value)) if isinstance(value, tuple) else (value,)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.arguments import OptionalFolder, OptionalFolders, folders
+from pd_editor.cli.arguments import OptionalFolder, OptionalFolders, several
 from pd_editor.errors import InputError
 
 DEFAULT_DEMO = "signalised-junction"
@@ -35,7 +35,7 @@ def edit(
         port: Port to listen on; the next free one if it is taken.
         data: Root of an Argoverse 2 dataset to browse.
         library: Folder for unfinished work; ~/.local/state/pd-editor if not given.
-        models: Folders of trained models to offer beside the shipped one.
+        models: Folders of trained models to offer beside the shipped one, folders of such folders, and generators of your own as package.module:attribute.
         debug: Offer viser's own settings and scene tree in the page.
     """
     _check_address(host, port)
@@ -50,7 +50,7 @@ def edit(
         port=port,
         data_root=data,
         library=library,
-        models=folders(models),
+        models=several(models),
         debug=debug,
     )
     sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")

@@ -4,11 +4,11 @@ import shlex
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Final, TypeVar
+from typing import Annotated, Final
 
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, Switch, num_workers
+from pd_editor.cli.arguments import FolderOption, Switch, num_workers, several
 from pd_editor.cli.progress import work_shown
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import GenerationError, InputError
@@ -37,11 +37,11 @@ from pd_editor.evaluation.report.sections import Findings, report_of
 from pd_editor.evaluation.results_folder import EvaluationFolder
 from pd_editor.evaluation.road_condition import road_conditions
 from pd_editor.evaluation.summary import Summary, summarise
-from pd_editor.generation import MAX_SAMPLES, MAX_SEED
+from pd_editor.generation import MAX_SAMPLES, MAX_SEED, is_reference
 from pd_editor.generators import (
     DEFAULT_GENERATOR,
     GENERATORS,
-    MODEL_CONFIG,
+    is_generator,
     make_generator,
 )
 from pd_editor.work_engine import LocalProcesses
@@ -49,12 +49,13 @@ from pd_editor.work_engine import LocalProcesses
 DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower")
 DEFAULT_PLACING_METHODS = (GROUND_TRUTH, DEFAULT_GENERATOR)
 """Default methods where initial states are sampled."""
+MIN_LIMIT_S: Final = 0.1
+MAX_LIMIT_S: Final = 86_400.0
 _BY_DEFAULT: Final = (
     f"(default: {' '.join(DEFAULT_METHODS)}; with sampled states "
     f"{' '.join(DEFAULT_PLACING_METHODS)})"
 )
 _Roots = str | Path | tuple[str | Path, ...]
-_One = TypeVar("_One", str, str | Path)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,6 +106,9 @@ def evaluate(
     workers: Annotated[
         int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
     ] = None,
+    time_limit: Annotated[
+        float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: none)")
+    ] = None,
     device: DeviceName = "auto",
     resume: Switch = False,
 ) -> Evaluation:
@@ -113,7 +117,7 @@ def evaluate(
     Args:
         data: Roots of Argoverse 2 datasets; folders below them are searched.
         out: New folder for finished scenes, rows.parquet, report.md and report.html.
-        methods: Reference methods, generators (also with options: path-diffuser:lanes=0.6,tries=1,steps=10) and folders of models; ground-truth is what others are compared with.
+        methods: Reference methods, generators (also with options: path-diffuser:lanes=0.6,tries=1,steps=10), folders of models, and generators or predictors of your own as package.module:attribute; ground-truth is what others are compared with.
         states: Keep the recorded initial states and generate trajectories, or sample initial states as well: as many agents of each kind as the log has within 62 m of the focal agent.
         agents: All road users, or only those that the paper's code keeps.
         warps: Roads: none (as recorded), KIND:POWER such as smooth-turn:3, or all.
@@ -122,19 +126,21 @@ def evaluate(
         development: Splits on which settings were chosen; headline figures are of the other splits alone.
         limit: Use only the first N scenarios.
         workers: Processes to use; they do not change the numbers.
+        time_limit: Seconds that a method may take for a scene; a method that takes longer has no rows of that scene, and the rest goes on.
         device: Where models compute; auto takes a GPU if there is one.
         resume: Go on with an earlier run of the same settings.
     """
     task = EvaluationTask(states=states, agents=agents)
     plan = EvaluationPlan(
         task=task,
-        data=tuple(map(Path, _several(data))),
+        data=tuple(map(Path, several(data))),
         methods=_methods(methods, device, task),
-        conditions=road_conditions(_several(warps)),
+        conditions=road_conditions(several(warps)),
         num_samples=_within(1, samples, MAX_SAMPLES, "samples"),
         seed=_within(0, seed, MAX_SEED, "seed"),
         limit=None if limit is None else _within(1, limit, MAX_SEED, "limit"),
-        development=_several(development),
+        development=several(development),
+        limit_s=None if time_limit is None else _limit_s(time_limit),
     )
     engine = LocalProcesses(num_workers=num_workers(workers))
     found = scenes_of(plan)
@@ -187,17 +193,12 @@ def _reported(
     )
 
 
-def _several(value: _One | tuple[_One, ...]) -> tuple[_One, ...]:
-    """Convert one value or several to a tuple without duplicates."""
-    return tuple(dict.fromkeys(value)) if isinstance(value, tuple) else (value,)
-
-
 def _methods(
     wanted: str | tuple[str, ...] | None, device: DeviceName, task: EvaluationTask
 ) -> tuple[Method, ...]:
     if wanted is None:
         wanted = DEFAULT_PLACING_METHODS if task.samples_states else DEFAULT_METHODS
-    asked = _several(wanted)
+    asked = several(wanted)
     make = make_generator
     if device != "auto":
         make = partial(make_generator, device=device)
@@ -205,10 +206,13 @@ def _methods(
     methods = tuple(Method(name=name, make_generator=make) for name in asked)
     for name, method in zip(asked, methods, strict=True):
         plain = method.generator_name if method.options else name
-        if plain not in known and not (Path(plain) / MODEL_CONFIG).is_file():
+        if plain not in known and not is_generator(plain):
             raise GenerationError(
-                f"There is no method {name[:60]!r}; choose among {', '.join(known)}."
+                f"There is no method {name[:60]!r}; choose among {', '.join(known)}, "
+                "folders of models, and package.module:attribute."
             )
+        if is_reference(plain):
+            make(plain)  # What cannot be imported is refused once, not for each scene.
         if task.samples_states and not _places_agents(plain):
             raise GenerationError(
                 f"{name[:60]} samples no initial states; where states are sampled, choose "
@@ -227,6 +231,14 @@ def _places_agents(name: str) -> bool:
     if name in REFERENCE_METHODS:
         return name == GROUND_TRUTH
     return name not in GENERATORS or GENERATORS[name].samples_states
+
+
+def _limit_s(value: float) -> float:
+    if not MIN_LIMIT_S <= value <= MAX_LIMIT_S:
+        raise InputError(
+            f"--time-limit is {value:g} s; expected {MIN_LIMIT_S:g} to {MAX_LIMIT_S:g}."
+        )
+    return value
 
 
 def _within(least: int, value: int, most: int, name: str) -> int:

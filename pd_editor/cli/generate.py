@@ -109,7 +109,7 @@ def generate(
         tries: Trajectories sampled per agent, of which the least colliding combination is used; agents that would still collide yield. 0: raw model.
         no_yielding: Do not slow agents that would collide.
         seed: Random seed; the same seed gives the same files.
-        model: path-diffuser, lane-follower (trajectories only), or the folder of a trained model.
+        model: path-diffuser, lane-follower (trajectories only), the folder of a trained model, or a generator or predictor of your own as package.module:attribute.
         device: Where a model computes; auto takes a GPU if there is one.
         name: Id of the new scenario, such as 000c4929-s3.
         overwrite: Replace what earlier runs wrote.

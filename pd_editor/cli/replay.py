@@ -29,6 +29,9 @@ def replay(
         tyro.conf.arg(metavar="SCENARIO", help_behavior_hint="(optional)"),
     ] = None,
     regenerate: Switch = False,
+    model: Annotated[
+        str, tyro.conf.arg(metavar="NAME", help_behavior_hint="(as in the recipe)")
+    ] = "",
     overwrite: Switch = False,
 ) -> Outcome:
     """Apply a recipe's commands to its base scenario and write the result.
@@ -38,13 +41,14 @@ def replay(
         out: Folder that receives DIR/<name>/.
         base: Where the base scenario is, if not where the recipe says.
         regenerate: Generate generated traffic again, and say whether it is equal.
+        model: What regenerates, if the recipe's name of it is not enough: the folder of a model, or package.module:attribute.
         overwrite: Replace what an earlier run wrote.
     """
     parsed, where = read_recipe(Path(recipe))
     opened = open_base(parsed, where, base)
     remarks: tuple[str, ...] = ()
     if regenerate:
-        scenario, parsed, remarks = _regenerated(parsed, opened)
+        scenario, parsed, remarks = _regenerated(parsed, opened, model)
     else:
         scenario = replay_recipe(parsed, opened)
     folder = export_into(out, scenario, parsed, overwrite=overwrite)
@@ -86,7 +90,7 @@ def open_base(recipe: Recipe, where: Path, base: str | Path | None) -> Scenario:
 
 
 def _regenerated(
-    recipe: Recipe, base: Scenario
+    recipe: Recipe, base: Scenario, model: str
 ) -> tuple[Scenario, Recipe, tuple[str, ...]]:
     names = {
         command.generator
@@ -100,7 +104,9 @@ def _regenerated(
             f"The recipe holds traffic of {' and '.join(sorted(names))}; expected one "
             "generator to regenerate it."
         )
-    scenario, entries = regenerate_recipe(recipe, base, make_generator(*names))
+    scenario, entries = regenerate_recipe(
+        recipe, base, make_generator(model or names.pop())
+    )
     commands = list(recipe.commands)
     for entry in entries:
         commands[entry.number - 1] = entry.fresh

@@ -42,6 +42,8 @@ class EvaluationPlan:
     task: EvaluationTask = DRIVING
     development: tuple[str, ...] = ("train",)
     """Splits on which settings were chosen; headlines are of the other splits alone."""
+    limit_s: float | None = None
+    """Time that a method may take for a scene; a method that takes longer fails there."""
 
     @property
     def settings(self) -> RunSettings:
@@ -173,6 +175,7 @@ def items_of(plan: EvaluationPlan, scenes: Sequence[Scene]) -> dict[str, SceneIt
             num_samples=plan.num_samples,
             seed=plan.seed,
             task=plan.task,
+            limit_s=plan.limit_s,
         )
         for scene in scenes
         for condition in plan.conditions

@@ -6,18 +6,16 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
-import numpy as np
-
 from pd_editor.errors import GenerationError
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHODS
 from pd_editor.generation import (
     MAX_DENOISING_STEPS,
     MAX_TRIES,
-    GeneratedTraffic,
     GenerationRequest,
     ScenarioGenerator,
-    TrafficSample,
+    check_traffic,
     guidance_terms,
+    is_reference,
     run_to_end,
 )
 from pd_editor.metrics.traffic_view import TrafficView, generated_traffic
@@ -52,7 +50,18 @@ class Method:
     @property
     def generator_name(self) -> str:
         """The name without options."""
-        return self.name.partition(":")[0]
+        return self._parts[0]
+
+    @property
+    def _parts(self) -> tuple[str, str]:
+        """Name and options; ``package.module:attribute`` has a colon of its own."""
+        if is_reference(self.name):
+            return self.name, ""
+        name, _, options = self.name.rpartition(":")
+        if is_reference(name):
+            return name, options
+        name, _, options = self.name.partition(":")
+        return name, options
 
     @property
     def options(self) -> Mapping[str, float]:
@@ -62,7 +71,7 @@ class Method:
             GenerationError: they cannot be read.
         """
         found: dict[str, float] = {}
-        for text in filter(None, self.name.partition(":")[2].split(",")):
+        for text in filter(None, self._parts[1].split(",")):
             name, _, number = text.partition("=")
             try:
                 found[name] = float(number)
@@ -89,7 +98,7 @@ class Method:
             return JudgedTraffic(samples=reference.traffic(request))
         generator = _generator(self.make_generator, self.generator_name)
         traffic = run_to_end(generator.generate(self._with_options(request)))
-        _check(traffic, request)
+        check_traffic(traffic, request)
         return JudgedTraffic(
             samples=tuple(
                 generated_traffic(request.scenario, sample)
@@ -124,43 +133,3 @@ def _generator(
 ) -> ScenarioGenerator:
     """Models are loaded once in each process."""
     return make_generator(name)
-
-
-def _check(traffic: GeneratedTraffic, request: GenerationRequest) -> None:
-    """Refuse an answer that is not what was asked for.
-
-    Raises:
-        GenerationError: samples, agents, shapes or numbers are wrong.
-    """
-    if len(traffic.samples) != request.num_samples:
-        raise GenerationError(
-            f"{len(traffic.samples)} samples came back, {request.num_samples} were "
-            "asked for."
-        )
-    num_agents = len(request.agent_ids)
-    num_steps = request.scenario.time_axis.num_future_steps + 1
-    for number, sample in enumerate(traffic.samples):
-        if sample.ids != request.agent_ids or len(sample.kinds) != num_agents:
-            raise GenerationError(
-                f"Sample {number} holds other agents than were asked for."
-            )
-        _check_arrays(sample, number, num_agents, num_steps)
-
-
-def _check_arrays(
-    sample: TrafficSample, number: int, num_agents: int, num_steps: int
-) -> None:
-    for name, expected in (
-        ("size_m", (num_agents, 2)),
-        ("position_m", (num_agents, num_steps, 2)),
-        ("heading_rad", (num_agents, num_steps)),
-        ("velocity_mps", (num_agents, num_steps, 2)),
-    ):
-        values = np.asarray(getattr(sample, name))
-        if values.shape != expected:
-            raise GenerationError(
-                f"Sample {number}: {name} has the shape {values.shape}; expected "
-                f"{expected}."
-            )
-        if not np.isfinite(values).all():
-            raise GenerationError(f"Sample {number}: {name} holds NaN or infinity.")

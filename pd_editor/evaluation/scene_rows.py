@@ -26,6 +26,7 @@ from pd_editor.metrics.traffic_view import (
 )
 from pd_editor.metrics.values import MetricValues
 from pd_editor.scene.thresholds import STANDING_MPS
+from pd_editor.work_engine.time_limit import time_limit
 
 LISTS: Final = ("local_density", "surroundings")
 """Metrics with several values for each agent."""
@@ -81,6 +82,8 @@ class SceneItem:
     num_samples: int
     seed: int
     task: EvaluationTask = DRIVING
+    limit_s: float | None = None
+    """Time that each method may take; None: as long as it takes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +122,8 @@ def judge_scene(item: SceneItem) -> SceneRows:
     tables, failures, hashes = [ROW_SCHEMA.empty_table()], {}, {}
     for method in item.methods:
         try:
-            traffic = method.traffic(request)
+            with time_limit(item.limit_s):
+                traffic = method.traffic(request)
         except PdEditorError as error:
             failures[method.name] = str(error)
         except Exception as error:  # noqa: BLE001  (a generator may be anybody's)

@@ -10,7 +10,7 @@ import viser
 
 from pd_editor.editor.session import SessionState
 from pd_editor.errors import PdEditorError
-from pd_editor.generation import GeneratorSpec
+from pd_editor.generators import GeneratorCatalogue
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.comparison import Comparison
 from pd_editor.viewer.interaction.context_menu import ContextMenu
@@ -68,8 +68,6 @@ SEND_PAUSE_S: Final = 1e-3
 JOURNAL_RETRY_S: Final = 3.0
 """Edits that could not be kept on disk are tried again this often."""
 
-Generators = Mapping[str, GeneratorSpec]
-
 
 class BrowserSession:
     """Everything of one connection; a reload makes a new one for the same workspace."""
@@ -78,7 +76,7 @@ class BrowserSession:
         self,
         client: viser.ClientHandle,
         workspace: Workspace,
-        generators: Generators,
+        generators: GeneratorCatalogue,
         *,
         is_debug: bool = False,
     ) -> None:
@@ -87,7 +85,7 @@ class BrowserSession:
         Args:
             client: the connection.
             workspace: what it works on.
-            generators: what generates traffic, by name.
+            generators: what generates traffic.
             is_debug: whether viser's own settings are offered.
         """
         self._client = client
@@ -254,7 +252,6 @@ class BrowserSession:
             self._generation_panel = GenerationPanel(
                 desk,
                 self._generators,
-                next(iter(self._generators)),
                 lambda: np.asarray(self._client.camera.look_at)[:2],
                 self._region,
                 self._run_changed,

@@ -13,7 +13,7 @@ import viser
 
 from pd_editor.av2_io.dataset import DatasetIndex
 from pd_editor.errors import PdEditorError
-from pd_editor.generators import offers_with
+from pd_editor.generators import catalogue_with
 from pd_editor.scenario_store import open_scenario
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.server.server_guard import LOOPBACK_HOSTS, guarded_server
@@ -45,10 +45,10 @@ class ViewerApp:
         port: int = 8080,
         data_root: Path | None = None,
         library: Path | None = None,
-        models: Sequence[Path] = (),
+        models: Sequence[str | Path] = (),
         debug: bool = False,
     ) -> None:
-        """Start serving, with the models in some folders among the generators.
+        """Start serving, with models and plugins of one's own among the generators.
 
         With ``debug`` the page offers viser's own settings and scene tree.
 
@@ -56,7 +56,7 @@ class ViewerApp:
             GenerationError: a folder holds no model.
             InputError: the scenario or the dataset root cannot be opened.
         """
-        self._offers = offers_with(models)
+        self._generators = catalogue_with(models)
         self._scenario = open_scenario(reference)
         self._dataset = None if data_root is None else DatasetIndex(data_root)
         self._journals = (library or default_library()) / "journals"
@@ -120,7 +120,7 @@ class ViewerApp:
                 )
             workspace = self._workspaces[key]
             tab = BrowserSession(
-                client, workspace, self._offers, is_debug=self._is_debug
+                client, workspace, self._generators, is_debug=self._is_debug
             )
             if client.client_id not in self.server.get_clients():
                 return
@@ -143,7 +143,7 @@ class ViewerApp:
 
     def _warm_up_generators(self) -> None:
         """Load what the first generation would wait for; it says itself what is wrong."""
-        for name, offer in self._offers.items():
+        for name, offer in self._generators.offers.items():
             if offer.warm_up is None:
                 continue
             try:

@@ -253,3 +253,52 @@ def test_whole_scenes_on_real_roads(shell: Shell, av2_root: Path, tmp_path: Path
         assert len(placed) == 2 * len(log) > 0
         assert max(one["nearest_edge"] for one in placed) <= 4.0
         assert {one["init_overlap"] for one in placed} == {0.0}
+
+
+PLUGIN = """
+import time
+from examples.drift_generator import DriftGenerator
+
+class Hangs(DriftGenerator):
+    name = "hangs"
+    def generate(self, request):
+        if request.scenario.scenario_id == "ccc":
+            while True:
+                time.sleep(0.01)
+        return (yield from super().generate(request))
+"""
+
+
+def test_a_generator_of_ones_own_is_judged_and_one_that_hangs_fails_alone(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "my_hanging_plugin.py").write_text(PLUGIN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    result = shell.run(
+        "evaluate", "--data", write_dataset(tmp_path / "data"), "--out", tmp_path / "out",
+        "--methods", "ground-truth", "my_hanging_plugin:Hangs",
+        "examples.constant_velocity:Predictor", "--samples", 2, "--workers", 1,
+        "--time-limit", 3,
+    )  # fmt: skip
+    assert result.code == 0, result.err
+    assert "1 failures; the report says which and why." in result.out
+    table = pq.read_table(tmp_path / "out" / "rows.parquet")
+    scenes = {
+        (row["method"], row["scenario_id"])
+        for row in table.select(["method", "scenario_id"]).to_pylist()
+    }
+    assert ("my_hanging_plugin:Hangs", "aaa") in scenes
+    assert ("my_hanging_plugin:Hangs", "ccc") not in scenes
+    assert ("examples.constant_velocity:Predictor", "ccc") in scenes
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "It gave no answer within 3 s." in report
+
+
+def test_plugins_and_limits_that_are_no_good_are_refused(shell: Shell, tmp_path: Path):
+    data = ("--data", write_dataset(tmp_path / "data"), "--out", tmp_path / "out")
+    told = shell.refused("evaluate", *data, "--methods", "examples.drift:Generator")
+    assert "examples.drift:Generator: cannot be imported" in told
+    told = shell.refused("evaluate", *data, "--time-limit", 0)
+    assert told == "--time-limit is 0 s; expected 0.1 to 86400."
+    assert not (tmp_path / "out").exists()

@@ -4,10 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pd_editor import generators
 from pd_editor.cli.generate import generate
 from pd_editor.errors import GenerationError
 from pd_editor.generation import LANE_GUIDANCE, GeneratorSpec, Region
+from pd_editor.generators import registry
 from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import EGO_ID
@@ -153,7 +153,7 @@ def test_who_cannot_be_driven_is_said(av2_scenario_folders: list[Path], tmp_path
 def placing(monkeypatch: pytest.MonkeyPatch) -> PlacingGenerator:
     generator = PlacingGenerator()
     offer = GeneratorSpec(make=lambda: generator, samples_states=True)
-    monkeypatch.setattr(generators, "GENERATORS", {"placing": offer})
+    monkeypatch.setattr(registry, "GENERATORS", {"placing": offer})
     return generator
 
 

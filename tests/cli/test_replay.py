@@ -124,3 +124,16 @@ def test_a_recipe_without_traffic_cannot_be_drawn_again(shell: Shell, tmp_path: 
     folder = warp(JUNCTION, kind="smooth-turn", power=2, out=tmp_path).folder
     refused = shell.refused("replay", folder, "--out", tmp_path / "x", "--regenerate")
     assert refused == "The recipe holds no generated traffic to regenerate."
+
+
+def test_a_model_of_ones_own_regenerates_its_recipe(shell: Shell, tmp_path: Path):
+    plugin = "examples.drift_generator:DriftGenerator"
+    out = tmp_path / "out"
+    assert shell.run("generate", JUNCTION, "--model", plugin, "--out", out).code == 0
+    (made,) = out.iterdir()
+    again = ("replay", made, "--regenerate", "--out", tmp_path / "again")
+    assert "There is no generator 'drift'" in shell.refused(*again)
+    result = shell.run(*again, "--model", plugin)
+    assert result.code == 0, result.err
+    assert "equal" in result.out
+    assert "NOT" not in result.out

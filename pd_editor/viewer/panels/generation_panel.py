@@ -15,6 +15,7 @@ from pd_editor.generation import (
     Region,
     guidance_terms,
 )
+from pd_editor.generators import GeneratorCatalogue
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import (
@@ -25,6 +26,7 @@ from pd_editor.scene.traffic_choice import (
 from pd_editor.viewer.interaction.region_drawing import RegionDrawing
 from pd_editor.viewer.panels.generation_run import Draw, GenerationRun
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.run_state import RunState
 
 SCOPE_ALL: Final = "All agents"
@@ -66,8 +68,7 @@ class GenerationPanel:
     def __init__(
         self,
         desk: Desk,
-        generators: Mapping[str, GeneratorSpec],
-        default: str,
+        catalogue: GeneratorCatalogue,
         looked_at_m: Callable[[], np.ndarray],
         drawing: RegionDrawing,
         on_run: Callable[[], None] = lambda: None,
@@ -76,22 +77,26 @@ class GenerationPanel:
 
         Args:
             desk: the session and its page.
-            generators: what may be chosen.
-            default: name of what is chosen at first.
+            catalogue: what may be chosen, the default first, and what is broken.
             looked_at_m: the point of the ground in the middle of the view.
             drawing: the mode in which a region is drawn, and the region.
             on_run: called when ``run_state`` has changed.
         """
         self._desk = desk
-        self._generators = generators
+        self._generators = catalogue.offers
         self._looked_at_m = looked_at_m
         self._drawing = drawing
         self._counted: Scenario | None = None
         gui = desk.client.gui
         with gui.add_folder("Generator"):
-            self._model = gui.add_dropdown(
-                "Model", tuple(generators), initial_value=default
-            )
+            self._model = gui.add_dropdown("Model", tuple(catalogue.offers))
+            self._origin = gui.add_markdown("")
+            self._unusable = [
+                gui.add_markdown(
+                    f"Not offered: {plain(broken.name)} ({plain(broken.reason)})"
+                )
+                for broken in catalogue.unusable
+            ]
             self._seed = gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
             self._renews = gui.add_checkbox("New seed after each run", True)
             self._samples = gui.add_slider(
@@ -364,6 +369,7 @@ class GenerationPanel:
     def _show_options(self) -> None:
         """Offer what the chosen generator understands."""
         offer = self._generators[self._model.value]
+        set_property(self._origin, "content", plain(offer.origin))
         # Disabled, not hidden: what stands below must not move.
         set_property(self._steps, "disabled", offer.default_num_steps is None)
         set_property(self._guidance, "disabled", offer.default_guidance is None)

@@ -13,6 +13,7 @@ from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.errors import GenerationError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.generation import LANE_GUIDANCE, GeneratorSpec, GuidanceTerm
+from pd_editor.generators import registry
 from pd_editor.installed_files import models_folder
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.panels.generation_panel import (
@@ -21,6 +22,7 @@ from pd_editor.viewer.panels.generation_panel import (
     REDRAW_SELECTION,
     REGION_HALF_SIDE_M,
 )
+from pd_editor.viewer.state.page_text import plain
 from tests.builders import two_agents_that_pass
 from tests.editor.fake_generators import PlacingGenerator
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
@@ -38,7 +40,7 @@ def placing(monkeypatch) -> PlacingGenerator:
         ),
         "plain": GeneratorSpec(make=lambda: generator),
     }
-    monkeypatch.setattr(generators, "GENERATORS", offers)
+    monkeypatch.setattr(registry, "GENERATORS", offers)
     return generator
 
 
@@ -233,6 +235,30 @@ def test_models_of_a_users_own_are_offered_first(tmp_path):
         run_to_end(tab, panel.regenerate)
         (entry,) = tab.session.entries
         assert "(mine, seed 0)" in entry.label
+
+
+def test_plugins_are_offered_with_their_origin_and_broken_folders_are_listed(tmp_path):
+    broken = tmp_path / "models" / "damaged_one"
+    broken.mkdir(parents=True)
+    (broken / "config.json").write_text("{")
+    plugin = "examples.drift_generator:DriftGenerator"
+    with (
+        running_app(
+            tmp_path / "library", "crosswalk", models=(broken.parent, plugin)
+        ) as app,
+        connected_tab(app) as tab,
+    ):
+        panel = tab.tab._generation_panel
+        assert plugin in panel._model.options
+        assert "damaged_one" not in panel._model.options
+        (shown,) = (handle.content for handle in panel._unusable)
+        assert shown == r"Not offered: damaged\_one (config\.json is not readable JSON)"
+        panel._model.value = plugin
+        tab.run(panel._model_chosen)
+        assert panel._origin.content == plain(plugin)
+        run_to_end(tab, panel.regenerate)
+        (entry,) = tab.session.entries
+        assert "(drift, seed 0)" in entry.label
 
 
 def test_the_quality_of_resampled_states_reaches_the_request(tab, placing):

@@ -8,8 +8,8 @@ from pd_editor.generators import (
     DEFAULT_GENERATOR,
     GENERATORS,
     MODEL_CONFIG,
+    catalogue_with,
     make_generator,
-    offers_with,
 )
 
 
@@ -40,27 +40,54 @@ def test_others_are_refused():
         make_generator("crystal-ball")
 
 
-def model_folder(path: Path) -> Path:
+def model_folder(path: Path, config: str = "{}") -> Path:
     path.mkdir(parents=True)
-    (path / MODEL_CONFIG).write_text("{}")
+    (path / MODEL_CONFIG).write_text(config)
+    (path / "initial_states.safetensors").write_bytes(b"")
     return path
 
 
 def test_models_of_a_users_own_come_first(tmp_path: Path):
     folders = [model_folder(tmp_path / name) for name in ("mine", "other")]
-    offers = offers_with(folders)
+    offers = catalogue_with(folders).offers
     assert list(offers) == ["mine", "other", *GENERATORS]
     assert [offers[name].make().name for name in ("mine", "other")] == ["mine", "other"]
-    assert offers_with(()) == GENERATORS
+    assert offers["mine"].origin == str(folders[0])
+    assert catalogue_with(()).offers == GENERATORS
+
+
+def test_a_folder_of_models_offers_each_and_lists_the_broken_ones(tmp_path: Path):
+    for name in ("a", "b"):
+        model_folder(tmp_path / name)
+    model_folder(tmp_path / "damaged", "{")
+    model_folder(tmp_path / "odd", "[]")
+    (model_folder(tmp_path / "weightless") / "initial_states.safetensors").unlink()
+    (tmp_path / "notes").mkdir()
+    found = catalogue_with([tmp_path])
+    assert list(found.offers)[:2] == ["a", "b"]
+    reasons = {one.name: one.reason for one in found.unusable}
+    assert reasons == {
+        "damaged": "config.json is not readable JSON",
+        "odd": "config.json holds no JSON object",
+        "weightless": "the weights (*.safetensors) are missing",
+    }
 
 
 def test_folders_that_are_no_models_are_refused(tmp_path: Path):
     with pytest.raises(GenerationError, match="not a trained model; expected a folder"):
-        offers_with([tmp_path])
+        catalogue_with([tmp_path])
 
 
 @pytest.mark.parametrize("taken", [DEFAULT_GENERATOR, "mine"])
 def test_two_generators_of_one_name_are_refused(tmp_path: Path, taken: str):
     folders = [model_folder(tmp_path / parent / taken) for parent in ("a", "b")]
     with pytest.raises(GenerationError, match="already; rename the folder"):
-        offers_with(folders)
+        catalogue_with(folders)
+
+
+def test_a_reference_is_offered_once(tmp_path: Path):
+    reference = "examples.drift_generator:DriftGenerator"
+    offer = catalogue_with([reference]).offers[reference]
+    assert (offer.origin, offer.make().name) == (reference, "drift")
+    with pytest.raises(GenerationError, match="already; name it once"):
+        catalogue_with([reference, reference])

@@ -1,0 +1,224 @@
+"""All generators by name; heavy ones are made when they are asked for."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from pd_editor.diffusion.defaults import (
+    DEFAULT_WEIGHT,
+    NUM_STEPS,
+    NUM_TRIES,
+    DeviceName,
+)
+from pd_editor.errors import GenerationError
+from pd_editor.generation import GeneratorSpec, ScenarioGenerator, is_reference
+from pd_editor.generators.plugins import (
+    FOLDER_MODULE,
+    generator_of_entry_point,
+    generator_of_folder,
+    generator_of_reference,
+    installed_plugins,
+    origin_of,
+)
+from pd_editor.installed_files import models_folder
+
+if TYPE_CHECKING:
+    from pd_editor.diffusion.path_diffuser import PathDiffuser
+
+SHIPPED_MODEL: Final = "path-diffuser"
+MODEL_CONFIG: Final = "config.json"
+"""The file that makes a folder a model."""
+_WEIGHTS_PATTERN: Final = "*.safetensors"
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnusableGenerator:
+    """A generator that was found and cannot be offered."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeneratorCatalogue:
+    """Generators that may be chosen, and those that were found broken."""
+
+    offers: Mapping[str, GeneratorSpec]
+    unusable: tuple[UnusableGenerator, ...] = ()
+
+
+def _lane_follower() -> ScenarioGenerator:
+    from pd_editor.lane_follower import LaneFollower
+
+    return LaneFollower()
+
+
+@lru_cache(maxsize=8)
+def _path_diffuser(
+    folder: Path, name: str, device: DeviceName = "auto"
+) -> "PathDiffuser":
+    """Weights are read once."""
+    from pd_editor.diffusion.path_diffuser import PathDiffuser
+
+    return PathDiffuser(folder, name, device)
+
+
+def _shipped_model(device: DeviceName = "auto") -> "PathDiffuser":
+    return _path_diffuser(models_folder() / SHIPPED_MODEL, SHIPPED_MODEL, device)
+
+
+def _model_offer(make: Callable[[], "PathDiffuser"], origin: str) -> GeneratorSpec:
+    return GeneratorSpec(
+        make=make,
+        origin=origin,
+        samples_states=True,
+        default_num_steps=NUM_STEPS,
+        default_guidance=DEFAULT_WEIGHT,
+        default_num_tries=NUM_TRIES,
+        warm_up=lambda: make().warm_up(),
+    )
+
+
+def _offers() -> dict[str, GeneratorSpec]:
+    """The shipped model first, if its weights are there."""
+    offers: dict[str, GeneratorSpec] = {}
+    if (models_folder() / SHIPPED_MODEL / MODEL_CONFIG).is_file():
+        offers[SHIPPED_MODEL] = _model_offer(_shipped_model, "shipped with the editor")
+    offers["lane-follower"] = GeneratorSpec(
+        make=_lane_follower, origin="rules, without learning"
+    )
+    return offers
+
+
+GENERATORS: Final[Mapping[str, GeneratorSpec]] = _offers()
+DEFAULT_GENERATOR: Final = next(iter(GENERATORS))
+
+
+def catalogue_with(models: Sequence[str | Path]) -> GeneratorCatalogue:
+    """All generators, before them those that are named; installed plugins come last.
+
+    Args:
+        models: folders of models or with ``generator.py``, folders of such folders, and
+            ``package.module:attribute``.
+
+    Raises:
+        GenerationError: a folder holds nothing of the kind, or has the name of another
+            generator.
+    """
+    offers: dict[str, GeneratorSpec] = {}
+    unusable: list[UnusableGenerator] = []
+    for given in map(str, models):
+        if is_reference(given) and not Path(given).exists():
+            _add(offers, given, _plugin_offer(partial(make_generator, given), given))
+            continue
+        for folder in _folders_in(Path(given).resolve()):
+            reason = _damage(folder)
+            if reason:
+                unusable.append(UnusableGenerator(name=folder.name, reason=reason))
+            elif (folder / MODEL_CONFIG).is_file():
+                make = partial(_path_diffuser, folder, folder.name)
+                _add(offers, folder.name, _model_offer(make, str(folder)), folder)
+            else:
+                make = partial(make_generator, str(folder))
+                _add(offers, folder.name, _plugin_offer(make, str(folder)), folder)
+    offers |= GENERATORS
+    for name, entry_point in installed_plugins().items():
+        if name not in offers:
+            make = partial(generator_of_entry_point, name)
+            offers[name] = _plugin_offer(make, origin_of(entry_point))
+    return GeneratorCatalogue(offers=offers, unusable=tuple(unusable))
+
+
+def _plugin_offer(make: Callable[[], ScenarioGenerator], origin: str) -> GeneratorSpec:
+    # What it understands is not known before it is loaded; it refuses what it cannot.
+    return GeneratorSpec(make=make, origin=origin, samples_states=True)
+
+
+def _add(
+    offers: dict[str, GeneratorSpec],
+    name: str,
+    offer: GeneratorSpec,
+    folder: Path | None = None,
+) -> None:
+    if name in offers or name in GENERATORS:
+        cure = "name it once" if folder is None else "rename the folder"
+        raise GenerationError(
+            f"{folder or name}: there is a generator {name!r} already; {cure}."
+        )
+    offers[name] = offer
+
+
+def _folders_in(folder: Path) -> list[Path]:
+    """The folder itself, or those directly in it that hold a generator."""
+    if _holds_generator(folder):
+        return [folder]
+    found: list[Path] = []
+    if folder.is_dir():
+        found = [one for one in sorted(folder.iterdir()) if _holds_generator(one)]
+    if not found:
+        raise GenerationError(
+            f"{folder}: not a trained model; expected a folder with {MODEL_CONFIG} or "
+            f"{FOLDER_MODULE}, or a folder of such folders."
+        )
+    return found
+
+
+def _holds_generator(folder: Path) -> bool:
+    return any((folder / name).is_file() for name in (MODEL_CONFIG, FOLDER_MODULE))
+
+
+def _damage(folder: Path) -> str:
+    """What is wrong with a folder, as far as can be told without loading its weights."""
+    config = folder / MODEL_CONFIG
+    if not config.is_file():
+        return ""
+    try:
+        if not isinstance(json.loads(config.read_bytes()), dict):
+            return f"{MODEL_CONFIG} holds no JSON object"
+    except (OSError, ValueError):
+        return f"{MODEL_CONFIG} is not readable JSON"
+    if next(folder.glob(_WEIGHTS_PATTERN), None) is None:
+        return "the weights (*.safetensors) are missing"
+    return ""
+
+
+def is_generator(name: str) -> bool:
+    """Whether ``make_generator`` would find something of a name to load."""
+    return (
+        name in GENERATORS
+        or name in installed_plugins()
+        or _holds_generator(Path(name))
+        or is_reference(name)
+    )
+
+
+def make_generator(name: str, *, device: DeviceName = "auto") -> ScenarioGenerator:
+    """The generator of a name: a built-in or installed one, a folder, or a reference.
+
+    Only models care about the device.
+
+    Raises:
+        GenerationError: there is none, it cannot be loaded, or there is no GPU although
+            one is asked for.
+    """
+    if name == SHIPPED_MODEL and name in GENERATORS:
+        return _shipped_model(device)
+    if name in GENERATORS:
+        return GENERATORS[name].make()
+    folder = Path(name)
+    if (folder / MODEL_CONFIG).is_file():
+        return _path_diffuser(folder.resolve(), folder.resolve().name, device)
+    if (folder / FOLDER_MODULE).is_file():
+        return generator_of_folder(folder.resolve())
+    if name in installed_plugins():
+        return generator_of_entry_point(name)
+    if is_reference(name):
+        return generator_of_reference(name)
+    known = ", ".join([*GENERATORS, *installed_plugins()])
+    raise GenerationError(
+        f"There is no generator {name!r}; choose one of {known}, the folder of a "
+        "trained model, or package.module:attribute."
+    )

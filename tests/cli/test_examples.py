@@ -1,0 +1,67 @@
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pd_editor.scenario_store import open_scenario
+from tests.cli.shell import JUNCTION, ROOT, Shell
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+GENERATING = (
+    "constant_velocity:Predictor",
+    "torch_predictor:Predictor",
+    "drift_generator:DriftGenerator",
+)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_examples_are_short(path: Path):
+    assert len(path.read_text().splitlines()) <= 60
+
+
+@pytest.mark.parametrize("name", GENERATING)
+def test_the_shell_generates_with_an_example(shell: Shell, tmp_path: Path, name: str):
+    result = shell.run(
+        "generate", JUNCTION, "--model", f"examples.{name}", "--samples", 2,
+        "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert result.code == 0, result.err
+    made = [open_scenario(folder) for folder in sorted((tmp_path / "out").iterdir())]
+    assert len(made) == 2
+    # Two samples differ, and start where the agents are.
+    now = made[0].current_step
+    first, second = (one.agents.position_m for one in made)
+    np.testing.assert_allclose(first[:, now], second[:, now], atol=1e-6)
+    assert np.abs(first[:, -1] - second[:, -1]).max() > 0.01
+
+
+def test_predictions_are_read_from_parquet(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    scenario = open_scenario(JUNCTION)
+    row = int(np.flatnonzero(scenario.agents.is_valid.all(axis=1))[0])
+    name, later = scenario.agents.ids[row], scenario.current_step + 1
+    path = scenario.agents.position_m[row, later:] + scenario.origin_city_m + [1.0, 0]
+    table = {
+        "scenario_id": [scenario.scenario_id],
+        "track_id": [name],
+        "probability": [1.0],
+        "predicted_trajectory_x": [path[:, 0].tolist()],
+        "predicted_trajectory_y": [path[:, 1].tolist()],
+    }
+    model = ("--model", "examples.parquet_predictor:Predictor")
+    monkeypatch.setenv("PREDICTIONS", str(tmp_path / "predictions.parquet"))
+    result = shell.run("generate", JUNCTION, *model, "--out", tmp_path / "none")
+    assert (result.code, result.lines) == (2, [])
+    assert "there are no predictions; set PREDICTIONS." in result.err
+    pq.write_table(pa.table(table), tmp_path / "predictions.parquet")
+    result = shell.run("generate", JUNCTION, *model, "--out", tmp_path / "out")
+    assert result.code == 0, result.err
+    (folder,) = (tmp_path / "out").iterdir()
+    made = open_scenario(folder)
+    found = made.agents.position_m[made.agents.row_of[name], later:]
+    expected = path - scenario.origin_city_m
+    shift = np.linalg.norm(found - expected, axis=1)
+    assert shift.max() < 1e-3
