@@ -43,21 +43,25 @@ def project_to_lanes(
     keep_ids: Collection[str] | None = None,
     max_offset_m: float = MAX_OFFSET_M,
     max_shift_m: float = MAX_SHIFT_M,
+    moves_stationary: bool = False,
 ) -> tuple[Scenario, RepairReport]:
     """Snap moving lane followers that are too far from any lane in their direction.
 
     They keep their speed and head along the lane; whole tracks move with them.
-    Stationary agents stay, since parked ones belong beside lanes. If the position on
-    the lane is occupied, the nearest free one along it is used. Agents that would
-    overlap more others than before stay, and are reported. ``agent_ids`` None means
-    all; ``keep_ids`` None keeps the focal agent.
+    Stationary agents stay, since parked ones belong beside lanes, unless
+    ``moves_stationary`` is set. If the position on the lane is occupied, the nearest
+    free one along it is used. Agents that would overlap more others than before stay,
+    and are reported. ``agent_ids`` None means all; ``keep_ids`` None keeps the focal
+    agent.
 
     Raises:
         EditError: an id is not in the scenario.
     """
     agents, step = scenario.agents, scenario.current_step
-    moves = agents.speed_mps()[:, step] >= STANDING_SPEED_MPS
-    rows = np.flatnonzero(repairable(scenario, agent_ids, keep_ids) & moves)
+    is_meant = repairable(scenario, agent_ids, keep_ids)
+    if not moves_stationary:
+        is_meant &= agents.speed_mps()[:, step] >= STANDING_SPEED_MPS
+    rows = np.flatnonzero(is_meant)
     states, graph = States.of(scenario), lane_graph(scenario.road_map)
     choice = lanes_of(
         graph,

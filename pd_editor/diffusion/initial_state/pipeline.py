@@ -37,8 +37,10 @@ from pd_editor.features.scene_features import (
     scene_features,
 )
 from pd_editor.generation import Region
+from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.scene.agent_kind import (
+    LANE_FOLLOWER_KINDS,
     ROAD_USER_KINDS,
     AgentCategory,
     AgentKind,
@@ -281,7 +283,36 @@ def _repaired(
         follows = [name for name in follows if name not in left]
         on_lanes, _ = project_to_lanes(scenario, follows, keep_ids=keep)
     scenario, _ = separate_overlaps(on_lanes, placing.ids, keep_ids=keep)
+    if placing.traits.only_on_road:
+        scenario = _back_on_road(scenario, placing, keep)
     return slow_for_gaps(scenario, placing.ids, keep_ids=keep)[0]
+
+
+def _back_on_road(scenario: Scenario, placing: Placing, keep: list[str]) -> Scenario:
+    """Placed agents beside the drivable area on their lanes, standing ones as well.
+
+    An agent near a lane may be beside the road all the same: next to a narrow lane, or
+    at a kerb. An agent stays where its lane has no free place, or leaves the square.
+    """
+    off = _off_road(scenario, placing.ids)
+    for _ in range(2):
+        back, _ = project_to_lanes(
+            scenario, off, keep_ids=keep, max_offset_m=0.0, moves_standing=True
+        )
+        left = _outside(back, placing) - _outside(scenario, placing)
+        if not left:
+            return back
+        off = [name for name in off if name not in left]
+    return scenario
+
+
+def _off_road(scenario: Scenario, agent_ids: Sequence[str]) -> list[str]:
+    """Those whose kind belongs on the road, and whose centre is off the drivable area."""
+    agents = scenario.agents
+    rows = agents.rows(agent_ids)
+    place = agents.position_m[rows, scenario.current_step]
+    is_off = is_off_road(scenario, place) & agents.kind_mask(LANE_FOLLOWER_KINDS)[rows]
+    return [name for name, off in zip(agent_ids, is_off, strict=True) if off]
 
 
 def _outside(scenario: Scenario, placing: Placing) -> set[str]:

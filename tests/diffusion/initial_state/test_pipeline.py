@@ -6,6 +6,7 @@ import pytest
 
 from pd_editor.diffusion import path_diffuser
 from pd_editor.diffusion.initial_state import pipeline
+from pd_editor.diffusion.initial_state.attributes import AttributeRequest
 from pd_editor.diffusion.initial_state.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
@@ -132,6 +133,26 @@ def test_wishes_about_those_placed_are_answered(
     expected = f"{off or 'None'} of 14 placed agents {verb} off the road."
     assert traffic.notes[1].startswith(expected)
     assert not generated(diffuser, scenario, (), **asked).notes
+
+
+def test_only_on_the_road_leaves_no_vehicle_beside_the_drivable_area() -> None:
+    """A parked one within 4 m of a centre line stayed where it was, beside the road."""
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 5), (30, -3, 0, 0)]))
+    now = scenario.current_step
+
+    def is_off(traits: AttributeRequest) -> bool:
+        placing = pipeline.Placing(
+            redrawn_ids=("101",),
+            new_kinds=(),
+            new_ids=(),
+            region=Region(center_m=(30.0, 0.0), half_side_m=40.0),
+            traits=traits,
+        )
+        repaired = pipeline._repaired(scenario, placing, np.array([CONDITIONED_YES]))
+        return bool(is_off_road(repaired, repaired.agents.position_m[1:2, now])[0])
+
+    assert is_off(AttributeRequest())
+    assert not is_off(AttributeRequest(only_on_road=True))
 
 
 def test_nobody_is_placed_outside_the_square_even_to_be_on_a_lane(
