@@ -58,3 +58,11 @@ def test_a_selection_does_not_turn_the_page(tab):
     assert texts(tab) == shown
     assert all(row.visible for row in panel._rows)
     assert panel._rows[-1].disabled
+
+
+def test_a_page_that_is_not_offered_is_not_turned_to(tab: FakeTab, caplog):
+    """It was a KeyError in the server's log (5 of 200 random sessions)."""
+    panel = tab.tab._history_panel
+    page = panel._page
+    tab.run(lambda: panel._turn_page("True"))
+    assert panel._page == page
