@@ -59,7 +59,7 @@ def test_a_parked_agent_is_put_onto_its_lane_only_where_that_is_asked_for():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 5), (30, -3, 0.2, 0)]))
     assert project_to_lanes(scenario)[0] is scenario
     repaired, _ = project_to_lanes(
-        scenario, ("101",), max_offset_m=0.0, moves_standing=True
+        scenario, ("101",), max_offset_m=0.0, moves_stationary=True
     )
     np.testing.assert_allclose(repaired.agents.position_m[1, NOW], [30, 0], atol=1e-9)
 

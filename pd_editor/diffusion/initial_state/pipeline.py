@@ -297,7 +297,7 @@ def _back_on_road(scenario: Scenario, placing: Placing, keep: list[str]) -> Scen
     off = _off_road(scenario, placing.ids)
     for _ in range(2):
         back, _ = project_to_lanes(
-            scenario, off, keep_ids=keep, max_offset_m=0.0, moves_standing=True
+            scenario, off, keep_ids=keep, max_offset_m=0.0, moves_stationary=True
         )
         left = _outside(back, placing) - _outside(scenario, placing)
         if not left:
