@@ -1,16 +1,43 @@
 """Values of a metric with a validity mask."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.metrics.metric_table import METRICS
 
+_Values = TypeVar("_Values", bound="MaskedValues")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MetricValues:
+class MaskedValues:
+    """Values with a row for each agent, lane or scene."""
+
+    value: Float[np.ndarray, "*shape"]
+    is_valid: Bool[np.ndarray, "*shape"]
+    """Which values are valid."""
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    def valid(self) -> Float[np.ndarray, "N"]:
+        """Valid values, flattened."""
+        return self.value[self.is_valid]
+
+    def taken(self: _Values, rows: np.ndarray) -> _Values:
+        """Select rows by indices or a mask."""
+        return replace(self, value=self.value[rows], is_valid=self.is_valid[rows])
+
+    def has_value(self) -> Bool[np.ndarray, "A"]:
+        """Which rows have a valid value."""
+        return np.any(self.is_valid.reshape(len(self), -1), axis=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MetricValues(MaskedValues):
     """Values per agent [A], per agent and step [A S], or several per agent [A N].
 
     Where ``is_valid`` is false the metric is undefined and the value is 0.
@@ -18,8 +45,6 @@ class MetricValues:
 
     name: str
     """Key of ``METRICS``."""
-    value: Float[np.ndarray, "*shape"]
-    is_valid: Bool[np.ndarray, "*shape"]
 
     def __post_init__(self) -> None:
         assert self.name in METRICS, self.name
@@ -31,19 +56,6 @@ class MetricValues:
     def unit(self) -> str:
         """Unit of the values."""
         return METRICS[self.name].unit
-
-    def __len__(self) -> int:
-        return len(self.value)
-
-    def valid(self) -> Float[np.ndarray, "N"]:
-        """Valid values, flattened."""
-        return self.value[self.is_valid]
-
-    def taken(self, rows: np.ndarray) -> "MetricValues":
-        """Select agents by indices or a mask."""
-        return MetricValues(
-            name=self.name, value=self.value[rows], is_valid=self.is_valid[rows]
-        )
 
 
 def measured(

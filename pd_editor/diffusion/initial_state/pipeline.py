@@ -171,7 +171,7 @@ def place_in_squares(
     redrawn = [name for placing in placings for name in placing.redrawn_ids]
     placed = scenario.without_agents(redrawn)
     for index, placing in enumerate(placings):
-        steps = place_agents(
+        placed = yield from place_agents(
             model,
             placed,
             placing,
@@ -180,12 +180,8 @@ def place_in_squares(
             seed=seed,
             sampler=sampler,
             guidance=guidance,
+            progress=lambda share, done=index: progress((done + share) / len(placings)),
         )
-        try:
-            while True:
-                yield progress((index + next(steps)) / len(placings))
-        except StopIteration as stop:
-            placed = stop.value
     return placed
 
 
@@ -199,10 +195,9 @@ def place_agents(
     seed: int,
     sampler: InitialStateSamplerConfig | None = None,
     guidance: InitialStateGuidance | None = None,
-) -> Generator[float, None, Scenario]:
+    progress: Callable[[float], _Progress] = lambda share: share,
+) -> Generator[_Progress, None, Scenario]:
     """A scenario in which the agents of one square stand where the model put them.
-
-    Yields the share that is done.
 
     Args:
         model: The network.
@@ -213,6 +208,7 @@ def place_agents(
         seed: Of all samples.
         sampler: Steps and noise.
         guidance: Of predicted states.
+        progress: What to yield at each share that is done.
 
     Raises:
         GenerationError: there is no road where agents are to be placed.
@@ -251,7 +247,7 @@ def place_agents(
     clean = None
     for step in steps:
         clean = step.clean
-        yield (step.index + 1) / step.num_steps
+        yield progress((step.index + 1) / step.num_steps)
     assert clean is not None, "there is at least one step"
     states = finished_states(scene, task, clean)
     own = slice(len(features.agent_row), None)

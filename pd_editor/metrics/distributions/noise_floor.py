@@ -2,34 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol, runtime_checkable
+from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+
+from pd_editor.metrics.values import MaskedValues
 
 NUM_RESAMPLES: Final = 200
-
-
-@runtime_checkable
-class RowsOfValues(Protocol):
-    """Values with a row for each agent of a scene, such as ``MetricValues``."""
-
-    @property
-    def is_valid(self) -> Bool[np.ndarray, "A *shape"]:
-        """Which values are valid."""
-        ...
-
-    def __len__(self) -> int:
-        """Number of rows."""
-        ...
-
-    def taken(self, rows: np.ndarray) -> "RowsOfValues":
-        """Select rows by indices or a mask."""
-        ...
-
-    def valid(self) -> Float[np.ndarray, "N"]:
-        """Valid values, flattened."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +21,7 @@ class NoiseFloor:
 
 
 def noise_floor(
-    real_scenes: Sequence[RowsOfValues],
+    real_scenes: Sequence[MaskedValues],
     distance: Callable[[np.ndarray, np.ndarray], float],
     *,
     num_agents: int,
@@ -61,7 +40,7 @@ def noise_floor(
         num_resamples: number of resamples.
         seed: seed of the resamples.
     """
-    scenes = [scene.taken(_has_value(scene)) for scene in real_scenes]
+    scenes = [scene.taken(scene.has_value()) for scene in real_scenes]
     scenes = [scene for scene in scenes if len(scene)]
     assert scenes, "a noise floor needs real values"
     assert num_agents > 0
@@ -81,7 +60,3 @@ def noise_floor(
     return NoiseFloor(
         mean=float(found.mean()), std=float(found.std()), num_resamples=num_resamples
     )
-
-
-def _has_value(scene: RowsOfValues) -> np.ndarray:
-    return np.any(scene.is_valid.reshape(len(scene), -1), axis=1)

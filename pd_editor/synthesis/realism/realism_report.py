@@ -9,19 +9,19 @@ import numpy as np
 from pd_editor.errors import InputError
 from pd_editor.markdown import markdown_table
 from pd_editor.metrics.distributions.noise_floor import noise_floor
+from pd_editor.metrics.values import MaskedValues
 from pd_editor.scene.scenario import Scenario
 from pd_editor.synthesis.realism.scene_statistics import (
     QUANTITIES,
     MeasuredScene,
     Quantity,
-    SceneValues,
 )
 
 ALLOWED_RATIO: Final = 1.3
 """Of the distance to the noise floor."""
 QUANTILES: Final = (10, 50, 90)
 
-_Measured = dict[str, list[SceneValues]]
+_Measured = dict[str, list[MaskedValues]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,24 +143,20 @@ def _measured(scenarios: Iterable[Scenario]) -> tuple[_Measured, int]:
     return found, count
 
 
-def _num_rows(scenes: Sequence[SceneValues]) -> int:
+def _num_rows(scenes: Sequence[MaskedValues]) -> int:
     """Agents, lanes or scenes with a value."""
-    return sum(
-        int(np.any(scene.is_valid.reshape(len(scene), -1), axis=1).sum())
-        for scene in scenes
-        if len(scene)
-    )
+    return sum(int(scene.has_value().sum()) for scene in scenes if len(scene))
 
 
 def _row(
     quantity: Quantity,
-    synthetic: Sequence[SceneValues],
-    real: Sequence[SceneValues],
-    other_real: Sequence[SceneValues],
+    synthetic: Sequence[MaskedValues],
+    real: Sequence[MaskedValues],
+    other_real: Sequence[MaskedValues],
 ) -> RealismRow:
     pool, num_rows = _pooled(real), _num_rows(real)
 
-    def distance(scenes: Sequence[SceneValues]) -> float:
+    def distance(scenes: Sequence[MaskedValues]) -> float:
         return quantity.distance(_pooled(scenes), pool)
 
     return RealismRow(
@@ -174,7 +170,7 @@ def _row(
     )
 
 
-def _pooled(scenes: Sequence[SceneValues]) -> np.ndarray:
+def _pooled(scenes: Sequence[MaskedValues]) -> np.ndarray:
     return np.concatenate([np.zeros(0), *(scene.valid() for scene in scenes)])
 
 

@@ -12,8 +12,8 @@ from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.polyline import arc_length
 from pd_editor.metrics.collisions.interaction import local_density, nearest_distance
 from pd_editor.metrics.distributions.distribution_distance import (
+    Histogram,
     histogram_of,
-    jensen_shannon_divergence,
 )
 from pd_editor.metrics.motion.kinematics import Kinematics, kinematics, motion_values
 from pd_editor.metrics.road.off_lane import nearest_edge
@@ -22,6 +22,7 @@ from pd_editor.metrics.traffic_view import (
     TrafficView,
     recorded_traffic,
 )
+from pd_editor.metrics.values import MaskedValues
 from pd_editor.paths.nearest_lane import LaneMatch, nearest_lanes
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
@@ -37,25 +38,6 @@ _JUDGED_STEPS: Final = slice(10, 46, 5)
 """Steps whose accelerations are compared. Fits are one-sided at the first ones, and
 tracks of Argoverse 2 come to rest in their last second whatever they did before."""
 _KINDS: Final = tuple(AgentKind)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SceneValues:
-    """Values of a quantity in a scene, with a row for each agent, lane or scene."""
-
-    value: Float[np.ndarray, "A *shape"]
-    is_valid: Bool[np.ndarray, "A *shape"]
-
-    def __len__(self) -> int:
-        return len(self.value)
-
-    def taken(self, rows: np.ndarray) -> "SceneValues":
-        """Only some rows: indices, or one truth value per row."""
-        return SceneValues(value=self.value[rows], is_valid=self.is_valid[rows])
-
-    def valid(self) -> Float[np.ndarray, "N"]:
-        """The values that mean something, one after the other."""
-        return self.value[self.is_valid]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,55 +81,38 @@ class MeasuredScene:
         )
 
 
+_Measure = Callable[[MeasuredScene], MaskedValues]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quantity:
-    """Something measured, and the bins of its histogram; two more hold what is out."""
+    """Something measured, and the bins of its histogram."""
 
     name: str
     unit: str
     """"share" for quantities that are 0 or 1."""
-    low: float
-    high: float
-    num_bins: int
-    measure: Callable[[MeasuredScene], SceneValues]
-
-    def counts(self, values: Float[np.ndarray, "N"]) -> Float[np.ndarray, "B"]:
-        """How many values fall below the bins, into each, and above them."""
-        edges = np.linspace(self.low, self.high, self.num_bins + 1)
-        inside = np.histogram(values, edges)[0]
-        below, above = np.sum(values < self.low), np.sum(values > self.high)
-        return np.concatenate([[below], inside, [above]]).astype(float)
+    bins: Histogram
+    measure: _Measure
 
     def distance(
         self, one: Float[np.ndarray, "N"], other: Float[np.ndarray, "M"]
     ) -> float:
         """Root of the Jensen-Shannon divergence of two sets, neither empty."""
-        divergence = jensen_shannon_divergence(self.counts(one), self.counts(other))
-        return float(np.sqrt(divergence))
+        return self.bins.distance(one, other).root
 
 
 def _quantities() -> tuple[Quantity, ...]:
     quantities: list[Quantity] = []
 
     def add(
-        name: str,
-        unit: str,
-        low: float,
-        high: float,
-        bins: int,
-        measure: Callable[[MeasuredScene], SceneValues],
+        name: str, unit: str, low: float, high: float, num: int, measure: _Measure
     ) -> None:
-        quantities.append(
-            Quantity(
-                name=name, unit=unit, low=low, high=high, num_bins=bins, measure=measure
-            )
-        )
+        bins = Histogram(metric=name, source="ours", low=low, high=high, num_bins=num)
+        quantities.append(Quantity(name=name, unit=unit, bins=bins, measure=measure))
 
-    def as_in_tables(
-        name: str, metric: str, measure: Callable[[MeasuredScene], SceneValues]
-    ) -> None:
-        bins = histogram_of(metric, "ours")
-        add(name, _UNITS[metric], bins.low, bins.high, bins.num_bins, measure)
+    def as_in_tables(name: str, metric: str, measure: _Measure) -> None:
+        bins, unit = histogram_of(metric, "ours"), _UNITS[metric]
+        quantities.append(Quantity(name=name, unit=unit, bins=bins, measure=measure))
 
     as_in_tables("speed", "speed", lambda s: _motion(s, "speed"))
     as_in_tables("speed of the moving", "speed", _speed_of_moving)
@@ -199,59 +164,59 @@ _UNITS: Final = {
 }
 
 
-def _rows(value: np.ndarray, is_valid: np.ndarray | None = None) -> SceneValues:
+def _rows(value: np.ndarray, is_valid: np.ndarray | None = None) -> MaskedValues:
     valid = np.ones(value.shape, bool) if is_valid is None else is_valid
-    return SceneValues(value=np.asarray(value, float), is_valid=valid)
+    return MaskedValues(value=np.asarray(value, float), is_valid=valid)
 
 
-def _motion(scene: MeasuredScene, name: str) -> SceneValues:
+def _motion(scene: MeasuredScene, name: str) -> MaskedValues:
     found = motion_values(scene.movers)[name]
     return _rows(found.value, found.is_valid)
 
 
-def _speed_of_moving(scene: MeasuredScene) -> SceneValues:
+def _speed_of_moving(scene: MeasuredScene) -> MaskedValues:
     return _rows(_motion(scene, "speed").value, scene.moves)
 
 
-def _starts(scene: MeasuredScene) -> SceneValues:
+def _starts(scene: MeasuredScene) -> MaskedValues:
     """Whether those standing at the state, and seen to the end, are off by then."""
     agents, stands = scene.movers.agents, _motion(scene, "standing").value > 0
     away = np.linalg.norm(agents.position_m[:, -1] - agents.position_m[:, 0], axis=-1)
     return _rows(away > START_M, stands & agents.is_valid.all(axis=1))
 
 
-def _nearest(scene: MeasuredScene) -> SceneValues:
+def _nearest(scene: MeasuredScene) -> MaskedValues:
     found = nearest_distance(scene.movers)
     return _rows(found.value, found.is_valid)
 
 
-def _density(scene: MeasuredScene) -> SceneValues:
+def _density(scene: MeasuredScene) -> MaskedValues:
     found = local_density(scene.movers)
     return _rows(found.value, found.is_valid)
 
 
-def _edge(scene: MeasuredScene, which: int) -> SceneValues:
+def _edge(scene: MeasuredScene, which: int) -> MaskedValues:
     found = nearest_edge(scene.movers)[which]
     return _rows(found.value, found.is_valid)
 
 
-def _offset(scene: MeasuredScene, *, moving: bool) -> SceneValues:
+def _offset(scene: MeasuredScene, *, moving: bool) -> MaskedValues:
     return _rows(scene.lanes.distance_m, scene.lanes.is_valid & (scene.moves == moving))
 
 
-def _angle(scene: MeasuredScene, *, moving: bool) -> SceneValues:
+def _angle(scene: MeasuredScene, *, moving: bool) -> MaskedValues:
     heading = scene.movers.agents.heading_rad[:, 0]
     angle = np.abs(np.degrees(wrap_angle(heading - scene.lanes.heading_rad)))
     return _rows(angle, scene.lanes.is_valid & (scene.moves == moving))
 
 
-def _while_moving(scene: MeasuredScene, value: np.ndarray) -> SceneValues:
+def _while_moving(scene: MeasuredScene, value: np.ndarray) -> MaskedValues:
     motion = scene.motion
     valid = motion.is_valid & (motion.speed_mps > MOVING_MPS)
     return _rows(value[:, _JUDGED_STEPS], valid[:, _JUDGED_STEPS])
 
 
-def _heading_change(scene: MeasuredScene) -> SceneValues:
+def _heading_change(scene: MeasuredScene) -> MaskedValues:
     """Sum of the turns from step to step of those that go some way, in degrees."""
     agents = scene.movers.agents
     both = agents.is_valid[:, 1:] & agents.is_valid[:, :-1]
@@ -261,33 +226,33 @@ def _heading_change(scene: MeasuredScene) -> SceneValues:
     return _rows(total, far & agents.is_valid.all(axis=1))
 
 
-def _turning(scene: MeasuredScene) -> SceneValues:
+def _turning(scene: MeasuredScene) -> MaskedValues:
     change = _heading_change(scene)
     return _rows(np.abs(change.value) > TURNING_DEG, change.is_valid)
 
 
-def _count(scene: MeasuredScene, group: AgentGroup | None) -> SceneValues:
+def _count(scene: MeasuredScene, group: AgentGroup | None) -> MaskedValues:
     agents = scene.everyone.agents
     if group is None:
         return _rows(np.array([len(agents)]))
     return _rows(np.array([agents.is_in(group).sum()]))
 
 
-def _kind(scene: MeasuredScene) -> SceneValues:
+def _kind(scene: MeasuredScene) -> MaskedValues:
     kinds = scene.everyone.agents.kinds
     return _rows(np.array([_KINDS.index(kind) + 0.5 for kind in kinds], float))
 
 
-def _lane_count(scene: MeasuredScene) -> SceneValues:
+def _lane_count(scene: MeasuredScene) -> MaskedValues:
     return _rows(np.array([len(scene.scenario.road_map.lanes)]))
 
 
-def _lane_length(scene: MeasuredScene) -> SceneValues:
+def _lane_length(scene: MeasuredScene) -> MaskedValues:
     lanes = scene.scenario.road_map.lanes
     return _rows(np.array([arc_length(lane.centerline_m)[-1] for lane in lanes], float))
 
 
-def _lane_curvature(scene: MeasuredScene) -> SceneValues:
+def _lane_curvature(scene: MeasuredScene) -> MaskedValues:
     """Turn from a lane's start to its end, over its length."""
     found = []
     for lane in scene.scenario.road_map.lanes:
@@ -297,7 +262,7 @@ def _lane_curvature(scene: MeasuredScene) -> SceneValues:
     return _rows(np.array(found, float))
 
 
-def _lane_in_junction(scene: MeasuredScene) -> SceneValues:
+def _lane_in_junction(scene: MeasuredScene) -> MaskedValues:
     lanes = scene.scenario.road_map.lanes
     return _rows(np.array([lane.is_intersection for lane in lanes], float))
 

@@ -1,9 +1,10 @@
 """Makes what is needed next while something else is computed."""
 
 import contextlib
-import queue
-import threading
+import itertools
+from collections import deque
 from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 _Item = TypeVar("_Item")
@@ -20,36 +21,16 @@ def prefetched(
         first: Where to begin.
         ahead: How many items wait at most.
     """
-    waiting: queue.Queue[tuple[_Item | None, BaseException | None]] = queue.Queue(ahead)
-    is_over = threading.Event()
+    with ThreadPoolExecutor(1, thread_name_prefix="prefetch") as thread:
+        waiting = deque(thread.submit(make, first + index) for index in range(ahead))
 
-    def work() -> None:
-        index = first
-        while not is_over.is_set():
-            try:
-                made = (make(index), None)
-            except BaseException as error:  # noqa: BLE001 (raised where it is awaited)
-                made = (None, error)
-            while not is_over.is_set():
-                with contextlib.suppress(queue.Full):
-                    waiting.put(made, timeout=0.1)
-                    break
-            index += 1
-            if made[1] is not None:
-                return
+        def items() -> Iterator[_Item]:
+            for index in itertools.count(first + ahead):
+                item = waiting.popleft().result()
+                waiting.append(thread.submit(make, index))
+                yield item
 
-    def items() -> Iterator[_Item]:
-        while True:
-            item, error = waiting.get()
-            if error is not None:
-                raise error
-            assert item is not None
-            yield item
-
-    thread = threading.Thread(target=work, name="prefetch", daemon=True)
-    thread.start()
-    try:
-        yield items()
-    finally:
-        is_over.set()
-        thread.join()
+        try:
+            yield items()
+        finally:
+            thread.shutdown(cancel_futures=True)

@@ -62,7 +62,7 @@ def test_quantities_of_a_known_scene() -> None:
 def test_distance_is_that_of_scipy(one: list[float], other: list[float]) -> None:
     quantity = QUANTITIES[0]
     first, second = np.array(one), np.array(other)
-    counts = quantity.counts(first), quantity.counts(second)
+    counts = quantity.bins.counts(first), quantity.bins.counts(second)
     assert counts[0].sum() == len(one), "nothing falls out of the bins"
     assert quantity.distance(first, second) == pytest.approx(
         jensenshannon(*counts), abs=1e-6
