@@ -107,6 +107,7 @@ def test_the_wheel_holds_what_is_used_and_no_more(wheel: Path):
     assert "pd_editor/assets/demos/README.md" in names
     assert "pd_editor/models/README.md" in names
     assert "pd_editor/evaluation/report/report.html.jinja" in names
+    assert "pd_editor/metrics/metric_table.csv" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     modules = [name for name in names if name.endswith(".py")]
     assert not [name for name in modules if {"assets", "tests"} & {*name.split("/")}]
