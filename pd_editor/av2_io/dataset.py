@@ -4,7 +4,7 @@ Files are read on demand only, and calls are safe from any thread.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
@@ -219,6 +219,14 @@ class DatasetIndex:
                 self._cards[position] = card
         card = self._cards[position]
         return card if card is not None and wanted.accepts(card) else None
+
+
+def no_scenario(roots: Iterable[Path]) -> InputError:
+    """The error of roots without a scenario."""
+    return InputError(
+        f"{' '.join(map(str, roots))}: no Argoverse 2 scenario there; expected folders "
+        "with scenario_<id>.parquet and log_map_archive_<id>.json."
+    )
 
 
 def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:

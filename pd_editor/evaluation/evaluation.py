@@ -8,7 +8,7 @@ from typing import Final
 
 import pyarrow.parquet as pq
 
-from pd_editor.av2_io.dataset import CardFilter, DatasetIndex
+from pd_editor.av2_io.dataset import DatasetIndex, no_scenario
 from pd_editor.errors import InputError
 from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.evaluation.method import Method
@@ -17,11 +17,10 @@ from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.evaluation.scene_rows import (
     ROW_SCHEMA,
     SceneItem,
-    SceneRows,
     judge_scene,
 )
 from pd_editor.regular_file import unwritable
-from pd_editor.work_engine import WorkEngine, WorkResult, run_items
+from pd_editor.work_engine import WorkEngine, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
 
 ROWS_NAME: Final = "rows.parquet"
@@ -111,25 +110,19 @@ def scenes_of(plan: EvaluationPlan) -> FoundScenes:
     num_skipped = 0
     for root in plan.data:
         index = DatasetIndex(root)
-        start, is_complete = 0, False
-        while not is_complete and (plan.limit is None or len(found) < plan.limit):
-            step = index.search(CardFilter(), start)
-            for card in step.cards:
-                scene = _scene(root, card.folder)
-                if found.setdefault(_place(scene), scene) is not scene:
-                    raise InputError(
-                        f"{card.folder}: was found before as {_place(scene)}; give "
-                        "every folder once."
-                    )
-            start, is_complete = step.next_start, step.is_complete
+        for card in index.filter():
+            if plan.limit is not None and len(found) >= plan.limit:
+                break
+            scene = _scene(root, card.folder)
+            if found.setdefault(_place(scene), scene) is not scene:
+                raise InputError(
+                    f"{card.folder}: was found before as {_place(scene)}; give "
+                    "every folder once."
+                )
         num_skipped += index.num_skipped
     if not found:
-        raise InputError(
-            f"{' '.join(map(str, plan.data))}: no Argoverse 2 scenario there; expected "
-            "folders with scenario_<id>.parquet and log_map_archive_<id>.json."
-        )
-    scenes = tuple(found.values())[: plan.limit]
-    return FoundScenes(scenes=scenes, num_skipped=num_skipped)
+        raise no_scenario(plan.data)
+    return FoundScenes(scenes=tuple(found.values()), num_skipped=num_skipped)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,17 +190,15 @@ def run_evaluation(
     """
     items = items_of(plan, found.scenes)
     done = folder.finished(items)
-    broken: dict[str, str] = {}
-
-    def take(result: WorkResult[SceneRows]) -> None:
-        if result.value is not None:
-            folder.store(result.key, result.value)
-        elif result.failure is not None:
-            broken[result.key] = result.failure.reason
-
-    run_items(
-        engine, judge_scene, items, on_result=take, on_progress=on_progress, done=done
+    failures = run_items(
+        engine,
+        judge_scene,
+        items,
+        on_value=folder.store,
+        on_progress=on_progress,
+        done=done,
     )
+    broken = {key: failure.reason for key, failure in failures.items()}
     return _collected(folder, items, broken, found.num_skipped, len(done))
 
 

@@ -5,7 +5,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -164,14 +163,10 @@ def _one_item(
     function: Callable[[Item], Value], key: str, item: Item
 ) -> WorkResult[Value]:
     """Run one item in the worker; exceptions become failures."""
-    start = time.perf_counter()
     try:
-        value = function(item)
+        return WorkResult(key=key, value=function(item))
     except Exception as error:  # noqa: BLE001  (one item must not stop the rest)
-        return WorkResult(
-            key=key, failure=failure_of(error), elapsed_s=time.perf_counter() - start
-        )
-    return WorkResult(key=key, value=value, elapsed_s=time.perf_counter() - start)
+        return WorkResult(key=key, failure=failure_of(error))
 
 
 def _result_of(future: Future[WorkResult[Value]], key: str) -> WorkResult[Value]:

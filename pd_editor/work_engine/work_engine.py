@@ -46,7 +46,6 @@ class WorkResult(Generic[Value]):
     key: str
     value: Value | None = None
     failure: WorkFailure | None = None
-    elapsed_s: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,34 +83,36 @@ def run_items(
     function: Callable[[Item], Value],
     items: Mapping[str, Item],
     *,
-    on_result: Callable[[WorkResult[Value]], None],
+    on_value: Callable[[str, Value], None],
     on_progress: Callable[[WorkProgress], None] | None = None,
     done: Collection[str] = (),
-) -> WorkProgress:
-    """Run the items whose keys are not in ``done``; returns the final progress.
+) -> dict[str, WorkFailure]:
+    """Run the items whose keys are not in ``done``; returns the failures by key.
 
-    To resume, a caller stores each result in ``on_result`` and gives the stored keys
+    To resume, a caller stores each value in ``on_value`` and gives the stored keys
     next time. ``on_progress`` is called once before the first result, then after each.
     """
     left = {key: item for key, item in items.items() if key not in done}
-    progress = WorkProgress(num_done=0, num_failed=0, num_items=len(left))
+    failures: dict[str, WorkFailure] = {}
+    num_done = 0
 
-    def tell(new: WorkProgress) -> None:
-        nonlocal progress
-        progress = new
+    def tell() -> None:
         if on_progress is not None:
-            on_progress(new)
+            on_progress(
+                WorkProgress(
+                    num_done=num_done, num_failed=len(failures), num_items=len(left)
+                )
+            )
 
     def take(result: WorkResult[Value]) -> None:
-        on_result(result)
-        tell(
-            WorkProgress(
-                num_done=progress.num_done + 1,
-                num_failed=progress.num_failed + (result.failure is not None),
-                num_items=len(left),
-            )
-        )
+        nonlocal num_done
+        if result.failure is not None:
+            failures[result.key] = result.failure
+        elif result.value is not None:
+            on_value(result.key, result.value)
+        num_done += 1
+        tell()
 
-    tell(progress)
+    tell()
     engine.run(function, left, on_result=take)
-    return progress
+    return failures

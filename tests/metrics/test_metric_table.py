@@ -14,4 +14,4 @@ def test_each_row_of_the_table_is_a_metric_that_can_be_read():
         assert metric.source in get_args(Source)
         assert metric.better in get_args(Better)
         assert metric.unit
-        assert metric.definition.endswith(".")
+        assert metric.definition.rstrip(")").endswith(".")

@@ -23,15 +23,18 @@ ENGINE = LocalProcesses(num_workers=2)
 
 
 def results_of(function, numbers, **options) -> dict:
+    """Values by key, or failures."""
     found = {}
 
-    def keep(result) -> None:
-        assert result.key not in found
-        found[result.key] = result
+    def keep(key, value) -> None:
+        assert key not in found
+        found[key] = value
 
     items = {str(number): number for number in numbers}
-    run_items(options.pop("engine", ENGINE), function, items, on_result=keep, **options)
-    return found
+    engine = options.pop("engine", ENGINE)
+    failures = run_items(engine, function, items, on_value=keep, **options)
+    assert not found.keys() & failures
+    return found | failures
 
 
 def test_it_is_a_work_engine():
@@ -40,10 +43,7 @@ def test_it_is_a_work_engine():
 
 def test_every_item_gives_its_value():
     found = results_of(square, range(20))
-    assert {key: result.value for key, result in found.items()} == {
-        str(number): number**2 for number in range(20)
-    }
-    assert all(result.failure is None for result in found.values())
+    assert found == {str(number): number**2 for number in range(20)}
 
 
 def test_no_items_need_no_process():
@@ -52,31 +52,29 @@ def test_no_items_need_no_process():
 
 def test_a_failing_item_stops_no_other():
     found = results_of(square_of_odd, range(6))
-    assert [found[str(k)].value for k in (1, 3, 5)] == [1, 9, 25]
-    failure = found["4"].failure
+    assert [found[str(k)] for k in (1, 3, 5)] == [1, 9, 25]
+    failure = found["4"]
     assert (failure.error, failure.message) == ("ValueError", "4 is even")
     assert "square_of_odd" in failure.traceback
     assert not failure.is_users
 
 
 def test_errors_of_users_are_told_apart():
-    failure = results_of(fails_for_the_user, [0])["0"].failure
+    failure = results_of(fails_for_the_user, [0])["0"]
     assert failure.is_users
     assert failure.message == "The map has no lanes."
 
 
 def test_a_dying_process_fails_its_own_item_only():
     found = results_of(dies_on_three, range(7))
-    assert found.pop("3").failure.error == "ProcessDied"
-    assert {key: result.value for key, result in found.items()} == {
-        str(number): number for number in (0, 1, 2, 4, 5, 6)
-    }
+    assert found.pop("3").error == "ProcessDied"
+    assert found == {str(number): number for number in (0, 1, 2, 4, 5, 6)}
 
 
 def test_what_cannot_be_pickled_fails_alone():
     found = results_of(cannot_travel_back, [0, 1])
-    assert found["0"].value == 0
-    assert "pickle" in found["1"].failure.message
+    assert found["0"] == 0
+    assert "pickle" in found["1"].message
     found = {}
     ENGINE.run(
         lambda number: number,
@@ -87,16 +85,14 @@ def test_what_cannot_be_pickled_fails_alone():
 
 
 def test_work_is_spread_over_other_processes():
-    ids = {result.value for result in results_of(process_id, range(4)).values()}
+    ids = set(results_of(process_id, range(4)).values())
     assert len(ids) == 2
     assert os.getpid() not in ids
 
 
 def test_workers_have_one_thread():
     before = dict(os.environ)
-    result = results_of(threads, [0])["0"]
-    assert result.failure is None
-    assert result.value == ("1", 1)
+    assert results_of(threads, [0])["0"] == ("1", 1)
     assert dict(os.environ) == before
 
 
@@ -114,12 +110,12 @@ def test_done_items_are_left_out_and_progress_counts_the_rest():
 def test_an_error_of_the_caller_stops_the_run():
     seen = []
 
-    def refuse(result) -> None:
-        seen.append(result.key)
+    def refuse(key, _) -> None:
+        seen.append(key)
         raise OSError("disk full")
 
     with pytest.raises(OSError, match="disk full"):
-        run_items(ENGINE, square, {str(k): k for k in range(50)}, on_result=refuse)
+        run_items(ENGINE, square, {str(k): k for k in range(50)}, on_value=refuse)
     assert len(seen) == 1
 
 

@@ -19,7 +19,7 @@ from pd_editor.synthesis.dataset.network_worker import NetworkItem, make_network
 from pd_editor.synthesis.dataset.scene_source import scenario_folders
 from pd_editor.synthesis.road_network.generator import FAMILIES, FAMILY_SHARES
 from pd_editor.synthesis.sumo.sumo_tools import sumo_tool
-from pd_editor.work_engine import WorkEngine, WorkResult, run_items
+from pd_editor.work_engine import WorkEngine, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
 
 WINDOWS_PER_SHARD: Final = 80
@@ -150,17 +150,15 @@ def build_corpus(
         num_planned += len(items)
         done = {key for key in items if folder.load(key) is not None}
         num_resumed += len(done)
-
-        def take(result: WorkResult[NetworkRecord]) -> None:
-            if result.value is not None:
-                folder.store(result.key, result.value)
-            elif result.failure is not None:
-                failures[result.key] = result.failure.reason
-
-        run_items(
-            engine, make_network, items, on_result=take, on_progress=on_progress,
+        failed = run_items(
+            engine,
+            make_network,
+            items,
+            on_value=folder.store,
+            on_progress=on_progress,
             done=done,
-        )  # fmt: skip
+        )
+        failures |= {key: failure.reason for key, failure in failed.items()}
         found = {key: folder.load(key) for key in items}
         networks |= {key: one for key, one in found.items() if one is not None}
     if not networks:

@@ -6,9 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.av2_io.dataset import CardFilter, DatasetIndex
+from pd_editor.av2_io.dataset import DatasetIndex, no_scenario
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.errors import InputError
 from pd_editor.recordings.shards import SHARD_SUFFIX, ShardReader
 from pd_editor.recordings.tracking_noise import TrackingNoise
 from pd_editor.scene.scenario import Scenario
@@ -25,18 +24,10 @@ def scenario_folders(roots: Sequence[Path]) -> list[Path]:
     """
     found: dict[str, Path] = {}
     for root in roots:
-        index = DatasetIndex(root)
-        start, is_complete = 0, False
-        while not is_complete:
-            step = index.search(CardFilter(), start)
-            for card in step.cards:
-                found.setdefault(card.folder.name, card.folder)
-            start, is_complete = step.next_start, step.is_complete
+        for card in DatasetIndex(root).filter():
+            found.setdefault(card.folder.name, card.folder)
     if not found:
-        raise InputError(
-            f"{' '.join(map(str, roots))}: no Argoverse 2 scenario there; expected "
-            "folders with scenario_<id>.parquet and log_map_archive_<id>.json."
-        )
+        raise no_scenario(roots)
     return [found[name] for name in sorted(found)]
 
 

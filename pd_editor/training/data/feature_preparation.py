@@ -33,8 +33,8 @@ from pd_editor.training.data.augmentation import (
     augmented,
 )
 from pd_editor.training.data.scenario_source import ScenarioSource, open_roots
-from pd_editor.work_engine import LocalProcesses, WorkResult, run_items
-from pd_editor.work_engine.work_engine import WorkFailure, WorkProgress
+from pd_editor.work_engine import LocalProcesses, run_items
+from pd_editor.work_engine.work_engine import WorkProgress
 
 __all__ = ["ScenarioSource", "fit_basis", "open_roots", "prepare_features"]
 
@@ -158,24 +158,18 @@ def prepare_features(
         settings=f"{augmentation}, seed {seed}, at most {most_per_root} of each root",
     )
     done = open_for_writing(folder, index)
-    failures: list[WorkFailure] = []
-
-    def take(result: WorkResult[int]) -> None:
-        if result.failure is not None:
-            failures.append(result.failure)
-
-    run_items(
+    failures = run_items(
         LocalProcesses(num_workers=workers),
         _PartWriter(folder=folder, basis=basis),
         {name: (name, work) for name, work in works.items()},
-        on_result=take,
+        on_value=lambda _, __: None,
         on_progress=on_progress,
         done=done,
     )
-    if failures:
+    for failure in failures.values():
         raise TrainingError(
             f"{folder}: {len(failures)} of {len(works)} parts failed, the first with "
-            f"{failures[0].error}: {failures[0].message}"
+            f"{failure.error}: {failure.message}"
         )
     store = FeatureStore(folder)
     if not len(store):
@@ -201,20 +195,16 @@ def fit_basis(
     most = max(1, count // len(source.roots))
     works = _parts(source, roots, augmentation, seed, most, _FIT_SIZE)
     futures: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    failures: list[WorkFailure] = []
-
-    def take(result: WorkResult[tuple[np.ndarray, np.ndarray]]) -> None:
-        if result.failure is not None:
-            failures.append(result.failure)
-        if result.value is not None:
-            futures[result.key] = result.value
-
-    run_items(LocalProcesses(num_workers=workers), _futures_of, works, on_result=take)
-    if failures:
+    failures = run_items(
+        LocalProcesses(num_workers=workers),
+        _futures_of,
+        works,
+        on_value=futures.__setitem__,
+    )
+    for failure in failures.values():
         raise TrainingError(
             f"{len(failures)} of {len(works)} parts of the data could not be read for the "
-            f"trajectory basis, the first with {failures[0].error}: "
-            f"{failures[0].message}"
+            f"trajectory basis, the first with {failure.error}: {failure.message}"
         )
     points = [futures[name][0] for name in sorted(futures)]
     if not sum(map(len, points)):
