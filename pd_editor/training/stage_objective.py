@@ -1,7 +1,7 @@
 """How each stage is trained: its network on the data's basis, and its loss."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import torch
@@ -63,11 +63,8 @@ class Stage:
 
     def fresh_model(self, config: Any, basis: TrajectoryBasis, seed: int) -> nn.Module:
         """The network before training; the seed decides its weights."""
-        kind = StageKind(
-            name=self.kind.name,
-            file_name=self.kind.file_name,
-            config_type=self.kind.config_type,
-            make_model=lambda given: self.with_basis(given, basis),
+        kind = replace(
+            self.kind, make_model=lambda given: self.with_basis(given, basis)
         )
         return made_model(kind, config, seed=seed)
 

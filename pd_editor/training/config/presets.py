@@ -29,6 +29,8 @@ LOSSES: Final[Mapping[str, type[Any]]] = {
     "init": InitialStateLossConfig,
 }
 """Settings of each stage's loss; the defaults are those of all presets."""
+_GO_ON: Final = Optimisation(batch_size=64, learning_rate=5e-4, ema_decay=0.9995)
+_TRY_OUT: Final = Optimisation(batch_size=4, warmup_steps=10, ema_decay=0.98)
 PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
     "traj": {
         "default": Preset(
@@ -43,9 +45,7 @@ PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
         ),
         "av2": Preset(
             model=asdict(TrajectoryConfig()),
-            optimisation=Optimisation(
-                batch_size=64, learning_rate=5e-4, ema_decay=0.9995
-            ),
+            optimisation=_GO_ON,
             minutes=240.0,
             windows=5,
         ),
@@ -53,7 +53,7 @@ PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
             model=asdict(
                 TrajectoryConfig(width=32, num_heads=4, num_blocks=1, edge_width=16)
             ),
-            optimisation=Optimisation(batch_size=4, warmup_steps=10, ema_decay=0.98),
+            optimisation=_TRY_OUT,
             minutes=1.0,
         ),
     },
@@ -70,15 +70,13 @@ PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {
         ),
         "av2": Preset(
             model=asdict(InitialStateConfig()),
-            optimisation=Optimisation(
-                batch_size=64, learning_rate=5e-4, ema_decay=0.9995
-            ),
+            optimisation=_GO_ON,
             minutes=240.0,
             windows=5,
         ),
         "tiny": Preset(
             model=asdict(InitialStateConfig(width=32, num_layers=1, relation_width=16)),
-            optimisation=Optimisation(batch_size=4, warmup_steps=10, ema_decay=0.98),
+            optimisation=_TRY_OUT,
             minutes=1.0,
         ),
     },

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Final, Protocol, runtime_checkable
+from typing import Final
 
 import numpy as np
 
@@ -18,50 +18,15 @@ from pd_editor.scene.scenario import Scenario
 
 BLUR_ONLY: Final = TrackingNoise(range_m=np.inf, occlusions_per_s=0.0)
 """Tracks of simulated agents are blurred, but not broken off: futures stay whole."""
-
-
 FIRST_STEP: Final = 10
 """The earliest current step of a window of an Argoverse 2 scenario."""
-
-
-@runtime_checkable
-class ScenarioRoot(Protocol):
-    """Scenarios by number."""
-
-    @property
-    def fingerprint(self) -> str:
-        """Differs where the scenarios do."""
-        ...
-
-    @property
-    def num_damaged(self) -> int:
-        """Files or folders that hold no scenario, though they should."""
-        ...
-
-    @property
-    def is_simulated(self) -> bool:
-        """Whether every agent is in it, not only those that a tracker saw."""
-        ...
-
-    def __len__(self) -> int: ...
-
-    def scenario(self, index: int) -> Scenario:
-        """A scenario; equal each time.
-
-        Raises:
-            InputError: it is damaged.
-        """
-        ...
-
-    def group(self, index: int) -> str:
-        """The network or city it is from, asked for after the scenario."""
-        ...
 
 
 class ShardRoot:
     """The windows of a folder of shards, blurred as by a tracker."""
 
     is_simulated = True
+    """Every agent is in the scenarios, not only those that a tracker saw."""
 
     def __init__(self, path: Path, noise: TrackingNoise | None = BLUR_ONLY) -> None:
         """Read which windows there are; shards that are damaged are left out.
@@ -99,7 +64,11 @@ class ShardRoot:
         return _shard(self._files[file]), index - int(self._first[file])
 
     def scenario(self, index: int) -> Scenario:
-        """The scenario of a window."""
+        """The scenario of a window; equal each time.
+
+        Raises:
+            InputError: it is damaged.
+        """
         reader, number = self._place(index)
         return reader.window(number, noise=self._noise)
 
@@ -153,7 +122,11 @@ class Av2Root:
         return len(self._folders) * self._windows
 
     def scenario(self, index: int) -> Scenario:
-        """The scenario of a folder, at the current step of the window."""
+        """The scenario of a folder, at the current step of the window.
+
+        Raises:
+            InputError: it is damaged.
+        """
         folder, window = divmod(index, self._windows)
         found = read_scenario(self._folders[folder])
         self._city = (index, found.city)
@@ -164,10 +137,13 @@ class Av2Root:
         )
 
     def group(self, index: int) -> str:
-        """The city."""
+        """The city; fast right after its scenario."""
         if self._city[0] != index:
             self.scenario(index)
         return self._city[1]
+
+
+ScenarioRoot = ShardRoot | Av2Root
 
 
 def open_root(path: Path, windows: int = 1) -> ScenarioRoot:
