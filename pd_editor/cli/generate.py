@@ -16,7 +16,7 @@ from pd_editor.diffusion.defaults import (
     NUM_TRIES,
     DeviceName,
 )
-from pd_editor.editor.commands import traffic_command
+from pd_editor.editor.commands import SetAgentActivity, traffic_command
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.errors import GenerationError
@@ -26,11 +26,11 @@ from pd_editor.generation import (
     GuidanceTerm,
     Quality,
     Region,
-    ScenarioGenerator,
     guidance_terms,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scenario_store import check_free, open_scenario
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import drivable_agent_ids, replaceable_agent_ids
@@ -38,6 +38,10 @@ from pd_editor.scene.traffic_choice import drivable_agent_ids, replaceable_agent
 AgentsOption = Annotated[
     tuple[str, ...],
     tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(default: all)"),
+]
+StandingOption = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(optional)"),
 ]
 NumAgentsOption = Annotated[
     str | tuple[str, ...],
@@ -77,6 +81,8 @@ def generate(
     moving_share: ShareOption = None,
     only_on_road: Switch = False,
     region: RegionOption = None,
+    parked: StandingOption = (),
+    waiting: StandingOption = (),
     quality: Quality = "fast",
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
     steps: StepsOption = None,
@@ -101,7 +107,9 @@ def generate(
         replace_ego_and_focal: Let new agents replace the ego and the focal agent as well.
         moving_share: Fraction of the sampled agents of each kind that moves, 0 to 1.
         only_on_road: Sample no vehicles far from lanes, such as on parking lots.
-        region: Square in which states are sampled, in metres of the scene or of the city.
+        region: Square in which states are sampled, in metres of the scene or of the city; new agents replace those in it alone.
+        parked: Ids of standing agents that are parked; the model starts them seldom.
+        waiting: Ids of standing agents that wait in traffic.
         quality: Quality of sampled states: fast, or high with more denoising steps.
         samples: Number of samples.
         steps: Denoising steps of trajectories; for states the model has its own number.
@@ -115,22 +123,28 @@ def generate(
         overwrite: Replace what earlier runs wrote.
     """
     generator, opened = make_generator(model, device=device), open_scenario(scenario)
+    activities = _activities(parked, waiting)
+    told = EditorSession(opened)
+    for command in activities:
+        told.apply(command)
+    base = told.scenario
+    asked_region = None if region is None else _region(opened, *region)
     wanted, (counts, fits) = tuple(dict.fromkeys(agents)), _wanted_counts(num_agents)
     _refuse_contradictions(
         bool(wanted), bool(num_agents), redraw_states, add, replace_ego_and_focal
     )
     removed, driven = _roles(
-        opened, wanted, bool(num_agents), add, replace_ego_and_focal
+        base, wanted, bool(num_agents), add, replace_ego_and_focal, asked_region
     )
     request = GenerationRequest(
-        scenario=opened.without_agents(removed),
+        scenario=base.without_agents(removed),
         agent_ids=driven,
         num_new_agents=counts,
         draws_num_agents=fits,
         redrawn_state_ids=driven if redraw_states else (),
         moving_share=moving_share,
         only_on_road=only_on_road,
-        region=region and _region(opened, *region),
+        region=asked_region,
         quality=quality,
         num_samples=samples,
         num_denoising_steps=steps,
@@ -138,33 +152,42 @@ def generate(
         seed=seed,
     )
     names = _names(opened, name, request)
-    return _written(out, opened, request, removed, generator, overwrite, wanted, names)
-
-
-def _written(
-    out: FolderOption,
-    opened: Scenario,
-    request: GenerationRequest,
-    removed: tuple[str, ...],
-    generator: ScenarioGenerator,
-    overwrite: bool,
-    wanted: Sequence[str],
-    names: Sequence[str],
-) -> Outcome:
-    """Run the generator, and write each sample to a folder of its own."""
-    for name in names:
-        check_free(out, name, opened, overwrite=overwrite)
+    for one in names:
+        check_free(out, one, opened, overwrite=overwrite)
     traffic = run_showing_progress(generator.generate(request))
     sessions = [EditorSession(opened) for _ in names]
     for index, session in enumerate(sessions):
         session.describe(described(names[index]))
-        session.apply(traffic_command(request, traffic, index, removed_ids=removed))
+        replacement = traffic_command(request, traffic, index, removed_ids=removed)
+        for command in (*activities, replacement):
+            session.apply(command)
     return Outcome(
         folders=tuple(
             write_session(out, session, overwrite=overwrite) for session in sessions
         ),
         scenarios=tuple(session.scenario for session in sessions),
         remarks=(*_left_out(opened, wanted, request.agent_ids), *traffic.notes),
+    )
+
+
+def _activities(
+    parked: tuple[str, ...], waiting: tuple[str, ...]
+) -> tuple[SetAgentActivity, ...]:
+    """The edits that set activities.
+
+    Raises:
+        GenerationError: an agent is both.
+    """
+    both = sorted(set(parked) & set(waiting))
+    if both:
+        raise GenerationError(
+            f"Agent {both[0]} is named by --parked and by --waiting; give one of them."
+        )
+    lists = ((parked, Activity.PARKED), (waiting, Activity.WAITING))
+    return tuple(
+        SetAgentActivity(agent_ids=ids, activity=activity)
+        for ids, activity in lists
+        if ids
     )
 
 
@@ -267,16 +290,20 @@ def _roles(
     samples_agents: bool,
     adds: bool,
     replaces_ego_and_focal: bool,
+    region: Region | None,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Ids of the agents that are replaced, and of those whose trajectories are generated.
 
     As in the browser, the ego and the focal agent stay by default, so that an export
-    keeps the two tracks that predictors and data sets need.
+    keeps the two tracks that predictors and data sets need. Of a region the agents in it
+    are replaced.
     """
     removed = ()
     if samples_agents and not adds:
         keeps = not replaces_ego_and_focal
         removed = replaceable_agent_ids(opened, keeps_ego=keeps, keeps_focal=keeps)
+        if region is not None:
+            removed = region.held(opened, removed)
     drives = not samples_agents or (wanted and adds)
     return removed, drivable_agent_ids(opened, wanted or None) if drives else ()
 

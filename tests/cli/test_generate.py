@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 
 from pd_editor.cli.generate import generate
+from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.errors import GenerationError
 from pd_editor.generation import LANE_GUIDANCE, GeneratorSpec, Region
 from pd_editor.generators import registry
 from pd_editor.scenario_store import open_scenario
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import EGO_ID
 from tests.cli.shell import JUNCTION, Shell, files_of
@@ -223,6 +225,66 @@ def test_states_of_named_agents_are_redrawn_in_a_region(
     assert (request.moving_share, request.only_on_road) == (0.5, True)
     (term,) = request.guidance
     assert (term.name, term.weight) == (LANE_GUIDANCE, 0.25)
+
+
+def test_new_agents_replace_those_in_the_region_alone(
+    tmp_path: Path, placing: PlacingGenerator
+):
+    before = open_scenario(JUNCTION)
+    place = before.agents.position_m[
+        before.agents.row_of[before.focal_id], before.current_step
+    ]
+    generate(
+        JUNCTION,
+        out=tmp_path,
+        num_agents="2",
+        region=(float(place[0]), float(place[1]), 15.0),
+        model="placing",
+    )
+    (request,) = placing.requests
+    assert request.region is not None
+    inside = set(request.region.held(before, before.agents.ids))
+    gone = set(before.agents.ids) - set(request.scenario.agents.ids)
+    users = {
+        name
+        for name, kind in zip(before.agents.ids, before.agents.kinds, strict=True)
+        if kind in ROAD_USER_KINDS
+    }
+    assert gone == (inside & users) - {before.focal_id, EGO_ID}
+    assert gone
+    assert len(before.agents) - len(gone) > 10
+
+
+def test_activities_are_known_to_the_model_and_kept(
+    shell: Shell, tmp_path: Path, placing: PlacingGenerator
+):
+    before = open_scenario(JUNCTION)
+    speed = before.agents.speed_mps()[:, before.current_step]
+    there = before.agents.is_valid[:, before.current_step]
+    users = before.agents.kind_mask(ROAD_USER_KINDS) & there
+    parked, waiting = (
+        before.agents.ids[row] for row in np.flatnonzero(users & (speed < 0.1))[:2]
+    )
+    moving = before.agents.ids[np.flatnonzero(users & (speed > 3))[0]]
+    done = generate(
+        JUNCTION, out=tmp_path, parked=(parked,), waiting=(waiting,), model="placing"
+    )
+    (request,) = placing.requests
+    for scenario in (request.scenario, open_scenario(done.folders[0])):
+        rows = scenario.agents.rows((parked, waiting))
+        assert scenario.activity()[rows].tolist() == [Activity.PARKED, Activity.WAITING]
+    recipe = Recipe.from_text((done.folders[0] / "recipe.json").read_bytes())
+    again = replay(recipe, before)
+    assert again.activity()[again.agents.row_of[parked]] == Activity.PARKED
+    for options, sentence in (
+        ((parked, "--waiting", parked), "named by --parked and by --waiting"),
+        ((moving,), "cannot be parked at"),
+        (("nobody",), "There is no agent 'nobody' here."),
+    ):
+        out = ("--model", "placing", "--out", tmp_path / "other")
+        assert sentence in shell.refused(
+            "generate", JUNCTION, "--parked", *options, *out
+        )
 
 
 def test_as_many_as_suit_the_road_is_the_models_choice(
