@@ -108,7 +108,7 @@ def generate(
         moving_share: Fraction of the sampled agents of each kind that moves, 0 to 1.
         only_on_road: Sample no vehicles far from lanes, such as on parking lots.
         region: Square in which states are sampled, in metres of the scene or of the city; new agents replace those in it alone.
-        parked: Ids of standing agents that are parked; the model starts them seldom.
+        parked: Ids of standing agents that are parked; fewer of them start.
         waiting: Ids of standing agents that wait in traffic.
         quality: Quality of sampled states: fast, or high with more denoising steps.
         samples: Number of samples.
