@@ -158,8 +158,7 @@ def _record() -> None:
                 one.name: getattr(scene, one.name)[:, :9]
                 for one in fields(SceneTensors)
                 if one.name.startswith(("agent_", "has_agent", "near_"))
-                or one.name
-                in ("candidates", "has_candidate", "future", "has_future")
+                or one.name in ("candidates", "has_candidate", "future", "has_future")
             },
         )
         arrays |= {

@@ -1,7 +1,8 @@
 """Attention over padded sets: a masked key has a weight of exactly 0."""
 
+import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import torch
@@ -9,6 +10,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 _NORM_EPSILON: Final = 1e-5
+_VECTOR_LENGTH: Final = 16
 
 
 class Mask(NamedTuple):
@@ -30,16 +32,62 @@ class Mask(NamedTuple):
         added = minus_infinity_unless(is_visible | ~sees_any)
         return cls(added, None if bool(sees_any.all()) else sees_any.to(added))
 
-    def weights(self, logits: Float[Tensor, "*b Q K"]) -> Float[Tensor, "*b Q K"]:
+    def weights(self, logits: Float[Tensor, "*b #Q K"]) -> Float[Tensor, "*b Q K"]:
         """Softmax over the visible keys; all 0 where a query sees none."""
         if self.added is not None:
             logits = logits + self.added
-        weights = logits.softmax(dim=-1)
+        weights = softmax(logits)
         return weights if self.sees_any is None else weights * self.sees_any
 
     def mapped(self, change: Callable[[Tensor], Tensor]) -> "Mask":
         """With a change of shape, the same for both parts."""
         return Mask(*(None if one is None else change(one) for one in self))
+
+
+def grouped(masks: Sequence[Mask], numbers: Sequence[int], like: Tensor) -> Mask:
+    """One mask [*b G M] of G groups of keys side by side: row g sees those of group g.
+
+    Args:
+        masks: of each group, of shape [*b 1 K].
+        numbers: of keys of each group.
+        like: a tensor on the device of the masks.
+    """
+    if len(masks) == 1:
+        return masks[0]
+    own = _own_group(tuple(numbers), like.device)
+    if all(one.added is None for one in masks):
+        return Mask(own, None)
+    shape = next(one.added.shape for one in masks if one.added is not None)[:-1]
+    added = [
+        like.new_zeros((*shape, number)) if one.added is None else one.added
+        for one, number in zip(masks, numbers, strict=True)
+    ]
+    sees_any = None
+    if any(one.sees_any is not None for one in masks):
+        ones = like.new_ones((*shape, 1))
+        rows = [ones if one.sees_any is None else one.sees_any for one in masks]
+        sees_any = torch.cat(rows, dim=-2)
+    return Mask(torch.cat(added, dim=-1) + own, sees_any)
+
+
+@functools.lru_cache
+def _own_group(
+    numbers: tuple[int, ...], device: torch.device
+) -> Float[Tensor, "1 1 1 G M"]:
+    """0 where a key is of the row's group, else minus infinity."""
+    with torch.inference_mode(mode=False):
+        group = torch.arange(len(numbers)).repeat_interleave(torch.tensor(numbers))
+        is_own = group == torch.arange(len(numbers))[:, None]
+        return minus_infinity_unless(is_own)[None, None, None].to(device)
+
+
+def softmax(logits: Float[Tensor, "*b K"]) -> Float[Tensor, "*b K"]:
+    """Softmax over the last axis, whose torch version is vectorised for 16 keys or more."""
+    num_keys = logits.shape[-1]
+    if num_keys >= _VECTOR_LENGTH:
+        return logits.softmax(dim=-1)
+    filled = nn.functional.pad(logits, (0, _VECTOR_LENGTH - num_keys), value=-math.inf)
+    return filled.softmax(dim=-1)[..., :num_keys]
 
 
 def minus_infinity_unless(exists: Bool[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
@@ -73,11 +121,12 @@ def scale_query_rows(
 class KeysValues(NamedTuple):
     """Keys and values of B sets of K tokens, for H heads with N maps each."""
 
-    keys: Float[Tensor, "B HN C K"]
-    values: Float[Tensor, "B HN K C"]
-    """Of second maps times minus lambda."""
+    keys: Float[Tensor, "B HN K C"]
+    values: Float[Tensor, "B H K C"]
     mask: Mask
     """Of shape [B 1 1 K]."""
+    second_share: Float[Tensor, ""] | None
+    """Of the weights of second maps in the sum of both: minus lambda."""
 
 
 class DifferentialAttention(nn.Module):
@@ -115,14 +164,11 @@ class DifferentialAttention(nn.Module):
         """What does not depend on the queries; the mask is of shape [B 1 1 K]."""
         keys = self.to_keys(tokens).unflatten(-1, (self.num_heads * self.num_maps, -1))
         values = self.to_values(tokens).unflatten(-1, (self.num_heads, -1))
-        values = values.transpose(1, 2)
-        if self.num_maps == 2:
-            both = torch.stack([values, -self.lambda_() * values], dim=2)
-            values = both.flatten(1, 2)
         return KeysValues(
-            keys=keys.permute(0, 2, 3, 1).contiguous(),
-            values=values.contiguous(),
+            keys=keys.transpose(1, 2).contiguous(),
+            values=values.transpose(1, 2).contiguous(),
             mask=mask,
+            second_share=-self.lambda_() if self.num_maps == 2 else None,
         )
 
     def forward(
@@ -130,12 +176,13 @@ class DifferentialAttention(nn.Module):
     ) -> Float[Tensor, "B Q D"]:
         """Attend from Q tokens to a set."""
         queries = self.to_queries(tokens).unflatten(-1, (seen.keys.shape[1], -1))
-        logits = batched_product(queries.transpose(1, 2), seen.keys)
-        weights = seen.mask.weights(logits).to(seen.values.dtype)
-        found = batched_product(weights, seen.values)
+        logits = batched_product(queries.transpose(1, 2), seen.keys.mT)
+        weights = seen.mask.weights(logits)
+        if seen.second_share is not None:
+            first, second = weights.unflatten(1, (self.num_heads, 2)).unbind(2)
+            weights = torch.addcmul(first, seen.second_share, second)
+        found = batched_product(weights.to(seen.values.dtype), seen.values)
         if self.num_maps == 2:
-            # The difference of weights on the same values is that of the results.
-            found = found.unflatten(1, (self.num_heads, 2)).sum(dim=2)
             found = self.norm(found.float()).to(found.dtype)
         return self.to_output(found.transpose(1, 2).flatten(2))
 
@@ -151,20 +198,12 @@ def initial_lambda(depth: int) -> float:
     return 0.8 - 0.6 * math.exp(-0.3 * depth)
 
 
-class EdgeGroup(NamedTuple):
-    """Embedded edges of A tokens in N scenes to others of one sort."""
-
-    edges: Float[Tensor, "N A M R"]
-    mask: Mask
-    """Of shape [N A 1 M]."""
-
-
 class EdgeAttention(nn.Module):
     """Attention from each token along its edges, whose embeddings are keys and values.
 
     With ``with_tokens`` the tokens at the other ends count as well: then every token
-    has an edge to every other one. Edges of several groups are attended to group by
-    group; at first only those of the first group count.
+    has an edge to every other one. Edges of several groups have heads of their own, as
+    many for each group; at first only those of the first group count.
     """
 
     def __init__(
@@ -177,41 +216,36 @@ class EdgeAttention(nn.Module):
         num_groups: int = 1,
     ) -> None:
         super().__init__()
-        self.num_heads = num_heads
+        assert not (with_tokens and num_groups > 1)
+        self.num_heads, self.num_groups = num_heads, num_groups
         to_edges = num_heads * edge_width
-        own = [width] * 3 if with_tokens else []
-        self.sizes = [to_edges, *own, *[to_edges] * (num_groups - 1)]
-        """Queries of edges; queries, keys and values of tokens; queries of more edges."""
-        self.with_tokens = with_tokens
+        self.sizes = [to_edges * num_groups, *([width] * 3 if with_tokens else [])]
+        """Queries of edges; queries, keys and values of tokens."""
         self.project = nn.Linear(width, sum(self.sizes), bias=False)
-        scale_query_rows(self.project, to_edges, edge_width)
+        scale_query_rows(self.project, self.sizes[0], edge_width)
         if with_tokens:
             scale_query_rows(
                 self.project, width, width // num_heads, first_row=to_edges
             )
-        first = to_edges + width * with_tokens
-        self.to_output = nn.Linear(first + to_edges * (num_groups - 1), width)
+        self.to_output = nn.Linear(self.sizes[0] + width * with_tokens, width)
         if num_groups > 1:
-            more = slice(sum(self.sizes) - to_edges * (num_groups - 1), None)
             with torch.no_grad():
-                self.project.weight[more] *= edge_width**-0.5
-                self.to_output.weight[:, first:] = 0.0
+                self.to_output.weight[:, to_edges:] = 0.0
 
     def forward(
         self,
         tokens: Float[Tensor, "N A D"],
         edges: Float[Tensor, "N A M R"],
         mask: Mask,
-        *groups: "EdgeGroup",
     ) -> Float[Tensor, "N A D"]:
-        """Attend along M edges of each of A tokens; the mask is of shape [N A 1 M].
+        """Attend along M edges of each of A tokens.
 
-        The result is 0 for a token without an edge, if there is one group only.
+        The mask is of shape [N A 1 M], or has a row for each head. The result is 0 for
+        a token without an edge, if there is one group only.
         """
-        to_edges, *to_others = self.project(tokens).split(self.sizes, dim=-1)
-        num_own = 3 * self.with_tokens
-        to_tokens, to_groups = to_others[:num_own], to_others[num_own:]
-        logits = batched_product(to_edges.unflatten(-1, (self.num_heads, -1)), edges.mT)
+        to_edges, *to_tokens = self.project(tokens).split(self.sizes, dim=-1)
+        queries = to_edges.unflatten(-1, (self.num_groups * self.num_heads, -1))
+        logits = batched_product(queries, edges.mT)
         values = None
         if to_tokens:
             query, keys, values = (
@@ -224,15 +258,8 @@ class EdgeAttention(nn.Module):
         if values is not None:
             of_tokens = batched_product(weights.transpose(1, 2), values).transpose(1, 2)
             seen = torch.cat([seen, of_tokens.flatten(2)], dim=-1)
-        for queries, group in zip(to_groups, groups, strict=True):
-            logits = batched_product(
-                queries.unflatten(-1, (self.num_heads, -1)), group.edges.mT
-            )
-            weights = group.mask.weights(logits).to(edges.dtype)
-            of_group = batched_product(weights, group.edges).flatten(2)
-            seen = torch.cat([seen, of_group], dim=-1)
         found = self.to_output(seen)
-        if groups or mask.sees_any is None:
+        if self.num_groups > 1 or mask.sees_any is None:
             return found
         return found * mask.sees_any[:, :, 0]
 

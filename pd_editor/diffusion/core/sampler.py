@@ -66,6 +66,8 @@ def sample_steps(
     sigmas = schedule.sigma(table).to(start)
     factors = start.new_tensor(config.noise_factors)
     slopes = _slopes(alphas, sigmas) * start.new_tensor(config.extrapolation)
+    kept, fresh = _noise_shares(alphas, sigmas, config.eta)
+    fresh = factors * fresh
     for index in range(len(levels)):
         with sampling_mode(start[..., 0].numel()):
             clean = denoise(noisy, index)
@@ -74,13 +76,10 @@ def sample_steps(
                 if last is not None and any(config.extrapolation):
                     better = torch.addcmul(clean, slopes[index], clean - last)
                 noise = (noisy - alphas[index] * better) / sigmas[index]
-                kept, fresh = _noise_shares(
-                    alphas[index : index + 2], sigmas[index : index + 2], config.eta
-                )
-                noisy = alphas[index + 1] * better + kept * noise
+                noisy = alphas[index + 1] * better + kept[index] * noise
                 if config.eta > 0:
                     normal = streams.normal(*start.shape[1:]).to(start)
-                    noisy = noisy + factors * fresh * normal
+                    noisy = torch.addcmul(noisy, fresh[index], normal)
                 last = clean
         yield SamplerStep(index=index, num_steps=len(levels), clean=clean)
 
@@ -100,12 +99,11 @@ def _slopes(
 
 
 def _noise_shares(
-    alphas: Float[Tensor, "2 #P"], sigmas: Float[Tensor, "2 #P"], eta: float
-) -> tuple[Float[Tensor, "#P"], Float[Tensor, "#P"]]:
-    """Amplitudes, at the second of two levels, of the noise kept and of fresh noise."""
-    alpha, next_alpha = alphas
-    sigma, next_sigma = sigmas
-    ratio = alpha * next_sigma / (next_alpha * sigma)
+    alphas: Float[Tensor, "T #P"], sigmas: Float[Tensor, "T #P"], eta: float
+) -> tuple[Float[Tensor, "T_minus_1 #P"], Float[Tensor, "T_minus_1 #P"]]:
+    """Amplitudes, after each step, of the noise that is kept and of fresh noise."""
+    sigma, next_sigma = sigmas[:-1], sigmas[1:]
+    ratio = alphas[:-1] * next_sigma / (alphas[1:] * sigma)
     fresh = eta * next_sigma * (1 - ratio.square()).clamp_min(0).sqrt()
     return (next_sigma.square() - fresh.square()).clamp_min(0).sqrt(), fresh
 

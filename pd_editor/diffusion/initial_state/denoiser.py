@@ -11,7 +11,6 @@ from torch import Tensor, nn
 from pd_editor.diffusion.core.attention import (
     DifferentialAttention,
     EdgeAttention,
-    EdgeGroup,
     KeysValues,
     Mask,
     visible_agents,
@@ -44,7 +43,11 @@ from pd_editor.diffusion.initial_state.features import (
 )
 from pd_editor.diffusion.initial_state.lane_anchored_head import LaneAnchoredHead
 from pd_editor.diffusion.initial_state.map_layer import MapLayer
-from pd_editor.diffusion.initial_state.map_tokens import MapTokens, TokenGroup
+from pd_editor.diffusion.initial_state.map_tokens import (
+    MapTokens,
+    NearTokens,
+    TokenGroup,
+)
 from pd_editor.diffusion.initial_state.state_encoding import (
     ACTIVITIES,
     NUM_MOTION_PARTS,
@@ -342,26 +345,15 @@ class InitialStateDenoiser(nn.Module):
         near = context.map_tokens.near(
             poses, level.near, *self._num_near, folds_turns=folds
         )
-        of_tokens, for_head = near.encoded.split(
-            [self.config.relation_width, self.config.width], dim=-1
-        )
-        lanes, *boundary = near.relations.split(near.numbers, dim=-2)
-        near_edges = [self.near_in(lanes), *(self.boundary_in(one) for one in boundary)]
-        near_edges = torch.cat(near_edges, dim=-2).add_(of_tokens).relu_()
+        of_groups, near_edges = self._near_edges(near)
         relations = agent_relations(
             poses, level.pairs, folds_turns=folds, boxes=context.boxes
         )
         pairs = self.pair_in(relations).add_(context.pairs).relu_()
         num_versions = token.shape[1]
         edges = Edges(
-            near=tuple(
-                EdgeGroup(one, mask.mapped(lambda one: one.flatten(0, 1)))
-                for one, mask in zip(
-                    near_edges.flatten(0, 1).split(near.numbers, dim=-2),
-                    near.masks,
-                    strict=True,
-                )
-            ),
+            near=near_edges.flatten(0, 1),
+            near_mask=near.mask.mapped(self._for_heads),
             pairs=pairs.flatten(0, 1),
             pairs_mask=context.is_visible.mapped(
                 lambda one: one.repeat_interleave(num_versions, 0)
@@ -372,17 +364,42 @@ class InitialStateDenoiser(nn.Module):
         in_own_frame, speed, in_scene, for_proposals, activity = self.output(
             self.norm(token)
         ).tensor_split(self._output_ends, dim=-1)
-        relations = near.relations[..., :NUM_PIECE_FEATURES]
         proposed = self.lane_anchored_head(
-            for_proposals,
-            torch.cat([relations, near_edges.to(relations)], dim=-1),
-            near,
-            for_head,
+            for_proposals, of_groups, near, near.encoded[..., near_edges.shape[-1] :]
         )
         pose = as_complex(in_own_frame.float().unflatten(-1, (2, 2)))
         pose = pose * poses.direction[..., None] + proposed
         pose = torch.view_as_real(pose).flatten(-2) + in_scene.float()
         return torch.cat([pose, speed.float(), activity.float()], dim=-1)
+
+    def _near_edges(
+        self, near: NearTokens
+    ) -> tuple[list[Float[Tensor, "B S A _ E"]], Float[Tensor, "B S A M R"]]:
+        """What the head reads of relations to the tokens of each group; their edges."""
+        layers = [self.near_in]
+        if self.config.sees_boundary:
+            layers.append(self.boundary_in)
+        # Linear layers are slow on slices.
+        relations = [
+            one.contiguous() for one in near.relations.split(near.numbers, dim=-2)
+        ]
+        found = [layer(one) for layer, one in zip(layers, relations, strict=True)]
+        edges = found[0] if len(found) == 1 else torch.cat(found, dim=-2)
+        edges = edges.add_(near.encoded[..., : edges.shape[-1]]).relu_()
+        of_groups = [
+            torch.cat([one[..., :NUM_PIECE_FEATURES], edge.to(one)], dim=-1)
+            for one, edge in zip(
+                relations, edges.split(near.numbers, dim=-2), strict=True
+            )
+        ]
+        return of_groups, edges
+
+    def _for_heads(self, mask: Float[Tensor, "B S A G _"]) -> Float[Tensor, "N A H _"]:
+        """The part of a mask for the heads of all groups, scenes in a row."""
+        mask = mask.flatten(0, 1)
+        if mask.shape[2] == 1:
+            return mask
+        return mask.repeat_interleave(self.config.num_heads, dim=2)
 
     def _agent_token(
         self, scene: SceneTensors, task: Conditioning, has_agent: Bool[Tensor, "B A"]
@@ -425,8 +442,10 @@ class _EncodedMap(NamedTuple):
 class Edges:
     """Embedded edges of the agents of N versions of scenes, the same for all layers."""
 
-    near: tuple[EdgeGroup, ...]
+    near: Float[Tensor, "N A M R"]
     """To the nearest map tokens."""
+    near_mask: Mask
+    """Of shape [N A #H M]."""
     pairs: Float[Tensor, "N A A R"]
     """To the other agents."""
     pairs_mask: Mask
@@ -464,8 +483,9 @@ class InitialStateLayer(nn.Module):
         token = token.flatten(1, 2)
         token = token + self.map_attention(self.norms[0](token), seen)
         token = token.view(shape).flatten(0, 1)
-        first, *others = edges.near
-        token = token + self.near_attention(self.norms[1](token), *first, *others)
+        token = token + self.near_attention(
+            self.norms[1](token), edges.near, edges.near_mask
+        )
         token = token + self.agent_attention(
             self.norms[2](token), edges.pairs, edges.pairs_mask
         )

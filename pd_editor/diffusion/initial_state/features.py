@@ -25,6 +25,7 @@ and of the noise."""
 _LEAST_NOISE_M: Final = 0.05
 _LEAST_TURN_NOISE: Final = 0.02
 _NUM_GAPS: Final = 5
+_LENGTH_SCALE: Final = 1 / 3
 """Added where something is given at the scale of the noise: given agents have none."""
 
 
@@ -40,7 +41,7 @@ class NoiseFactors(NamedTuple):
     """What the noise of poses makes of features."""
 
     fading: Float[Tensor, "*b F"]
-    """Of sines, and again of cosines."""
+    """Of all features: those of waves fade out, lengths are scaled to about one."""
     lengths: Float[Tensor, "*b L"]
     """1, or one over the noise, of what is given at the scale of the noise."""
 
@@ -56,8 +57,8 @@ def waves(
 def _phase(
     points_m: Float[Tensor, "*b 2"], wavelengths_m: tuple[float, ...]
 ) -> Float[Tensor, "*b F"]:
-    rates = _rates(wavelengths_m, points_m.device)
-    return (points_m[..., None, :] * rates[:, None]).flatten(-2)
+    # Products with zeros and rates: faster than broadcasting over an axis of two.
+    return points_m @ _rate_matrix(wavelengths_m, points_m.device)
 
 
 def fading(
@@ -95,12 +96,17 @@ def noise_factors(
     turn = 1 / (turn_noise + _LEAST_TURN_NOISE)
     lengths = [one, one, near, near, turn]
     lengths += [one, one, near, near] * (num_offsets - 1)
+    num_first = len(lengths)
     if folds_turns:
         lengths += [turn / 2, turn / 4]
     if sees_gaps:
         lengths += [one] * _NUM_GAPS + [near] * _NUM_GAPS
+    faded = fading(RELATION_WAVELENGTHS_M, noise_m)
+    scale = [_LENGTH_SCALE] * (num_first + 1) + [1.0] * 2
+    scale += [1.0] * 4 * folds_turns + [_LENGTH_SCALE] * (len(lengths) - num_first)
+    others = noise_m.new_tensor(scale).expand(*noise_m.shape, -1)
     return NoiseFactors(
-        fading(RELATION_WAVELENGTHS_M, noise_m), torch.stack(lengths, dim=-1)
+        torch.cat([faded, faded, others], dim=-1), torch.stack(lengths, dim=-1)
     )
 
 
@@ -111,6 +117,16 @@ def _rates(
     """Radians for each metre; made once, outside of what is differentiated."""
     with torch.inference_mode(mode=False):
         return torch.tensor([2 * math.pi / one for one in wavelengths_m], device=device)
+
+
+@functools.lru_cache
+def _rate_matrix(
+    wavelengths_m: tuple[float, ...], device: torch.device
+) -> Float[Tensor, "2 F"]:
+    """From x and y to their phases, those of each wavelength together."""
+    with torch.inference_mode(mode=False):
+        rates = _rates(wavelengths_m, device)
+        return torch.kron(rates, torch.eye(2, device=device))
 
 
 class BoxPairs(NamedTuple):
@@ -155,7 +171,8 @@ class BoxPairs(NamedTuple):
             direction: of the second agent in the frame of the first one.
         """
         turn = torch.view_as_real(direction).abs()[..., None, :]
-        reach = self.own + self.other * turn[..., :1] + self.crossed * turn[..., 1:]
+        reach = torch.addcmul(self.own, self.other, turn[..., :1])
+        reach = torch.addcmul(reach, self.crossed, turn[..., 1:])
         in_frames = torch.stack([offset, offset_back], dim=-1)
         gaps = (torch.view_as_real(in_frames).abs() - reach).flatten(-2)
         return torch.cat([gaps, gaps.amax(dim=-1, keepdim=True)], dim=-1)
@@ -234,23 +251,21 @@ def _relation_features(
         more.append(folded.flatten(-2))
     if gaps_m is not None:
         lengths += [gaps_m, gaps_m]
-    scaled = (torch.cat(lengths, dim=-1) * noise.lengths).asinh() / 3
+    scaled = _asinh(torch.cat(lengths, dim=-1) * noise.lengths)
     if folds_turns or gaps_m is not None:
         num_first = 5 if own_offset is None else 9
         scaled, last = scaled.tensor_split([num_first], dim=-1)
         more.append(last)
     phase = _phase(offset_m, RELATION_WAVELENGTHS_M)
-    return torch.cat(
-        [
-            phase.sin() * noise.fading,
-            phase.cos() * noise.fading,
-            scaled,
-            offset.abs().log1p()[..., None] / 3,
-            direction_xy,
-            *more,
-        ],
-        dim=-1,
-    )
+    distance = offset.abs().log1p()[..., None]
+    found = [phase.sin(), phase.cos(), scaled, distance, direction_xy, *more]
+    return torch.cat(found, dim=-1).mul_(noise.fading)
+
+
+def _asinh(values: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
+    """Inverse hyperbolic sine by vectorised functions; torch's own is seven times slower."""
+    square = torch.addcmul(values.new_ones(()), values, values)
+    return torch.log1p(values.abs() + (square.sqrt() - 1)).copysign(values)
 
 
 def rotated_back(

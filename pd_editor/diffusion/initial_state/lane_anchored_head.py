@@ -1,5 +1,6 @@
 """A pose proposed by each map token near an agent, and the weights of the proposals."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import torch
@@ -37,7 +38,7 @@ class LaneAnchoredHead(nn.Module):
     def forward(
         self,
         agent: Float[Tensor, "B S A D"],
-        relations: Float[Tensor, "B S A M F"],
+        relations: Sequence[Float[Tensor, "B S A _ F"]],
         near: NearTokens,
         tokens: Float[Tensor, "B S A M D"],
     ) -> Complex[Tensor, "B S A 2"]:
@@ -45,24 +46,23 @@ class LaneAnchoredHead(nn.Module):
 
         Args:
             agent: what the network has made of each agent.
-            relations: of the agent to each token.
+            relations: of the agent to the tokens of each group.
             near: the tokens.
             tokens: what the head knows of each token besides.
         """
-        lanes, *boundary = relations.split(near.numbers, dim=-2)
-        hidden = [
-            self.from_relation(lanes),
-            *(self.from_boundary(one) for one in boundary),
-        ]
-        joined = hidden[0] if len(hidden) == 1 else torch.cat(hidden, dim=-2)
-        joined = joined.add_(tokens).add_(agent[..., None, :]).relu_()
-        lanes, *boundary = joined.split(near.numbers, dim=-2)
-        found = [self.propose(lanes), *(self.propose_boundary(one) for one in boundary)]
-        weighed = [
-            mask.weights(one[..., :1].float().mT).squeeze(-2)
-            for one, mask in zip(found, near.masks, strict=True)
+        agent = agent[..., None, :]
+        layers = [(self.from_relation, self.propose)]
+        if len(relations) > 1:
+            layers.append((self.from_boundary, self.propose_boundary))
+        found = [
+            propose(from_relation(one).add_(more).add_(agent).relu_())
+            for (from_relation, propose), one, more in zip(
+                layers, relations, tokens.split(near.numbers, dim=-2), strict=True
+            )
         ]
         joined = found[0] if len(found) == 1 else torch.cat(found, dim=-2)
-        weights = weighed[0] if len(found) == 1 else torch.cat(weighed, dim=-1)
-        proposals = as_complex(joined[..., 1:].float().unflatten(-1, (2, 2)))
+        logits, proposals = joined.float().tensor_split([1], dim=-1)
+        # Each group has a mean of its own.
+        weights = near.mask.weights(logits.mT).sum(dim=-2)
+        proposals = as_complex(proposals.unflatten(-1, (2, 2)))
         return ((weights * near.axis)[..., None] * proposals).sum(dim=-2)

@@ -16,6 +16,7 @@ from pd_editor.diffusion.initial_state.features import (
     noise_factors,
     piece_relations,
 )
+from pd_editor.diffusion.inputs.relative_pose import selected
 
 
 class MapLayer(nn.Module):
@@ -55,12 +56,14 @@ class MapLayer(nn.Module):
         # A token's nearest neighbour is itself: its own edge tells it nothing.
         distance.diagonal(dim1=1, dim2=2).fill_(math.inf)
         nearest, index = distance.topk(number, dim=-1, largest=False, sorted=False)
-        scene = torch.arange(num_scenes, device=index.device)[:, None, None]
-        relations = _relations(pose, pose[scene, index])
-        of_tokens = self.token_in(self.norms[0](tokens))
-        edges = self.relation_in(relations).add_(of_tokens[scene, index]).relu_()
+        first = torch.arange(num_scenes, device=index.device) * num_tokens
+        row = index + first[:, None, None]
+        relations = _relations(pose, selected(pose.flatten(0, 1), row))
+        normed = self.norms[0](tokens)
+        of_tokens = selected(self.token_in(normed).flatten(0, 1), row)
+        edges = self.relation_in(relations).add_(of_tokens).relu_()
         mask = Mask.of(nearest.isfinite()[:, :, None])
-        tokens = tokens + self.attention(self.norms[0](tokens), edges, mask)
+        tokens = tokens + self.attention(normed, edges, mask)
         return tokens + self.feed_forward(self.norms[1](tokens))
 
 

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
-from pd_editor.diffusion.core.attention import Mask
+from pd_editor.diffusion.core.attention import Mask, grouped
 from pd_editor.diffusion.initial_state.features import (
     NoiseFactors,
     NoisyPoses,
@@ -16,6 +16,7 @@ from pd_editor.diffusion.initial_state.features import (
     crossing_factors,
     piece_relations,
 )
+from pd_editor.diffusion.inputs.relative_pose import selected
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.features.lane_tokens import CROSSWALK_KIND
 from pd_editor.features.scene_features import PEDESTRIAN
@@ -73,16 +74,16 @@ class TokenGroup(NamedTuple):
         self, poses: NoisyPoses, number: int
     ) -> tuple[Int[Tensor, "B S A M"], Mask]:
         """Which tokens are nearest to each pose, in any order."""
-        points = torch.view_as_real(poses.position_m).flatten(1, 2)
-        num_tokens = self.middle_m.shape[1]
-        distance = torch.cdist(points, self.middle_m)
-        distance = distance.view(*poses.position_m.shape, num_tokens)
+        own_x, own_y = torch.view_as_real(poses.position_m)[..., None, :].unbind(-1)
+        x, y = self.middle_m[:, None, None].unbind(-1)
+        x, y = own_x - x, own_y - y
+        square = torch.addcmul(x * x, y, y)
         if self.factors is not None:
-            distance = distance * self.factors
+            square = square * self.factors.square()
         if self.exists is not None:
-            distance = distance.masked_fill(~self.exists[:, None, None], math.inf)
-        number = min(number, num_tokens)
-        index = distance.topk(number, dim=-1, largest=False, sorted=False).indices
+            square = square.masked_fill(~self.exists[:, None, None], math.inf)
+        number = min(number, self.middle_m.shape[1])
+        index = square.topk(number, dim=-1, largest=False, sorted=False).indices
         if self.exists is None:
             return index, Mask(None, None)
         scene = torch.arange(len(self.exists), device=index.device)
@@ -103,8 +104,8 @@ class NearTokens(NamedTuple):
     """Direction of each, in the frame of the scene."""
     numbers: tuple[int, ...]
     """How many are of each group."""
-    masks: tuple[Mask, ...]
-    """Of each group, of shape [B S A 1 M]."""
+    mask: Mask
+    """Of shape [B S A G M]: row g sees the tokens of group g."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -146,16 +147,15 @@ class MapTokens:
             rows.append(index + first if first else index)
             masks.append(mask)
             first += group.axis.numel()
-        index = rows[0] if len(rows) == 1 else torch.cat(rows, dim=-1)
-        row = index.flatten()
-        found = self.pose.index_select(0, row).view(*index.shape, 2)
-        middle_m, axis = found.unbind(-1)
+        row = rows[0] if len(rows) == 1 else torch.cat(rows, dim=-1)
+        middle_m, axis = selected(self.pose, row).unbind(-1)
+        numbers = tuple(one.shape[-1] for one in rows)
         return NearTokens(
             relations=piece_relations(
                 poses, middle_m, axis, noise, folds_turns=folds_turns
             ),
-            encoded=self.encoded.index_select(0, row).view(*index.shape, -1),
+            encoded=selected(self.encoded, row),
             axis=axis,
-            numbers=tuple(one.shape[-1] for one in rows),
-            masks=tuple(masks),
+            numbers=numbers,
+            mask=grouped(masks, numbers, self.encoded),
         )

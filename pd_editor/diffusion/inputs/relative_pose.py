@@ -66,5 +66,13 @@ def gathered(
     values: Shaped[Tensor, "B N *feature"], index: Int[Tensor, "B A K"]
 ) -> Shaped[Tensor, "B A K *feature"]:
     """Rows of each scene by index; any row where the index is -1."""
-    batch = torch.arange(len(values), device=values.device)[:, None, None]
-    return values[batch, index.clamp_min(0)]
+    num_scenes, num_rows = values.shape[:2]
+    first = torch.arange(num_scenes, device=values.device) * num_rows
+    return selected(values.flatten(0, 1), index.clamp_min(0) + first[:, None, None])
+
+
+def selected(
+    table: Shaped[Tensor, "N ..."], row: Int[Tensor, "..."]
+) -> Shaped[Tensor, "..."]:
+    """Rows of a table, in the shape of their indices; faster than indexing."""
+    return table.index_select(0, row.flatten()).unflatten(0, row.shape)

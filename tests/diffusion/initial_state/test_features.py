@@ -82,7 +82,7 @@ def test_offsets_are_in_metres():
         atol=1e-4,
     )
     expected = waves(torch.tensor([5.0, 0.0]), RELATION_WAVELENGTHS_M)
-    expected = expected * noise.fading[0, 0, 0, 0].repeat(2)
+    expected = expected * noise.fading[0, 0, 0, 0, :NUM_WAVES]
     torch.testing.assert_close(found[:NUM_WAVES], expected, rtol=1e-3, atol=1e-3)
 
 

@@ -1,6 +1,6 @@
 import torch
 
-from pd_editor.diffusion.core.attention import Mask
+from pd_editor.diffusion.core.attention import Mask, grouped
 from pd_editor.diffusion.initial_state.lane_anchored_head import LaneAnchoredHead
 from pd_editor.diffusion.initial_state.map_tokens import NearTokens
 
@@ -18,14 +18,15 @@ def proposals(
     there = torch.ones(1, 1, 3, 6, dtype=torch.bool) if exists is None else exists
     relations = torch.randn((1, 1, 3, 6, 5), generator=random)
     tokens = torch.randn((1, 1, 3, 6, 16), generator=random)
-    near = NearTokens(relations, tokens, axis, (6,), (Mask.of(there[..., None, :]),))
-    if num_boundary:
-        numbers = (6 - num_boundary, num_boundary)
-        masks = tuple(Mask.of(one[..., None, :]) for one in there.split(numbers, -1))
-        near = near._replace(numbers=numbers, masks=masks)
+    numbers = (6 - num_boundary, num_boundary) if num_boundary else (6,)
+    masks = [Mask.of(one[..., None, :]) for one in there.split(numbers, -1)]
+    near = NearTokens(
+        relations, tokens, axis, numbers, grouped(masks, numbers, relations)
+    )
+    of_groups = relations.split(numbers, dim=-2)
     with torch.no_grad():
         found = module(
-            torch.randn((1, 1, 3, 16), generator=random), relations, near, tokens
+            torch.randn((1, 1, 3, 16), generator=random), of_groups, near, tokens
         )
     return found, axis
 

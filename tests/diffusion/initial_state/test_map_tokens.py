@@ -21,7 +21,8 @@ def near(scene: SceneTensors, position_m: torch.Tensor, number: int) -> NearToke
     encoded = index.expand(scene.has_piece.shape)[..., None].contiguous()
     poses = NoisyPoses(position_m[:, None], torch.ones_like(position_m)[:, None])
     noise = noise_factors(torch.tensor(1.0), torch.tensor(1.0), num_offsets=2)
-    return MapTokens.of(TokenGroup.of_lanes(scene, encoded)).near(poses, noise, number)
+    tokens = MapTokens.of(TokenGroup.of_lanes(scene, encoded))
+    return tokens.near(poses, noise, number)
 
 
 def test_nearest_tokens_by_brute_force():
@@ -54,8 +55,8 @@ def test_missing_tokens_are_hidden():
     has_piece[:, 2:] = False
     scene = replace(scene, has_piece=has_piece)
     found = near(scene, torch.zeros_like(scene.agent_speed) + 0j, 5)
-    assert found.masks[0].added is not None
-    assert (found.masks[0].added.isinf().sum(dim=-1) == 3).all()
+    assert found.mask.added is not None
+    assert (found.mask.added.isinf().sum(dim=-1) == 3).all()
 
 
 def test_pedestrians_see_crosswalks_first():
@@ -91,10 +92,11 @@ def test_the_boundary_has_a_quota_of_its_own():
     found = tokens.near(poses, noise, 5, 3)
     assert found.numbers == (5, 3)
     assert (found.encoded[..., :5, :] == 0).all()
-    seen = found.masks[1].added
+    seen = found.mask.added
     assert seen is not None
+    assert seen[0, 0, 0, 0].isinf().tolist() == [False] * 5 + [True] * 3
     for row in range(2):
-        codes = found.encoded[row, 0, 0, 5:, 0][seen[row, 0, 0, 0] == 0]
+        codes = found.encoded[row, 0, 0, :, 0][seen[row, 0, 0, 1] == 0]
         assert sorted(codes.tolist()) == [4.0, 6.0]
     nearest = found.encoded[..., 5:, 0] == 4.0
     axis = found.axis[..., 5:][nearest]
