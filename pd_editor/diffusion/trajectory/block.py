@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from pd_editor.diffusion.core.attention import batched_product, scale_query_rows
+from pd_editor.diffusion.core.attention import scale_query_rows
 from pd_editor.diffusion.trajectory.interaction_features import (
     NUM_WAYPOINT_FEATURES,
 )
@@ -18,11 +18,11 @@ NUM_TOKEN_SETS: Final = 2
 
 
 class Tokens(NamedTuple):
-    """Keys and values of M tokens of G agents, for H heads."""
+    """Keys and values of M tokens of G agents, for each of H heads."""
 
-    keys: Float[Tensor, "G H D M"]
-    values: Float[Tensor, "G H M D"]
-    mask: Float[Tensor, "G #H 1 M"]
+    keys: Float[Tensor, "HG M D"]
+    values: Float[Tensor, "HG M D"]
+    mask: Float[Tensor, "HG 1 M"]
     """Added to logits: minus infinity where there is no token."""
 
 
@@ -30,8 +30,8 @@ class Tokens(NamedTuple):
 class BlockContext:
     """What one block attends to; G agents of all scenes in a row."""
 
-    tokens: Tokens
-    """Map tokens for the first half of the heads, candidates for the second."""
+    tokens: tuple[Tokens, Tokens]
+    """Map tokens and candidates."""
     boundary: Float[Tensor, "B A E"] | None
     """What each agent sees of the drivable area's boundary, added to its hidden state;
     None for a network that does not see it."""
@@ -115,7 +115,7 @@ class AgentBlock(nn.Module):
             edge = edge + self.interaction_in(interactions)
         seen = torch.cat(
             [
-                _attend_to_tokens(to_tokens, context.tokens),
+                self._attend_to_tokens(to_tokens, context.tokens),
                 *self._attend_to_neighbors(to_neighbors, edge.relu(), masks),
             ],
             dim=-1,
@@ -146,16 +146,18 @@ class AgentBlock(nn.Module):
         seen_edges = weights.transpose(2, 3) @ edge
         return seen_edges.flatten(-2), of_neighbors.flatten(-2)
 
-
-def _attend_to_tokens(
-    query: Float[Tensor, "S B A E"], tokens: Tokens
-) -> Float[Tensor, "S B A E"]:
-    """Weighted sums of the values of tokens."""
-    agents, heads = tokens.keys.shape[:2]
-    # All samples of an agent attend to the same tokens.
-    queries = query.flatten(1, 2).unflatten(-1, (heads, -1)).permute(1, 2, 0, 3)
-    logits = batched_product(queries, tokens.keys) + tokens.mask
-    weights = logits.softmax(dim=-1).to(tokens.values.dtype)
-    found = batched_product(weights, tokens.values)
-    assert len(found) == agents
-    return found.permute(2, 0, 1, 3).reshape(query.shape)
+    def _attend_to_tokens(
+        self, queries: Float[Tensor, "S B A QE"], sets: tuple[Tokens, Tokens]
+    ) -> Float[Tensor, "S B A QE"]:
+        """Weighted sums of the values of tokens, of each set."""
+        samples, heads = len(queries), self.num_heads
+        parts = queries.flatten(1, 2).unflatten(-1, (len(sets), heads, -1))
+        # All samples of an agent attend to the same tokens.
+        parts = parts.permute(2, 3, 1, 0, 4).flatten(1, 2)
+        found: list[Tensor] = []
+        for query, tokens in zip(parts, sets, strict=True):
+            logits = torch.baddbmm(tokens.mask, query, tokens.keys.mT)
+            weights = logits.softmax(dim=-1).to(tokens.values.dtype)
+            found.append(torch.bmm(weights, tokens.values))
+        seen = torch.stack(found).view(len(sets), heads, -1, samples, parts.shape[-1])
+        return seen.permute(3, 2, 0, 1, 4).reshape(queries.shape)

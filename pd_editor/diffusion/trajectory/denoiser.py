@@ -13,7 +13,6 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn.functional import pad
 
 from pd_editor.diffusion.core.attention import minus_infinity_unless
 from pd_editor.diffusion.core.config_limits import check_sizes
@@ -236,25 +235,15 @@ class TrajectoryDenoiser(nn.Module):
         near = near.masked_fill(~seen_boundary(scene)[..., None], 0.0)
         return self.boundary_out(near.amax(dim=-2)).chunk(len(self.blocks), dim=-1)
 
-    def _tokens(self, scene: SceneTensors) -> list[Tokens]:
-        """Map tokens and candidates for each block, as many of each."""
-        parts = [
-            (self.map_tokens, piece_features(scene), seen_pieces(scene)),
-            (self.candidate_tokens, scene.candidates, scene.has_candidate),
-        ]
-        most = max(exists.shape[-1] for _, _, exists in parts)
-        encoded: list[tuple[Tensor, Tensor]] = []
-        masks: list[Tensor] = []
-        for encoder, tokens, exists in parts:
-            missing = most - exists.shape[-1]
-            encoded.append(encoder(pad(tokens.flatten(0, 1), (0, 0, 0, missing))))
-            # The null token is always there.
-            visible = pad(exists.flatten(0, 1), (1, 0), value=True)
-            mask = minus_infinity_unless(pad(visible, (0, missing)))[:, None, None]
-            masks.append(mask.expand(-1, self.config.num_heads, -1, -1))
-        keys, values = (torch.cat(both, dim=2) for both in zip(*encoded, strict=True))
-        mask = torch.cat(masks, dim=1)
-        return [Tokens(*both, mask) for both in zip(keys, values, strict=True)]
+    def _tokens(self, scene: SceneTensors) -> list[tuple[Tokens, Tokens]]:
+        """Map tokens and candidates for each block."""
+        of_map = self.map_tokens(
+            piece_features(scene).flatten(0, 1), seen_pieces(scene).flatten(0, 1)
+        )
+        candidates = self.candidate_tokens(
+            scene.candidates.flatten(0, 1), scene.has_candidate.flatten(0, 1)
+        )
+        return list(zip(of_map, candidates, strict=True))
 
 
 def _without_effect(width: int) -> nn.Embedding:
