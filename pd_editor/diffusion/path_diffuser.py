@@ -16,7 +16,7 @@ from pd_editor.diffusion.checkpoints.model_folder import (
     TrainedStage,
     load_model,
 )
-from pd_editor.diffusion.core.devices import sampling_device
+from pd_editor.diffusion.core.devices import keep_freed_memory, sampling_device
 from pd_editor.diffusion.defaults import NUM_TRIES, DeviceName
 from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
@@ -103,6 +103,7 @@ class PathDiffuser:
                 self._model = load_model(self._folder, STAGE_KINDS)
                 for stage in self._model.stages.values():
                     stage.model.to(self._device)
+                keep_freed_memory()
             return self._model
 
     def warm_up(self) -> None:
