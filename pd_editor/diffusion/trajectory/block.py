@@ -110,13 +110,14 @@ class AgentBlock(nn.Module):
             hidden = hidden + context.boundary
         projected = self.project(self.norm(hidden))
         to_tokens, *to_neighbors = projected.split(self.sizes, dim=-1)
-        edge = context.edge
-        if interactions is not None:
-            edge = edge + self.interaction_in(interactions)
+        if interactions is None:
+            edge = context.edge.relu()
+        else:
+            edge = self.interaction_in(interactions).add_(context.edge).relu_()
         seen = torch.cat(
             [
                 self._attend_to_tokens(to_tokens, context.tokens),
-                *self._attend_to_neighbors(to_neighbors, edge.relu(), masks),
+                *self._attend_to_neighbors(to_neighbors, edge, masks),
             ],
             dim=-1,
         )

@@ -30,9 +30,10 @@ class InteractionGeometry:
     Lengths are in units of 4 m; W = 2 * 8 coordinates, all x before all y.
     """
 
-    matrix: Float[Tensor, "10 W2"]
-    """Latents to waypoints, and to the same turned by 90 degrees."""
-    offset: Float[Tensor, "G W2"]
+    matrix: Float[Tensor, "10 W3"]
+    """Latents to waypoints, to the same turned by 90 degrees, and to the ways to each
+    waypoint from the one before."""
+    offset: Float[Tensor, "G W3"]
     row: Int[Tensor, "R"]
     """Row of each neighbour among all agents."""
     cos: Float[Tensor, "R 1"]
@@ -40,8 +41,10 @@ class InteractionGeometry:
     """Of the neighbour's heading in the agent's frame."""
     position: Float[Tensor, "R W"]
     """Of the neighbour in the agent's frame."""
-    half_size: Float[Tensor, "G 2"]
+    half_size: Float[Tensor, "G 1 1 2"]
     """Half the length and half the width of each agent."""
+    near_half_size: Float[Tensor, "G K 1 2"]
+    """Of the neighbours."""
 
     @classmethod
     def of(
@@ -59,14 +62,22 @@ class InteractionGeometry:
         offset = mean + speed_mps.flatten()[:, None] * times
         x, y, cos, sin = neighbors.pose.flatten(0, 2)[..., None].unbind(-2)
         place = [one.expand(-1, NUM_WAYPOINTS) for one in (x, y)]
+        row = neighbors.row_of_all()
+        half_size = size_m.flatten(0, 1) * (0.5 / _NEAR_M)
+        held = torch.zeros_like(offset[:1])
+        held[:, :NUM_WAYPOINTS] = _HELD
+        matrix, offset = matrix / _NEAR_M, offset / _NEAR_M
         return cls(
-            matrix=_with_quarter_turn(matrix) / _NEAR_M,
-            offset=_with_quarter_turn(offset) / _NEAR_M,
-            row=neighbors.row_of_all().flatten(),
+            matrix=torch.cat([_with_quarter_turn(matrix), _ways(matrix)], dim=-1),
+            offset=torch.cat(
+                [_with_quarter_turn(offset), _ways(offset) + held], dim=-1
+            ),
+            row=row.flatten(),
             cos=cos.contiguous(),
             sin=sin.contiguous(),
             position=torch.cat(place, dim=1) / _NEAR_M,
-            half_size=size_m.flatten(0, 1) * (0.5 / _NEAR_M),
+            half_size=half_size[:, None, None],
+            near_half_size=half_size[row.flatten(0, 1)][:, :, None],
         )
 
     def features(
@@ -77,18 +88,20 @@ class InteractionGeometry:
         With gaps, also the gap between the boxes, and how far ahead the neighbour is
         on the agent's own path.
         """
-        points = latent.flatten(1, 2) @ self.matrix + self.offset
+        found = latent.flatten(1, 2) @ self.matrix + self.offset
+        sizes = [4 * NUM_WAYPOINTS, 2 * NUM_WAYPOINTS]
+        points, way = found.split(sizes, dim=-1)
         own, turned = points.chunk(2, dim=-1)
         position, direction = self.position, None
         if with_gaps:
             # Directions are turned along with points.
-            direction = _directions(own)
+            direction = _directions(way)
             ahead = _with_quarter_turn(direction).chunk(2, dim=-1)
             points = torch.cat([own, ahead[0], turned, ahead[1]], dim=-1)
             position = nn.functional.pad(position, (0, position.shape[1]))
         theirs = self._seen(points, position)
         x, y = (theirs[..., : own.shape[-1]] - own[:, :, None]).chunk(2, dim=-1)
-        distance = (x.square() + y.square() + _LEAST_SQUARE).sqrt()
+        distance = torch.addcmul(x.square() + _LEAST_SQUARE, y, y).sqrt()
         closeness = 1 / (distance + 1)
         found = [x * closeness, y * closeness, closeness]
         if direction is not None:
@@ -114,10 +127,8 @@ class InteractionGeometry:
         aside = torch.addcmul(y * cos, x, sin, value=-1)
         straight = torch.addcmul(their_cos * cos, their_sin, sin).abs()
         across = torch.addcmul(their_sin * cos, their_cos, sin, value=-1).abs()
-        length, width = self.half_size[:, None, None].unbind(-1)
-        near = self.half_size.index_select(0, self.row)
-        near = near.view(len(self.half_size), -1, 1, 2)
-        their_length, their_width = near.unbind(-1)
+        length, width = self.half_size.unbind(-1)
+        their_length, their_width = self.near_half_size.unbind(-1)
         reach = length + torch.addcmul(their_length * straight, their_width, across)
         side = width + torch.addcmul(their_length * across, their_width, straight)
         gap = torch.maximum(ahead.abs() - reach, aside.abs() - side)
@@ -133,13 +144,18 @@ class InteractionGeometry:
         return theirs.unflatten(1, (len(self.offset), -1))
 
 
-def _directions(points: Float[Tensor, "S G W"]) -> Float[Tensor, "S G W"]:
-    """Unit vectors of the way to each waypoint from the one before."""
-    x, y = points.chunk(2, dim=-1)
-    x = torch.diff(x, dim=-1, prepend=torch.zeros_like(x[..., :1])) + _HELD
-    y = torch.diff(y, dim=-1, prepend=torch.zeros_like(y[..., :1]))
-    scale = (x.square() + y.square() + _LEAST_SQUARE).rsqrt()
-    return torch.cat([x * scale, y * scale], dim=-1)
+def _ways(points: Float[Tensor, "*N W"]) -> Float[Tensor, "*N W"]:
+    """From each waypoint to the next, the first one from the agent's pose now."""
+    apart = points.unflatten(-1, (2, -1))
+    apart = torch.diff(apart, dim=-1, prepend=torch.zeros_like(apart[..., :1]))
+    return apart.flatten(-2)
+
+
+def _directions(ways: Float[Tensor, "S G W"]) -> Float[Tensor, "S G W"]:
+    """Unit vectors of the ways between waypoints."""
+    x, y = ways.chunk(2, dim=-1)
+    scale = torch.addcmul(x.square() + _LEAST_SQUARE, y, y).rsqrt()
+    return (ways.unflatten(-1, (2, -1)) * scale[..., None, :]).flatten(-2)
 
 
 def _with_quarter_turn(points: Float[Tensor, "*N W"]) -> Float[Tensor, "*N W2"]:
