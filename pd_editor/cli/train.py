@@ -1,7 +1,7 @@
 """``pd-editor train``: train a stage of the model."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -15,6 +15,7 @@ from pd_editor.work_engine.work_engine import WorkProgress
 
 if TYPE_CHECKING:
     from pd_editor.training.config.run_request import RunRequest
+    from pd_editor.training.config.settings import Settings
     from pd_editor.training.loop.train_loop import TrainingProgress
     from pd_editor.training.training_run import Hardware
 
@@ -94,6 +95,15 @@ def train(
     ] = None,
     windows: _OptionalCount = None,
     copies: _OptionalCount = None,
+    config: Annotated[
+        Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint=_OPTIONAL)
+    ] = None,
+    settings: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            name="set", metavar="NAME=VALUE [...]", help_behavior_hint=_OPTIONAL
+        ),
+    ] = (),
     resume: Switch = False,
 ) -> Training:
     """Train initial states (init), trajectories (traj) or both (all) on scenarios.
@@ -121,13 +131,19 @@ def train(
         start: Start from the weights of this model, or run, instead of random ones; its trajectory basis is kept.
         windows: Number of current steps at which each scenario of Argoverse 2 is used (default: 1, av2 5).
         copies: Number of randomly augmented copies of each scenario (default: 1).
+        config: TOML file with values of single fields, in the sections [model], [loss], [optimisation] and [augmentation]; [init.model] or [traj.model] for one of the stages.
+        settings: Values of single fields, such as model.is_differential=false augmentation.warp_share=0; they count before the file.
         resume: Go on with the run in the folder; its settings are taken from there.
     """
     from pd_editor.training.config.run_request import RunRequest
+    from pd_editor.training.config.settings import settings_of
     from pd_editor.training.training_run import Hardware
 
+    stages = _STAGES if stage == "all" else (stage,)
+    given = {one: settings_of(config, settings, one) for one in stages}
     request = RunRequest(
-        stage="init" if stage == "all" else stage,
+        stage=stages[0],
+        settings=given[stages[0]],
         data=_absolute(data) or None,
         validate=_absolute(validate) or None,
         weights=weights or None,
@@ -144,7 +160,7 @@ def train(
     )
     hardware = Hardware(device=device, num_devices=devices, threads=threads)
     if stage == "all":
-        return _both_trained(request, hardware, out, cache, resume=resume)
+        return _both_trained(request, given, hardware, out, cache, resume=resume)
     return _trained(request, hardware, out, cache, resume=resume)
 
 
@@ -157,6 +173,7 @@ def _absolute(roots: str | Path | tuple[str | Path, ...]) -> tuple[str, ...]:
 
 def _both_trained(
     request: "RunRequest",
+    settings: Mapping[str, "Settings"],
     hardware: "Hardware",
     out: Path | None,
     cache: Path | None,
@@ -172,7 +189,7 @@ def _both_trained(
         run = folder / "runs" / stage
         found.append(
             _trained(
-                replace(request, stage=stage),
+                replace(request, stage=stage, settings=settings[stage]),
                 hardware,
                 run,
                 cache,

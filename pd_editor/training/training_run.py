@@ -20,12 +20,13 @@ from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.errors import TrainingError
 from pd_editor.features.feature_store import FeatureStore
-from pd_editor.training.config.run_config import Precision, RunConfig
+from pd_editor.training.config.run_config import Augmentation, Precision, RunConfig
 from pd_editor.training.config.run_request import (
     RunRequest,
     continued_config,
     new_config,
 )
+from pd_editor.training.config.settings import with_settings
 from pd_editor.training.data.scenario_source import is_recorded
 from pd_editor.training.data.training_data import (
     PreparedData,
@@ -275,6 +276,7 @@ def _prepared(
         basis=basis,
         copies=config.copies,
         windows=config.windows,
+        augmentation=with_settings(Augmentation(), config.augmentation, "augmentation"),
         on_progress=on_progress,
     )
     if not config.validate:
@@ -329,6 +331,7 @@ def _about(
         "data_fingerprint": prepared.store.fingerprint,
         "batch_size": config.optimisation.batch_size,
         "loss": dict(config.loss),
+        "augmentation": dict(config.augmentation),
         "precision": config.precision,
         "seed": config.seed,
         "start": Path(config.start).name,

@@ -259,3 +259,24 @@ def test_one_command_makes_a_model_of_ones_own_recordings(
         "all", out=tmp_path / "own", steps=3, resume=True, cache=cache
     )
     assert resumed.steps == 6
+
+
+def test_a_variant_is_one_file_and_its_fields_are_stored_with_the_weights(
+    shell: Shell, shards: Path, cache: Path, tmp_path: Path
+):
+    variant = tmp_path / "without-warps.toml"
+    variant.write_text(
+        "[augmentation]\nwarp_share = 0.0\n[model]\nis_ordered = false\n"
+    )
+    command = (
+        "train", "init", "--data", shards, "--cache", cache, "--preset", "tiny",
+        "--steps", 1, "--device", "cpu", "--precision", "32", "--out", tmp_path / "run",
+    )  # fmt: skip
+    told = shell.refused(*command, "--config", variant, "--set", "model.widht=16")
+    assert told == "model: there is no field 'widht'; the nearest is width."
+    result = shell.run(*command, "--config", variant, "--set", "model.width=16")
+    assert result.code == 0, result.err
+    config = json.loads((tmp_path / "run" / "model" / "config.json").read_text())
+    stage = config["stages"]["init"]
+    assert (stage["config"]["width"], stage["config"]["is_ordered"]) == (16, False)
+    assert stage["training"]["augmentation"]["warp_share"] == 0.0

@@ -24,6 +24,11 @@ class Preset:
     """Current steps at which each scenario of Argoverse 2 is seen."""
 
 
+NETWORKS: Final[Mapping[str, type[Any]]] = {
+    "traj": TrajectoryConfig,
+    "init": InitialStateConfig,
+}
+"""Configuration of each stage's network."""
 LOSSES: Final[Mapping[str, type[Any]]] = {
     "traj": TrajectoryLossConfig,
     "init": InitialStateLossConfig,

@@ -1,13 +1,27 @@
 """What somebody asks of a run, and the settings that come of it."""
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import torch
 
+from pd_editor.diffusion.checkpoints.tensor_file import config_from_json
 from pd_editor.errors import TrainingError
-from pd_editor.training.config.presets import LOSSES, PRESETS, PresetName
-from pd_editor.training.config.run_config import Budget, Precision, RunConfig
+from pd_editor.training.config.presets import (
+    LOSSES,
+    NETWORKS,
+    PRESETS,
+    Preset,
+    PresetName,
+)
+from pd_editor.training.config.run_config import (
+    Augmentation,
+    Budget,
+    Precision,
+    RunConfig,
+)
+from pd_editor.training.config.settings import Settings, with_settings
 
 StageName = Literal["init", "traj"]
 
@@ -33,6 +47,8 @@ class RunRequest:
     """Absolute paths of roots."""
     windows: int | None = None
     copies: int | None = None
+    settings: Settings = field(default_factory=dict)
+    """Values of single fields, by section; they count before the preset."""
 
 
 def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
@@ -49,19 +65,29 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
     preset = PRESETS[request.stage][request.preset or ("gpu" if is_gpu else "default")]
     own = {"batch_size": request.batch_size, "learning_rate": request.learning_rate}
     asked = {name: one for name, one in own.items() if one is not None}
+    given = request.settings
     return RunConfig(
         stage=request.stage,
         data=request.data,
         weights=request.weights or (),
         seed=request.seed or 0,
         precision=request.precision or fast_precision(is_gpu=is_gpu),
-        model=preset.model,
-        loss=asdict(LOSSES[request.stage]()),
+        model=_model_of(request, preset),
+        loss=asdict(
+            with_settings(LOSSES[request.stage](), given.get("loss", {}), "loss")
+        ),
+        augmentation=asdict(
+            with_settings(Augmentation(), given.get("augmentation", {}), "augmentation")
+        ),
         start=request.start or "",
         validate=request.validate or (),
         windows=request.windows or preset.windows,
         copies=request.copies or 1,
-        optimisation=replace(preset.optimisation, **asked),
+        optimisation=with_settings(
+            preset.optimisation,
+            {**given.get("optimisation", {}), **asked},
+            "optimisation",
+        ),
         budget=_asked_budget(Budget(minutes=preset.minutes), request),
     )
 
@@ -77,7 +103,9 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
         "data": (request.data, earlier.data),
         "weights": (request.weights, earlier.weights),
         "preset": (
-            None if request.preset is None else _model_of(request),
+            None
+            if request.preset is None
+            else _model_of(request, PRESETS[request.stage][request.preset]),
             earlier.model,
         ),
         "batch-size": (request.batch_size, earlier.optimisation.batch_size),
@@ -90,6 +118,12 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
         "copies": (request.copies, earlier.copies),
     }
     other = [name for name, (new, old) in same.items() if new not in (None, old)]
+    other += [
+        f"{section}.{name}"
+        for section, fields in request.settings.items()
+        for name, value in fields.items()
+        if _of_section(earlier, section).get(name) != value
+    ]
     if other:
         raise TrainingError(
             f"The run was begun with another {' and '.join(other)}; leave that out to "
@@ -113,6 +147,15 @@ def _asked_budget(budget: Budget, request: RunRequest) -> Budget:
     return budget
 
 
-def _model_of(request: RunRequest) -> Any:
-    assert request.preset is not None
-    return PRESETS[request.stage][request.preset].model
+def _model_of(request: RunRequest, preset: Preset) -> Mapping[str, Any]:
+    network = config_from_json(NETWORKS[request.stage], preset.model, "the preset")
+    return asdict(with_settings(network, request.settings.get("model", {}), "model"))
+
+
+def _of_section(config: RunConfig, section: str) -> Mapping[str, Any]:
+    found = asdict(config)[section]
+    # Values of a file are lists where a config has tuples.
+    return {
+        name: list(one) if isinstance(one, tuple) else one
+        for name, one in found.items()
+    }

@@ -26,6 +26,7 @@ from pd_editor.scene.road_warp import (
     WarpTerm,
 )
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.training.config.run_config import Augmentation
 
 _REACH_M: Final = 120.0
 """Median distance from the ego up to which an agent is seen.
@@ -39,35 +40,8 @@ _FAR_M: Final = 60.0
 _NUM_WAVES: Final = 3
 _POWERS: Final = (1.0, 9.5)
 
-
-@dataclass(frozen=True, kw_only=True)
-class Augmentation:
-    """How often and how much scenarios are changed; shares are of scenarios."""
-
-    warp_share: float = 0.3
-    """Bent ahead of the focal agent, as Scene-Attack does."""
-    jitter_m: float = 0.1
-    """Standard deviation of how far a map is shifted and bent under its agents."""
-    jitter_wave_m: tuple[float, float] = (40.0, 160.0)
-    lanes_dropped_share: float = 0.15
-    lane_dropped: float = 0.12
-    """Chance of each lane in such scenarios."""
-    agents_dropped_share: float = 0.15
-    agent_dropped: float = 0.4
-    """Greatest chance of each agent in such scenarios."""
-    parked_seen: float = 0.85
-    """Chance of each simulated parked agent on the drivable area. Inside the square that
-    the first stage fills, Argoverse 2 has 8.5 standing vehicles on it and 0.9 off it;
-    without this the corpus has 10.7 and 2.2 (``train``)."""
-    parked_off_road_seen: float = 0.4
-    """The same off the drivable area, on yards and forecourts."""
-    far_parked_seen: float = 0.4
-    """Factor of both further than 60 m from the ego: rows hide each other."""
-    center_m: float = 12.0
-    """Standard deviation of the middle of a scene about its focal agent."""
-
-
 DEFAULT_AUGMENTATION: Final = Augmentation()
+"""Augmentation with the default values of all fields."""
 
 
 def augmented(

@@ -27,11 +27,8 @@ from pd_editor.features.scene_features import (
     scene_features,
 )
 from pd_editor.scene.scenario import Scenario
-from pd_editor.training.data.augmentation import (
-    DEFAULT_AUGMENTATION,
-    Augmentation,
-    augmented,
-)
+from pd_editor.training.config.run_config import Augmentation
+from pd_editor.training.data.augmentation import DEFAULT_AUGMENTATION, augmented
 from pd_editor.training.data.scenario_source import ScenarioSource, open_roots
 from pd_editor.work_engine import LocalProcesses, run_items
 from pd_editor.work_engine.work_engine import WorkProgress

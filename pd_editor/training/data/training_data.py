@@ -19,8 +19,8 @@ from pd_editor.errors import TrainingError
 from pd_editor.features.encoded_scene import PackedScene
 from pd_editor.features.feature_store import FORMAT_VERSION, FeatureStore
 from pd_editor.regular_file import unwritable
-from pd_editor.training.config.run_config import Budget
-from pd_editor.training.data.augmentation import DEFAULT_AUGMENTATION, Augmentation
+from pd_editor.training.config.run_config import Augmentation, Budget
+from pd_editor.training.data.augmentation import DEFAULT_AUGMENTATION
 from pd_editor.training.data.batched_scenes import TrainingData, augmented_scenes
 from pd_editor.training.data.feature_preparation import (
     fit_basis,

@@ -9,7 +9,8 @@ from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory
 from pd_editor.scene.agent_tracks import empty_tracks
 from pd_editor.scene.road_map import RoadMap
-from pd_editor.training.data.augmentation import Augmentation, augmented
+from pd_editor.training.config.run_config import Augmentation
+from pd_editor.training.data.augmentation import augmented
 from tests.builders import scenario_with, straight_drivers, two_lane_road
 
 NOTHING = Augmentation(

@@ -1,0 +1,113 @@
+from pathlib import Path
+
+import pytest
+
+from pd_editor.errors import TrainingError
+from pd_editor.training.config.run_config import Augmentation, Optimisation, RunConfig
+from pd_editor.training.config.run_request import (
+    RunRequest,
+    continued_config,
+    new_config,
+)
+from pd_editor.training.config.settings import settings_of, with_settings
+
+FILE = """
+[model]
+width = 64
+
+[augmentation]
+warp_share = 0.0
+jitter_wave_m = [30.0, 90.0]
+
+[traj.model]
+num_blocks = 2
+
+[init.model]
+is_ordered = false
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "variant.toml"
+    path.write_text(FILE)
+    return path
+
+
+def test_a_file_has_values_for_both_stages_and_for_one(file: Path):
+    assert settings_of(file, (), "init")["model"] == {"width": 64, "is_ordered": False}
+    assert settings_of(file, (), "traj")["model"] == {"width": 64, "num_blocks": 2}
+
+
+def test_texts_count_before_the_file(file: Path):
+    texts = ("model.width=32", "traj.model.num_blocks=1", "augmentation.warp_share=0.5")
+    found = settings_of(file, texts, "traj")
+    assert found["model"] == {"width": 32, "num_blocks": 1}
+    assert found["augmentation"]["warp_share"] == 0.5
+
+
+def request(file: Path | None = None, *texts: str) -> RunRequest:
+    return RunRequest(
+        stage="init",
+        data=("/data",),
+        preset="tiny",
+        settings=settings_of(file, texts, "init"),
+    )
+
+
+def test_a_variant_is_the_preset_with_the_named_fields_changed(file: Path):
+    plain = new_config(request(), is_gpu=False)
+    variant = new_config(request(file, "optimisation.ema_decay=0.5"), is_gpu=False)
+    changed = {name for name in plain.model if plain.model[name] != variant.model[name]}
+    assert changed == {"width", "is_ordered"}
+    assert variant.augmentation["warp_share"] == 0.0
+    assert variant.augmentation["jitter_wave_m"] == (30.0, 90.0)
+    assert variant.optimisation.ema_decay == 0.5
+    assert plain.augmentation["warp_share"] == Augmentation().warp_share
+    assert RunConfig.from_json(variant.to_json()).augmentation["warp_share"] == 0.0
+
+
+def test_a_run_goes_on_with_its_own_settings_only(file: Path):
+    earlier = RunConfig.from_json(new_config(request(file), is_gpu=False).to_json())
+    assert continued_config(earlier, request(file)).model == earlier.model
+    with pytest.raises(TrainingError, match=r"preset and model\.width; leave"):
+        continued_config(earlier, request(file, "model.width=96"))
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("model.widht=96", "model: there is no field 'widht'; the nearest is width."),
+        ("modle.width=96", "no section 'modle'; the nearest is model."),
+        ("sampler.steps=3", "no section 'sampler'; expected one of model, loss, opt"),
+        ("model.width=wide", r"model: Expected `int`, got `str` - at `model\.width`"),
+        ("augmentation.warp_share=2", "warp_share is 2.0; expected 0 to 1"),
+        ("optimisation.ema_decay=1.5", "ema_decay is 1.5; expected at least 0"),
+        ("width=96", r"--set width=96: expected SECTION\.FIELD=VALUE, such as"),
+        ("model.width", "expected SECTION"),
+        ("model.a.b=1", "model: there is no field 'a'"),
+    ],
+)
+def test_what_cannot_be_set_is_told_with_the_nearest_name(text: str, sentence: str):
+    with pytest.raises(TrainingError, match=sentence) as caught:
+        new_config(request(None, text), is_gpu=False)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_no_settings_are_refused(tmp_path: Path):
+    path = tmp_path / "bad.toml"
+    for text, sentence in (
+        ("model = [", "is no TOML"),
+        ("model = 3", "model is no table of fields"),
+        ("init = 3", "init is no table"),
+        ("[speed]\nx = 1", "there is no section 'speed'"),
+    ):
+        path.write_text(text)
+        with pytest.raises(TrainingError, match=sentence):
+            settings_of(path, (), "init")
+    with pytest.raises(TrainingError, match="No such file"):
+        settings_of(tmp_path / "absent.toml", (), "init")
+
+
+def test_a_config_that_is_given_nothing_is_the_same():
+    assert with_settings(Optimisation(), {}, "optimisation") == Optimisation()
