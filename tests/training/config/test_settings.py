@@ -11,6 +11,7 @@ from pd_editor.training.config.run_request import (
 )
 from pd_editor.training.config.settings import settings_of, with_settings
 
+ROOT = Path(__file__).parents[3]
 FILE = """
 [model]
 width = 64
@@ -111,3 +112,25 @@ def test_files_that_are_no_settings_are_refused(tmp_path: Path):
 
 def test_a_config_that_is_given_nothing_is_the_same():
     assert with_settings(Optimisation(), {}, "optimisation") == Optimisation()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples/variants").glob("*.toml")))
+@pytest.mark.parametrize("stage", ["init", "traj"])
+def test_the_variants_of_the_documents_are_the_default_but_for_their_fields(
+    path: Path, stage: str
+):
+    def config(file: Path | None) -> RunConfig:
+        given = settings_of(file, (), stage)
+        asked = RunRequest(stage=stage, data=("/data",), settings=given)
+        return new_config(asked, is_gpu=False)
+
+    plain, variant = config(None), config(path)
+    given = settings_of(path, (), stage)
+    assert (variant != plain) == bool(given)
+    for section in ("model", "loss", "augmentation"):
+        changed = {
+            name: value
+            for name, value in getattr(variant, section).items()
+            if getattr(plain, section)[name] != value
+        }
+        assert changed == given.get(section, {})
