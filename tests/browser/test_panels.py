@@ -69,6 +69,9 @@ def test_the_list_searches_selects_and_lights_up_agents(editor):
     )
     page.get_by_role("button", name="All", exact=True).click()
     editor.until(lambda: set(session.selection) == set(people), "all of the list")
+    # The page inverts what it shows as selected.
+    chosen = page.locator(".pd-agents-row[aria-selected=true]")
+    editor.until(lambda: chosen.count() > 0, "the selection in the page")
     page.get_by_label("Search agents").fill("")
     page.get_by_role("button", name="Invert", exact=True).click()
     editor.until(
@@ -76,6 +79,20 @@ def test_the_list_searches_selects_and_lights_up_agents(editor):
     )
     page.get_by_role("button", name="None", exact=True).click()
     editor.until(lambda: session.selection == (), "none")
+
+    # Keys walk the rows, and reach neither another scenario nor the camera.
+    base, looked_at = session.base, np.array(editor.client.camera.look_at)
+    rows(editor).nth(0).click()
+    for key, wanted in (("End", ids[-1]), ("Home", ids[0])):
+        page.keyboard.press(key)
+        editor.until(lambda wanted=wanted: session.selection == (wanted,), key)
+    page.keyboard.press("PageDown")
+    editor.until(lambda: session.selection[0] not in (ids[0], ids[1]), "a page on")
+    page.keyboard.press("PageUp")
+    editor.until(lambda: session.selection == (ids[0],), "a page back")
+    assert session.base is base
+    assert np.allclose(looked_at, editor.client.camera.look_at)
+    assert page.get_by_text("Not done").count() == 0
 
     # The row of an agent that is selected elsewhere comes into sight.
     select(editor, ids[-1])

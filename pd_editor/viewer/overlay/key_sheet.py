@@ -52,6 +52,10 @@ MOUSE: Final[tuple[Row, ...]] = (
 )
 PAGE_KEYS: Final[tuple[Row, ...]] = (
     Row(keys="\u2190 \u2192", does="Step one frame; with Shift, ten"),
+    Row(
+        keys="\u2191 \u2193 Page, Home, End",
+        does="In the list of agents or problems: other rows",
+    ),
     Row(keys="H, hold", does="Drag to pan"),
     Row(keys="O, hold", does="Compare with the original"),
     Row(keys="1 to 5, placing", does="Choose the kind of agent"),

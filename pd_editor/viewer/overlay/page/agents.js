@@ -243,7 +243,11 @@
     list.addEventListener("scroll", redraw);
     list.addEventListener("pointerleave", () => point(null));
     list.addEventListener("keydown", (event) => {
-      const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+      const pageful = Math.max(1, Math.floor(list.clientHeight / ROW_PX) - 1);
+      const by = {
+        ArrowDown: 1, ArrowUp: -1, PageDown: pageful, PageUp: -pageful,
+        Home: -Infinity, End: Infinity,
+      }[event.key];
       if (!by || !shown.length) return;
       event.preventDefault();
       event.stopPropagation();
