@@ -1,10 +1,12 @@
 """Status chip, list of problems and a panel that stands still, by real mouse."""
 
 import json
+import time
 
 import numpy as np
 import pytest
 
+from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.editor.commands import DuplicateAgents, SetRoadWarp, TransformAgents
 from pd_editor.editor.session import EditorSession
 from pd_editor.perturbation.anchor import pose_of_anchor
@@ -44,8 +46,8 @@ def rows(editor):
 def boxes(editor, tabs=TABS) -> dict:
     """Where every control of every tab is, by tab: tag, name, x, y, height.
 
-    Places are those in the panel, however far it is scrolled. The first one is the
-    panel's length: one that gets shorter is scrolled by the browser.
+    Places are those in the panel, however far it is scrolled; its tabs do not scroll.
+    The first one is the panel's length: one that gets shorter is scrolled by the browser.
     """
     found = {}
     for name in tabs:
@@ -61,7 +63,8 @@ def boxes(editor, tabs=TABS) -> dict:
             "   && !e.closest('.mantine-Notification-root'));"
             " return [['PANEL', '', 0, 0, panel.scrollHeight], ...controls.map(e => {"
             "  const r = e.getBoundingClientRect();"
-            "  const scrolled = panel.contains(e) ? panel.scrollTop : 0;"
+            "  const scrolls = panel.contains(e) && e.role !== 'tab';"
+            "  const scrolled = scrolls ? panel.scrollTop : 0;"
             "  return [e.tagName, e.innerText || e.ariaLabel || e.type,"
             "   e.role === 'slider' ? 0 : r.x, r.y + scrolled, r.height]; })];"
             " })()"
@@ -79,8 +82,8 @@ def assert_still(after: list, before: list, name: str) -> None:
 
 
 def same(old: tuple, new: tuple) -> bool:
-    """Names may change, as rows of the history do; to a tenth of a pixel, places not."""
-    return old[0] == new[0] and np.allclose(old[2:], new[2:], atol=0.1)
+    """Names may change, as rows of the history do; to a fifth of a pixel, places not."""
+    return old[0] == new[0] and np.allclose(old[2:], new[2:], atol=0.2)
 
 
 def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
@@ -188,8 +191,23 @@ def test_nothing_in_a_panel_moves(editor):
         assert_still(after, still[name], f"{name}, after undo")
 
 
-def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(editor):
+def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(
+    editor, monkeypatch
+):
     """(D25) R shows sample k of n and Cancel on the picture, whatever tab is open."""
+    generate = PathDiffuser.generate
+
+    def slowly(diffuser, request):
+        steps = generate(diffuser, request)
+        while True:
+            try:
+                step = next(steps)
+            except StopIteration as end:
+                return end.value
+            time.sleep(0.05)
+            yield step
+
+    monkeypatch.setattr(PathDiffuser, "generate", slowly)
     editor.open_tab("Drive")
     editor.fill("Samples", 16)
     editor.fill("Denoising steps", 50)
@@ -198,10 +216,8 @@ def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(editor):
     cancel = editor.page.locator(".pd-chip").get_by_role("button", name="Cancel")
     editor.key("r")
     editor.until(lambda: panel._result.is_running, "a run")
-    editor.until(
-        lambda: " of 16" in chip(editor) or not panel._result.is_running, "samples", 60
-    )
-    assert "sample " in chip(editor)
+    editor.until(lambda: "sample " in chip(editor), "samples", 60)
+    assert " of 16" in chip(editor)
     cancel.click()
     editor.until(lambda: not panel._result.is_running, "the end")
     editor.until(lambda: "problem" in chip(editor), "problems again")

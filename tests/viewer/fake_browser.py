@@ -47,13 +47,13 @@ def connected_tab(app: ViewerApp) -> Iterator["FakeTab"]:
         threading.Thread(target=drain, daemon=True).start()
         known = set(app._tabs)
         socket.send(msgspec.msgpack.encode(CAMERA))
-        _until(lambda: set(app._tabs) - known)
+        until(lambda: set(app._tabs) - known)
         (client_id,) = set(app._tabs) - known
         tab = app._tabs[client_id][1]
-        _until(lambda: tab._is_built)
+        until(lambda: tab._is_built)
         yield FakeTab(tab)
         socket.close()
-        _until(lambda: client_id not in app._tabs)
+        until(lambda: client_id not in app._tabs)
 
 
 class FakeTab:
@@ -84,7 +84,8 @@ class FakeTab:
         return result.get("value")
 
 
-def _until(condition: Callable[[], object], seconds: float = 30.0) -> None:
+def until(condition: Callable[[], object], seconds: float = 30.0) -> None:
+    """Wait for what other threads do."""
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "waited in vain"

@@ -10,9 +10,9 @@ from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, SetFocalAgent
 from pd_editor.errors import EditError, InputError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.viewer.state.desk import GESTURE_PAUSE_S
+from pd_editor.viewer.state import desk as desk_module
 from tests.builders import two_agents_that_pass
-from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
+from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 from tests.viewer.interaction.drag_by_hand import DragByHand
 
 
@@ -40,14 +40,16 @@ def labels(tab: FakeTab) -> list[str]:
     return [entry.label for entry in tab.session.entries]
 
 
-def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab):
+def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab, monkeypatch):
     panel, opened = tab.tab._road_panel, tab.session.scenario
-    for power in (1.0, 2.5, 4.0):
+    # However slow the machine is, only the last rest is long enough.
+    for power, pause_s in ((1.0, 60.0), (2.5, 60.0), (4.0, 0.1)):
+        monkeypatch.setattr(desk_module, "GESTURE_PAUSE_S", pause_s)
+        assert not labels(tab)
         panel._power["double-turn"].value = power
         tab.run(panel._changed)
         assert tab.session.scenario.applied_warp is not None
-    assert not labels(tab)
-    time.sleep(GESTURE_PAUSE_S + 0.4)
+    until(lambda: labels(tab))
     tab.run(lambda: None)
     assert labels(tab) == ["Bend the road: S-bend +4"]
     assert "Friction-limited speed" in panel._readout.text
@@ -287,16 +289,15 @@ def test_switching_views_there_and_back_looks_at_the_same_place(tab):
     assert np.allclose(tab.desk.client.camera.look_at, before)
 
 
-def test_inputs_of_a_refused_edit_return_to_the_agents_values(tab):
+def test_inputs_of_a_refused_edit_return_to_the_agents_values(tab, monkeypatch):
+    monkeypatch.setattr(desk_module, "GESTURE_PAUSE_S", 0.1)
     panel = tab.tab._agent_panel
     tab.run(lambda: tab.session.select((tab.session.scenario.focal_id,)))
     shown = panel._size.value
     panel._size.value = (-4.0, 2.0)
     with pytest.raises(EditError, match="Size"):
         tab.run(lambda: panel._set_size((-4.0, 2.0)))
-    time.sleep(GESTURE_PAUSE_S + 0.4)
-    tab.run(lambda: None)
-    assert panel._size.value == shown
+    until(lambda: panel._size.value == shown)
     assert not labels(tab)
 
 

@@ -1,5 +1,7 @@
 """The road panel: shape that follows undo, anchors that can be, agents slowed."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from pd_editor.viewer.panels.road_panel import (
     slowed_in_words,
 )
 from pd_editor.viewer.state import desk as desk_module
-from tests.viewer.fake_browser import FakeTab
+from tests.viewer.fake_browser import FakeTab, until
 
 
 @pytest.fixture
@@ -54,11 +56,11 @@ def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
     tab: FakeTab, panel, monkeypatch
 ):
     """A rest of a second within one drag made two; a drag of its own is one of its own."""
-    now = [100.0]
-    monkeypatch.setattr(desk_module.time, "monotonic", lambda: now[0])
     power, session = panel._power["ripple-road"], tab.session
     side_panel = tab.tab._overlay._handlers["panel"]
     num_edits = len(session.entries)
+    monkeypatch.setattr(desk_module, "GESTURE_PAUSE_S", 0.1)
+    monkeypatch.setattr(desk_module, "LAST_VALUE_S", 60.0)
 
     def slide(value: float) -> None:
         def moved() -> None:
@@ -67,29 +69,27 @@ def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
 
         tab.run(moved)
 
-    def rest(seconds: float) -> bool:
-        now[0] += seconds
-        return tab.run(tab.desk.tick)
-
     tab.run(lambda: side_panel({"kind": "hold"}))
     slide(2.0)
-    assert not rest(10.0)
+    time.sleep(0.8)
     slide(3.0)
     tab.run(lambda: side_panel({"kind": "release"}))
+    assert len(session.entries) == num_edits
     # The browser may send the last value after it has told of the end.
     slide(4.0)
-    assert len(session.entries) == num_edits
-    rest(1.1)
+    until(lambda: len(session.entries) > num_edits)
     assert len(session.entries) == num_edits + 1
     assert session.scenario.applied_warp.warp.terms[0].power == 4.0
 
     # The next drag ends the former gesture, however soon it comes.
+    monkeypatch.setattr(desk_module, "GESTURE_PAUSE_S", 60.0)
     slide(5.0)
     tab.run(lambda: side_panel({"kind": "hold"}))
+    assert len(session.entries) == num_edits + 2
     slide(6.0)
+    monkeypatch.setattr(desk_module, "LAST_VALUE_S", 0.1)
     tab.run(lambda: side_panel({"kind": "release"}))
-    rest(0.4)
-    assert len(session.entries) == num_edits + 3
+    until(lambda: len(session.entries) == num_edits + 3)
 
 
 def test_shape_does_not_leak_into_another_scenario(tab: FakeTab, panel):
