@@ -25,7 +25,7 @@ from pd_editor.recordings.recording import Recording, Window
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
-from pd_editor.synthesis.road_network.generator import draw_network
+from pd_editor.synthesis.road_network.generator import generate_network
 from pd_editor.synthesis.traffic.simulation import simulate
 
 CITY: Final = "synthetic"
@@ -42,7 +42,7 @@ def made_demo(story: Story) -> Scenario:
         SynthesisError: SUMO is missing.
     """
     with tempfile.TemporaryDirectory() as name:
-        network = draw_network(story.family, story.seed, Path(name))
+        network = generate_network(story.family, story.seed, Path(name))
         recording = simulate(
             network, story.seed, duration_s=story.duration_s, demand=story.demand
         )

@@ -12,8 +12,8 @@ from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.errors import ExportError
 from pd_editor.recordings.shards import SHARD_SUFFIX, ShardReader
 from pd_editor.recordings.tracking_noise import TrackingNoise
-from pd_editor.synthesis.dataset.builder import CorpusPlan, build_corpus
-from pd_editor.synthesis.dataset.dataset_folder import CorpusFolder
+from pd_editor.synthesis.dataset.builder import DatasetPlan, build_dataset
+from pd_editor.synthesis.dataset.dataset_folder import DatasetFolder
 from pd_editor.synthesis.dataset.scene_source import scenario_folders
 from pd_editor.work_engine import LocalProcesses
 
@@ -22,11 +22,11 @@ NUM_FOLDERS = 1000
 NUM_TIMED = 300
 
 
-def built(folder: Path, plan: CorpusPlan) -> tuple[float, int]:
+def built(folder: Path, plan: DatasetPlan) -> tuple[float, int]:
     """Windows a minute, and networks."""
     began = time.perf_counter()
-    record = build_corpus(
-        plan, CorpusFolder(folder, plan.settings, resume=False), LocalProcesses()
+    record = build_dataset(
+        plan, DatasetFolder(folder, plan.settings, resume=False), LocalProcesses()
     )
     elapsed = time.perf_counter() - began
     return 60 * record.num_windows / elapsed, len(record.networks)
@@ -72,10 +72,10 @@ def main() -> None:
     """Print the figures."""
     with tempfile.TemporaryDirectory() as name:
         shards, folders = Path(name) / "shards", Path(name) / "folders"
-        plan = CorpusPlan(num=NUM_WINDOWS, seed=1, as_shards=True)
+        plan = DatasetPlan(num=NUM_WINDOWS, seed=1, as_shards=True)
         rate, num = built(shards, plan)
         print(f"shards   {rate:7.0f} windows/minute ({NUM_WINDOWS} of {num} networks)")
-        plan = CorpusPlan(num=NUM_FOLDERS, seed=1, with_noise=True)
+        plan = DatasetPlan(num=NUM_FOLDERS, seed=1, with_noise=True)
         rate, num = built(folders, plan)
         print(f"folders  {rate:7.0f} folders/minute ({NUM_FOLDERS} of {num} networks)")
         print(f"accepted {num_accepted(folders):7d} of {NUM_FOLDERS} folders by av2")

@@ -17,10 +17,14 @@ from pd_editor.cli.arguments import (
 )
 from pd_editor.cli.progress import work_shown
 from pd_editor.errors import InputError
-from pd_editor.synthesis.dataset.builder import CorpusPlan, CorpusRecord, build_corpus
-from pd_editor.synthesis.dataset.dataset_folder import MANIFEST_NAME, CorpusFolder
+from pd_editor.synthesis.dataset.builder import (
+    DatasetPlan,
+    DatasetRecord,
+    build_dataset,
+)
+from pd_editor.synthesis.dataset.dataset_folder import MANIFEST_NAME, DatasetFolder
 from pd_editor.synthesis.dataset.scene_source import (
-    corpus_scenes,
+    dataset_scenes,
     real_scenes,
     scenario_folders,
 )
@@ -35,7 +39,7 @@ class Synthesis:
     """Result of a synthesis, and the files that were written."""
 
     folder: Path
-    record: CorpusRecord
+    record: DatasetRecord
     num_requested: int
     elapsed_s: float
     files: tuple[Path, ...]
@@ -94,7 +98,7 @@ def synth(
     began = time.monotonic()
     engine = LocalProcesses(num_workers=num_workers(workers))
     real_roots = _real_roots(report)
-    plan = CorpusPlan(
+    plan = DatasetPlan(
         num=num,
         seed=seed,
         families=tuple(dict.fromkeys(families)),
@@ -102,8 +106,8 @@ def synth(
         as_shards=shards,
         with_noise=noise,
     )
-    folder = CorpusFolder(Path(out), plan.settings, resume=resume)
-    record = build_corpus(plan, folder, engine, on_progress=work_shown("networks"))
+    folder = DatasetFolder(Path(out), plan.settings, resume=resume)
+    record = build_dataset(plan, folder, engine, on_progress=work_shown("networks"))
     return Synthesis(
         folder=folder.path,
         record=record,
@@ -123,12 +127,12 @@ def _real_roots(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
     return roots
 
 
-def _reported(folder: CorpusFolder, roots: tuple[Path, ...]) -> tuple[Path, ...]:
+def _reported(folder: DatasetFolder, roots: tuple[Path, ...]) -> tuple[Path, ...]:
     """Write the realism report of the dataset; nothing without roots."""
     if not roots:
         return ()
     real, *others = map(real_scenes, roots)
-    report = realism_report(corpus_scenes(folder.path), real, *others)
+    report = realism_report(dataset_scenes(folder.path), real, *others)
     return (
         folder.write("realism.md", report.markdown().encode()),
         folder.write("realism.json", json.dumps(report.json(), indent=1).encode()),

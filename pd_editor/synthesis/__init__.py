@@ -1,1 +1,1 @@
-"""Synthetic traffic in Argoverse 2 form, made with SUMO."""
+"""Synthetic traffic in Argoverse 2 form, simulated with SUMO."""

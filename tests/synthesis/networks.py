@@ -4,10 +4,10 @@ from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 
-from pd_editor.synthesis.road_network.generator import draw_network
+from pd_editor.synthesis.road_network.generator import generate_network
 from pd_editor.synthesis.road_network.network import Network
 
 
 @cache
 def network(family: str, seed: int) -> Network:
-    return draw_network(family, seed, Path(mkdtemp(prefix="networks-")))
+    return generate_network(family, seed, Path(mkdtemp(prefix="networks-")))

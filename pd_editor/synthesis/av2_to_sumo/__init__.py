@@ -1,1 +1,1 @@
-"""From an Argoverse 2 map to a SUMO net file."""
+"""Conversion of Argoverse 2 maps to SUMO net files."""

@@ -1,4 +1,4 @@
-"""The ways through junctions, from each road's lane to the next, and who meets where."""
+"""Links through junctions between lanes of roads, and the junctions that they form."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -8,30 +8,30 @@ import shapely
 
 from pd_editor.errors import SynthesisError
 from pd_editor.synthesis.av2_to_sumo.edges import (
+    LaneInterval,
     LaneLines,
     Road,
-    Stretch,
     middle_split,
     roads_of,
 )
 
 _MAX_CHAIN = 6
-"""Lanes of a junction driven one after another; longer chains become roads."""
+"""Longest chain of lanes in a junction; longer chains become roads."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """A way from a lane of a road, by index, to one of another through a junction."""
+    """Connection through a junction from a lane of one road to a lane of another."""
 
     start: tuple[int, int]
-    """Road and lane."""
+    """Indices of the road and of its lane."""
     end: tuple[int, int]
-    stretches: tuple[Stretch, ...]
+    lane_intervals: tuple[LaneInterval, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneRoads:
-    """Roads, links, and the junctions where roads begin and end."""
+    """Roads, links between them, and the junctions at their ends."""
 
     roads: tuple[Road, ...]
     links: tuple[Link, ...]
@@ -41,10 +41,10 @@ class LaneRoads:
 
 
 def lane_roads(lines: LaneLines) -> LaneRoads:
-    """Every lane as a road, or as a part of ways through a junction.
+    """Convert every lane to a road or to a part of links through a junction.
 
     Raises:
-        SynthesisError: the lanes of a junction cannot be told apart.
+        SynthesisError: the lanes of a junction cannot be assigned.
     """
     crossing = frozenset(n.lane_id for n in lines.road_map.lanes if n.is_intersection)
     while True:
@@ -59,15 +59,15 @@ def lane_roads(lines: LaneLines) -> LaneRoads:
 def _links(
     lines: LaneLines, roads: tuple[Road, ...], crossing: frozenset[int]
 ) -> tuple[tuple[Link, ...], frozenset[int]]:
-    """All ways through junctions, and lanes that had better be roads."""
+    """All links through junctions, and the junction lanes that must become roads."""
     begins: dict[int, tuple[int, int]] = {}
     ends: dict[int, tuple[int, int]] = {}
     for road, lanes in enumerate(road.lanes for road in roads):
-        for index, stretch in enumerate(lanes):
-            if stretch.lane_id not in crossing or not stretch.start_m:
-                ends[stretch.lane_id] = (road, index)
-            if stretch.lane_id not in crossing or stretch.start_m:
-                begins[stretch.lane_id] = (road, index)
+        for index, interval in enumerate(lanes):
+            if interval.lane_id not in crossing or not interval.start_m:
+                ends[interval.lane_id] = (road, index)
+            if interval.lane_id not in crossing or interval.start_m:
+                begins[interval.lane_id] = (road, index)
     links: list[Link] = []
     to_road: set[int] = set()
     for lane_id, start in ends.items():
@@ -76,11 +76,11 @@ def _links(
                 to_road.add(chain[len(chain) // 2])
                 continue
             end = begins[chain[-1]]
-            stretches = _along(lines, roads, chain, start, end)
-            links.append(Link(start=start, end=end, stretches=stretches))
+            lane_intervals = _along(lines, roads, chain, start, end)
+            links.append(Link(start=start, end=end, lane_intervals=lane_intervals))
     count = Counter((link.start, link.end) for link in links)
     for link in links:
-        inside = [s.lane_id for s in link.stretches if s.lane_id in crossing]
+        inside = [s.lane_id for s in link.lane_intervals if s.lane_id in crossing]
         if count[(link.start, link.end)] > 1 and inside:
             to_road.add(inside[len(inside) // 2])
     return tuple(links), frozenset(to_road & crossing)
@@ -89,7 +89,7 @@ def _links(
 def _chains(
     lines: LaneLines, lane_id: int, begins: set[int], crossing: frozenset[int]
 ) -> list[tuple[int, ...]]:
-    """Ways from a road's lane on to lanes with a road, through a junction's lanes."""
+    """Chains of junction lanes from a road's lane to lanes of other roads."""
     if lane_id in crossing and lane_id in begins:
         return [(lane_id,)]
     done = []
@@ -109,25 +109,25 @@ def _along(
     chain: tuple[int, ...],
     start: tuple[int, int],
     end: tuple[int, int],
-) -> tuple[Stretch, ...]:
+) -> tuple[LaneInterval, ...]:
     first = roads[start[0]].lanes[start[1]].end_m
     last = roads[end[0]].lanes[end[1]].start_m
-    stretches = []
+    lane_intervals = []
     for place, lane_id in enumerate(chain):
-        stretches.append(
-            Stretch(
+        lane_intervals.append(
+            LaneInterval(
                 lane_id=lane_id,
                 start_m=first if place == 0 else 0.0,
                 end_m=last if place == len(chain) - 1 else lines.length_m[lane_id],
             )
         )
-    return tuple(stretches)
+    return tuple(lane_intervals)
 
 
 def _joined(
     lines: LaneLines, roads: tuple[Road, ...], links: tuple[Link, ...]
 ) -> LaneRoads:
-    """Junctions: ends of roads that a link joins, or whose links cross."""
+    """Form junctions from ends of roads that are linked or whose links cross."""
     num_roads = len(roads)
     parent = list(range(2 * num_roads))
 
@@ -139,7 +139,7 @@ def _joined(
 
     for link in links:
         parent[root(num_roads + link.start[0])] = root(link.end[0])
-    ways = [shapely.LineString(lines.line(link.stretches)) for link in links]
+    ways = [shapely.LineString(lines.line(link.lane_intervals)) for link in links]
     if ways:
         for one, other in shapely.STRtree(ways).query(ways, predicate="crosses").T:
             parent[root(links[one].end[0])] = root(links[other].end[0])
@@ -157,7 +157,7 @@ def _joined(
 
 
 def _without_loops(network: LaneRoads) -> LaneRoads:
-    """Roads that end where they begin become two, as SUMO has no loops."""
+    """Split roads that end at their own start, because SUMO has no loops."""
     roads, links = list(network.roads), list(network.links)
     starts, ends = list(network.start_junction), list(network.end_junction)
     junctions = network.num_junctions
@@ -173,14 +173,22 @@ def _without_loops(network: LaneRoads) -> LaneRoads:
         ends[index] = junctions
         junctions += 1
         links = [
-            Link(start=(new, link.start[1]), end=link.end, stretches=link.stretches)
+            Link(
+                start=(new, link.start[1]),
+                end=link.end,
+                lane_intervals=link.lane_intervals,
+            )
             if link.start[0] == index
             else link
             for link in links
         ]
         for place, (one, two) in enumerate(zip(first.lanes, second.lanes, strict=True)):
-            gap = Stretch(lane_id=one.lane_id, start_m=one.end_m, end_m=two.start_m)
-            links.append(Link(start=(index, place), end=(new, place), stretches=(gap,)))
+            gap = LaneInterval(
+                lane_id=one.lane_id, start_m=one.end_m, end_m=two.start_m
+            )
+            links.append(
+                Link(start=(index, place), end=(new, place), lane_intervals=(gap,))
+            )
     return LaneRoads(
         roads=tuple(roads),
         links=tuple(links),
@@ -191,11 +199,11 @@ def _without_loops(network: LaneRoads) -> LaneRoads:
 
 
 def junction_points(lines: LaneLines, network: LaneRoads) -> np.ndarray:
-    """Middle of the ends of roads at each junction, shape [J 2]."""
+    """Centre of the ends of roads at each junction, shape [J 2]."""
     total = np.zeros((network.num_junctions, 3))
     for index, road in enumerate(network.roads):
-        for stretch in road.lanes:
-            line = lines.line((stretch,))
+        for interval in road.lanes:
+            line = lines.line((interval,))
             total[network.start_junction[index]] += (*line[0], 1)
             total[network.end_junction[index]] += (*line[-1], 1)
     if not len(total):

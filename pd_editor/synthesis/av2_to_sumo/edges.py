@@ -1,4 +1,4 @@
-"""A lane graph as roads for SUMO: lanes abreast, cut back where ways part or cross."""
+"""Roads (SUMO edges) from a lane graph: groups of adjacent lanes, shortened at junctions."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,19 +13,19 @@ from pd_editor.geometry.polyline import arc_length, point_at
 from pd_editor.scene.road_map import Lane, RoadMap
 
 CUT_M: Final = 1.0
-"""Taken off a lane's end for the way through the junction there."""
+"""Length by which a lane is shortened at a junction."""
 MAX_CUT_M: Final = 25.0
 MAX_CUT_SHARE: Final = 0.4
-"""Of a lane, at each end."""
+"""Largest fraction of a lane by which each end is shortened."""
 APART_M: Final = 2.4
-"""Middle lines further apart than this carry traffic side by side."""
+"""Centre lines further apart than this carry traffic side by side."""
 STUB_M: Final = 8.0
-"""Of a lane in a junction that begins or ends at the edge of the map."""
+"""Length of the road made of a junction lane that begins or ends at the map's edge."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stretch:
-    """A part of a lane's centre line, from one arc length to another."""
+class LaneInterval:
+    """Interval of a lane's centre line, given by two arc lengths."""
 
     lane_id: int
     start_m: float
@@ -34,14 +34,14 @@ class Stretch:
 
 @dataclass(frozen=True, kw_only=True)
 class Road:
-    """Stretches abreast, from the right to the left: an edge of SUMO's."""
+    """Group of adjacent lane intervals, from right to left: an edge of SUMO."""
 
-    lanes: tuple[Stretch, ...]
+    lanes: tuple[LaneInterval, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneLines:
-    """Lanes of a map, their links within it, and their lines."""
+    """Lanes of a map with their links and centre lines."""
 
     road_map: RoadMap
 
@@ -73,11 +73,13 @@ class LaneLines:
         """The lane with an id."""
         return self.road_map.lane_of[lane_id]
 
-    def line(self, stretches: tuple[Stretch, ...]) -> Float[np.ndarray, "N 2"]:
-        """The centre line along stretches, every vertex of the lanes kept."""
+    def line(
+        self, lane_intervals: tuple[LaneInterval, ...]
+    ) -> Float[np.ndarray, "N 2"]:
+        """Centre line along intervals, with all vertices of the lanes."""
         points = [
             _part(self.lane(s.lane_id).centerline_m, s.start_m, s.end_m)
-            for s in stretches
+            for s in lane_intervals
         ]
         joined = np.concatenate(points)
         step = np.linalg.norm(np.diff(joined, axis=0), axis=1)
@@ -96,13 +98,13 @@ def _part(
 
 
 def roads_of(lines: LaneLines, crossing: frozenset[int]) -> tuple[Road, ...]:
-    """Roads of all lanes, those in ``crossing`` only where the map ends.
+    """Roads of all lanes; lanes in ``crossing`` only where the map ends.
 
-    Lanes in ``crossing`` are driven within a junction.
+    Lanes in ``crossing`` belong to a junction.
     """
     roads = [
-        _cut(lines, group)
-        for group in _abreast(lines.road_map)
+        _shortened(lines, group)
+        for group in _lane_groups(lines.road_map)
         for group in _without(group, crossing)
     ]
     for lane_id in sorted(crossing):
@@ -110,16 +112,16 @@ def roads_of(lines: LaneLines, crossing: frozenset[int]) -> tuple[Road, ...]:
         stub = min(STUB_M, MAX_CUT_SHARE * length)
         begins, ends = not lines.predecessors[lane_id], not lines.successors[lane_id]
         if begins:
-            part = Stretch(lane_id=lane_id, start_m=0.0, end_m=stub)
+            part = LaneInterval(lane_id=lane_id, start_m=0.0, end_m=stub)
             roads.append(Road(lanes=(part,)))
         if ends:
-            part = Stretch(lane_id=lane_id, start_m=length - stub, end_m=length)
+            part = LaneInterval(lane_id=lane_id, start_m=length - stub, end_m=length)
             roads.append(Road(lanes=(part,)))
     return tuple(roads)
 
 
 def _without(group: list[int], crossing: frozenset[int]) -> list[list[int]]:
-    """The runs of a group between lanes that are driven within junctions."""
+    """Split a group at lanes that belong to junctions."""
     runs: list[list[int]] = [[]]
     for lane_id in group:
         if lane_id in crossing:
@@ -129,8 +131,8 @@ def _without(group: list[int], crossing: frozenset[int]) -> list[list[int]]:
     return [run for run in runs if run]
 
 
-def _abreast(road_map: RoadMap) -> list[list[int]]:
-    """Lanes side by side in one direction, each group from the right to the left."""
+def _lane_groups(road_map: RoadMap) -> list[list[int]]:
+    """Groups of adjacent lanes in one direction, each from right to left."""
     known = road_map.lane_of
 
     def left_of(lane: Lane) -> Lane | None:
@@ -154,8 +156,8 @@ def _abreast(road_map: RoadMap) -> list[list[int]]:
     return groups
 
 
-def _cut(lines: LaneLines, group: list[int]) -> Road:
-    """A road of lanes abreast, all cut by the same lengths."""
+def _shortened(lines: LaneLines, group: list[int]) -> Road:
+    """Road of a lane group, shortened by the same lengths for all lanes."""
     shortest = min(lines.length_m[lane_id] for lane_id in group)
     begin = max(_start_cut(lines, lane_id, group) for lane_id in group)
     end = max(_end_cut(lines, lane_id, group) for lane_id in group)
@@ -163,14 +165,16 @@ def _cut(lines: LaneLines, group: list[int]) -> Road:
     begin, end = min(begin, limit), min(end, limit)
     return Road(
         lanes=tuple(
-            Stretch(lane_id=lane_id, start_m=begin, end_m=lines.length_m[lane_id] - end)
+            LaneInterval(
+                lane_id=lane_id, start_m=begin, end_m=lines.length_m[lane_id] - end
+            )
             for lane_id in group
         )
     )
 
 
 def _start_cut(lines: LaneLines, lane_id: int, group: list[int]) -> float:
-    """How far a lane shares its ground with others that leave the same lane."""
+    """Length over which a lane overlaps others with the same predecessor."""
     before = lines.predecessors[lane_id]
     if not before:
         return 0.0
@@ -180,7 +184,7 @@ def _start_cut(lines: LaneLines, lane_id: int, group: list[int]) -> float:
 
 
 def _end_cut(lines: LaneLines, lane_id: int, group: list[int]) -> float:
-    """How far a lane shares its ground with others that lead to the same lane."""
+    """Length over which a lane overlaps others with the same successor."""
     after = lines.successors[lane_id]
     if not after:
         return 0.0
@@ -207,11 +211,11 @@ def _shared(
 
 
 def middle_split(road: Road) -> tuple[Road, Road]:
-    """A road as two, with a short gap between for the way from one to the other."""
+    """Split a road into two, with a short gap for the link between them."""
     halves = []
     for first, second in ((0.0, 0.45), (0.55, 1.0)):
         parts = tuple(
-            Stretch(
+            LaneInterval(
                 lane_id=s.lane_id,
                 start_m=s.start_m + first * (s.end_m - s.start_m),
                 end_m=s.start_m + second * (s.end_m - s.start_m),
@@ -222,7 +226,7 @@ def middle_split(road: Road) -> tuple[Road, Road]:
     return halves[0], halves[1]
 
 
-def lane_pairs(stretches: tuple[Stretch, ...]) -> list[tuple[int, int]]:
-    """Lanes that follow each other along stretches."""
-    ids = [stretch.lane_id for stretch in stretches]
+def lane_pairs(lane_intervals: tuple[LaneInterval, ...]) -> list[tuple[int, int]]:
+    """Pairs of consecutive lanes along intervals."""
+    ids = [interval.lane_id for interval in lane_intervals]
     return [(a, b) for a, b in pairwise(ids) if a != b]

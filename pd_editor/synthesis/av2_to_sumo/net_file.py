@@ -1,4 +1,4 @@
-"""A lane graph as a SUMO net file whose lanes lie exactly on the centre lines."""
+"""Writes a lane graph as a SUMO net file with lanes exactly on the centre lines."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from pd_editor.errors import SynthesisError
 from pd_editor.geometry.polyline import arc_length, resample
 from pd_editor.scene.road_map import LaneKind
 from pd_editor.synthesis.av2_to_sumo.connections import LaneRoads, Link, junction_points
-from pd_editor.synthesis.av2_to_sumo.edges import LaneLines, Road, Stretch
+from pd_editor.synthesis.av2_to_sumo.edges import LaneInterval, LaneLines, Road
 from pd_editor.synthesis.road_network.plain_xml import NET_FILE, NodeKind, StripKind
 from pd_editor.synthesis.sumo.curve_speeds import curve_speed_mps
 from pd_editor.synthesis.sumo.sumo_tools import run_sumo_tool
@@ -25,28 +25,28 @@ _STRIP_OF: Final = {
     LaneKind.BIKE: StripKind.BIKE,
 }
 _MANY_LANES: Final = 6
-"""Lanes towards a junction whose ways cross; with so many it has signals."""
+"""Number of incoming lanes from which a junction with crossing links has signals."""
 _SPEED_MPS: Final = (11.5, 13.5, 16.0)
-"""Limit on roads with one, two and more lanes; Argoverse 2 maps carry none."""
+"""Speed limits of roads with one, two and more lanes; Argoverse 2 maps have none."""
 
 _BEND_MPS2: Final = 2.2
-"""Lateral acceleration of an average driver in a bend."""
+"""Lateral acceleration of an average driver in a curve."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneNetFile:
-    """A net file, and the centre lines along each of its lanes."""
+    """A net file with the lane intervals along each of its lanes."""
 
     path: Path
-    stretches: Mapping[str, tuple[Stretch, ...]]
+    lane_intervals: Mapping[str, tuple[LaneInterval, ...]]
     has_signals: bool
 
 
 def write_lane_net(lines: LaneLines, network: LaneRoads, folder: Path) -> LaneNetFile:
-    """Let netconvert find the right of way, then put its lanes on the centre lines.
+    """Let netconvert determine right of way, then restore the lanes' centre lines.
 
-    netconvert cuts lanes back at junctions as it sees fit; what it finds out about
-    who yields to whom stays right when the lanes get their own lines back.
+    netconvert shortens lanes at junctions; the priorities that it determines remain
+    valid for the original centre lines.
 
     Raises:
         SynthesisError: SUMO is missing, or refused the network.
@@ -63,11 +63,11 @@ def write_lane_net(lines: LaneLines, network: LaneRoads, folder: Path) -> LaneNe
     run_sumo_tool("netconvert", arguments, folder)
     path = folder / NET_FILE
     tree = ElementTree.parse(path)
-    stretches = _with_own_lines(lines, network, tree.getroot())
+    lane_intervals = _with_own_lines(lines, network, tree.getroot())
     tree.write(path, encoding="utf-8")
     return LaneNetFile(
         path=path,
-        stretches=stretches,
+        lane_intervals=lane_intervals,
         has_signals=tree.getroot().find("tlLogic") is not None,
     )
 
@@ -98,7 +98,9 @@ def _nodes(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
 def _node_kinds(lines: LaneLines, network: LaneRoads) -> list[NodeKind]:
     """Signals at large junctions, stop signs where four small roads meet."""
     kinds = [NodeKind.PRIORITY] * network.num_junctions
-    ways = [shapely.LineString(lines.line(link.stretches)) for link in network.links]
+    ways = [
+        shapely.LineString(lines.line(link.lane_intervals)) for link in network.links
+    ]
     crossed = {
         network.end_junction[network.links[one].start[0]]
         for one, _ in shapely.STRtree(ways).query(ways, predicate="crosses").T
@@ -134,20 +136,20 @@ def _edges(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
             "shape": _shape(middle),
         }
         edge = ElementTree.SubElement(root, "edge", attributes)
-        for place, stretch in enumerate(road.lanes):
+        for place, interval in enumerate(road.lanes):
             ElementTree.SubElement(
                 edge,
                 "lane",
                 index=str(place),
-                allow=_STRIP_OF[lines.lane(stretch.lane_id).kind].value,
-                width=f"{_width_m(lines, stretch.lane_id):.2f}",
-                shape=_shape(lines.line((stretch,))),
+                allow=_STRIP_OF[lines.lane(interval.lane_id).kind].value,
+                width=f"{_width_m(lines, interval.lane_id):.2f}",
+                shape=_shape(lines.line((interval,))),
             )
     return root
 
 
 def _width_m(lines: LaneLines, lane_id: int) -> float:
-    """Median distance of a lane's boundaries, within what SUMO can drive on."""
+    """Median distance of a lane's boundaries, clamped to widths that SUMO supports."""
     lane = lines.lane(lane_id)
     across = resample(lane.left_m, 9) - resample(lane.right_m, 9)
     return float(np.clip(np.median(np.hypot(*across.T)), 1.2, 5.0))
@@ -157,7 +159,7 @@ def _connections(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
     root = ElementTree.Element("connections")
     for link in network.links:
         attributes = dict(_key(link))
-        attributes["shape"] = _shape(lines.line(link.stretches))
+        attributes["shape"] = _shape(lines.line(link.lane_intervals))
         ElementTree.SubElement(root, "connection", attributes)
     leaving = {link.start[0] for link in network.links}
     for index in set(range(len(network.roads))) - leaving:
@@ -176,20 +178,20 @@ def _key(link: Link) -> tuple[tuple[str, str], ...]:
 
 def _with_own_lines(
     lines: LaneLines, network: LaneRoads, root: ElementTree.Element
-) -> dict[str, tuple[Stretch, ...]]:
-    """Give every lane of the net its centre line; say which that is."""
+) -> dict[str, tuple[LaneInterval, ...]]:
+    """Set the centre line of every lane of the net; returns the lane intervals."""
     lane_of = {lane.attrib["id"]: lane for lane in root.iter("lane")}
-    stretches: dict[str, tuple[Stretch, ...]] = {}
+    lane_intervals: dict[str, tuple[LaneInterval, ...]] = {}
     for index, road in enumerate(network.roads):
         length = _mean_length_m(road)
-        for place, stretch in enumerate(road.lanes):
+        for place, interval in enumerate(road.lanes):
             name = f"r{index}_{place}"
             if name not in lane_of:
                 raise SynthesisError(
-                    f"netconvert left out lane {stretch.lane_id} of the map."
+                    f"netconvert left out lane {interval.lane_id} of the map."
                 )
-            _set_line(lane_of[name], lines.line((stretch,)), length)
-            stretches[name] = (stretch,)
+            _set_line(lane_of[name], lines.line((interval,)), length)
+            lane_intervals[name] = (interval,)
     via = {
         tuple(
             (name, c.attrib[name]) for name in ("from", "to", "fromLane", "toLane")
@@ -205,15 +207,15 @@ def _with_own_lines(
         name = via.get(_key(link))
         if name is None:
             raise SynthesisError(
-                f"netconvert left out the way from lane {link.stretches[0].lane_id} "
-                f"to lane {link.stretches[-1].lane_id} of the map."
+                f"netconvert left out the connection from lane {link.lane_intervals[0].lane_id} "
+                f"to lane {link.lane_intervals[-1].lane_id} of the map."
             )
         names = []
         while name is not None:
             names.append(name)
             name = following[name]
-        _divide(lines, link, [lane_of[name] for name in names], stretches)
-    return stretches
+        _divide(lines, link, [lane_of[name] for name in names], lane_intervals)
+    return lane_intervals
 
 
 def _mean_length_m(road: Road) -> float:
@@ -223,7 +225,7 @@ def _mean_length_m(road: Road) -> float:
 def _set_line(
     lane: ElementTree.Element, points_m: Float[np.ndarray, "N 2"], length_m: float
 ) -> None:
-    """Give a lane its line, its length, and a speed for its sharpest bend."""
+    """Set line, length, and speed limit for the sharpest curve of a lane."""
     lane.set("shape", _shape(points_m))
     lane.set("length", f"{length_m:.4f}")
     limit = float(lane.attrib["speed"])
@@ -235,33 +237,33 @@ def _divide(
     lines: LaneLines,
     link: Link,
     lanes: list[ElementTree.Element],
-    stretches: dict[str, tuple[Stretch, ...]],
+    lane_intervals: dict[str, tuple[LaneInterval, ...]],
 ) -> None:
-    """Lay a way's parts along its line; it has more than one where drivers wait."""
+    """Divide a link among its internal lanes; it has several if drivers wait inside."""
     lengths = np.array([float(lane.attrib["length"]) for lane in lanes])
-    total = float(arc_length(lines.line(link.stretches))[-1])
+    total = float(arc_length(lines.line(link.lane_intervals))[-1])
     bounds = np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()]) * total
     for lane, start, end in zip(lanes, bounds[:-1], bounds[1:], strict=True):
-        part = _sub(link.stretches, float(start), float(end))
+        part = _sub(link.lane_intervals, float(start), float(end))
         _set_line(lane, lines.line(part), max(float(end - start), 0.1))
-        stretches[lane.attrib["id"]] = part
+        lane_intervals[lane.attrib["id"]] = part
 
 
 def _sub(
-    stretches: tuple[Stretch, ...], start_m: float, end_m: float
-) -> tuple[Stretch, ...]:
-    """What lies between two arc lengths along stretches in a row."""
+    lane_intervals: tuple[LaneInterval, ...], start_m: float, end_m: float
+) -> tuple[LaneInterval, ...]:
+    """Part of consecutive intervals between two arc lengths."""
     found = []
     passed = 0.0
-    for stretch in stretches:
-        length = stretch.end_m - stretch.start_m
+    for interval in lane_intervals:
+        length = interval.end_m - interval.start_m
         low, high = max(start_m - passed, 0.0), min(end_m - passed, length)
         if high - low > 1e-6:
             found.append(
-                Stretch(
-                    lane_id=stretch.lane_id,
-                    start_m=stretch.start_m + low,
-                    end_m=stretch.start_m + high,
+                LaneInterval(
+                    lane_id=interval.lane_id,
+                    start_m=interval.start_m + low,
+                    end_m=interval.start_m + high,
                 )
             )
         passed += length

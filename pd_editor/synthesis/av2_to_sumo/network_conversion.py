@@ -1,4 +1,4 @@
-"""A user's Argoverse 2 map as a network for SUMO."""
+"""Conversion of an Argoverse 2 map to a network for SUMO."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ from typing import Final
 from pd_editor.errors import SynthesisError
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.synthesis.av2_to_sumo.connections import lane_roads
-from pd_editor.synthesis.av2_to_sumo.edges import LaneLines, Stretch, lane_pairs
+from pd_editor.synthesis.av2_to_sumo.edges import LaneInterval, LaneLines, lane_pairs
 from pd_editor.synthesis.av2_to_sumo.net_file import write_lane_net
-from pd_editor.synthesis.av2_to_sumo.parking_strips import kerb_strips
+from pd_editor.synthesis.av2_to_sumo.parking_strips import parking_strips
 from pd_editor.synthesis.road_network.footways import footways_of
 from pd_editor.synthesis.road_network.network import Network
 from pd_editor.synthesis.sumo.sumo_net import read_sumo_net
@@ -20,20 +20,20 @@ FAMILY: Final = "av2"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Av2Network(Network):
-    """A network whose lanes lie exactly on the centre lines of the original map.
+    """Network whose lanes are exactly on the centre lines of the original map.
 
-    So a simulated pose is one on the original lanes, junctions included.
+    Simulated poses are therefore on the original lanes, also in junctions.
     """
 
-    stretches: Mapping[str, tuple[Stretch, ...]]
-    """Where each SUMO lane lies on lanes of the map, in driving order."""
+    lane_intervals: Mapping[str, tuple[LaneInterval, ...]]
+    """Lane intervals of the map along each SUMO lane, in driving order."""
 
 
 def network_of_map(road_map: RoadMap, name: str, folder: Path) -> Av2Network:
-    """A network for the lanes of a map, which it keeps as its road map.
+    """Convert a map, which becomes the road map of the network.
 
-    Lanes that run outside junctions become edges, those side by side one edge. Lanes
-    of junctions become ways through a junction, where SUMO minds the right of way.
+    Lanes outside junctions become edges, adjacent lanes one edge. Lanes in junctions
+    become connections, for which SUMO applies right of way.
 
     Raises:
         SynthesisError: the map has no lanes, or SUMO is missing or refused them.
@@ -51,18 +51,18 @@ def network_of_map(road_map: RoadMap, name: str, folder: Path) -> Av2Network:
         road_map=road_map,
         lane_of_sumo={
             sumo_id: tuple(dict.fromkeys(part.lane_id for part in parts))
-            for sumo_id, parts in net.stretches.items()
+            for sumo_id, parts in net.lane_intervals.items()
         },
         has_signals=net.has_signals,
-        parking_strips_m=kerb_strips(road_map),
+        parking_strips_m=parking_strips(road_map),
         footways=footways_of(road_map),
-        stretches=net.stretches,
+        lane_intervals=net.lane_intervals,
     )
 
 
 def links_of(network: Av2Network) -> frozenset[tuple[int, int]]:
-    """Lanes of the map that SUMO lets a vehicle drive one after the other."""
-    parts = network.stretches
+    """Pairs of consecutive lanes of the map that the SUMO network connects."""
+    parts = network.lane_intervals
     found = {pair for lane in parts.values() for pair in lane_pairs(lane)}
     for one, other in read_sumo_net(network.net_file).links:
         ends = (parts[one][-1].lane_id, parts[other][0].lane_id)

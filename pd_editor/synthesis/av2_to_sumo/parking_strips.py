@@ -1,4 +1,4 @@
-"""Room to park beside the lanes of a map, and on those that are wide enough."""
+"""Parking strips beside the lanes of a map, and on lanes that are wide enough."""
 
 from typing import Final
 
@@ -12,18 +12,18 @@ from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
 
 SPACING_M: Final = 1.0
 NEEDED_M: Final = 1.9
-"""Least width of paved ground beside a lane on which vehicles park."""
+"""Least width of drivable area beside a lane on which vehicles park."""
 MAX_ROOM_M: Final = 5.0
-"""With more ground than this beside it, a lane has no kerb but a square."""
+"""A lane with more drivable area than this beside it has no kerb there."""
 HALF_VEHICLE_M: Final = 1.15
-"""From the kerb to the middle of a vehicle that is parked along it."""
+"""Distance from the kerb to the centre of a vehicle parked along it."""
 MIN_LENGTH_M: Final = 14.0
 WIDE_M: Final = 4.8
-"""Lanes along the kerb that are as wide take in the room to park."""
+"""Least width of kerb lanes that include a parking strip."""
 
 
-def kerb_strips(road_map: RoadMap) -> tuple[Float[np.ndarray, "_ 2"], ...]:
-    """Middle lines of strips to park on, beside or on the rightmost lanes, as driven."""
+def parking_strips(road_map: RoadMap) -> tuple[Float[np.ndarray, "_ 2"], ...]:
+    """Centre lines of parking strips beside or on rightmost lanes, in driving direction."""
     if not road_map.drivable_areas:
         return ()
     paved = shapely.union_all(
@@ -45,7 +45,7 @@ def kerb_strips(road_map: RoadMap) -> tuple[Float[np.ndarray, "_ 2"], ...]:
 
 
 def _within(lane: Lane) -> list[Float[np.ndarray, "_ 2"]]:
-    """Along the right edge of a lane that is wide enough to park on."""
+    """Parking strips along the right edge of a lane that is wide enough."""
     length = float(arc_length(lane.right_m)[-1])
     if length < MIN_LENGTH_M:
         return []
@@ -59,7 +59,7 @@ def _within(lane: Lane) -> list[Float[np.ndarray, "_ 2"]]:
 
 
 def _beside(lane: Lane, paved: shapely.Geometry) -> list[Float[np.ndarray, "_ 2"]]:
-    """Where the paved ground to the right of a lane is as wide as a vehicle."""
+    """Parking strips on the drivable area to the right of a lane."""
     length = float(arc_length(lane.right_m)[-1])
     if length < MIN_LENGTH_M:
         return []

@@ -1,1 +1,1 @@
-"""Synthetic datasets: many networks simulated, cut into windows, and written."""
+"""Synthetic datasets: simulation of many networks, and writing of their clips."""

@@ -1,4 +1,4 @@
-"""Builds a corpus of synthetic traffic: many networks, each with its windows."""
+"""Builds a synthetic dataset of many networks, each with its windows."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -11,8 +11,8 @@ from typing import Final
 from pd_editor.errors import InputError, SynthesisError
 from pd_editor.regular_file import check_path
 from pd_editor.synthesis.dataset.dataset_folder import (
-    CorpusFolder,
-    CorpusSettings,
+    DatasetFolder,
+    DatasetSettings,
     NetworkRecord,
 )
 from pd_editor.synthesis.dataset.network_worker import NetworkItem, make_network
@@ -24,9 +24,9 @@ from pd_editor.work_engine.work_engine import WorkProgress
 
 WINDOWS_PER_SHARD: Final = 80
 FOLDERS_PER_NETWORK: Final = 20
-"""Fewer than in a shard: whoever looks at scenarios wants to see many roads."""
+"""Scenario folders per network; fewer than in a shard, for a greater variety of roads."""
 WINDOWS_PER_MAP: Final = 25
-"""Real maps are small, so traffic on them repeats itself sooner."""
+"""Windows per real map; fewer than per network, because real maps are small."""
 _MAX_ROUNDS: Final = 8
 _MAX_NUM: Final = 1_000_000
 _MAX_SEED: Final = 20_000
@@ -35,7 +35,7 @@ _SEEDS_PER_CORPUS: Final = 100_000
 
 @lru_cache(maxsize=8)
 def usual_families(count: int) -> tuple[str, ...]:
-    """The families of the first networks of a corpus, spread as evenly as can be."""
+    """Families of the first networks of a dataset, distributed as evenly as possible."""
     num = dict.fromkeys(FAMILY_SHARES, 0)
     chosen: list[str] = []
     for _ in range(count):
@@ -46,16 +46,16 @@ def usual_families(count: int) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CorpusPlan:
-    """What is made."""
+class DatasetPlan:
+    """Specification of a dataset."""
 
     num: int
-    """Windows, or scenario folders."""
+    """Number of windows or scenario folders."""
     seed: int
     families: tuple[str, ...] = ()
-    """Of drawn roads, evenly; all, each with its usual share, if none is named."""
+    """Families of procedural roads, in equal shares; all in their usual shares if empty."""
     maps: tuple[Path, ...] = ()
-    """Roots of real scenarios whose maps are driven on in place of drawn networks."""
+    """Roots of real scenarios whose maps are used in place of procedural networks."""
     as_shards: bool = False
     with_noise: bool = False
 
@@ -74,20 +74,20 @@ class CorpusPlan:
             raise InputError(f"--seed is {self.seed}; expected 0 to {_MAX_SEED - 1}.")
         if self.as_shards and self.with_noise:
             raise InputError(
-                "Shards hold true states, and noise is drawn when they are read; leave "
+                "Shards hold true states, and noise is added when they are read; leave "
                 "out --noise or --shards."
             )
 
     def family(self, index: int) -> str:
-        """Family of drawn roads that a network belongs to."""
+        """Family of the procedural network of an index."""
         if self.families:
             return self.families[index % len(self.families)]
         return usual_families(index + 1)[index]
 
     @property
-    def settings(self) -> CorpusSettings:
-        """What finished networks depend on."""
-        return CorpusSettings(
+    def settings(self) -> DatasetSettings:
+        """Settings that finished networks depend on."""
+        return DatasetSettings(
             version=version("pd-editor"),
             num=self.num,
             seed=self.seed,
@@ -99,37 +99,37 @@ class CorpusPlan:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CorpusRecord:
-    """What was made."""
+class DatasetRecord:
+    """Finished networks and failures of a dataset."""
 
     networks: Mapping[str, NetworkRecord]
-    """By the names of their files."""
+    """Finished networks by the names of their files."""
     failures: Mapping[str, str]
-    """Why a network gave nothing."""
+    """Reason of each network without windows."""
     num_resumed: int
 
     @property
     def num_windows(self) -> int:
-        """In all networks."""
+        """Number of windows in all networks."""
         return sum(one.num_windows for one in self.networks.values())
 
     @property
     def num_agents(self) -> int:
-        """In all networks."""
+        """Number of agents in all networks."""
         return sum(one.num_agents for one in self.networks.values())
 
 
-def build_corpus(
-    plan: CorpusPlan,
-    folder: CorpusFolder,
+def build_dataset(
+    plan: DatasetPlan,
+    folder: DatasetFolder,
     engine: WorkEngine,
     *,
     on_progress: Callable[[WorkProgress], None] | None = None,
-) -> CorpusRecord:
-    """Make what is not finished yet, and write the manifest.
+) -> DatasetRecord:
+    """Build the networks that are not finished yet, and write the manifest.
 
-    Networks that give less than their share are made up for by further ones, so a
-    corpus may have fewer windows than asked for only if many networks fail.
+    Further networks replace those with fewer windows than planned, so that a dataset
+    has fewer windows than requested only if many networks fail.
 
     Raises:
         SynthesisError: SUMO is missing, or not a single network gave a window.
@@ -165,23 +165,23 @@ def build_corpus(
         reason = next(iter(failures.values()), "there is no map")
         raise SynthesisError(f"Not a single network gave traffic; the first: {reason}")
     folder.write_manifest(networks)
-    return CorpusRecord(networks=networks, failures=failures, num_resumed=num_resumed)
+    return DatasetRecord(networks=networks, failures=failures, num_resumed=num_resumed)
 
 
 def _items(
-    plan: CorpusPlan,
-    folder: CorpusFolder,
+    plan: DatasetPlan,
+    folder: DatasetFolder,
     maps: Sequence[Path],
     num_windows: int,
     first: int,
 ) -> dict[str, NetworkItem]:
-    """Further networks that share the windows evenly, numbered from ``first``."""
+    """Further networks with equal numbers of windows, numbered from ``first``."""
     share = WINDOWS_PER_SHARD if plan.as_shards else FOLDERS_PER_NETWORK
     kinds = len(maps) or len(plan.families or FAMILIES)
     if maps:
         share = min(share, WINDOWS_PER_MAP)
     count = math.ceil(num_windows / share)
-    if first == 0:  # A few windows come from as many kinds of roads as there are.
+    if first == 0:  # Few windows are distributed over all families of roads.
         count = max(count, min(kinds, num_windows))
     items = {}
     for number in range(count):
@@ -204,6 +204,6 @@ def _items(
 
 
 def _is_hopeless(map_folder: Path, failures: Mapping[str, str]) -> bool:
-    """Whether a map failed again; nobody may have come by on it by chance."""
+    """Whether a map failed repeatedly; once may be chance, if no agent was eligible."""
     keys = [key for key in failures if key.startswith(f"av2-{map_folder.name}-")]
     return len(keys) > 1

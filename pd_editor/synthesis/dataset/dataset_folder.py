@@ -1,4 +1,4 @@
-"""The folder of a synthetic corpus: settings, finished networks, what they gave."""
+"""Folder of a synthetic dataset: settings, finished networks and their records."""
 
 import json
 from collections.abc import Mapping
@@ -12,45 +12,45 @@ MANIFEST_NAME: Final = "manifest.json"
 
 
 @dataclass(frozen=True, kw_only=True)
-class CorpusSettings:
-    """What must be equal for finished networks to be of use."""
+class DatasetSettings:
+    """Settings that must be equal for finished networks to be reused."""
 
     version: str
-    """Of the program, since traffic may change."""
+    """Version of the program, with which traffic may change."""
     num: int
     seed: int
     families: tuple[str, ...]
     maps: tuple[str, ...]
-    """Roots of real maps, whose traffic is simulated in place of drawn networks."""
+    """Roots of real maps, which are used in place of procedural networks."""
     form: str
-    """``folders`` or ``shards``."""
+    """Format: ``folders`` or ``shards``."""
     noise: bool
 
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkRecord:
-    """What one network gave."""
+    """Record of one finished network."""
 
     num_windows: int
     num_agents: int
-    """In all its windows at their current steps."""
+    """Number of agents in all windows at their current steps."""
 
 
-class CorpusFolder(ResumableFolder):
-    """What is there of a corpus."""
+class DatasetFolder(ResumableFolder):
+    """Folder of a dataset that can be resumed."""
 
-    def __init__(self, path: Path, settings: CorpusSettings, *, resume: bool) -> None:
-        """Make the folder, or go on with the one of an earlier run.
+    def __init__(self, path: Path, settings: DatasetSettings, *, resume: bool) -> None:
+        """Create the folder, or resume the one of an earlier run.
 
         Raises:
             ExportError: the folder cannot be written, or holds something else.
-            InputError: it was begun with other settings.
+            InputError: the folder belongs to a dataset with other settings.
         """
         self.settings = settings
-        super().__init__(path, settings, work="corpus", resume=resume)
+        super().__init__(path, settings, work="dataset", resume=resume)
 
     def store(self, key: str, record: NetworkRecord) -> None:
-        """Keep that a network's files are written.
+        """Store the record of a network whose files are written.
 
         Raises:
             ExportError: it cannot be written.
@@ -58,7 +58,7 @@ class CorpusFolder(ResumableFolder):
         self.write_json(f"{FINISHED_NAME}/{key}.json", asdict(record))
 
     def load(self, key: str) -> NetworkRecord | None:
-        """What a finished network gave; None if it is not finished."""
+        """Record of a finished network; None if it is not finished."""
         try:
             found = json.loads((self.path / FINISHED_NAME / f"{key}.json").read_bytes())
             return NetworkRecord(**found)
@@ -66,7 +66,7 @@ class CorpusFolder(ResumableFolder):
             return None
 
     def write_manifest(self, networks: Mapping[str, NetworkRecord]) -> Path:
-        """Write what the corpus is, and what each network gave.
+        """Write the dataset's settings and the records of its networks.
 
         Raises:
             ExportError: it cannot be written.

@@ -1,4 +1,4 @@
-"""One network of a corpus: drawn or taken from a map, driven on, cut and written."""
+"""Worker for one network of a dataset: network, simulation, clips, files."""
 
 import dataclasses
 import tempfile
@@ -17,26 +17,26 @@ from pd_editor.recordings.shards import SHARD_SUFFIX, write_shard
 from pd_editor.recordings.tracking_noise import TrackingNoise
 from pd_editor.synthesis.av2_to_sumo.network_conversion import network_of_map
 from pd_editor.synthesis.dataset.dataset_folder import NetworkRecord
-from pd_editor.synthesis.road_network.generator import draw_network
+from pd_editor.synthesis.road_network.generator import generate_network
 from pd_editor.synthesis.traffic.demand_config import MAP_DEMAND
 from pd_editor.synthesis.traffic.simulation import simulate
 
 WINDOW_SPACING_S: Final = 2.0
-"""A recording is so much longer for each of its windows."""
+"""Duration by which each window lengthens a recording."""
 MIN_DURATION_S: Final = 30.0
 MAX_DURATION_S: Final = 160.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkItem:
-    """What a worker needs to know."""
+    """Work item: one network of a dataset."""
 
     key: str
-    """Names the files."""
+    """Name of the network and its files."""
     family: str
-    """Of procedural roads; empty if the roads are those of ``map_folder``."""
+    """Family of procedural roads; empty if ``map_folder`` is used."""
     map_folder: Path | None
-    """A real scenario, whose map is driven on."""
+    """Folder of a real scenario whose map is used."""
     seed: int
     num_windows: int
     out: Path
@@ -45,17 +45,17 @@ class NetworkItem:
 
 
 def make_network(item: NetworkItem) -> NetworkRecord:
-    """Write the windows of one network; the same item gives the same bytes.
+    """Write the windows of one network; equal items give equal bytes.
 
     Raises:
-        SynthesisError: SUMO refused the roads or the traffic, or nobody moves.
+        SynthesisError: SUMO refused the roads or the traffic, or no agent moves.
         InputError: the map cannot be read.
         ExportError: a file cannot be written.
     """
     recording = _recording(item)
     windows = choose_windows(recording, item.seed, num_windows=item.num_windows)
     if not windows:
-        raise SynthesisError(f"{item.key}: nobody drives there for long enough.")
+        raise SynthesisError(f"{item.key}: no agent drives there for long enough.")
     if item.as_shard:
         write_shard(item.out / f"{item.key}{SHARD_SUFFIX}", [(recording, windows)])
     else:
@@ -69,7 +69,7 @@ def _recording(item: NetworkItem) -> Recording:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if item.map_folder is None:
-            network = draw_network(item.family, item.seed, folder)
+            network = generate_network(item.family, item.seed, folder)
             return simulate(network, item.seed, duration_s=duration_s)
         real = read_scenario(item.map_folder)
         network = network_of_map(real.road_map, f"av2-{real.scenario_id}", folder)

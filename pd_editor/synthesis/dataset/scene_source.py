@@ -1,4 +1,4 @@
-"""Scenes of a finished corpus, and of real datasets, for the realism report."""
+"""Scenes of a synthetic dataset, and of real datasets, for the realism report."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,11 +13,11 @@ from pd_editor.recordings.tracking_noise import TrackingNoise
 from pd_editor.scene.scenario import Scenario
 
 MAX_SCENES: Final = 300
-"""More say little more, and take a second for every twenty."""
+"""Limit of scenes; more improve the statistics little and take a second per twenty."""
 
 
 def scenario_folders(roots: Sequence[Path]) -> list[Path]:
-    """Folders of scenarios below the roots in the order of their names, each once.
+    """Folders of scenarios below the roots, in the order of names, without duplicates.
 
     Raises:
         InputError: a root is no folder, or there is no scenario.
@@ -31,13 +31,13 @@ def scenario_folders(roots: Sequence[Path]) -> list[Path]:
     return [found[name] for name in sorted(found)]
 
 
-def corpus_scenes(folder: Path) -> Iterator[Scenario]:
-    """Scenes of a corpus, at most ``MAX_SCENES``, spread evenly.
+def dataset_scenes(folder: Path) -> Iterator[Scenario]:
+    """Yield at most ``MAX_SCENES`` scenes of a synthetic dataset, evenly distributed.
 
-    Those of shards are blurred as a tracker would, since real ones are.
+    Scenes of shards get a tracker's noise, as real ones have.
 
     Raises:
-        InputError: there is none, or one is damaged.
+        InputError: there is no scene, or one is damaged.
     """
     if any(folder.glob(f"*{SHARD_SUFFIX}")):
         reader = ShardReader(folder)
@@ -50,10 +50,10 @@ def corpus_scenes(folder: Path) -> Iterator[Scenario]:
 
 
 def real_scenes(root: Path) -> Iterator[Scenario]:
-    """Scenes of a dataset that have a future, at most ``MAX_SCENES``, spread evenly.
+    """Yield at most ``MAX_SCENES`` scenes of a dataset with a future, evenly distributed.
 
     Raises:
-        InputError: there is none, or one is damaged.
+        InputError: there is no scene, or one is damaged.
     """
     folders = scenario_folders((root,))
     for index in _spread(len(folders)):
@@ -63,6 +63,6 @@ def real_scenes(root: Path) -> Iterator[Scenario]:
 
 
 def _spread(count: int) -> list[int]:
-    """At most ``MAX_SCENES`` of the numbers below ``count``."""
+    """At most ``MAX_SCENES`` evenly spaced indices below ``count``."""
     num = min(count, MAX_SCENES)
     return np.linspace(0, count - 1, num).round().astype(int).tolist()

@@ -1,1 +1,1 @@
-"""How near synthetic scenes come to recorded ones."""
+"""Comparison of synthetic scenes with recorded ones."""

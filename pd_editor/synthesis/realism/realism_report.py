@@ -1,4 +1,4 @@
-"""How near synthetic scenes come to real ones, beside what real ones differ."""
+"""Report of the distances between synthetic and real scenes, with their noise floor."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -18,7 +18,7 @@ from pd_editor.synthesis.realism.scene_statistics import (
 )
 
 ALLOWED_RATIO: Final = 1.3
-"""Of the distance to the noise floor."""
+"""Largest accepted ratio of a distance to its noise floor."""
 QUANTILES: Final = (10, 50, 90)
 
 _Measured = dict[str, list[MaskedValues]]
@@ -26,34 +26,34 @@ _Measured = dict[str, list[MaskedValues]]
 
 @dataclass(frozen=True, kw_only=True)
 class RealismRow:
-    """A quantity on both sides."""
+    """Comparison of one quantity."""
 
     name: str
     unit: str
     distance: float
-    """Root of the Jensen-Shannon divergence (natural logarithm) to the real scenes."""
+    """Jensen-Shannon distance (natural logarithm) to the real scenes."""
     noise_floor: float
-    """That of as many real agents, drawn anew: what chance does to the real scenes."""
+    """Distance between the real scenes and as many agents resampled from them."""
     other_real: float | None
-    """That of other real scenes, where there are any."""
+    """Distance between the real scenes and other real scenes; None without any."""
     synthetic: tuple[float, ...]
-    """Quantiles of ``QUANTILES``; the mean alone of a share."""
+    """Quantiles at ``QUANTILES``; for a share only its mean."""
     real: tuple[float, ...]
 
     @property
     def ratio(self) -> float:
-        """Distance over noise floor."""
+        """Ratio of the distance to its noise floor."""
         return self.distance / max(self.noise_floor, 1e-9)
 
     @property
     def passes(self) -> bool:
-        """Whether the ratio is as low as asked for."""
+        """Whether the ratio is at most ``ALLOWED_RATIO``."""
         return self.ratio <= ALLOWED_RATIO
 
 
 @dataclass(frozen=True, kw_only=True)
 class RealismReport:
-    """All quantities."""
+    """Comparison of all quantities."""
 
     rows: tuple[RealismRow, ...]
     num_synthetic: int
@@ -61,7 +61,7 @@ class RealismReport:
     num_other: int
 
     def json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
+        """Report as JSON values."""
         return {
             "num_synthetic": self.num_synthetic,
             "num_real": self.num_real,
@@ -80,7 +80,7 @@ class RealismReport:
         return f", which is {chance:.1f} for the other real scenes."
 
     def markdown(self) -> str:
-        """The report as Markdown."""
+        """Report as Markdown."""
         num_passed = sum(row.passes for row in self.rows)
         lines = [
             "# Synthetic traffic beside real traffic",
@@ -88,7 +88,7 @@ class RealismReport:
             + (f", {self.num_other} other real ones." if self.num_other else "."),
             "Distances are square roots of Jensen-Shannon divergences (natural "
             "logarithm) to the real scenes. The noise floor is that distance for as "
-            "many agents of real scenes drawn anew, mean over draws. A perfect "
+            "many agents of resampled real scenes, mean over resamples. A perfect "
             "generator's ratio tends to 1 as its scenes become many; of n scenes "
             "beside m real ones, chance alone makes it about sqrt(1 + m / n)"
             + self._chance(),
@@ -107,9 +107,9 @@ def realism_report(
     """Compare scenes with real ones, quantity by quantity.
 
     Args:
-        synthetic: scenes under test, of the form and the extent of real ones.
-        real: scenes that they should be like.
-        other_real: more real scenes, which show what distance is within reach.
+        synthetic: scenes under test, of the format and extent of real ones.
+        real: reference scenes.
+        other_real: further real scenes, whose distance is a reference.
 
     Raises:
         InputError: there are no synthetic or no real scenes.
@@ -144,7 +144,7 @@ def _measured(scenarios: Iterable[Scenario]) -> tuple[_Measured, int]:
 
 
 def _num_rows(scenes: Sequence[MaskedValues]) -> int:
-    """Agents, lanes or scenes with a value."""
+    """Number of agents, lanes or scenes with a value."""
     return sum(int(scene.has_value().sum()) for scene in scenes if len(scene))
 
 

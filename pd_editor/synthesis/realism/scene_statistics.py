@@ -1,4 +1,4 @@
-"""What synthetic and real scenes are compared by, measured on one scene."""
+"""Quantities of a scene by which synthetic and real scenes are compared."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,29 +31,29 @@ MOVING_MPS: Final = 0.5
 TURNING_DEG: Final = 30.0
 """Change of heading in the window beyond which an agent turns."""
 TURNING_PATH_M: Final = 5.0
-"""Shorter paths say nothing about turning."""
+"""Least length of paths whose turns are measured."""
 START_M: Final = 2.0
-"""Tracks of parked vehicles drift by up to this."""
-_JUDGED_STEPS: Final = slice(10, 46, 5)
-"""Steps whose accelerations are compared. Fits are one-sided at the first ones, and
-tracks of Argoverse 2 come to rest in their last second whatever they did before."""
+"""Least displacement of a start; tracks of parked vehicles drift by up to this."""
+_COMPARED_STEPS: Final = slice(10, 46, 5)
+"""Steps whose accelerations are compared. Fits are one-sided at the first steps, and
+tracks of Argoverse 2 decelerate to rest in their last second."""
 _KINDS: Final = tuple(AgentKind)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredScene:
-    """A scene with what several quantities need of it."""
+    """A scene with cached intermediate values of several quantities."""
 
     scenario: Scenario
 
     @cached_property
     def everyone(self) -> TrafficView:
-        """All road users that exist at the state."""
+        """View of all road users at the current step."""
         return recorded_traffic(self.scenario)
 
     @cached_property
-    def movers(self) -> TrafficView:
-        """Cars, buses and motorcycles among them, the others as company."""
+    def motor_vehicles(self) -> TrafficView:
+        """View of the motor vehicles, with the other road users as context."""
         view = self.everyone
         rows = np.flatnonzero(view.agents.is_in("movers"))
         names = [view.agents.ids[row] for row in rows]
@@ -61,19 +61,19 @@ class MeasuredScene:
 
     @cached_property
     def moves(self) -> Bool[np.ndarray, "A"]:
-        """Which movers move at the state."""
-        velocity = self.movers.agents.velocity_mps[:, 0]
+        """Which motor vehicles move at the current step."""
+        velocity = self.motor_vehicles.agents.velocity_mps[:, 0]
         return np.hypot(velocity[:, 0], velocity[:, 1]) > MOVING_MPS
 
     @cached_property
     def motion(self) -> Kinematics:
-        """Derivatives of the movers' paths."""
-        return kinematics(self.movers)
+        """Derivatives of the motor vehicles' paths."""
+        return kinematics(self.motor_vehicles)
 
     @cached_property
     def lanes(self) -> LaneMatch:
-        """The lane nearest to each mover at the state."""
-        agents = self.movers.agents
+        """Lane nearest to each motor vehicle at the current step."""
+        agents = self.motor_vehicles.agents
         return nearest_lanes(
             self.scenario.road_map,
             agents.position_m[:, 0],
@@ -90,14 +90,14 @@ class Quantity:
 
     name: str
     unit: str
-    """"share" for quantities that are 0 or 1."""
+    """Unit; "share" for quantities that are 0 or 1."""
     bins: Histogram
     measure: _Measure
 
     def distance(
         self, one: Float[np.ndarray, "N"], other: Float[np.ndarray, "M"]
     ) -> float:
-        """Root of the Jensen-Shannon divergence of two sets, neither empty."""
+        """Jensen-Shannon distance of two non-empty sets."""
         return self.bins.distance(one, other).root
 
 
@@ -170,7 +170,7 @@ def _rows(value: np.ndarray, is_valid: np.ndarray | None = None) -> MaskedValues
 
 
 def _motion(scene: MeasuredScene, name: str) -> MaskedValues:
-    found = motion_values(scene.movers)[name]
+    found = motion_values(scene.motor_vehicles)[name]
     return _rows(found.value, found.is_valid)
 
 
@@ -179,24 +179,24 @@ def _speed_of_moving(scene: MeasuredScene) -> MaskedValues:
 
 
 def _starts(scene: MeasuredScene) -> MaskedValues:
-    """Whether those standing at the state, and seen to the end, are off by then."""
-    agents, stands = scene.movers.agents, _motion(scene, "standing").value > 0
+    """Whether agents that stand at the current step have started by the last step."""
+    agents, stands = scene.motor_vehicles.agents, _motion(scene, "standing").value > 0
     away = np.linalg.norm(agents.position_m[:, -1] - agents.position_m[:, 0], axis=-1)
     return _rows(away > START_M, stands & agents.is_valid.all(axis=1))
 
 
 def _nearest(scene: MeasuredScene) -> MaskedValues:
-    found = nearest_distance(scene.movers)
+    found = nearest_distance(scene.motor_vehicles)
     return _rows(found.value, found.is_valid)
 
 
 def _density(scene: MeasuredScene) -> MaskedValues:
-    found = local_density(scene.movers)
+    found = local_density(scene.motor_vehicles)
     return _rows(found.value, found.is_valid)
 
 
 def _edge(scene: MeasuredScene, which: int) -> MaskedValues:
-    found = nearest_edge(scene.movers)[which]
+    found = nearest_edge(scene.motor_vehicles)[which]
     return _rows(found.value, found.is_valid)
 
 
@@ -205,7 +205,7 @@ def _offset(scene: MeasuredScene, *, moving: bool) -> MaskedValues:
 
 
 def _angle(scene: MeasuredScene, *, moving: bool) -> MaskedValues:
-    heading = scene.movers.agents.heading_rad[:, 0]
+    heading = scene.motor_vehicles.agents.heading_rad[:, 0]
     angle = np.abs(np.degrees(wrap_angle(heading - scene.lanes.heading_rad)))
     return _rows(angle, scene.lanes.is_valid & (scene.moves == moving))
 
@@ -213,12 +213,12 @@ def _angle(scene: MeasuredScene, *, moving: bool) -> MaskedValues:
 def _while_moving(scene: MeasuredScene, value: np.ndarray) -> MaskedValues:
     motion = scene.motion
     valid = motion.is_valid & (motion.speed_mps > MOVING_MPS)
-    return _rows(value[:, _JUDGED_STEPS], valid[:, _JUDGED_STEPS])
+    return _rows(value[:, _COMPARED_STEPS], valid[:, _COMPARED_STEPS])
 
 
 def _heading_change(scene: MeasuredScene) -> MaskedValues:
-    """Sum of the turns from step to step of those that go some way, in degrees."""
-    agents = scene.movers.agents
+    """Accumulated change of heading of agents with a long enough path, in degrees."""
+    agents = scene.motor_vehicles.agents
     both = agents.is_valid[:, 1:] & agents.is_valid[:, :-1]
     turn = wrap_angle(np.diff(agents.heading_rad, axis=1))
     total = np.degrees(np.where(both, turn, 0.0).sum(axis=1))
@@ -253,7 +253,7 @@ def _lane_length(scene: MeasuredScene) -> MaskedValues:
 
 
 def _lane_curvature(scene: MeasuredScene) -> MaskedValues:
-    """Turn from a lane's start to its end, over its length."""
+    """Change of direction from a lane's start to its end, divided by its length."""
     found = []
     for lane in scene.scenario.road_map.lanes:
         steps = np.diff(lane.centerline_m, axis=0)
@@ -268,4 +268,4 @@ def _lane_in_junction(scene: MeasuredScene) -> MaskedValues:
 
 
 QUANTITIES: Final[tuple[Quantity, ...]] = _quantities()
-"""All that is compared; of cars, buses and motorcycles where nothing else is said."""
+"""All compared quantities; of motor vehicles unless their names say otherwise."""

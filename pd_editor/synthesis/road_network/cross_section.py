@@ -1,4 +1,4 @@
-"""What lies across a street."""
+"""Cross-sections of streets."""
 
 from dataclasses import dataclass
 
@@ -7,22 +7,22 @@ from pd_editor.synthesis.road_network.plain_xml import Strip, StripKind
 
 @dataclass(frozen=True, kw_only=True)
 class Carriageway:
-    """One direction of a street, from the kerb: pavement, parking, bikes, vehicles."""
+    """Cross-section of one direction of a street: sidewalk, parking, bike, vehicle lanes."""
 
     num_lanes: int
     lane_width_m: float
     speed_mps: float
     has_bus_lane: bool = False
-    """The rightmost of the lanes is for buses."""
+    """Whether the rightmost vehicle lane is a bus lane."""
     bike_width_m: float = 0.0
     parking_width_m: float = 0.0
     sidewalk_width_m: float = 0.0
     median_m: float = 0.0
-    """Between the two directions."""
+    """Width of the median between the two directions."""
     is_one_way: bool = False
 
     def strips(self) -> tuple[Strip, ...]:
-        """Strips from the kerb to the left."""
+        """Lanes (strips) from the kerb to the left."""
         beside = [
             (StripKind.SIDEWALK, self.sidewalk_width_m),
             (StripKind.PARKING, self.parking_width_m),
@@ -37,5 +37,5 @@ class Carriageway:
         )
 
     def width_m(self) -> float:
-        """Of all strips."""
+        """Total width of all strips."""
         return sum(strip.width_m for strip in self.strips())

@@ -1,4 +1,4 @@
-"""Where people walk on a map that has no sidewalks: along its kerbs, over crosswalks."""
+"""Footways of pedestrians on maps without sidewalks: along kerbs and over crosswalks."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,50 +13,50 @@ from pd_editor.geometry.polyline import arc_length, resample
 from pd_editor.scene.road_map import Crosswalk, RoadMap
 
 OUTSIDE_M: Final = 1.7
-"""From the edge of the paved ground, or of a lane beyond it, to the middle of the way."""
+"""Distance of a footway's centre line from the edge of the drivable area or of a lane."""
 RIM_M: Final = 6.0
-"""Beyond the first and last points of a map's lanes the road still goes on."""
+"""Length by which roads extend beyond the ends of a map's lanes."""
 RIM_HALF_WIDTH_M: Final = 4.0
 SMOOTH_M: Final = 1.5
-"""Details of an edge that are smaller than this are not walked around."""
+"""Smaller details of an edge are smoothed."""
 MIN_LENGTH_M: Final = 15.0
 REACH_M: Final = 6.0
-"""From the end of a crosswalk to the way that leads there."""
+"""Largest distance from the end of a crosswalk to its footway."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Crossing:
-    """A crosswalk between two places on footways."""
+    """Crosswalk between two points on footways."""
 
     line_m: Float[np.ndarray, "N 2"]
-    """From one footway to the other."""
+    """Centre line from one footway to the other."""
     footway: tuple[int, int]
-    """At its two ends, by index."""
+    """Indices of the footways at its two ends."""
     along_m: tuple[float, float]
-    """How far along these."""
+    """Arc lengths of its ends on these footways."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Footways:
-    """Lines that people walk along, in both directions, and crossings between them."""
+    """Lines that pedestrians use in both directions, and crossings between them."""
 
     lines_m: tuple[Float[np.ndarray, "_ 2"], ...]
     crossings: tuple[Crossing, ...]
 
     @property
     def length_m(self) -> float:
-        """Of all lines."""
+        """Total length of all lines."""
         return float(sum(arc_length(line)[-1] for line in self.lines_m))
 
 
 def footways_of(road_map: RoadMap) -> Footways:
-    """Footways a little outside the paved ground; none on a map without lanes."""
+    """Footways outside the drivable area; none on a map without lanes."""
     if not road_map.lanes:
         return Footways(lines_m=(), crossings=())
     rings = [area.boundary[:, :2] for area in road_map.drivable_areas]
     rings += [lane.outline_m() for lane in road_map.lanes]
     paved = shapely.union_all([shapely.Polygon(ring).buffer(0.0) for ring in rings])
-    # Closing fills the slits between the polygons of a road; opening cuts off spikes.
+    # Closing fills the gaps between the polygons of a road; opening removes spikes.
     rounded = paved.buffer(OUTSIDE_M + SMOOTH_M).buffer(-SMOOTH_M)
     edge = rounded.boundary.difference(shapely.union_all(_rims(road_map)))
     lines = tuple(
@@ -72,7 +72,7 @@ def footways_of(road_map: RoadMap) -> Footways:
 
 
 def _rims(road_map: RoadMap) -> list[shapely.Geometry]:
-    """Ground on which roads go on beyond the map."""
+    """Areas in which roads continue beyond the map."""
     known = road_map.lane_of
     starts, ways = [], []
     for lane in road_map.lanes:
@@ -99,7 +99,7 @@ def _line_strings(shape: Any) -> Iterable[shapely.LineString]:
 
 
 def _crossing(crosswalk: Crosswalk, ways: list[shapely.LineString]) -> Crossing | None:
-    """The middle of a crosswalk with its way to the footways; None if one is missing."""
+    """Centre line of a crosswalk, extended to the footways; None if one is missing."""
     outline = crosswalk.outline_m()
     count = len(crosswalk.edge1)
     one, other = outline[:count], outline[count:][::-1]

@@ -1,4 +1,4 @@
-"""Procedural road networks of many families, drawn from a seed."""
+"""Generator of procedural road networks of several families."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,37 +9,40 @@ import numpy as np
 
 from pd_editor.errors import SynthesisError
 from pd_editor.synthesis.road_network.families.arterial import (
-    draw_arterial,
-    draw_t_junctions,
+    generate_arterial,
+    generate_t_junctions,
 )
-from pd_editor.synthesis.road_network.families.grid import draw_downtown, draw_grid
-from pd_editor.synthesis.road_network.families.merge import draw_merge
+from pd_editor.synthesis.road_network.families.grid import (
+    generate_downtown,
+    generate_grid,
+)
+from pd_editor.synthesis.road_network.families.merge import generate_merge
 from pd_editor.synthesis.road_network.families.residential import (
-    draw_dead_ends,
-    draw_winding_street,
+    generate_dead_ends,
+    generate_winding_street,
 )
-from pd_editor.synthesis.road_network.families.roundabout import draw_roundabout
-from pd_editor.synthesis.road_network.families.slip_lanes import draw_slip_lanes
-from pd_editor.synthesis.road_network.families.town import draw_town
+from pd_editor.synthesis.road_network.families.roundabout import generate_roundabout
+from pd_editor.synthesis.road_network.families.slip_lanes import generate_slip_lanes
+from pd_editor.synthesis.road_network.families.town import generate_town
 from pd_editor.synthesis.road_network.network import Network
 from pd_editor.synthesis.road_network.plain_xml import PlainNetwork, convert
 from pd_editor.synthesis.sumo.sumo_net import read_sumo_net
 from pd_editor.synthesis.sumo_to_av2.kerb_lanes import with_wide_kerb_lanes
 from pd_editor.synthesis.sumo_to_av2.map_conversion import net_road_map
 
-_DRAW: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
-    "grid": draw_grid,
-    "downtown": draw_downtown,
-    "town": draw_town,
-    "arterial": draw_arterial,
-    "t-junctions": draw_t_junctions,
-    "roundabout": draw_roundabout,
-    "merge": draw_merge,
-    "slip-lanes": draw_slip_lanes,
-    "winding-street": draw_winding_street,
-    "dead-ends": draw_dead_ends,
+_GENERATE: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
+    "grid": generate_grid,
+    "downtown": generate_downtown,
+    "town": generate_town,
+    "arterial": generate_arterial,
+    "t-junctions": generate_t_junctions,
+    "roundabout": generate_roundabout,
+    "merge": generate_merge,
+    "slip-lanes": generate_slip_lanes,
+    "winding-street": generate_winding_street,
+    "dead-ends": generate_dead_ends,
 }
-FAMILIES: Final[tuple[str, ...]] = tuple(_DRAW)
+FAMILIES: Final[tuple[str, ...]] = tuple(_GENERATE)
 FAMILY_SHARES: Final[Mapping[str, float]] = {
     "grid": 0.27,
     "downtown": 0.19,
@@ -52,18 +55,18 @@ FAMILY_SHARES: Final[Mapping[str, float]] = {
     "winding-street": 0.04,
     "dead-ends": 0.02,
 }
-"""How often each family comes in a corpus, to be as straight, dense and full of
-junctions as Argoverse 2's maps are."""
+"""Share of each family in a dataset, chosen to match the straightness, lane density and
+junction density of Argoverse 2's maps."""
 
 
-def draw_network(family: str, seed: int, folder: Path) -> Network:
-    """A network of a family; the same seed makes the same road map.
+def generate_network(family: str, seed: int, folder: Path) -> Network:
+    """Generate a network of a family; equal seeds give equal road maps.
 
     Raises:
         SynthesisError: SUMO is missing, refused the network, the family is unknown,
             or the folder cannot be written.
     """
-    if family not in _DRAW:
+    if family not in _GENERATE:
         raise SynthesisError(
             f"There is no family of roads '{family}'; "
             f"expected one of {', '.join(FAMILIES)}."
@@ -71,7 +74,7 @@ def draw_network(family: str, seed: int, folder: Path) -> Network:
     random = np.random.default_rng([seed, crc32(family.encode())])
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        net_file = convert(_DRAW[family](random), folder)
+        net_file = convert(_GENERATE[family](random), folder)
     except OSError as error:
         raise SynthesisError(
             f"{folder}: expected a folder that can be written ({error})."

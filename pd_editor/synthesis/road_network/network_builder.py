@@ -1,4 +1,4 @@
-"""A network as it is drawn, street by street."""
+"""Builder of procedural networks, street by street."""
 
 import itertools
 from collections.abc import Callable
@@ -23,35 +23,38 @@ from pd_editor.synthesis.road_network.plain_xml import (
 )
 from pd_editor.synthesis.road_network.street_curves import SPACING_M, CurveKind, curve
 
-Land = Callable[[Float[np.ndarray, "N 2"]], Float[np.ndarray, "N 2"]]
+PlaneWarp = Callable[[Float[np.ndarray, "N 2"]], Float[np.ndarray, "N 2"]]
 TAPER_M: Final = 22.0
-"""Over which a lane opens beside another, or closes."""
+"""Length over which an additional lane opens or closes."""
 _JUNCTION_M: Final = 14.0
-"""What a junction takes of the ends of its streets, about."""
+"""Approximate length of street ends that a junction occupies."""
 _MIN_BAY_M: Final = 12.0
 _CLEAR_M: Final = 15.0
-"""Between the middles of streets, away from where they meet."""
+"""Least distance between centre lines of streets away from their junctions."""
 _NEAR_JUNCTION_M: Final = 23.0
 
 
 @dataclass(kw_only=True)
-class NetworkSketch:
-    """Nodes and edges as they are drawn, street by street."""
+class NetworkBuilder:
+    """Nodes and edges of a network under construction.
+
+    All points are warped by ``warp`` when they are added.
+    """
 
     nodes: dict[str, PlainNode] = field(default_factory=dict)
     put_m: dict[str, Float[np.ndarray, "2"]] = field(default_factory=dict)
-    """Nodes before the land was bent."""
+    """Positions of nodes before the warp."""
     edges: list[PlainEdge] = field(default_factory=list)
     connections: list[PlainConnection] = field(default_factory=list)
     removed: list[tuple[str, str]] = field(default_factory=list)
-    """Pairs of edges between which nobody may turn."""
+    """Pairs of edges without a connection."""
     roundabouts: list[tuple[tuple[str, ...], tuple[str, ...]]] = field(
         default_factory=list
     )
     lines: list[LineString] = field(default_factory=list)
-    """Middles of the streets so far, before the land was bent."""
-    land: Land = lambda points_m: points_m
-    """Bends everything that is drawn, smoothly."""
+    """Centre lines of the streets so far, before the warp."""
+    warp: PlaneWarp = lambda points_m: points_m
+    """Smooth warp of the plane, applied to all points."""
 
     def node(
         self,
@@ -62,23 +65,23 @@ class NetworkSketch:
     ) -> None:
         """Add a node."""
         self.put_m[node_id] = point_m
-        self.bent_node(node_id, self.land(point_m[None])[0], kind, radius_m)
+        self.warped_node(node_id, self.warp(point_m[None])[0], kind, radius_m)
 
-    def bent_node(
+    def warped_node(
         self,
         node_id: str,
         point_m: Float[np.ndarray, "2"],
         kind: NodeKind = NodeKind.PRIORITY,
         radius_m: float = 7.0,
     ) -> None:
-        """Add a node on land that is bent already."""
+        """Add a node at a warped position."""
         x, y = (float(value) for value in point_m)
         self.nodes[node_id] = PlainNode(
             node_id=node_id, point_m=(x, y), kind=kind, radius_m=radius_m
         )
 
     def point_m(self, node_id: str) -> Float[np.ndarray, "2"]:
-        """Where a node was put, before the land was bent."""
+        """Position of a node before the warp."""
         return self.put_m[node_id]
 
     def line_m(
@@ -88,7 +91,7 @@ class NetworkSketch:
         kind: CurveKind = CurveKind.STRAIGHT,
         turn_rad: float = 0.0,
     ) -> Float[np.ndarray, "N 2"]:
-        """A curve between two nodes."""
+        """Curve between two nodes."""
         return curve(self.point_m(start), self.point_m(end), kind, turn_rad)
 
     def one_way(
@@ -100,7 +103,7 @@ class NetworkSketch:
         speed_mps: float,
         priority: int = 1,
     ) -> str:
-        """Add a direction along its left edge; returns the edge's id."""
+        """Add one direction of a street, given its left edge; returns the edge's id."""
         edge_id = f"{start}-{end}"
         self.edges.append(
             PlainEdge(
@@ -125,12 +128,12 @@ class NetworkSketch:
         bay_m: float = 0.0,
         bays: tuple[bool, bool] = (True, True),
     ) -> None:
-        """Add a street along its middle: both directions, or one if it is one-way.
+        """Add a street along its centre line: both directions, or one if it is one-way.
 
-        Bays of the given length for left turns open in the median before each end.
+        Left-turn lanes of length ``bay_m`` open in the median before the chosen ends.
         """
         self.lines.append(LineString(middle_m))
-        middle_m = self.land(densify(middle_m, SPACING_M))
+        middle_m = self.warp(densify(middle_m, SPACING_M))
         if carriageway.is_one_way:
             left = offset_line(middle_m, carriageway.width_m() / 2)
             self.one_way(
@@ -171,7 +174,7 @@ class NetworkSketch:
             return
         before, taper, after = split(left_m, [opens_m, opens_m + TAPER_M])
         fork = f"{start}-{end}.bay"
-        self.bent_node(fork, taper[len(taper) // 2])
+        self.warped_node(fork, taper[len(taper) // 2])
         lane = Strip(kind=StripKind.CAR, width_m=carriageway.lane_width_m)
         first = self.one_way(start, fork, before, strips, speed, priority)
         after = offset_line(after, lane.width_m)
@@ -186,7 +189,7 @@ class NetworkSketch:
         strips: tuple[Strip, ...],
         pairs: list[tuple[int, int]],
     ) -> None:
-        """Let traffic pass between strips of two edges; strips of the first."""
+        """Connect pairs of strips of two edges; ``strips`` are those of the first edge."""
         self.connections += [
             PlainConnection(start=start, end=end, start_strip=a, end_strip=b)
             for a, b in pairs
@@ -196,7 +199,7 @@ class NetworkSketch:
     def is_free(
         self, middle_m: Float[np.ndarray, "N 2"], *, meets_at_end: bool = False
     ) -> bool:
-        """Whether a street from a junction comes near no other one further on."""
+        """Whether a street from a junction stays clear of all other streets."""
         length = float(arc_length(middle_m)[-1])
         end_m = length - _NEAR_JUNCTION_M if meets_at_end else length
         if end_m <= _NEAR_JUNCTION_M:
@@ -206,7 +209,7 @@ class NetworkSketch:
         return bool(np.all(distances > _CLEAR_M))
 
     def network(self, crossing_width_m: float) -> PlainNetwork:
-        """What was drawn."""
+        """The network for netconvert."""
         return PlainNetwork(
             nodes=tuple(self.nodes.values()),
             edges=tuple(self.edges),
@@ -220,7 +223,7 @@ class NetworkSketch:
 def split(
     line_m: Float[np.ndarray, "N 2"], at_m: list[float]
 ) -> list[Float[np.ndarray, "_ 2"]]:
-    """The line cut at distances along it."""
+    """Split a line at distances along it."""
     along = arc_length(line_m)
     bounds = [0.0, *at_m, float(along[-1])]
     result = []

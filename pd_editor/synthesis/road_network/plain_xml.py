@@ -1,4 +1,4 @@
-"""Networks as netconvert reads them: nodes, edges and connections."""
+"""Plain-XML input of netconvert: nodes, edges and connections."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -16,7 +16,7 @@ _MOTORISED: Final = "passenger private taxi bus coach delivery truck trailer mot
 
 
 class StripKind(StrEnum):
-    """What a strip of the carriageway is for; the value is who SUMO lets on it."""
+    """Use of a lane; the value is the vehicle class that SUMO allows on it."""
 
     CAR = _MOTORISED + " moped bicycle emergency"
     BUS = "bus taxi bicycle emergency"
@@ -37,18 +37,18 @@ class NodeKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PlainNode:
-    """A place where edges meet."""
+    """Node at which edges meet."""
 
     node_id: str
     point_m: tuple[float, float]
     kind: NodeKind = NodeKind.PRIORITY
     radius_m: float = 7.0
-    """Of the outer edge, pavements included, at the corners."""
+    """Radius of the outer edge, including sidewalks, at the corners."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Strip:
-    """A lane in SUMO's sense."""
+    """A lane of SUMO, including sidewalks and parking strips."""
 
     kind: StripKind
     width_m: float
@@ -62,16 +62,16 @@ class PlainEdge:
     start: str
     end: str
     left_edge_m: Float[np.ndarray, "N 2"]
-    """The left edge of the leftmost strip, as driven."""
+    """Left edge of the leftmost strip, in driving direction."""
     strips: tuple[Strip, ...]
-    """From the kerb to the left."""
+    """Strips from the kerb to the left."""
     speed_mps: float
     priority: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlainConnection:
-    """Leave to drive from a strip of one edge onto a strip of another."""
+    """Connection from a strip of one edge to a strip of another."""
 
     start: str
     end: str
@@ -81,20 +81,20 @@ class PlainConnection:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlainNetwork:
-    """Nodes and edges; connections only where they are not to be guessed."""
+    """Nodes and edges; connections only where netconvert must not guess them."""
 
     nodes: tuple[PlainNode, ...]
     edges: tuple[PlainEdge, ...]
     connections: tuple[PlainConnection, ...] = ()
     removed: tuple[tuple[str, str], ...] = ()
-    """Pairs of edges between which nobody may turn, whatever is guessed."""
+    """Pairs of edges that netconvert must not connect."""
     crossing_width_m: float = 4.0
     roundabouts: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = ()
-    """Node ids and edge ids of each ring."""
+    """Node ids and edge ids of each roundabout."""
 
 
 def convert(plain: PlainNetwork, folder: Path) -> Path:
-    """Write a network's parts into a folder and let netconvert join them.
+    """Write a network's parts into a folder and convert them with netconvert.
 
     Raises:
         SynthesisError: SUMO is missing or refused the network.
@@ -148,14 +148,14 @@ def _edges(plain: PlainNetwork) -> ElementTree.Element:
         }
         element = ElementTree.SubElement(root, "edge", attributes)
         for index, strip in enumerate(edge.strips):
-            nobody = strip.kind is StripKind.PARKING
+            is_closed = strip.kind is StripKind.PARKING
             ElementTree.SubElement(
                 element,
                 "lane",
                 {
                     "index": str(index),
                     "width": f"{strip.width_m:.2f}",
-                    "disallow" if nobody else "allow": strip.kind.value or "all",
+                    "disallow" if is_closed else "allow": strip.kind.value or "all",
                 },
             )
     for nodes, edges in plain.roundabouts:

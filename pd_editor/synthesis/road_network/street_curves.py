@@ -1,4 +1,4 @@
-"""Curves that streets follow: straight, arcs, S-curves, clothoids."""
+"""Centre lines of streets: straight lines, arcs, S-curves, clothoids."""
 
 from collections.abc import Callable
 from enum import StrEnum
@@ -8,17 +8,17 @@ import numpy as np
 from jaxtyping import Float
 
 SPACING_M: Final = 3.0
-"""Between the points of a curve."""
+"""Distance between the points of a curve."""
 
 
 class CurveKind(StrEnum):
-    """How curvature runs along a curve."""
+    """Profile of curvature along a curve."""
 
     STRAIGHT = "straight"
     ARC = "arc"
     S_CURVE = "s-curve"
     CLOTHOID = "clothoid"
-    """Curvature rises evenly to the middle and falls again."""
+    """Curvature increases linearly to the middle and decreases again."""
 
 
 _CURVATURE: Final[
@@ -29,8 +29,8 @@ _CURVATURE: Final[
     CurveKind.S_CURVE: lambda s: np.pi * np.sin(2 * np.pi * s),
     CurveKind.CLOTHOID: lambda s: 2.0 - 4.0 * np.abs(s - 0.5),
 }
-"""Curvature over the fraction of the way; its absolute value, or the half of an
-S-curve, sums to one."""
+"""Curvature over the fraction of the length; its integral, or that of half an S-curve,
+is one."""
 
 
 _SHARE: Final = {
@@ -39,11 +39,11 @@ _SHARE: Final = {
     CurveKind.S_CURVE: 0.08,
     CurveKind.CLOTHOID: 0.12,
 }
-"""Most streets of Argoverse 2's cities are straight."""
+"""Share of each kind; most streets of Argoverse 2's cities are straight."""
 
 
-def drawn_kind(random: np.random.Generator) -> CurveKind:
-    """A kind of curve, as often as streets have it."""
+def sample_curve_kind(random: np.random.Generator) -> CurveKind:
+    """Sample a kind of curve with the frequencies of streets."""
     return list(_SHARE)[random.choice(len(_SHARE), p=list(_SHARE.values()))]
 
 
@@ -53,9 +53,9 @@ def curve(
     kind: CurveKind,
     turn_rad: float,
 ) -> Float[np.ndarray, "N 2"]:
-    """A curve between two points that turns left by an angle in all.
+    """Curve between two points that turns left by an angle in total.
 
-    An S-curve turns by that angle to the left and back again.
+    An S-curve turns by that angle to the left and back.
     """
     chord = end_m - start_m
     count = max(int(np.ceil(np.linalg.norm(chord) * 1.2 / SPACING_M)) + 1, 2)
@@ -78,7 +78,7 @@ def between_poses(
     end_m: Float[np.ndarray, "2"],
     end_direction: Float[np.ndarray, "2"],
 ) -> Float[np.ndarray, "N 2"]:
-    """A smooth curve (cubic) that leaves and arrives in given unit directions."""
+    """Cubic curve between two points with given unit directions."""
     reach = float(np.linalg.norm(end_m - start_m))
     t = np.linspace(0.0, 1.0, max(int(np.ceil(reach * 1.2 / SPACING_M)) + 1, 6))[
         :, None
@@ -94,7 +94,7 @@ def between_poses(
 def through_points(
     points_m: Float[np.ndarray, "N 2"], swing_rad: Float[np.ndarray, "N"]
 ) -> list[Float[np.ndarray, "_ 2"]]:
-    """Smooth parts of a line through points; its direction there swung to the left."""
+    """Smooth line through points, as parts; its directions there are rotated left."""
     heading = np.arctan2(*np.gradient(points_m, axis=0).T[::-1]) + swing_rad
     ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     return [
@@ -103,10 +103,10 @@ def through_points(
     ]
 
 
-def bent_land(
+def random_warp(
     random: np.random.Generator, amplitude_m: float
 ) -> Callable[[Float[np.ndarray, "N 2"]], Float[np.ndarray, "N 2"]]:
-    """A smooth bend of the plane, of waves 300-600 m long."""
+    """Sample a smooth warp of the plane with wavelengths of 300-600 m."""
     waves = 4
     angle = random.uniform(0, 2 * np.pi, waves)
     number = 2 * np.pi / random.uniform(300, 600, waves)

@@ -1,1 +1,1 @@
-"""SUMO's tools and files: net files, floating-car data, signal plans, speed limits."""
+"""SUMO's command line tools and files: nets, floating-car data, signal plans."""

@@ -1,4 +1,4 @@
-"""Speed limits of bends, so that drivers who like to be fast still hold the road."""
+"""Speed limits of curves, which bound lateral accelerations in the simulation."""
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -12,10 +12,10 @@ from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.polyline import arc_length, point_at, resample, without_repeats
 
 LATERAL_MPS2: Final = 2.5
-"""Lateral acceleration in a bend of a driver who keeps to its limit."""
+"""Lateral acceleration at a curve's speed limit."""
 
 REACH: Final = 3
-"""Metres of road over which the bend is measured."""
+"""Length of road, in metres, over which curvature is measured."""
 
 LEAST_SPEED_MPS: Final = 2.5
 
@@ -39,9 +39,9 @@ def curve_speed_mps(
 
 
 def write_with_curve_speeds(net_file: Path, copy: Path) -> None:
-    """A copy of a SUMO network in which bends are taken slowly.
+    """Write a copy of a SUMO network with speed limits in curves.
 
-    Lanes of junctions are measured together with the ends that they join.
+    Junction lanes are measured together with the ends of the lanes that they join.
 
     Raises:
         SynthesisError: the file is missing or no SUMO network.
@@ -90,5 +90,5 @@ def _shape(lane: ElementTree.Element) -> Float[np.ndarray, "N 2"]:
 
 
 def _near_end(shape_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "3 2"]:
-    """The first metres of a line."""
+    """First metres of a line."""
     return point_at(shape_m, np.linspace(0.0, REACH, 3))

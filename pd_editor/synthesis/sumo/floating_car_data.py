@@ -1,6 +1,6 @@
-"""Tracks of all road users from SUMO's floating-car data.
+"""Reader of SUMO's floating-car data.
 
-SUMO gives the middle of the front bumper and the angle clockwise from north.
+SUMO's position is the centre of the front bumper, its angle clockwise from north.
 """
 
 from dataclasses import dataclass
@@ -20,20 +20,20 @@ _COLUMNS: Final = ("x", "y", "angle")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RawTracks:
-    """Rows of A road users in a row, each user's in order of time."""
+    """States of A road users, one user after another, each in order of time."""
 
     names: tuple[str, ...]
     """SUMO's ids, sorted."""
     agent: Int[np.ndarray, "P"]
     """Index into ``names`` of each row."""
     step: Int[np.ndarray, "P"]
-    """Whole steps since the beginning of the simulation."""
+    """Steps since the beginning of the simulation."""
     front_m: Float[np.ndarray, "P 2"]
-    """SUMO's position, at the middle of the front bumper."""
+    """SUMO's position: the centre of the front bumper."""
     heading_rad: Float[np.ndarray, "P"]
 
     def shifted(self, steps: int) -> "RawTracks":
-        """The rows from a step on, which becomes step 0."""
+        """States from a step on, which becomes step 0."""
         kept = self.step >= steps
         return RawTracks(
             names=self.names,
@@ -45,7 +45,7 @@ class RawTracks:
 
 
 def heading_of_sumo(angle_deg: Float[np.ndarray, "P"]) -> Float[np.ndarray, "P"]:
-    """Heading counter-clockwise from +x of an angle clockwise from north."""
+    """Convert angles clockwise from north to headings counter-clockwise from +x."""
     return wrap_angle(np.deg2rad(90.0 - angle_deg))
 
 
@@ -54,12 +54,12 @@ def center_of_front(
     heading_rad: Float[np.ndarray, "P"],
     length_m: Float[np.ndarray, "P"],
 ) -> Float[np.ndarray, "P 2"]:
-    """Box centre of a vehicle whose front bumper is known."""
+    """Box centres of vehicles, given the centres of their front bumpers."""
     return front_m - length_m[:, None] / 2 * unit_vector(heading_rad)
 
 
 def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
-    """Rows of SUMO's floating-car data in Parquet; of vehicles and of persons.
+    """Read SUMO's floating-car data in Parquet, of vehicles and persons.
 
     Raises:
         SynthesisError: a file is missing or lacks a column.
@@ -76,7 +76,7 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
                 f"{path} is not SUMO's floating-car data in Parquet ({error})."
             ) from error
         if table.num_columns < 2:
-            # Where nobody ever was, SUMO writes the time alone.
+            # Without any road user, SUMO writes the time only.
             continue
         columns = {name.split("_", 1)[1]: table[name] for name in table.column_names}
         if missing := {"id", "time", *_COLUMNS} - columns.keys():

@@ -1,4 +1,4 @@
-"""Traffic lights with cycles of many lengths, fixed or led by who arrives."""
+"""Samples signal plans of traffic lights: fixed-time or actuated, of various cycles."""
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -10,18 +10,18 @@ from pd_editor.errors import SynthesisError
 
 LEAST_GREEN_S: Final = 7.0
 GREEN_SHARE: Final = (0.35, 0.7)
-"""Drawn share of netconvert's green times, which make cycles of 90 s."""
+"""Range of the factor of netconvert's green times, which give cycles of 90 s."""
 
 ACTUATED_SHARE: Final = 0.5
-"""Share of networks whose lights stay green only as long as someone comes."""
+"""Share of networks with actuated lights, whose green ends without arriving vehicles."""
 
-PROGRAM_ID: Final = "drawn"
+PROGRAM_ID: Final = "sampled"
 
 
-def draw_signal_plans(
+def sample_signal_plans(
     net_file: Path, random: np.random.Generator
 ) -> ElementTree.Element:
-    """An additional file for SUMO with another program for each traffic light.
+    """Sample an additional file for SUMO with a new program for each traffic light.
 
     Raises:
         SynthesisError: the file is missing or no SUMO network.

@@ -1,4 +1,4 @@
-"""A SUMO net file, read into plain values."""
+"""Reader of SUMO net files for the conversion to maps."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -28,40 +28,40 @@ _KIND_OF: Final = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SumoLane:
-    """A lane of the net."""
+    """A lane of a SUMO net."""
 
     sumo_id: str
     edge: str
     index: int
-    """Counted from the kerb."""
+    """Index counted from the kerb."""
     shape_m: Float[np.ndarray, "N 2"]
     width_m: float
     kind: LaneKind | None
-    """Nothing where only pedestrians, or only parked vehicles, may be."""
+    """Kind of the lane; None for sidewalks and parking strips."""
     is_parking: bool
 
     @property
     def is_internal(self) -> bool:
-        """Whether it lies within a junction."""
+        """Whether it is within a junction."""
         return self.edge.startswith(":")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SumoNet:
-    """What a road map needs of a net."""
+    """Contents of a net that a road map needs."""
 
     lanes: Mapping[str, SumoLane]
-    """By SUMO id, in the order of the file."""
+    """Lanes by SUMO id, in the order of the file."""
     links: tuple[tuple[str, str], ...]
-    """A lane and the one driven on next, the junction's own lanes between."""
+    """Pairs of consecutive lanes, including internal lanes of junctions."""
     junction_of: Mapping[str, tuple[str, str]]
-    """Junctions where each normal edge begins and ends."""
+    """Junctions at the start and end of each normal edge."""
     num_legs: Mapping[str, int]
-    """Roads that meet at each junction; one with two directions counts once."""
+    """Number of roads at each junction; a road with two directions counts once."""
     junction_areas_m: Mapping[str, Float[np.ndarray, "_ 2"]]
     walking_areas_m: tuple[Float[np.ndarray, "_ 2"], ...]
     crossings: tuple[tuple[Float[np.ndarray, "_ 2"], float], ...]
-    """Middle line and width of each pedestrian crossing."""
+    """Centre line and width of each pedestrian crossing."""
     has_signals: bool
 
     @cached_property

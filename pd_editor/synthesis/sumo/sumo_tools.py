@@ -1,4 +1,4 @@
-"""SUMO's command line tools: found, and run with a time limit."""
+"""Finds SUMO's command line tools, and runs them with a time limit."""
 
 import shutil
 import subprocess
@@ -10,14 +10,14 @@ from typing import Final
 from pd_editor.errors import SynthesisError
 
 TIME_LIMIT_S: Final = 60.0
-"""A network takes well under a second; beyond this something hangs."""
+"""Default time limit; a network takes well under a second."""
 SIMULATION_LIMIT_S: Final = 900.0
-"""Crowded networks take up to half a minute of a core; many may share that core, and
-what is made must not depend on it."""
+"""Time limit of a simulation. Dense traffic takes up to half a minute of a core, which
+many processes may share, and results must not depend on the load."""
 
 
 def sumo_tool(name: str) -> Path:
-    """Where a SUMO tool, such as ``netconvert``, is installed.
+    """Path of a SUMO tool, such as ``netconvert``.
 
     Raises:
         SynthesisError: SUMO is not installed.
@@ -63,6 +63,6 @@ def run_sumo_tool(
             f"{folder}: {name} did not finish within {limit_s:.0f} s."
         ) from error
     if result.returncode != 0:
-        said = [line for line in result.stderr.splitlines() if "Error" in line]
-        reason = said[0] if said else f"exit status {result.returncode}"
+        errors = [line for line in result.stderr.splitlines() if "Error" in line]
+        reason = errors[0] if errors else f"exit status {result.returncode}"
         raise SynthesisError(f"{folder}: {name} refused the network ({reason}).")

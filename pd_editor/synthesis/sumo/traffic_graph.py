@@ -1,4 +1,4 @@
-"""What a SUMO network lets each class of traffic do: edges, turns, sidewalks."""
+"""Edges, turns and sidewalks of a SUMO network by vehicle class."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ class TrafficEdge:
 
 @dataclass(frozen=True, kw_only=True)
 class Turn:
-    """A way from one edge on to the next."""
+    """Connection from one edge to the next."""
 
     from_edge: str
     to_edge: str
@@ -83,7 +83,7 @@ class Turn:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrafficGraph:
-    """Edges of a SUMO network without those inside junctions, and turns."""
+    """Normal edges of a SUMO network, and the turns between them."""
 
     edges: Mapping[str, TrafficEdge]
     turns: tuple[Turn, ...]
@@ -94,7 +94,7 @@ class TrafficGraph:
         return tuple(edge for edge in self.edges.values() if edge.has_sidewalk)
 
     def turns_for(self, vehicle_class: str) -> dict[str, dict[str, str]]:
-        """Direction letter of each next edge of each edge that a class may use."""
+        """Direction letters by edge and next edge, for a vehicle class."""
         found: dict[str, dict[str, str]] = {
             edge.edge_id: {}
             for edge in self.edges.values()
@@ -114,7 +114,7 @@ class TrafficGraph:
 
 
 def read_traffic_graph(net_file: Path) -> TrafficGraph:
-    """Edges and turns of a SUMO network file.
+    """Read edges and turns of a SUMO network file.
 
     Raises:
         SynthesisError: the file is missing or no SUMO network.

@@ -1,1 +1,1 @@
-"""From a SUMO net file to an Argoverse 2 map."""
+"""Conversion of SUMO net files to Argoverse 2 maps."""

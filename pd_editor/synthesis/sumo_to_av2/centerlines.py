@@ -1,4 +1,4 @@
-"""Centre lines of chains of SUMO lanes, without steps where lanes meet."""
+"""Continuous centre lines of lane chains."""
 
 from dataclasses import dataclass
 from itertools import groupby
@@ -17,14 +17,14 @@ from pd_editor.synthesis.sumo_to_av2.lane_geometry import (
 )
 
 _SPACING_M: Final = 1.0
-"""Between the points of a line through a junction."""
+"""Distance between the points of a line through a junction."""
 _MAX_STEP_M: Final = 3.0
-"""SUMO lets cyclists turn at the edge of a wide lane; wider steps are not mended."""
+"""Larger lateral steps between lanes are kept: SUMO's cyclists turn at a lane's edge."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Joint:
-    """Where a road's lane begins or ends."""
+    """Start or end of a road's lane."""
 
     point_m: Float[np.ndarray, "2"]
     normal: Float[np.ndarray, "2"]
@@ -32,7 +32,7 @@ class _Joint:
 
 
 def chain_lines(chains: LaneChains) -> list[WideLine]:
-    """The centre line of each chain; junction lanes meet the roads' lanes exactly."""
+    """Centre line of each chain; junction lanes join the roads' lanes exactly."""
     front = {after: n for n, following in chains.next_of.items() for after in following}
     lines = []
     for number, chain in enumerate(chains.chains):
@@ -72,7 +72,7 @@ def _line(
 
 
 def _joint(lane: SumoLane | None, row: int) -> _Joint | None:
-    """The start (row 0) or end (row -1) of a road's lane."""
+    """Start (row 0) or end (row -1) of a road's lane."""
     if lane is None or lane.is_internal:
         return None
     points = without_repeats(lane.shape_m, 1e-3)
@@ -95,7 +95,7 @@ def _junction_run(
         points = resample(points, max(int(np.ceil(length / _SPACING_M)) + 1, 5))
     along = arc_length(points)
     fraction = (along / max(float(along[-1]), 1e-6))[:, None]
-    # Eased in and out, so that lines have no kink where they meet the roads' lanes.
+    # Offsets are eased in and out, so that lines join the roads' lanes without a kink.
     eased = fraction**2 * (3.0 - 2.0 * fraction)
     for joint, row, weight in ((start, 0, 1.0 - eased), (end, -1, eased)):
         if joint is not None:

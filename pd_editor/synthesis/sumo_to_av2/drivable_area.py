@@ -1,4 +1,4 @@
-"""Paved ground of a SUMO net as rings without holes."""
+"""Drivable areas of a SUMO net, as rings without holes."""
 
 from typing import Final
 
@@ -11,20 +11,20 @@ from pd_editor.scene.road_map import DrivableArea, Lane
 from pd_editor.synthesis.sumo.sumo_net import SumoNet
 
 _GAP_M: Final = 0.4
-"""Slits up to twice as wide between lanes are closed."""
+"""Gaps between lanes up to twice this width are closed."""
 _SPIKE_M: Final = 0.2
-"""What is less than twice as wide is no ground to drive on."""
+"""Parts narrower than twice this width are removed."""
 _MITRE_LIMIT: Final = 1.5
 _SIMPLIFY_M: Final = 0.05
 _MIN_AREA_M2: Final = 4.0
 _MIN_HOLE_M2: Final = 40.0
-"""Smaller islands are paved over."""
+"""Smaller holes are filled."""
 
 
 def drivable_areas(
     net: SumoNet, lanes: tuple[Lane, ...], first_id: int
 ) -> tuple[DrivableArea, ...]:
-    """Lanes, parking strips and junctions without their pavements."""
+    """Drivable areas: lanes, parking strips and junctions, without sidewalks."""
     ground = [_valid(lane.outline_m()) for lane in lanes]
     ground += [
         shapely.LineString(lane.shape_m).buffer(lane.width_m / 2, cap_style="flat")
@@ -72,7 +72,7 @@ def _polygons(shape: BaseGeometry, least_m2: float) -> list[Polygon]:
 
 
 def _without_holes(polygon: Polygon) -> list[Polygon]:
-    """The polygon cut through its holes until none is left."""
+    """Divide a polygon through its holes until none is left."""
     holes = [Polygon(ring) for ring in polygon.interiors]
     holes = [hole for hole in holes if hole.area > _MIN_HOLE_M2]
     if not holes:

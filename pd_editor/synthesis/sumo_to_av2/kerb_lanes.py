@@ -1,4 +1,4 @@
-"""Lanes along the kerb that take in the room to park, as maps often draw them."""
+"""Wide kerb lanes that include the parking strip, as in many Argoverse 2 maps."""
 
 from dataclasses import replace
 from typing import Final
@@ -9,16 +9,16 @@ from pd_editor.geometry.polyline import offset_line, without_repeats
 from pd_editor.synthesis.sumo.sumo_net import SumoLane, SumoNet
 
 SHARE_OF_SINGLE: Final = 0.55
-"""Of streets with one lane a direction. A third of the vehicles that stand beside lanes
-in Argoverse 2 do so within 2 m of the centre lines of lanes that are 5 to 6 m wide."""
+"""Share of wide kerb lanes among streets with one lane per direction. A third of the
+vehicles parked beside lanes in Argoverse 2 are within 2 m of the centre lines of lanes
+that are 5 to 6 m wide."""
 SHARE_OF_SEVERAL: Final = 0.3
 
 
 def with_wide_kerb_lanes(net: SumoNet, random: np.random.Generator) -> SumoNet:
-    """The net with some lanes as wide as they and the parking strip beside them.
+    """Widen some lanes of a net by the parking strip beside them.
 
-    Traffic drives where it did, so left of the new centre lines; parked vehicles stand
-    on the lane.
+    Traffic stays where it was, left of the new centre lines; vehicles park on the lane.
     """
     lanes = dict(net.lanes)
     for edge in net.junction_of:
@@ -35,6 +35,6 @@ def with_wide_kerb_lanes(net: SumoNet, random: np.random.Generator) -> SumoNet:
 
 
 def _widened(lane: SumoLane, by_m: float) -> SumoLane:
-    """The lane with more width on its right."""
+    """Widen a lane on its right."""
     middle = offset_line(without_repeats(lane.shape_m, 1e-3), -by_m / 2)
     return replace(lane, shape_m=middle, width_m=lane.width_m + by_m)

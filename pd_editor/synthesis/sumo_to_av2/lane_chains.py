@@ -1,4 +1,4 @@
-"""SUMO lanes strung together, so that short junction lanes do not stand alone."""
+"""Chains of SUMO lanes, which join short junction lanes to others."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,33 +12,33 @@ _MAX_LEGS_OF_PASSAGE: Final = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneChain:
-    """SUMO lanes driven one after the other without a choice."""
+    """Consecutive SUMO lanes without a branch."""
 
     lanes: tuple[SumoLane, ...]
     main: SumoLane
-    """The lane of the road in it, or the longest one within a junction."""
+    """The road's lane in the chain, or the longest lane within a junction."""
     is_intersection: bool
 
     @property
     def kind(self) -> LaneKind:
-        """Who drives on it."""
+        """Kind of the chain's lanes."""
         assert self.main.kind is not None
         return self.main.kind
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneChains:
-    """All lanes that are driven on, each in one chain."""
+    """All lanes for traffic, each in one chain."""
 
     chains: tuple[LaneChain, ...]
     chain_of: Mapping[str, int]
-    """Chain of each SUMO lane id."""
+    """Index of the chain of each SUMO lane id."""
     next_of: Mapping[int, tuple[int, ...]]
-    """Chains that follow each chain."""
+    """Successors of each chain."""
 
 
 def lane_chains(net: SumoNet) -> LaneChains:
-    """The lanes of a net as chains, in the order of the file."""
+    """Join the lanes of a net to chains, in the order of the file."""
     driven = {key: lane for key, lane in net.lanes.items() if lane.kind is not None}
     links = [link for link in net.links if link[0] in driven and link[1] in driven]
     after: dict[str, list[str]] = {key: [] for key in driven}
@@ -70,12 +70,12 @@ def lane_chains(net: SumoNet) -> LaneChains:
 
 
 def junction_of(lane: SumoLane) -> str:
-    """The junction that an internal lane lies in."""
+    """Junction of an internal lane."""
     return lane.edge[1:].rpartition("_")[0]
 
 
 def _intersections(net: SumoNet) -> set[str]:
-    """Junctions where ways cross; where they only fork or merge, none does."""
+    """Junctions with crossing connections, not only forks or merges."""
     ways: dict[str, set[tuple[str, str]]] = {}
     for start, end in net.links:
         first = net.lanes[start]
@@ -106,7 +106,7 @@ def _joins(
     before: Mapping[str, list[str]],
     crossing: set[str],
 ) -> dict[str, str]:
-    """The lane that is strung behind each lane, if any."""
+    """Next lane in the same chain, by lane."""
     joined: dict[str, str] = {}
     taken: set[str] = set()
 

@@ -1,4 +1,4 @@
-"""Centre lines with a width, and the boundaries on both sides of them."""
+"""Centre lines with widths, and lane boundaries."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -10,13 +10,13 @@ from jaxtyping import Bool, Float
 from pd_editor.geometry.polyline import arc_length, without_repeats
 
 SPACING_M: Final = 2.0
-"""Longest step between points, as in Argoverse 2 maps."""
+"""Largest distance between points, as in Argoverse 2 maps."""
 _REPEAT_M: Final = 5e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WideLine:
-    """A line of N points with its width and unit normal (to the left) at each."""
+    """Line of N points with width and left unit normal at each point."""
 
     points_m: Float[np.ndarray, "N 2"]
     width_m: Float[np.ndarray, "N"]
@@ -34,7 +34,7 @@ class WideLine:
 def wide_line(
     points_m: Float[np.ndarray, "N 2"], width_m: Float[np.ndarray, "N"]
 ) -> WideLine:
-    """A line with its own normals; repeated points are dropped."""
+    """Make a line with its own normals, without repeated points."""
     step = np.linalg.norm(np.diff(points_m, axis=0), axis=-1)
     keep = np.concatenate([[True], step > _REPEAT_M])
     points_m, width_m = points_m[keep], width_m[keep]
@@ -46,7 +46,7 @@ def with_end_normals(
     first: Float[np.ndarray, "2"] | None,
     last: Float[np.ndarray, "2"] | None,
 ) -> WideLine:
-    """The line with given normals at its ends, so that boundaries meet there."""
+    """Set the normals at a line's ends, so that boundaries meet there."""
     normal = line.normal.copy()
     if first is not None:
         normal[0] = first
@@ -56,7 +56,7 @@ def with_end_normals(
 
 
 def pieces(line: WideLine, cuts_m: list[float]) -> list[WideLine]:
-    """The line cut at distances along it, each piece resampled evenly."""
+    """Split a line at distances along it, and resample each piece evenly."""
     along = arc_length(line.points_m)
     bounds = [0.0, *cuts_m, float(along[-1])]
     result = []
@@ -83,7 +83,7 @@ def _normals(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
 
 
 def _forward_only(line: WideLine, side: float) -> Float[np.ndarray, "M 2"]:
-    """A boundary without the loops that tight bends make on their inner side."""
+    """Boundary without the loops on the inner side of tight curves."""
     points = line.points_m + side * line.width_m[:, None] * line.normal
     forward = np.stack([line.normal[:, 1], -line.normal[:, 0]], axis=-1)
     keep = np.arange(len(points))
@@ -98,7 +98,7 @@ def _forward_only(line: WideLine, side: float) -> Float[np.ndarray, "M 2"]:
 def _goes_back(
     points: Float[np.ndarray, "N 2"], forward: Float[np.ndarray, "N 2"]
 ) -> Bool[np.ndarray, "N"]:
-    """Inner points reached against the direction of travel; the ends stay."""
+    """Which points are reached against the direction of travel, except the ends."""
     step = np.diff(points, axis=0)
     against = np.sum(step * (forward[:-1] + forward[1:]), axis=-1) <= 0.0
     dropped = np.zeros(len(points), bool)

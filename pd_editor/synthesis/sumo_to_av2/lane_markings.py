@@ -1,4 +1,4 @@
-"""Which marks are painted along each lane of a SUMO net."""
+"""Samples the lane markings of a SUMO net."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,37 +16,37 @@ from pd_editor.scene.road_map import LaneKind, LaneMark
 from pd_editor.synthesis.sumo.sumo_net import SumoLane, SumoNet
 from pd_editor.synthesis.sumo_to_av2.lane_chains import LaneChain, LaneChains
 
-_SHARES_PAINTED: Final = {
+_SHARES_TWO_WAY: Final = {
     LaneMark.DOUBLE_SOLID_YELLOW: 0.8,
     LaneMark.SOLID_YELLOW: 0.08,
     LaneMark.NONE: 0.12,
 }
-"""Between the two directions of a road."""
+"""Shares of markings between the two directions of a road."""
 _SHARES_MEDIAN: Final = {LaneMark.SOLID_YELLOW: 0.6, LaneMark.NONE: 0.4}
-"""Left of a direction beside a median."""
+"""Shares of markings beside a median."""
 _SHARES_ONE_WAY: Final = {LaneMark.SOLID_YELLOW: 0.5, LaneMark.NONE: 0.5}
-"""Left of a one-way street."""
+"""Shares of markings on the left of a one-way street."""
 _SHARES_KERB: Final = {LaneMark.SOLID_WHITE: 0.55, LaneMark.NONE: 0.45}
 _PAINTED_M: Final = 1.0
 _MEDIAN_M: Final = 8.0
-"""Widest gap, so far, between the directions of one road."""
+"""Widest median between the directions of one road."""
 _SPACING_M: Final = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LanePaint:
-    """The marks of a net's lanes."""
+class LaneMarkings:
+    """Lane markings of a net."""
 
     net: SumoNet
     middle_of: Mapping[str, LaneMark]
-    """Left of each edge."""
+    """Marking on the left of each edge."""
     kerb_of: Mapping[str, LaneMark]
-    """Right of each edge."""
+    """Marking on the right of each edge."""
     stops: frozenset[str]
     """Edges that end at an intersection."""
 
     def marks(self, chain: LaneChain, *, at_end: bool) -> tuple[LaneMark, LaneMark]:
-        """Marks left and right of a lane segment, at the end of its road or before."""
+        """Left and right markings of a lane segment, at the end of its road or before."""
         lane = chain.main
         if lane.is_internal:
             return LaneMark.NONE, LaneMark.NONE
@@ -63,31 +63,31 @@ class LanePaint:
         )
 
 
-def lane_paint(
+def sample_lane_markings(
     net: SumoNet, chains: LaneChains, random: np.random.Generator
-) -> LanePaint:
-    """Marks drawn for each road; both directions of a road agree on the middle."""
+) -> LaneMarkings:
+    """Sample markings for each road; both directions share the middle one."""
     middle: dict[str, LaneMark] = {}
     kerb: dict[str, LaneMark] = {}
     for edge, (other, gap_m) in _opposites(net).items():
         if gap_m < _PAINTED_M:
-            middle[edge] = middle.get(other) or _drawn(_SHARES_PAINTED, random)
+            middle[edge] = middle.get(other) or _sampled(_SHARES_TWO_WAY, random)
         else:
             is_road = gap_m < _MEDIAN_M
-            middle[edge] = _drawn(
+            middle[edge] = _sampled(
                 _SHARES_MEDIAN if is_road else _SHARES_ONE_WAY, random
             )
-        kerb[edge] = _drawn(_SHARES_KERB, random)
+        kerb[edge] = _sampled(_SHARES_KERB, random)
     stops = frozenset(
         chains.chains[n].main.edge
         for n, following in chains.next_of.items()
         if any(chains.chains[after].is_intersection for after in following)
     )
-    return LanePaint(net=net, middle_of=middle, kerb_of=kerb, stops=stops)
+    return LaneMarkings(net=net, middle_of=middle, kerb_of=kerb, stops=stops)
 
 
 def _opposites(net: SumoNet) -> dict[str, tuple[str, float]]:
-    """The edge left of each edge that leads the other way, and how far off it is."""
+    """Opposite edge on the left of each edge, and its distance."""
     lines, ways, owners = [], [], []
     edges = list(net.junction_of)
     for edge in edges:
@@ -111,7 +111,7 @@ def _opposites(net: SumoNet) -> dict[str, tuple[str, float]]:
     return result
 
 
-def _drawn(shares: Mapping[LaneMark, float], random: np.random.Generator) -> LaneMark:
+def _sampled(shares: Mapping[LaneMark, float], random: np.random.Generator) -> LaneMark:
     return list(shares)[random.choice(len(shares), p=list(shares.values()))]
 
 

@@ -1,4 +1,4 @@
-"""Lanes cut into segments of the lengths that Argoverse 2 maps have."""
+"""Splits lanes into segments with the lengths of Argoverse 2 maps."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,23 +12,23 @@ from pd_editor.synthesis.sumo_to_av2.lane_geometry import WideLine, pieces
 
 _MEDIAN_M: Final = 22.0
 _SPREAD: Final = 0.92
-"""Of the logarithm of the length."""
+"""Standard deviation of the logarithm of the length."""
 _LEAST_M: Final = 1.5
 _MOST_M: Final = 150.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChainSections:
-    """The segments of a chain; lanes of one edge are cut at the same places."""
+    """Segments of a chain; lanes of one edge are split at the same positions."""
 
     parts: tuple[WideLine, ...]
     num_before: int
-    """Segments of junctions before the road's own, such as where a lane opens."""
+    """Number of junction segments before the road's own ones."""
     num_own: int
 
 
 def edge_cuts(net: SumoNet, random: np.random.Generator) -> dict[str, list[float]]:
-    """Fractions along each normal edge where its lanes are cut."""
+    """Sample the fractions along each normal edge at which its lanes are split."""
     cuts = {}
     for edge in net.junction_of:
         length = _length_m(net.lanes_of_edge[edge][-1])
@@ -46,7 +46,7 @@ def edge_cuts(net: SumoNet, random: np.random.Generator) -> dict[str, list[float
 def chain_sections(
     chain: LaneChain, line: WideLine, fractions: list[float]
 ) -> ChainSections:
-    """A chain cut at fractions of its road's lane, and where that begins and ends."""
+    """Split a chain at fractions of its road's lane, and at that lane's ends."""
     row = chain.lanes.index(chain.main)
     start = sum(_length_m(lane) for lane in chain.lanes[:row])
     length = _length_m(chain.main)

@@ -1,4 +1,4 @@
-"""A SUMO net as an Argoverse 2 map."""
+"""Conversion of a SUMO net to an Argoverse 2 map."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,7 +13,10 @@ from pd_editor.synthesis.sumo.sumo_net import SumoLane, SumoNet
 from pd_editor.synthesis.sumo_to_av2.centerlines import chain_lines
 from pd_editor.synthesis.sumo_to_av2.drivable_area import drivable_areas
 from pd_editor.synthesis.sumo_to_av2.lane_chains import LaneChains, lane_chains
-from pd_editor.synthesis.sumo_to_av2.lane_markings import LanePaint, lane_paint
+from pd_editor.synthesis.sumo_to_av2.lane_markings import (
+    LaneMarkings,
+    sample_lane_markings,
+)
 from pd_editor.synthesis.sumo_to_av2.lane_segments import (
     ChainSections,
     chain_sections,
@@ -27,22 +30,21 @@ FIRST_AREA_ID: Final = 500
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NetRoadMap:
-    """The map of a net, and where each of the net's lanes went."""
+    """Map of a net, and the lanes of the map by SUMO lane."""
 
     road_map: RoadMap
     lane_of_sumo: Mapping[str, tuple[int, ...]]
-    """Lanes of the map along each SUMO lane that is driven on, in driving order."""
+    """Lanes of the map along each SUMO lane for traffic, in driving order."""
 
 
 def net_road_map(net: SumoNet, random: np.random.Generator) -> NetRoadMap:
-    """The map of a net; long lanes are cut into segments at random places.
+    """Convert a net to a map; long lanes are split into segments at random.
 
-    Lanes of one edge are cut at the same places, so that neighbours stay side by
-    side.
+    Lanes of one edge are split at the same positions, so that neighbours stay adjacent.
     """
     chains = lane_chains(net)
     cuts = edge_cuts(net, random)
-    paint = lane_paint(net, chains, random)
+    markings = sample_lane_markings(net, chains, random)
     lines = chain_lines(chains)
     sections = [
         chain_sections(chain, line, cuts.get(chain.main.edge, []))
@@ -58,7 +60,7 @@ def net_road_map(net: SumoNet, random: np.random.Generator) -> NetRoadMap:
     lanes = tuple(
         lane
         for n in range(len(sections))
-        for lane in _lanes_of_chain(net, chains, n, sections, ids, paint)
+        for lane in _lanes_of_chain(net, chains, n, sections, ids, markings)
     )
     lanes = _with_predecessors(lanes)
     road_map = RoadMap(
@@ -77,7 +79,7 @@ def _lanes_of_chain(
     number: int,
     sections: list[ChainSections],
     ids: list[list[int]],
-    paint: LanePaint,
+    markings: LaneMarkings,
 ) -> list[Lane]:
     chain = chains.chains[number]
     left, right = (_neighbor_chain(net, chains, chain.main, step) for step in (1, -1))
@@ -85,7 +87,7 @@ def _lanes_of_chain(
     lanes = []
     last = len(sections[number].parts) - 1
     for k, section in enumerate(sections[number].parts):
-        marks = paint.marks(chain, at_end=k == last)
+        marks = markings.marks(chain, at_end=k == last)
         lanes.append(
             Lane(
                 lane_id=ids[number][k],
@@ -112,7 +114,7 @@ def _section_beside(
     row: int,
     beside: int | None,
 ) -> int | None:
-    """The segment of the chain beside; none where a lane opens or closes."""
+    """Adjacent segment of the neighbouring chain; None where a lane opens or closes."""
     own = row - sections[number].num_before
     if beside is None or not 0 <= own < sections[number].num_own:
         return None
@@ -126,7 +128,7 @@ def _flat(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 3"]:
 def _neighbor_chain(
     net: SumoNet, chains: LaneChains, lane: SumoLane, step: int
 ) -> int | None:
-    """The chain of the lane beside a road's lane, in the same direction."""
+    """Chain of the neighbouring lane in the same direction; None without one."""
     if lane.is_internal:
         return None
     for other in net.lanes_of_edge[lane.edge]:

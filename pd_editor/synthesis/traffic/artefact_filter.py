@@ -1,4 +1,4 @@
-"""Artefacts of a simulator that must not get into data, found and taken out."""
+"""Finds and removes artefacts of the simulator."""
 
 from typing import Final
 
@@ -14,18 +14,18 @@ MAX_STEP_M: Final = 4.5
 MAX_LATERAL_MPS2: Final = 6.0
 MAX_LONGITUDINAL_MPS2: Final = 9.0
 MIN_SPEED_MPS: Final = 1.0
-"""Below it the direction of a motion says nothing."""
+"""Below this speed the direction of motion is not evaluated."""
 MAX_DRIFT_RAD: Final = 0.6
-"""Between heading and motion."""
+"""Largest angle between heading and motion."""
 
 _PAIR_STRIDE: Final = 5
-"""Steps between two looks at who is near whom."""
+"""Steps between two searches for pairs of near agents."""
 _PAIR_SLACK_M: Final = 12.0
-"""Two vehicles cannot close in more than this between two looks."""
+"""Largest approach of two vehicles between two searches."""
 
 
 def has_artefact(tracks: TrafficTracks, step_s: float) -> Bool[np.ndarray, "A"]:
-    """Who jumps, slips sideways, or brakes and turns harder than tyres allow."""
+    """Which agents jump, slip sideways, or exceed the friction of tyres."""
     same = tracks.agent[1:] == tracks.agent[:-1]
     moved = np.linalg.norm(np.diff(tracks.position_m, axis=0), axis=1)
     speed = np.linalg.norm(tracks.velocity_mps, axis=1)
@@ -51,9 +51,9 @@ def has_artefact(tracks: TrafficTracks, step_s: float) -> Bool[np.ndarray, "A"]:
 def overlapping_pairs(
     tracks: TrafficTracks, *, with_pedestrians: bool = False
 ) -> Int[np.ndarray, "Q 2"]:
-    """Pairs of agents whose boxes overlap at some step, the earlier row first.
+    """Pairs of agents whose boxes overlap at any step, the earlier row first.
 
-    Two pedestrians may, but for ``with_pedestrians``.
+    Pairs of pedestrians count only ``with_pedestrians``.
     """
     pairs = _near_pairs(tracks)
     if not with_pedestrians:
@@ -83,7 +83,7 @@ def overlapping_pairs(
 
 
 def _near_pairs(tracks: TrafficTracks) -> Int[np.ndarray, "Q 2"]:
-    """Pairs that are near each other at one of the steps looked at."""
+    """Pairs that are near each other at any of the searched steps."""
     num_agents = len(tracks.ids)
     near = np.zeros((num_agents, num_agents), bool)
     reach = np.hypot(*tracks.size_m.T) / 2
@@ -98,7 +98,7 @@ def _near_pairs(tracks: TrafficTracks) -> Int[np.ndarray, "Q 2"]:
 
 
 def without_overlaps(tracks: TrafficTracks) -> Bool[np.ndarray, "A"]:
-    """Who may stay so that no two boxes overlap; whoever hits most goes first."""
+    """Which agents to keep so that no boxes overlap; those with most overlaps go first."""
     pairs = overlapping_pairs(tracks)
     stays = np.ones(len(tracks.ids), bool)
     while len(pairs):

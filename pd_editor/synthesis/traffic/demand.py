@@ -1,4 +1,4 @@
-"""Who travels when and where, written down as SUMO reads it."""
+"""Samples traffic demand: trips of vehicles and pedestrians as a SUMO route file."""
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
@@ -9,36 +9,36 @@ import numpy as np
 
 from pd_editor.synthesis.sumo.traffic_graph import TrafficEdge, TrafficGraph
 from pd_editor.synthesis.traffic.demand_config import DemandOptions
-from pd_editor.synthesis.traffic.routing import RouteChoice
+from pd_editor.synthesis.traffic.routing import RouteSampler
 from pd_editor.synthesis.traffic.vehicle_types import (
     MODELS,
-    DrawnType,
+    SampledType,
     VehicleModel,
-    draw_pedestrian_type,
-    draw_type,
+    sample_pedestrian_type,
+    sample_vehicle_type,
 )
 
 MEAN_TRAVEL_SPEED_MPS: Final = 6.0
-"""Speed that turns a flow into the number of vehicles that are there at first."""
+"""Speed that relates a flow to the number of vehicles at the start."""
 
 TYPICAL_LIMIT_MPS: Final = 12.0
 FLOW_POWER: Final = 2.0
-"""How much more traffic fast roads have: with this power of their speed limits."""
+"""Exponent of the flow as a function of the speed limit."""
 
 WALK_M: Final = 350.0
-"""How far pedestrians go, as the crow flies."""
+"""Typical distance between start and destination of pedestrians."""
 
 PEDESTRIAN_SPEED_MPS: Final = 1.3
 
 ROUTES_PER_IDEA: Final = 6
-"""Routes drawn from an entry before drivers change their minds on travel times."""
+"""Number of routes from an entry that share the same expected travel times."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demand:
     """All trips of a simulation."""
 
-    types: dict[str, DrawnType]
+    types: dict[str, SampledType]
     """Type of each vehicle and pedestrian, by their SUMO id."""
     root: ElementTree.Element
 
@@ -55,25 +55,25 @@ class _Trip:
     model: VehicleModel
 
 
-def draw_demand(
+def sample_demand(
     graph: TrafficGraph,
     options: DemandOptions,
     duration_s: float,
     random: np.random.Generator,
 ) -> Demand:
-    """Trips of all vehicles and pedestrians for a simulation of some length."""
-    types: dict[str, DrawnType] = {}
+    """Sample the trips of all vehicles and pedestrians of a simulation."""
+    types: dict[str, SampledType] = {}
     entries: list[tuple[float, list[ElementTree.Element]]] = []
     for number, trip in enumerate(_trips(graph, options, duration_s, random)):
         name = f"{trip.model.name}-{number:04d}"
-        types[name] = draw_type(f"type-{name}", trip.model, random)
+        types[name] = sample_vehicle_type(f"type-{name}", trip.model, random)
         vehicle = _vehicle(name, trip, graph, options, random)
         entries.append((trip.depart_s, [types[name].element, vehicle]))
     for number, (depart_s, start, end) in enumerate(
         _walks(graph, options, duration_s, random)
     ):
         name = f"pedestrian-{number:04d}"
-        types[name] = draw_pedestrian_type(f"type-{name}", random)
+        types[name] = sample_pedestrian_type(f"type-{name}", random)
         person = ElementTree.Element(
             "person",
             {
@@ -104,7 +104,7 @@ def _trips(
 ) -> list[_Trip]:
     trips: list[_Trip] = []
     for model, share in _present_models(options):
-        choice = RouteChoice(
+        choice = RouteSampler(
             graph=graph,
             vehicle_class=model.sumo_class,
             turn_cost_s=options.turn_cost_s,
@@ -128,16 +128,16 @@ def _present_models(options: DemandOptions) -> list[tuple[VehicleModel, float]]:
 
 
 def _trips_of(
-    choice: RouteChoice,
+    choice: RouteSampler,
     entry: str,
     model: VehicleModel,
     flow: float,
     duration_s: float,
     random: np.random.Generator,
 ) -> list[_Trip]:
-    """Trips from one entry: some on their way at first, the others come later."""
+    """Trips from one entry: some start on the road, the others enter later."""
     num_later = random.poisson(flow * duration_s)
-    probe = choice.draw(entry, ROUTES_PER_IDEA, random)
+    probe = choice.sample(entry, ROUTES_PER_IDEA, random)
     if not probe:
         return []
     edges = choice.graph.edges
@@ -145,7 +145,7 @@ def _trips_of(
     num_first = random.poisson(flow * length_m / MEAN_TRAVEL_SPEED_MPS)
     routes = list(probe)
     while len(routes) < num_first + num_later:
-        routes += choice.draw(entry, ROUTES_PER_IDEA, random)
+        routes += choice.sample(entry, ROUTES_PER_IDEA, random)
     departs = random.uniform(0.0, duration_s, num_later)
     trips = [
         _Trip(depart_s=float(at), route=way, starts_inside=False, model=model)
@@ -197,7 +197,7 @@ def _add_halt(
     model: VehicleModel,
     random: np.random.Generator,
 ) -> None:
-    """A stop at the right edge of an edge: a bus stop, a delivery, a passenger."""
+    """Add a stop at the right side of an edge: a bus stop, a delivery, a passenger."""
     lanes = edge.lanes_for(model.sumo_class)
     if edge.length_m < 60.0:
         return
@@ -221,15 +221,15 @@ def _walks(
     duration_s: float,
     random: np.random.Generator,
 ) -> list[tuple[float, str, str]]:
-    """Departure, first and last edge of each pedestrian."""
+    """Sample departure, first and last edge of each pedestrian."""
     edges = graph.sidewalk_edges
     if not edges:
         return []
     lengths = np.array([edge.length_m for edge in edges])
     middles = np.array([edge.lanes[0].shape_m.mean(axis=0) for edge in edges])
     spread = options.pedestrian_spread
-    crowd = random.lognormal(-0.5 * spread**2, spread)
-    present = crowd * options.pedestrians_per_km * lengths.sum() / 1000
+    density = random.lognormal(-0.5 * spread**2, spread)
+    present = density * options.pedestrians_per_km * lengths.sum() / 1000
     walk_time_s = WALK_M / PEDESTRIAN_SPEED_MPS
     num_first = random.poisson(present)
     num_later = random.poisson(present * duration_s / walk_time_s)

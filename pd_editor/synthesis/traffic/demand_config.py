@@ -1,4 +1,4 @@
-"""The knobs of synthetic traffic."""
+"""Parameters of synthetic traffic."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -6,12 +6,12 @@ from typing import Final
 
 @dataclass(frozen=True, kw_only=True)
 class ParkingOptions:
-    """How much stands beside the road."""
+    """Amount of parked vehicles."""
 
     kerb_share: float = 0.22
     """Share of street sides along which vehicles park."""
     fullness: tuple[float, float] = (0.3, 0.97)
-    """About the share of such a side that is taken, drawn between these."""
+    """Range of the occupied share of such a side."""
     angled_share: float = 0.12
     """Share of street sides with places at an angle to the lane."""
     driveways_per_km: float = 1.6
@@ -22,29 +22,29 @@ class ParkingOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class DemandOptions:
-    """Who is on the road, and how many."""
+    """Amount and composition of traffic."""
 
     flow_per_lane: float = 500.0
-    """Vehicles an hour and lane that enter at a typical entry of the network."""
+    """Vehicles per hour and lane at a typical entry of the network."""
     flow_spread: float = 0.6
-    """Spread of the flows of entries, as that of a log-normal law."""
+    """Log-normal spread of the flows of entries."""
     turn_cost_s: float = 40.0
     """Detour that a driver accepts to save a turn."""
     turn_aversion: float = 2.4
-    """How much rarer destinations become with every turn towards them."""
+    """Decay rate of a destination's probability with each turn towards it."""
     halting_share: float = 0.08
-    """Share of vehicles that halt at the kerb for a while on their way."""
+    """Share of vehicles that stop at the kerb for a while."""
     pedestrians_per_km: float = 5.0
-    """Pedestrians at any time on a km of sidewalk, at the mean over networks."""
+    """Pedestrians per km of sidewalk at any time, mean over networks."""
     pedestrian_spread: float = 1.0
-    """Spread between networks, as that of a log-normal law: many have hardly any."""
+    """Log-normal spread between networks: many have hardly any pedestrians."""
     shares: dict[str, float] = field(
         default_factory=lambda: {
             "car": 0.555, "suv": 0.282, "van": 0.07, "truck": 0.035, "bus": 0.025,
             "motorcycle": 0.005, "bicycle": 0.015,
         }
     )  # fmt: skip
-    """Share of each model of ``vehicle_types`` in the traffic."""
+    """Share of each model of ``vehicle_types``."""
     parking: ParkingOptions = ParkingOptions()
 
 
@@ -54,5 +54,5 @@ MAP_DEMAND: Final = DemandOptions(
     pedestrians_per_km=4.5,
     parking=ParkingOptions(kerb_share=0.45, fullness=(0.5, 0.98)),
 )
-"""Traffic on maps of Argoverse 2. They were cut out around busy places, and so tightly
-that every side street is an entry, from which few would turn."""
+"""Traffic on maps of Argoverse 2, which are cropped so tightly around busy places that
+every side street is an entry with little traffic."""

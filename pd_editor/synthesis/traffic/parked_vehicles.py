@@ -1,6 +1,6 @@
-"""Vehicles that stand aside: along the kerb, in driveways, on small lots.
+"""Samples parked vehicles: along the kerb, in driveways, on small lots.
 
-They are drawn after the simulation, where no one drove or walked.
+They are sampled after the simulation, where no agent drove or walked.
 """
 
 from dataclasses import dataclass
@@ -20,10 +20,10 @@ from pd_editor.synthesis.traffic.demand_config import ParkingOptions
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks
 
 SWEEP_SPACING_M: Final = 0.6
-"""Between two boxes that stand for all that a vehicle sweeps."""
+"""Distance between the boxes that approximate the area swept by a vehicle."""
 
 CLEARANCE_M: Final = 0.15
-"""Between a parked vehicle and all that sweeps by."""
+"""Least gap between a parked vehicle and the area swept by traffic."""
 
 STRIP_END_M: Final = 2.0
 KERB_END_M: Final = 3.0
@@ -31,19 +31,19 @@ KERB_END_M: Final = 3.0
 
 PLACE_M: Final = 5.2
 SLOT_GAP_M: Final = (0.5, 1.6)
-"""Between two places along the kerb."""
+"""Range of the gap between two places along the kerb."""
 
 ANGLED_PITCH_M: Final = 3.5
 ANGLED_ASIDE_M: Final = (1.2, 3.2)
-"""From the edge of the lane to the middles of vehicles at an angle to it; lanes of
-recorded maps often take in a part of such places."""
+"""Range of the distance from the lane's edge to the centres of vehicles at an angle to
+it; lanes of recorded maps often include a part of such places."""
 PERPENDICULAR_SHARE: Final = 0.25
-"""Of the rows at an angle."""
+"""Share of perpendicular rows among rows at an angle."""
 PERPENDICULAR_PITCH_M: Final = 2.75
 PERPENDICULAR_ASIDE_M: Final = (1.6, 5.0)
 
 TURNED_SHARE: Final = 0.008
-"""Of the vehicles along a kerb, those that face oncoming traffic."""
+"""Share of the vehicles along a kerb that face oncoming traffic."""
 
 LOT_PITCH_M: Final = 2.75
 LOT_AISLE_M: Final = 6.5
@@ -51,7 +51,7 @@ LOT_AISLE_M: Final = 6.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParkedVehicles:
-    """K vehicles that do not move."""
+    """K parked vehicles."""
 
     kinds: tuple[AgentKind, ...]
     size_m: Float[np.ndarray, "K 2"]
@@ -65,21 +65,21 @@ class ParkedVehicles:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Places:
-    """Poses where something might park."""
+    """Possible poses of parked vehicles."""
 
     position_m: Float[np.ndarray, "K 2"]
     heading_rad: Float[np.ndarray, "K"]
     is_on_road: bool
-    """Whether it may reach into a lane."""
+    """Whether vehicles may reach into a lane."""
 
 
-def draw_parked_vehicles(
+def sample_parked_vehicles(
     network: Network,
     traffic: TrafficTracks,
     options: ParkingOptions,
     random: np.random.Generator,
 ) -> ParkedVehicles:
-    """Parked vehicles that touch neither traffic nor each other."""
+    """Sample parked vehicles that touch neither traffic nor each other."""
     places = [
         _along(line, options, STRIP_END_M, random.uniform(-0.35, 0.45), random)
         for line in network.parking_strips_m
@@ -119,7 +119,7 @@ def draw_parked_vehicles(
 
 
 def _kerbs(network: Network) -> list[Float[np.ndarray, "_ 2"]]:
-    """Right boundaries of the rightmost lanes of streets, as driven."""
+    """Right boundaries of the rightmost lanes of streets, in driving direction."""
     return [
         lane.right_m
         for lane in network.road_map.lanes
@@ -136,11 +136,11 @@ def _along(
     aside_m: float,
     random: np.random.Generator,
 ) -> _Places:
-    """Places one behind the other, ``aside_m`` to the right of a line."""
+    """Places in a row, ``aside_m`` to the right of a line."""
     length = arc_length(line)[-1] - 2 * end_m
     num_slots = max(int(length / (PLACE_M + np.mean(SLOT_GAP_M))), 0)
     taken = random.uniform(*options.fullness)
-    # Nothing marks the places, so that what stays free is of any length.
+    # Places are not marked, so that gaps between vehicles have any length.
     is_followed = random.random(num_slots) < taken
     free = random.exponential(PLACE_M / max(taken, 1e-3), num_slots)
     pitch = PLACE_M + random.uniform(*SLOT_GAP_M, num_slots) + free * ~is_followed
@@ -160,7 +160,7 @@ def _along(
 def _angled(
     kerb: Float[np.ndarray, "N 2"], options: ParkingOptions, random: np.random.Generator
 ) -> _Places:
-    """A row of places turned clockwise from the lane, or across it either way round."""
+    """Row of places at a clockwise angle to the lane, or perpendicular to it."""
     is_across = random.random() < PERPENDICULAR_SHARE
     pitch = PERPENDICULAR_PITCH_M if is_across else ANGLED_PITCH_M
     at = np.arange(KERB_END_M, arc_length(kerb)[-1] - 2 * KERB_END_M, pitch)
@@ -182,7 +182,7 @@ def _angled(
 def _driveways(
     kerb: Float[np.ndarray, "N 2"], options: ParkingOptions, random: np.random.Generator
 ) -> _Places:
-    """Single vehicles off the street, across it, askew or alongside."""
+    """Single places off the street: perpendicular, at an angle, or parallel to it."""
     length = arc_length(kerb)[-1]
     count = random.poisson(options.driveways_per_km * length / 1000)
     at = random.uniform(0.0, length, count)
@@ -197,7 +197,7 @@ def _driveways(
 def _lots(
     kerb: Float[np.ndarray, "N 2"], options: ParkingOptions, random: np.random.Generator
 ) -> _Places:
-    """Small parking lots: two rows of places that face each other."""
+    """Places of small parking lots: two rows that face each other."""
     length = arc_length(kerb)[-1]
     count = random.poisson(options.lots_per_km * length / 1000)
     positions, headings = [np.zeros((0, 2))], [np.zeros(0)]
@@ -242,7 +242,7 @@ def _is_free(
     road_map: RoadMap,
     traffic: TrafficTracks,
 ) -> Bool[np.ndarray, "K"]:
-    """Which may stay: apart from traffic, lanes of others, crosswalks, each other."""
+    """Which vehicles are clear of traffic, lanes, crosswalks and each other."""
     boxes = _polygons(parked.corners_m())
     free = ~_touched(boxes, _swept(traffic))
     free &= on_road | ~_touched(boxes, _areas(road_map.lanes))
@@ -278,7 +278,7 @@ def _touched(boxes: np.ndarray, areas: np.ndarray) -> Bool[np.ndarray, "K"]:
 
 
 def _swept(traffic: TrafficTracks) -> np.ndarray:
-    """Boxes, a little enlarged, that together cover all the ground driven over."""
+    """Slightly enlarged boxes that cover the area swept by traffic."""
     moved = np.linalg.norm(np.diff(traffic.position_m, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(moved)])
     mark = np.floor(travelled / SWEEP_SPACING_M)

@@ -1,6 +1,6 @@
-"""People on footways, and on crosswalks while no vehicle comes.
+"""Samples pedestrians on footways, and on crosswalks without approaching vehicles.
 
-They are drawn after the simulation, whose vehicles know nothing of them.
+They are sampled after the simulation, whose vehicles do not react to them.
 """
 
 from dataclasses import dataclass, field
@@ -22,50 +22,50 @@ from pd_editor.synthesis.road_network.footways import Crossing, Footways
 from pd_editor.synthesis.traffic.artefact_filter import overlapping_pairs
 from pd_editor.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks
-from pd_editor.synthesis.traffic.vehicle_types import draw_pedestrian_type
+from pd_editor.synthesis.traffic.vehicle_types import sample_pedestrian_type
 
 WALK_S: Final = (25.0, 110.0)
-"""How long people are on their way, without the time in which they stand."""
+"""Range of the walking time of a pedestrian, without stops."""
 PACE_MPS: Final = (1.35, 0.22)
 ASIDE_M: Final = 0.5
-"""Spread of the place beside the middle of a footway."""
+"""Standard deviation of the lateral offset from a footway's centre line."""
 MAX_ASIDE_M: Final = 0.9
 CROSSING_SHARE: Final = 0.6
-"""Of the crosswalks that people pass, those that they take."""
+"""Share of the passed crosswalks that pedestrians use."""
 STANDING_SHARE: Final = 0.45
-"""Of people, those who stop on their way: for a bus, to talk, at a door."""
+"""Share of pedestrians that stop on their way."""
 STANDING_S: Final = (10.0, 120.0)
 MIN_S: Final = 5.0
-"""Whoever is there for a shorter time is left out."""
+"""Shorter tracks are left out."""
 
 MIN_WAY_M: Final = 3.0
-"""Left to go after a crossing at least."""
+"""Least remaining length of a walk after a crossing."""
 
 BEFORE_S: Final = 0.5
 AFTER_S: Final = 2.0
-"""No vehicle is on a spot of a crosswalk in this time about someone's being there."""
+"""A spot of a crosswalk is free of vehicles for this time before and after its use."""
 CLEARANCE_M: Final = 0.9
 SPOT_SPACING_M: Final = 0.5
 LINE_SPACING_M: Final = 0.25
 CORNER_M: Final = 0.8
-"""Standard deviation of the filter that rounds corners."""
+"""Standard deviation of the filter that smooths corners."""
 PACE_CHANGE_S: Final = 0.4
-"""The same of the filter that makes people start and stop gently."""
+"""Standard deviation of the filter that smooths starts and stops."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Passage:
-    """A crossing as somebody takes it."""
+    """Use of a crossing by a pedestrian."""
 
     crossing: Crossing
     is_backwards: bool
     begin_m: float
-    """How far along the way it begins."""
+    """Arc length along the walk at which the crossing begins."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Walk:
-    """A way over footways and crossings."""
+    """A pedestrian's path over footways and crossings."""
 
     line_m: Float[np.ndarray, "N 2"]
     passages: tuple[_Passage, ...]
@@ -73,7 +73,7 @@ class _Walk:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Traffic:
-    """Vehicles, and when they are on each crossing."""
+    """Vehicle tracks, and the steps at which they occupy crossings."""
 
     tracks: TrafficTracks
     num_steps: int
@@ -81,7 +81,7 @@ class _Traffic:
     known: dict[int, Bool[np.ndarray, "K T"]] = field(default_factory=dict)
 
     def busy_on(self, crossing: Crossing) -> Bool[np.ndarray, "K T"]:
-        """Whether it is unwise to be on each spot of a crossing at each step."""
+        """Whether each spot of a crossing is blocked by vehicles at each step."""
         key = id(crossing)
         if key not in self.known:
             self.known[key] = self._busy(_spots(crossing))
@@ -101,13 +101,13 @@ class _Traffic:
         spot, row = np.nonzero(covers)
         step = tracks.step[rows[row]]
         before, after = round(BEFORE_S / self.step_s), round(AFTER_S / self.step_s)
-        # Who is there at a step has left it before a vehicle comes, and the reverse.
+        # A pedestrian on a spot leaves it before a vehicle arrives, and vice versa.
         for shift in range(-after, before + 1):
             busy[spot, np.clip(step + shift, 0, self.num_steps - 1)] = True
         return busy
 
 
-def draw_walkers(
+def sample_pedestrians(
     footways: Footways,
     traffic: TrafficTracks,
     options: DemandOptions,
@@ -115,13 +115,13 @@ def draw_walkers(
     step_s: float,
     random: np.random.Generator,
 ) -> TrafficTracks:
-    """Tracks of people on foot, none of whom touches a vehicle or another one."""
+    """Sample tracks of pedestrians that touch neither vehicles nor each other."""
     beside = _Traffic(tracks=traffic, num_steps=num_steps, step_s=step_s)
     spread = options.pedestrian_spread
-    crowd = random.lognormal(-0.5 * spread**2, spread)
-    present = crowd * options.pedestrians_per_km * footways.length_m / 1000
+    density = random.lognormal(-0.5 * spread**2, spread)
+    present = density * options.pedestrians_per_km * footways.length_m / 1000
     stay_s = float(np.mean(WALK_S) + STANDING_SHARE * np.mean(STANDING_S))
-    # Those who are there at first have come before.
+    # Pedestrians present at the start began their walks earlier.
     count = random.poisson(present * (num_steps * step_s / stay_s + 1.0))
     tracks = traffic.taken(np.zeros(len(traffic.ids), bool))
     for number in range(count):
@@ -131,11 +131,11 @@ def draw_walkers(
     return tracks.taken(_apart(tracks, traffic))
 
 
-def _apart(walkers: TrafficTracks, traffic: TrafficTracks) -> Bool[np.ndarray, "A"]:
-    """Which people may stay so that nobody touches anybody."""
+def _apart(pedestrians: TrafficTracks, traffic: TrafficTracks) -> Bool[np.ndarray, "A"]:
+    """Which pedestrians to keep so that no boxes touch."""
     num_before = len(traffic.ids)
-    stays = np.ones(num_before + len(walkers.ids), bool)
-    both = traffic.joined(walkers)
+    stays = np.ones(num_before + len(pedestrians.ids), bool)
+    both = traffic.joined(pedestrians)
     for one, other in overlapping_pairs(both, with_pedestrians=True).tolist():
         if other >= num_before and stays[one]:
             stays[other] = False
@@ -149,11 +149,11 @@ def _person(
     traffic: _Traffic,
     random: np.random.Generator,
 ) -> TrafficTracks | None:
-    """One person's track within the recording; None if it is too short."""
+    """Sample one pedestrian's track within the recording; None if it is too short."""
     name = f"pedestrian-{number:04d}"
-    size = draw_pedestrian_type(name, random).size_m
+    size = sample_pedestrian_type(name, random).size_m
     pace = float(np.clip(random.normal(*PACE_MPS), 0.7, 2.0))
-    walk = _draw_walk(footways, pace * random.uniform(*WALK_S), random)
+    walk = _sample_walk(footways, pace * random.uniform(*WALK_S), random)
     aside = float(np.clip(random.normal(0.0, ASIDE_M), -MAX_ASIDE_M, MAX_ASIDE_M))
     along = _progress(walk, pace, first_step, traffic, random)
     along = along[max(-first_step, 0) : traffic.num_steps - first_step]
@@ -176,10 +176,10 @@ def _person(
     )
 
 
-def _draw_walk(
+def _sample_walk(
     footways: Footways, length_m: float, random: np.random.Generator
 ) -> _Walk:
-    """A way from a random place, over some of the crossings that it comes by."""
+    """Sample a walk from a random point, over some of the crossings that it passes."""
     lengths = np.array([arc_length(line)[-1] for line in footways.lines_m])
     way = int(random.choice(len(lengths), p=lengths / lengths.sum()))
     at = float(random.uniform(0.0, lengths[way]))
@@ -218,7 +218,7 @@ def _draw_walk(
 def _between(
     line: Float[np.ndarray, "N 2"], start_m: float, end_m: float
 ) -> Float[np.ndarray, "M 2"]:
-    """A part of a line, backwards if it ends before it starts."""
+    """Part of a line between two arc lengths, reversed if the end is before the start."""
     along = arc_length(line)
     low, high = min(start_m, end_m), max(start_m, end_m)
     inside = along[(along > low) & (along < high)]
@@ -233,7 +233,7 @@ def _progress(
     traffic: _Traffic,
     random: np.random.Generator,
 ) -> Float[np.ndarray, "T"]:
-    """How far somebody has come at each step from the first one on."""
+    """Distance walked at each step from the first one on."""
     length = float(arc_length(walk.line_m)[-1])
     stops: list[tuple[float, float | _Passage]] = [
         (passage.begin_m, passage) for passage in walk.passages
@@ -248,7 +248,7 @@ def _progress(
         stops.append((min([at, *on_crossing]), float(random.uniform(*STANDING_S))))
     time, place = 0.0, 0.0
     times, places = [time], [place]
-    # Who stands before a crossing stands first, then waits for traffic.
+    # A stop before a crossing comes first, then the wait for traffic.
     for at, stop in sorted(stops, key=lambda s: (s[0], isinstance(s[1], _Passage))):
         time += (at - place) / pace_mps
         place = at
@@ -272,7 +272,7 @@ def _progress(
 def _wait_steps(
     passage: _Passage, pace_mps: float, arrival: int, traffic: _Traffic
 ) -> int:
-    """Steps until nobody drives wherever one would be on a crossing."""
+    """Steps to wait until a crossing is free of vehicles for the whole passage."""
     busy = traffic.busy_on(passage.crossing)
     busy = busy[::-1] if passage.is_backwards else busy
     later = np.arange(len(busy)) * SPOT_SPACING_M / pace_mps / traffic.step_s
@@ -293,7 +293,7 @@ def _spots(crossing: Crossing) -> Float[np.ndarray, "K 2"]:
 def _rounded(
     line: Float[np.ndarray, "N 2"], aside_m: float
 ) -> Float[np.ndarray, "M 2"]:
-    """A line with its corners rounded, shifted to its left."""
+    """Smooth the corners of a line and offset it to its left."""
     num_points = int(arc_length(line)[-1] / LINE_SPACING_M) + 2
     spread = CORNER_M / LINE_SPACING_M
     smooth = smoothed(resample(line, num_points), spread)

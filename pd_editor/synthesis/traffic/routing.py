@@ -1,4 +1,4 @@
-"""Routes across a network that mostly go straight on, as real traffic does."""
+"""Samples routes across a network, with few turns as in real traffic."""
 
 import heapq
 from dataclasses import dataclass
@@ -10,22 +10,22 @@ import numpy as np
 from pd_editor.synthesis.sumo.traffic_graph import TrafficGraph
 
 TURN_SHARE: Final = {"s": 0.0, "L": 0.3, "R": 0.3, "l": 1.0, "r": 0.8}
-"""Share of a turn's cost that each of SUMO's direction letters bears."""
+"""Factor of the turn cost for each of SUMO's direction letters."""
 
 COST_NOISE: Final = 0.3
-"""Spread of the travel time that a driver expects of an edge."""
+"""Spread of the expected travel time of an edge between drivers."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RouteChoice:
-    """Routes of one vehicle class from the network's entries to its exits."""
+class RouteSampler:
+    """Sampler of routes of one vehicle class from the network's entries to its exits."""
 
     graph: TrafficGraph
     vehicle_class: str
     turn_cost_s: float
     """Detour that a driver accepts to save one turn."""
     turn_aversion: float
-    """How much rarer destinations become with every turn towards them."""
+    """Decay rate of a destination's probability with each turn towards it."""
 
     @cached_property
     def next_edges(self) -> dict[str, dict[str, str]]:
@@ -34,15 +34,15 @@ class RouteChoice:
 
     @cached_property
     def entries(self) -> tuple[str, ...]:
-        """Edges that no other leads to; all edges where the network is closed."""
+        """Edges without a predecessor; all edges of a closed network."""
         followers = {edge for after in self.next_edges.values() for edge in after}
         found = tuple(edge for edge in self.next_edges if edge not in followers)
         return found or tuple(self.next_edges)
 
-    def draw(
+    def sample(
         self, entry: str, count: int, random: np.random.Generator
     ) -> list[tuple[str, ...]]:
-        """Routes from one entry, all by one idea of how long edges take."""
+        """Sample routes from one entry, with the same expected travel times for all."""
         cost, turns, before = self._tree(entry, random)
         ends = [edge for edge in cost if not self.next_edges[edge]]
         ends = ends or [edge for edge in cost if edge != entry]
@@ -61,7 +61,7 @@ class RouteChoice:
     def _tree(
         self, entry: str, random: np.random.Generator
     ) -> tuple[dict[str, float], dict[str, float], dict[str, str]]:
-        """Cost, turns and edge before, of each edge reached (Dijkstra)."""
+        """Cost, number of turns and previous edge of each reached edge (Dijkstra)."""
         names = list(self.next_edges)
         noise = random.lognormal(0.0, COST_NOISE, len(names))
         time = {

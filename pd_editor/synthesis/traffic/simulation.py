@@ -1,4 +1,4 @@
-"""Traffic on a network for some minutes, as a recording."""
+"""Simulates traffic on a network for some minutes, as a recording."""
 
 import tempfile
 from dataclasses import replace
@@ -13,35 +13,35 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.synthesis.road_network.network import Network
 from pd_editor.synthesis.sumo.curve_speeds import write_with_curve_speeds
 from pd_editor.synthesis.sumo.floating_car_data import read_raw_tracks
-from pd_editor.synthesis.sumo.signal_plans import draw_signal_plans
+from pd_editor.synthesis.sumo.signal_plans import sample_signal_plans
 from pd_editor.synthesis.sumo.sumo_tools import SIMULATION_LIMIT_S, run_sumo_tool
 from pd_editor.synthesis.sumo.traffic_graph import TrafficGraph, read_traffic_graph
 from pd_editor.synthesis.traffic.artefact_filter import has_artefact, without_overlaps
-from pd_editor.synthesis.traffic.demand import draw_demand
+from pd_editor.synthesis.traffic.demand import sample_demand
 from pd_editor.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.synthesis.traffic.parked_vehicles import (
     ParkedVehicles,
-    draw_parked_vehicles,
+    sample_parked_vehicles,
 )
-from pd_editor.synthesis.traffic.pedestrians import draw_walkers
+from pd_editor.synthesis.traffic.pedestrians import sample_pedestrians
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks, traffic_tracks
 
 STEP_S: Final = 0.1
 WARM_UP_S: Final = 20.0
-"""Time in which vehicles that are put onto the roads find their places."""
+"""Time in which the initial vehicles reach an equilibrium; it is discarded."""
 
 LATERAL_RESOLUTION_M: Final = 0.6
-"""Of SUMO's sublane model."""
+"""Lateral resolution of SUMO's sublane model."""
 
 SLOW_MPS: Final = 2.0
 JAM_SHARE: Final = 0.42
-"""Traffic that is slower for more of its time is more than the roads carry."""
+"""Share of slow time above which the demand exceeds the capacity of the roads."""
 LESS_FLOW: Final = 0.6
-"""Share of it that is tried instead."""
+"""Factor by which the flow is reduced in that case."""
 MAX_RETRIES: Final = 2
 
 JAM_S: Final = 90.0
-"""Whoever waits longer at the head of a lane is taken off the road."""
+"""Vehicles that wait longer at the head of a lane are removed."""
 
 
 def simulate(
@@ -51,10 +51,10 @@ def simulate(
     duration_s: float = 160.0,
     demand: DemandOptions | None = None,
 ) -> Recording:
-    """Road users of all kinds on a network, and vehicles parked beside its roads.
+    """Simulate road users of all kinds, and add parked vehicles and pedestrians.
 
-    The same network, seed and options give the same arrays. Positions are in the
-    frame of the network's road map.
+    Equal networks, seeds and options give equal arrays. Positions are in the frame of
+    the network's road map.
 
     Raises:
         SynthesisError: SUMO is missing, or refused the network or the traffic.
@@ -72,11 +72,11 @@ def simulate(
     tracks = tracks.taken(without_overlaps(tracks))
     num_steps = round(duration_s / STEP_S)
     if network.footways is not None and network.footways.lines_m:
-        walkers = draw_walkers(
+        pedestrians = sample_pedestrians(
             network.footways, tracks, options, num_steps, STEP_S, random
         )
-        tracks = tracks.joined(walkers)
-    parked = draw_parked_vehicles(network, tracks, options.parking, random)
+        tracks = tracks.joined(pedestrians)
+    parked = sample_parked_vehicles(network, tracks, options.parking, random)
     return _recording(network, seed, tracks, parked, num_steps)
 
 
@@ -88,24 +88,24 @@ def _traffic(
     seed: int,
     random: np.random.Generator,
 ) -> TrafficTracks:
-    """Tracks of everyone who is simulated, after the warm-up."""
+    """Tracks of all simulated road users, after the warm-up."""
     end_s = WARM_UP_S + duration_s
-    drawn = draw_demand(graph, options, end_s, random)
-    plans = draw_signal_plans(network.net_file, random)
+    sampled = sample_demand(graph, options, end_s, random)
+    plans = sample_signal_plans(network.net_file, random)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        drawn.write(folder / "trips.rou.xml")
+        sampled.write(folder / "trips.rou.xml")
         ElementTree(plans).write(folder / "signals.add.xml", encoding="utf-8")
         write_with_curve_speeds(network.net_file, folder / "roads.net.xml")
         _run(folder, seed, end_s)
         raw = read_raw_tracks(
             (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
         )
-    return traffic_tracks(raw.shifted(round(WARM_UP_S / STEP_S)), drawn.types, STEP_S)
+    return traffic_tracks(raw.shifted(round(WARM_UP_S / STEP_S)), sampled.types, STEP_S)
 
 
 def _slow_share(tracks: TrafficTracks) -> float:
-    """Share of the vehicles' time in which they hardly move."""
+    """Share of the vehicles' time at very low speed."""
     drives = np.array([kind is not AgentKind.PEDESTRIAN for kind in tracks.kinds], bool)
     rows = drives[tracks.agent]
     if not rows.any():

@@ -1,4 +1,4 @@
-"""Smooth tracks of box centres, made of SUMO's states."""
+"""Converts SUMO's states to smooth tracks of box centres."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,18 +11,18 @@ from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.synthesis.sumo.floating_car_data import RawTracks, center_of_front
-from pd_editor.synthesis.traffic.vehicle_types import DrawnType
+from pd_editor.synthesis.traffic.vehicle_types import SampledType
 
 VEHICLE_SMOOTHING_S: Final = 0.3
-"""Standard deviation of the filter that rounds the corners of SUMO's lanes."""
+"""Standard deviation of the filter that smooths the corners of SUMO's lanes."""
 
 PEDESTRIAN_SMOOTHING_S: Final = 0.5
-"""The same for pedestrians, whom SUMO moves sideways from stripe to stripe."""
+"""The same for pedestrians, which SUMO moves sideways between discrete stripes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrafficTracks:
-    """A road users, each at consecutive steps; P rows of all of them in a row."""
+    """Tracks of A road users; P states of all of them, one user after another."""
 
     ids: tuple[str, ...]
     kinds: tuple[AgentKind, ...]
@@ -35,17 +35,17 @@ class TrafficTracks:
 
     @cached_property
     def agent(self) -> Int[np.ndarray, "P"]:
-        """Agent of each row."""
+        """Index of the road user of each state."""
         return np.repeat(np.arange(len(self.ids)), np.diff(self.first_row))
 
     @cached_property
     def step(self) -> Int[np.ndarray, "P"]:
-        """Step of each row."""
+        """Step of each state."""
         row = np.arange(len(self.position_m))
         return self.first_step[self.agent] + row - self.first_row[self.agent]
 
     def taken(self, wanted: Bool[np.ndarray, "A"]) -> "TrafficTracks":
-        """Only some of the road users."""
+        """Select road users by a mask."""
         rows = wanted[self.agent]
         kept = np.flatnonzero(wanted)
         counts = np.diff(self.first_row)[kept]
@@ -61,7 +61,7 @@ class TrafficTracks:
         )
 
     def joined(self, other: "TrafficTracks") -> "TrafficTracks":
-        """These road users, and after them others in the same recording."""
+        """Concatenate: these road users, then others of the same recording."""
         return TrafficTracks(
             ids=(*self.ids, *other.ids),
             kinds=(*self.kinds, *other.kinds),
@@ -77,18 +77,18 @@ class TrafficTracks:
 
 
 def traffic_tracks(
-    raw: RawTracks, types: dict[str, DrawnType], step_s: float
+    raw: RawTracks, types: dict[str, SampledType], step_s: float
 ) -> TrafficTracks:
-    """Tracks of box centres; whoever was away for a while continues as another."""
+    """Tracks of box centres; a road user that was absent continues under a new id."""
     begins = np.ones(len(raw.agent), bool)
     begins[1:] = (np.diff(raw.agent) != 0) | (np.diff(raw.step) != 1)
     first = np.append(np.flatnonzero(begins), len(raw.agent)).astype(int)
     sumo_agent = raw.agent[first[:-1]]
     part = np.arange(len(sumo_agent)) - np.searchsorted(sumo_agent, sumo_agent)
-    drawn = [types[raw.names[agent]] for agent in sumo_agent]
-    size_m = np.array([one.size_m for one in drawn], float).reshape(-1, 2)
-    walks = np.array([one.kind is AgentKind.PEDESTRIAN for one in drawn], bool)
-    agent = np.repeat(np.arange(len(drawn)), np.diff(first))
+    sampled = [types[raw.names[agent]] for agent in sumo_agent]
+    size_m = np.array([one.size_m for one in sampled], float).reshape(-1, 2)
+    walks = np.array([one.kind is AgentKind.PEDESTRIAN for one in sampled], bool)
+    agent = np.repeat(np.arange(len(sampled)), np.diff(first))
     length = np.where(walks, 0.0, size_m[:, 0])[agent]
     position = center_of_front(raw.front_m, raw.heading_rad, length)
     turn = wrap_angle(np.diff(raw.heading_rad, prepend=raw.heading_rad[:1]))
@@ -103,7 +103,7 @@ def traffic_tracks(
             raw.names[name] + (f"-{number}" if number else "")
             for name, number in zip(sumo_agent, part, strict=True)
         ),
-        kinds=tuple(one.kind for one in drawn),
+        kinds=tuple(one.kind for one in sampled),
         size_m=size_m,
         first_step=raw.step[first[:-1]],
         first_row=first,
@@ -120,10 +120,10 @@ def _smoothed(
     first: Int[np.ndarray, "A_plus_1"],
     spread_steps: Float[np.ndarray, "A"],
 ) -> Float[np.ndarray, "P D"]:
-    """Each track under a Gaussian filter; both ends stay where they are.
+    """Smooth each track with a Gaussian filter; both ends stay fixed.
 
-    Beyond its ends a track goes on as its point reflection, so that one of even
-    speed is not changed at all.
+    Tracks are extended by point reflection, so that tracks of constant speed do not
+    change.
     """
     agent = np.repeat(np.arange(len(first) - 1), np.diff(first))
     low, high = first[:-1][agent], first[1:][agent] - 1
@@ -149,7 +149,7 @@ def _rate(
     first: Int[np.ndarray, "A_plus_1"],
     step_s: float,
 ) -> Float[np.ndarray, "P 2"]:
-    """Central differences, one-sided at the ends of tracks; 0 for a single row."""
+    """Central differences, one-sided at the ends of tracks; 0 for a single state."""
     agent = np.repeat(np.arange(len(first) - 1), np.diff(first))
     row = np.arange(len(position))
     after = np.minimum(row + 1, first[1:][agent] - 1)
@@ -163,7 +163,7 @@ def _walking_heading(
     velocity: Float[np.ndarray, "P 2"],
     first: Int[np.ndarray, "A_plus_1"],
 ) -> Float[np.ndarray, "P"]:
-    """Direction of the motion; who stands looks where he or she went last."""
+    """Direction of motion; stationary pedestrians keep their last direction."""
     moves = np.hypot(velocity[:, 0], velocity[:, 1]) > STANDING_MPS
     row = np.arange(len(heading))
     last = np.maximum.accumulate(np.where(moves, row, -1))

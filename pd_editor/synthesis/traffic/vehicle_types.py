@@ -1,4 +1,4 @@
-"""Drivers and their vehicles: sizes, speeds, patience, place within the lane."""
+"""Samples vehicle types: sizes, speeds, driver behaviour, offset within the lane."""
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from pd_editor.scene.agent_kind import AgentKind
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleModel:
-    """A sort of road user; numbers in pairs are mean and standard deviation."""
+    """A model of road users; pairs of numbers are mean and standard deviation."""
 
     name: str
     kind: AgentKind
@@ -19,12 +19,12 @@ class VehicleModel:
     length_m: tuple[float, float]
     width_m: tuple[float, float]
     accel_mps2: float
-    """Median over drivers, at about 10 m/s."""
+    """Median acceleration over drivers, at about 10 m/s."""
     decel_mps2: float
-    """Median over drivers."""
+    """Median deceleration over drivers."""
     max_speed_mps: float
     lateral_m: float
-    """Spread of the place within the lane that drivers keep to."""
+    """Spread of the lateral offset within the lane between drivers."""
 
 
 MODELS: Final[tuple[VehicleModel, ...]] = (
@@ -69,20 +69,20 @@ ACCEL_SPREAD: Final = 0.5
 """Standard deviation of the logarithm of drivers' accelerations."""
 
 DECEL_SPREAD: Final = 0.3
-"""The same of how hard they brake."""
+"""Standard deviation of the logarithm of drivers' decelerations."""
 
 ACCEL_OVER_SPEED: Final = (
     (0.0, 1.45), (3.0, 1.6), (6.0, 1.2), (10.0, 1.0), (14.0, 0.75), (20.0, 0.5),
     (40.0, 0.3),
 )  # fmt: skip
-"""How much of their acceleration drivers still use at a speed in m/s."""
+"""Factor of the acceleration at a speed in m/s."""
 
 PEDESTRIAN_SIZE_M: Final = (0.65, 0.7)
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawnType:
-    """One road user's own type, and the element that tells SUMO of it."""
+class SampledType:
+    """Sampled type of one road user, and its SUMO element."""
 
     type_id: str
     kind: AgentKind
@@ -90,10 +90,10 @@ class DrawnType:
     element: ElementTree.Element
 
 
-def draw_type(
+def sample_vehicle_type(
     type_id: str, model: VehicleModel, random: np.random.Generator
-) -> DrawnType:
-    """A vehicle and its driver; every one differs a little."""
+) -> SampledType:
+    """Sample a vehicle and its driver."""
 
     def around(pair: tuple[float, float], low: float = 0.7) -> float:
         mean, spread = pair
@@ -137,7 +137,7 @@ def draw_type(
         "lcAssertive": random.uniform(0.8, 1.3),
         "jmTimegapMinor": random.uniform(1.0, 2.0),
     }
-    return DrawnType(
+    return SampledType(
         type_id=type_id,
         kind=model.kind,
         size_m=(length, width),
@@ -145,8 +145,8 @@ def draw_type(
     )
 
 
-def draw_pedestrian_type(type_id: str, random: np.random.Generator) -> DrawnType:
-    """A pedestrian with a pace of his or her own."""
+def sample_pedestrian_type(type_id: str, random: np.random.Generator) -> SampledType:
+    """Sample a pedestrian with a walking speed."""
     size = tuple(
         float(np.clip(random.normal(mean, 0.08), 0.45, 1.0))
         for mean in PEDESTRIAN_SIZE_M
@@ -159,7 +159,7 @@ def draw_pedestrian_type(type_id: str, random: np.random.Generator) -> DrawnType
         "maxSpeed": np.clip(random.normal(1.35, 0.22), 0.7, 2.2),
         "speedFactor": 1.0,
     }
-    return DrawnType(
+    return SampledType(
         type_id=type_id,
         kind=AgentKind.PEDESTRIAN,
         size_m=(size[0], size[1]),

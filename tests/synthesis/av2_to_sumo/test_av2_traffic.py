@@ -13,7 +13,7 @@ from pd_editor.geometry.polyline import arc_length
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, AgentKind
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 from pd_editor.synthesis.av2_to_sumo.network_conversion import network_of_map
-from pd_editor.synthesis.av2_to_sumo.parking_strips import kerb_strips
+from pd_editor.synthesis.av2_to_sumo.parking_strips import parking_strips
 from pd_editor.synthesis.traffic.demand_config import MAP_DEMAND
 from pd_editor.synthesis.traffic.simulation import simulate
 from tests.builders import straight_lane
@@ -52,14 +52,14 @@ def test_strips_lie_on_paved_ground_beside_lanes() -> None:
         edge = -1.75 - room_m
         ring = np.array([[0, edge, 0], [40, edge, 0], [40, 5, 0], [0, 5, 0]], float)
         area = DrivableArea(area_id=1, boundary=ring)
-        return list(kerb_strips(RoadMap(lanes=(lane,), drivable_areas=(area,))))
+        return list(parking_strips(RoadMap(lanes=(lane,), drivable_areas=(area,))))
 
     (strip,) = strips(2.5)
     np.testing.assert_allclose(strip[:, 1], -1.75 - 2.5 + 1.15, atol=0.21)
     assert arc_length(strip)[-1] > 35
     assert strip[:, 0].max() <= 40
     assert strips(1.0) == strips(9.0) == []
-    assert kerb_strips(RoadMap(lanes=(lane,))) == ()
+    assert parking_strips(RoadMap(lanes=(lane,))) == ()
 
 
 @pytest.mark.parametrize(("width_m", "count"), [(3.5, 0), (5.4, 1)])
@@ -73,7 +73,7 @@ def test_vehicles_park_on_wide_lanes(width_m: float, count: int) -> None:
     )
     ring = np.array([[0, -half, 0], [60, -half, 0], [60, half, 0], [0, half, 0]], float)
     area = DrivableArea(area_id=1, boundary=ring)
-    strips = kerb_strips(RoadMap(lanes=(lane,), drivable_areas=(area,)))
+    strips = parking_strips(RoadMap(lanes=(lane,), drivable_areas=(area,)))
     assert len(strips) == count
     for strip in strips:
         np.testing.assert_allclose(strip[:, 1], 1.15 - half)

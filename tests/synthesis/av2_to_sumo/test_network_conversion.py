@@ -30,11 +30,11 @@ def links_by_sumolib(network: Av2Network) -> set[tuple[int, int]]:
     found: set[tuple[int, int]] = set()
     for edge in net.getEdges():
         for lane in edge.getLanes():
-            here = network.stretches[lane.getID()]
+            here = network.lane_intervals[lane.getID()]
             ids = [part.lane_id for part in here]
             for connection in lane.getOutgoing():
                 following = connection.getViaLaneID() or connection.getToLane().getID()
-                ids_there = [part.lane_id for part in network.stretches[following]]
+                ids_there = [part.lane_id for part in network.lane_intervals[following]]
                 found.add((ids[-1], ids_there[0]))
             found |= set(pairwise(ids))
     return {(one, other) for one, other in found if one != other}
@@ -44,7 +44,7 @@ def check_lies_on_map(network: Av2Network) -> None:
     """Every SUMO lane runs on the centre lines of its lanes, and they join up."""
     net = sumolib.net.readNet(str(network.net_file), withInternal=True)
     lanes = {lane.getID(): lane for edge in net.getEdges() for lane in edge.getLanes()}
-    assert set(lanes) == set(network.stretches) == set(network.lane_of_sumo)
+    assert set(lanes) == set(network.lane_intervals) == set(network.lane_of_sumo)
     for name, lane in lanes.items():
         ids = network.lane_of_sumo[name]
         lines = [network.road_map.lane_of[n].centerline_m for n in ids]

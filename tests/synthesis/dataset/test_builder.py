@@ -12,22 +12,22 @@ from pd_editor.recordings.shards import ShardReader
 from pd_editor.synthesis.dataset import network_worker as corpus_networks
 from pd_editor.synthesis.dataset.builder import (
     WINDOWS_PER_SHARD,
-    CorpusPlan,
-    build_corpus,
+    DatasetPlan,
+    build_dataset,
     usual_families,
 )
-from pd_editor.synthesis.dataset.dataset_folder import CorpusFolder
+from pd_editor.synthesis.dataset.dataset_folder import DatasetFolder
 from pd_editor.synthesis.road_network.generator import FAMILY_SHARES
 from pd_editor.work_engine import LocalProcesses
 from tests.recordings.recordings import drive
 from tests.synthesis.serial_engine import SerialEngine
 
-TWO = CorpusPlan(num=5, seed=7, families=("grid", "town"), as_shards=True)
+TWO = DatasetPlan(num=5, seed=7, families=("grid", "town"), as_shards=True)
 
 
-def build(plan: CorpusPlan, path: Path, engine=None, *, resume: bool = False):
-    folder = CorpusFolder(path, plan.settings, resume=resume)
-    return build_corpus(plan, folder, engine or SerialEngine())
+def build(plan: DatasetPlan, path: Path, engine=None, *, resume: bool = False):
+    folder = DatasetFolder(path, plan.settings, resume=resume)
+    return build_dataset(plan, folder, engine or SerialEngine())
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -82,7 +82,7 @@ def test_workers_do_not_change_the_bytes(simulated: Path, tmp_path: Path):
 
 def test_a_resumed_run_gives_the_same_bytes(drives: list[str], tmp_path: Path):
     num = 3 * WINDOWS_PER_SHARD + 5
-    plan = CorpusPlan(num=num, seed=1, families=("grid",), as_shards=True)
+    plan = DatasetPlan(num=num, seed=1, families=("grid",), as_shards=True)
     build(plan, tmp_path / "whole")
     with pytest.raises(KeyboardInterrupt):
         build(plan, tmp_path / "parts", SerialEngine(stop_after=2))
@@ -98,7 +98,7 @@ def test_a_resumed_run_gives_the_same_bytes(drives: list[str], tmp_path: Path):
 def test_scenario_folders_are_read_by_argoverse(
     drives: list[str], tmp_path: Path, with_noise: bool
 ):
-    plan = CorpusPlan(num=6, seed=1, families=("grid", "town"), with_noise=with_noise)
+    plan = DatasetPlan(num=6, seed=1, families=("grid", "town"), with_noise=with_noise)
     record = build(plan, tmp_path / "set")
     assert (record.num_windows, len(record.networks)) == (6, 2)
     folders = sorted((tmp_path / "set").glob("*/scenario_*.parquet"))
@@ -117,7 +117,7 @@ def test_scenario_folders_are_read_by_argoverse(
 
 def test_failed_networks_are_made_up_for(drives: list[str], tmp_path: Path):
     drives.append("town")
-    plan = CorpusPlan(num=20, seed=1, families=("grid", "town"), as_shards=True)
+    plan = DatasetPlan(num=20, seed=1, families=("grid", "town"), as_shards=True)
     record = build(plan, tmp_path / "set")
     assert record.num_windows == 20
     assert all(key.startswith("town") for key in record.failures)
@@ -126,7 +126,7 @@ def test_failed_networks_are_made_up_for(drives: list[str], tmp_path: Path):
 
 def test_nothing_but_failures_is_an_error(drives: list[str], tmp_path: Path):
     drives.append("grid")
-    plan = CorpusPlan(num=3, seed=1, families=("grid",), as_shards=True)
+    plan = DatasetPlan(num=3, seed=1, families=("grid",), as_shards=True)
     with pytest.raises(SynthesisError, match="cannot be driven on"):
         build(plan, tmp_path / "set")
 
@@ -135,8 +135,8 @@ def test_a_recording_without_movers_is_a_failure(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
     monkeypatch.setattr(corpus_networks, "_recording", lambda _: drive(1))
-    plan = CorpusPlan(num=3, seed=1, families=("grid",), as_shards=True)
-    with pytest.raises(SynthesisError, match="nobody drives"):
+    plan = DatasetPlan(num=3, seed=1, families=("grid",), as_shards=True)
+    with pytest.raises(SynthesisError, match="no agent drives"):
         build(plan, tmp_path / "set")
 
 
@@ -156,23 +156,23 @@ def test_bad_wishes_are_refused(tmp_path: Path):
         ({"as_shards": True, "with_noise": True}, "leave out --noise or --shards"),
     ):
         with pytest.raises(InputError, match=sentence):
-            CorpusPlan(**{"num": 5, "seed": 0, **wish})
-    plan = CorpusPlan(num=2, seed=0, maps=(tmp_path,))
+            DatasetPlan(**{"num": 5, "seed": 0, **wish})
+    plan = DatasetPlan(num=2, seed=0, maps=(tmp_path,))
     with pytest.raises(InputError, match="no Argoverse 2 scenario"):
         build(plan, tmp_path / "set")
 
 
 def test_folders_are_guarded(drives: list[str], tmp_path: Path):
-    plan = CorpusPlan(num=3, seed=1, families=("grid",), as_shards=True)
+    plan = DatasetPlan(num=3, seed=1, families=("grid",), as_shards=True)
     build(plan, tmp_path / "set")
     with pytest.raises(ExportError, match="--resume"):
         build(plan, tmp_path / "set")
-    other = CorpusPlan(num=3, seed=2, families=("grid",), as_shards=True)
+    other = DatasetPlan(num=3, seed=2, families=("grid",), as_shards=True)
     with pytest.raises(InputError, match=r"other settings \(seed\)"):
         build(other, tmp_path / "set", resume=True)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("hello")
-    with pytest.raises(ExportError, match="no corpus to go on with"):
+    with pytest.raises(ExportError, match="no dataset to go on with"):
         build(plan, tmp_path / "mine", resume=True)
     with pytest.raises(ExportError, match="cannot be written"):
         build(plan, tmp_path / "mine" / "letter.txt" / "deeper")
@@ -192,7 +192,7 @@ def test_traffic_on_real_maps_keeps_their_places(
         name = path.name.replace(good.name, "0-broken")
         (bad / name).write_bytes(path.read_bytes())
     (bad / "log_map_archive_0-broken.json").write_text("{}")
-    plan = CorpusPlan(num=4, seed=1, maps=(root,))
+    plan = DatasetPlan(num=4, seed=1, maps=(root,))
     record = build(plan, tmp_path / "set")
     assert record.num_windows == 4
     assert {key.split("-")[1] for key in record.failures} == {"0"}

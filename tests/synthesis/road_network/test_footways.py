@@ -9,7 +9,7 @@ from pd_editor.scene.road_map import Crosswalk, DrivableArea, RoadMap
 from pd_editor.synthesis.road_network.footways import OUTSIDE_M, footways_of
 from pd_editor.synthesis.traffic.artefact_filter import overlapping_pairs
 from pd_editor.synthesis.traffic.demand_config import DemandOptions
-from pd_editor.synthesis.traffic.pedestrians import draw_walkers
+from pd_editor.synthesis.traffic.pedestrians import sample_pedestrians
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks
 from tests.builders import straight_lane
 
@@ -50,9 +50,9 @@ def cars(times_s: tuple[float, ...], speed_mps: float) -> TrafficTracks:
     )
 
 
-def walkers(traffic: TrafficTracks, seed: int = 1) -> TrafficTracks:
+def pedestrians(traffic: TrafficTracks, seed: int = 1) -> TrafficTracks:
     random = np.random.default_rng(seed)
-    return draw_walkers(
+    return sample_pedestrians(
         footways_of(street()), traffic, CROWD, NUM_STEPS, STEP_S, random
     )
 
@@ -85,7 +85,7 @@ def test_a_map_without_lanes_has_no_footways() -> None:
 
 
 def test_people_walk_on_footways_and_the_crosswalk() -> None:
-    found = walkers(cars((), 10.0))
+    found = pedestrians(cars((), 10.0))
     assert len(found.ids) > 20
     speed = np.linalg.norm(found.velocity_mps, axis=1)
     assert speed.max() < 2.6
@@ -110,13 +110,13 @@ def test_nobody_crosses_while_cars_stand_there() -> None:
         first_step=still.first_step, first_row=still.first_row, position_m=position,
         heading_rad=still.heading_rad, velocity_mps=np.zeros((NUM_STEPS, 2)),
     )  # fmt: skip
-    assert not len(crossers(walkers(parked))), "they wait"
+    assert not len(crossers(pedestrians(parked))), "they wait"
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_people_let_cars_pass(seed: int) -> None:
     traffic = cars((0.0, 9.0, 11.5, 20.0, 33.0), 15.0)
-    found = walkers(traffic, seed)
+    found = pedestrians(traffic, seed)
     assert len(crossers(found))
     both = traffic.joined(found)
     assert not len(overlapping_pairs(both, with_pedestrians=True))

@@ -6,20 +6,20 @@ import pytest
 from pd_editor.av2_io.map_file import map_bytes
 from pd_editor.errors import SynthesisError
 from pd_editor.scene.road_map import LaneKind
-from pd_editor.synthesis.road_network.generator import FAMILIES, draw_network
+from pd_editor.synthesis.road_network.generator import FAMILIES, generate_network
 from tests.synthesis.networks import network
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_family_has_streets_of_a_city_block_or_more(family: str) -> None:
-    drawn = network(family, 1)
-    points = np.concatenate([lane.centerline_m for lane in drawn.road_map.lanes])
-    assert drawn.family == family
-    assert drawn.net_file.is_file()
+    generated = network(family, 1)
+    points = np.concatenate([lane.centerline_m for lane in generated.road_map.lanes])
+    assert generated.family == family
+    assert generated.net_file.is_file()
     assert 300 < np.ptp(points, axis=0).max() < 900
-    assert len(drawn.road_map.lanes) > 30
+    assert len(generated.road_map.lanes) > 30
     # Around a roundabout ways fork and merge, but none crosses another.
-    crosses = any(lane.is_intersection for lane in drawn.road_map.lanes)
+    crosses = any(lane.is_intersection for lane in generated.road_map.lanes)
     assert crosses or family == "roundabout"
 
 
@@ -27,8 +27,8 @@ def test_every_family_has_streets_of_a_city_block_or_more(family: str) -> None:
 def test_the_same_seed_makes_the_same_map(family: str, tmp_path: Path) -> None:
     origin = np.zeros(2)
     first, again = (
-        map_bytes(drawn.road_map, origin)
-        for drawn in (network(family, 1), draw_network(family, 1, tmp_path))
+        map_bytes(generated.road_map, origin)
+        for generated in (network(family, 1), generate_network(family, 1, tmp_path))
     )
     other = map_bytes(network(family, 2).road_map, origin)
     assert first == again
@@ -49,10 +49,10 @@ def test_an_unknown_family_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         SynthesisError, match=r"no family of roads 'moon'; expected one of grid"
     ):
-        draw_network("moon", 1, tmp_path)
+        generate_network("moon", 1, tmp_path)
 
 
 def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(SynthesisError, match="expected a folder that can be written"):
-        draw_network("t-junctions", 1, tmp_path / "file")
+        generate_network("t-junctions", 1, tmp_path / "file")

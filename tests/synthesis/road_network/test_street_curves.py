@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 
 from pd_editor.synthesis.road_network.street_curves import (
     CurveKind,
-    bent_land,
     between_poses,
     curve,
+    random_warp,
 )
 
 START, END = np.array([3.0, -4.0]), np.array([120.0, 45.0])
@@ -54,6 +54,6 @@ def test_between_poses_leaves_and_arrives_as_asked() -> None:
 
 
 def test_bent_land_is_gentle() -> None:
-    land = bent_land(np.random.default_rng(0), 10.0)
+    warp = random_warp(np.random.default_rng(0), 10.0)
     line = np.stack([np.linspace(0, 500, 501), np.zeros(501)], axis=-1)
-    assert np.abs(np.diff(turned(land(line)))).max() < 1 / 40
+    assert np.abs(np.diff(turned(warp(line)))).max() < 1 / 40

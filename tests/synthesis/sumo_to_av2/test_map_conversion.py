@@ -1,4 +1,4 @@
-"""Laws that every drawn map keeps."""
+"""Laws that every generated map keeps."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -115,17 +115,19 @@ def test_paint_agrees_with_what_lies_beside(road_map: RoadMap) -> None:
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_lane_that_is_driven_on_is_in_the_map(family: str) -> None:
-    drawn = network(family, 1)
-    net = read_sumo_net(drawn.net_file)
+    generated = network(family, 1)
+    net = read_sumo_net(generated.net_file)
     driven = {key for key, lane in net.lanes.items() if lane.kind is not None}
-    assert set(drawn.lane_of_sumo) == driven
-    for key, ids in drawn.lane_of_sumo.items():
-        lines = [LineString(drawn.road_map.lane_of[name].centerline_m) for name in ids]
+    assert set(generated.lane_of_sumo) == driven
+    for key, ids in generated.lane_of_sumo.items():
+        lines = [
+            LineString(generated.road_map.lane_of[name].centerline_m) for name in ids
+        ]
         points = shapely.points(net.lanes[key].shape_m)
         apart = np.min([shapely.distance(points, line) for line in lines], axis=0)
         assert np.all(apart < 1.5)
         for first, second in pairwise(ids):
-            assert second in drawn.road_map.lane_of[first].successors
+            assert second in generated.road_map.lane_of[first].successors
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -13,7 +13,7 @@ from pd_editor.synthesis.traffic.artefact_filter import (
     without_overlaps,
 )
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks, traffic_tracks
-from pd_editor.synthesis.traffic.vehicle_types import MODELS, draw_type
+from pd_editor.synthesis.traffic.vehicle_types import MODELS, sample_vehicle_type
 
 STEP_S = 0.1
 COUNT = 60
@@ -82,7 +82,7 @@ def test_overlapping_pairs_are_those_of_shapely(seed: int):
 
 def test_smoothing_keeps_even_motion_and_splits_at_gaps():
     random = np.random.default_rng(0)
-    drawn = draw_type("type-a", MODELS[0], random)
+    sampled = sample_vehicle_type("type-a", MODELS[0], random)
     steps = np.concatenate([np.arange(30), np.arange(40, 70)])
     front = np.column_stack([0.9 * steps, np.full(len(steps), 3.0)])
     raw = RawTracks(
@@ -92,10 +92,10 @@ def test_smoothing_keeps_even_motion_and_splits_at_gaps():
         front_m=front,
         heading_rad=np.zeros(len(steps)),
     )
-    tracks = traffic_tracks(raw, {"a": drawn}, STEP_S)
+    tracks = traffic_tracks(raw, {"a": sampled}, STEP_S)
     assert tracks.ids == ("a", "a-1")
     assert tracks.first_step.tolist() == [0, 40]
     assert tracks.step.tolist() == steps.tolist()
-    expected = front - [drawn.size_m[0] / 2, 0.0]
+    expected = front - [sampled.size_m[0] / 2, 0.0]
     assert np.allclose(tracks.position_m, expected)
     assert np.allclose(tracks.velocity_mps, [9.0, 0.0])

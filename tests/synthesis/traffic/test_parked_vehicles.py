@@ -13,7 +13,7 @@ from pd_editor.synthesis.road_network.network import Network
 from pd_editor.synthesis.traffic.demand_config import ParkingOptions
 from pd_editor.synthesis.traffic.parked_vehicles import (
     ParkedVehicles,
-    draw_parked_vehicles,
+    sample_parked_vehicles,
 )
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks
 from tests.builders import straight_lane
@@ -56,7 +56,7 @@ def one_car(y_m: float) -> TrafficTracks:
 
 def parked(options: ParkingOptions, seed: int, y_m: float = 0.0) -> ParkedVehicles:
     random = np.random.default_rng(seed)
-    return draw_parked_vehicles(street(), one_car(y_m), options, random)
+    return sample_parked_vehicles(street(), one_car(y_m), options, random)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -121,6 +121,6 @@ def test_rows_at_an_angle_lie_near_the_lane() -> None:
 def test_strips_beside_the_street_are_used() -> None:
     strip = np.array([[0.0, -3.0], [STREET_M, -3.0]])
     random = np.random.default_rng(3)
-    found = draw_parked_vehicles(street((strip,)), one_car(0.0), NOBODY, random)
+    found = sample_parked_vehicles(street((strip,)), one_car(0.0), NOBODY, random)
     assert len(found.heading_rad) > 10
     assert np.abs(found.position_m[:, 1] + 3.0).max() < 1.2

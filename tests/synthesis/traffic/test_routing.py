@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pd_editor.synthesis.road_network.generator import draw_network
-from pd_editor.synthesis.sumo.signal_plans import LEAST_GREEN_S, draw_signal_plans
+from pd_editor.synthesis.road_network.generator import generate_network
+from pd_editor.synthesis.sumo.signal_plans import LEAST_GREEN_S, sample_signal_plans
 from pd_editor.synthesis.sumo.traffic_graph import TrafficGraph, read_traffic_graph
-from pd_editor.synthesis.traffic.demand import draw_demand
+from pd_editor.synthesis.traffic.demand import sample_demand
 from pd_editor.synthesis.traffic.demand_config import DemandOptions
-from pd_editor.synthesis.traffic.routing import RouteChoice
+from pd_editor.synthesis.traffic.routing import RouteSampler
 
 
 @pytest.fixture(scope="module")
 def net_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return draw_network("grid", 1, tmp_path_factory.mktemp("net")).net_file
+    return generate_network("grid", 1, tmp_path_factory.mktemp("net")).net_file
 
 
 @pytest.fixture(scope="module")
@@ -24,16 +24,16 @@ def graph(net_file: Path) -> TrafficGraph:
     return read_traffic_graph(net_file)
 
 
-def _choice(graph: TrafficGraph, aversion: float) -> RouteChoice:
-    return RouteChoice(
+def _choice(graph: TrafficGraph, aversion: float) -> RouteSampler:
+    return RouteSampler(
         graph=graph, vehicle_class="passenger", turn_cost_s=30.0, turn_aversion=aversion
     )
 
 
-def _routes(choice: RouteChoice) -> list[tuple[str, ...]]:
+def _routes(choice: RouteSampler) -> list[tuple[str, ...]]:
     random = np.random.default_rng(0)
     return [
-        route for entry in choice.entries for route in choice.draw(entry, 20, random)
+        route for entry in choice.entries for route in choice.sample(entry, 20, random)
     ]
 
 
@@ -48,7 +48,7 @@ def test_routes_are_chains_of_turns_from_entries_to_exits(graph: TrafficGraph):
 
 
 def test_aversion_to_turns_makes_fewer_turns(graph: TrafficGraph):
-    def turns(choice: RouteChoice) -> float:
+    def turns(choice: RouteSampler) -> float:
         letters = [
             choice.next_edges[edge][after]
             for route in _routes(choice)
@@ -67,7 +67,7 @@ def test_no_route_uses_a_lane_of_pedestrians_or_parked_vehicles(graph: TrafficGr
 
 
 def test_demand_is_in_order_of_departure_and_names_its_types(graph: TrafficGraph):
-    demand = draw_demand(graph, DemandOptions(), 60.0, np.random.default_rng(1))
+    demand = sample_demand(graph, DemandOptions(), 60.0, np.random.default_rng(1))
     users = [one for one in demand.root if one.tag in {"vehicle", "person"}]
     departs = [float(one.attrib["depart"]) for one in users]
     assert departs == sorted(departs)
@@ -77,7 +77,7 @@ def test_demand_is_in_order_of_departure_and_names_its_types(graph: TrafficGraph
 
 
 def test_signal_plans_keep_phases_and_never_flash_green(net_file: Path):
-    plans = draw_signal_plans(net_file, np.random.default_rng(0))
+    plans = sample_signal_plans(net_file, np.random.default_rng(0))
     assert len(plans) > 0
     for plan in plans:
         for phase in plan:

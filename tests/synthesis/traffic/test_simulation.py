@@ -10,7 +10,7 @@ from pd_editor.errors import SynthesisError
 from pd_editor.geometry.oriented_box import box_corners
 from pd_editor.recordings.recording import Recording
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.synthesis.road_network.generator import draw_network
+from pd_editor.synthesis.road_network.generator import generate_network
 from pd_editor.synthesis.road_network.network import Network
 from pd_editor.synthesis.sumo.traffic_graph import read_traffic_graph
 from pd_editor.synthesis.traffic.demand_config import DemandOptions
@@ -21,7 +21,7 @@ DURATION_S = 40.0
 
 @pytest.fixture(scope="module")
 def network(tmp_path_factory: pytest.TempPathFactory) -> Network:
-    return draw_network("grid", 3, tmp_path_factory.mktemp("grid"))
+    return generate_network("grid", 3, tmp_path_factory.mktemp("grid"))
 
 
 @pytest.fixture(scope="module")

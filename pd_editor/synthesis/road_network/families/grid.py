@@ -1,4 +1,4 @@
-"""Grids of streets: with avenues, or one-way downtown."""
+"""Grids of streets: with avenues, or of one-way streets downtown."""
 
 from collections.abc import Callable
 
@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.synthesis.road_network.cross_section import Carriageway
-from pd_editor.synthesis.road_network.network_builder import NetworkSketch
+from pd_editor.synthesis.road_network.network_builder import NetworkBuilder
 from pd_editor.synthesis.road_network.plain_xml import NodeKind, PlainNetwork
-from pd_editor.synthesis.road_network.street_curves import CurveKind, bent_land
+from pd_editor.synthesis.road_network.street_curves import CurveKind, random_warp
 from pd_editor.synthesis.road_network.street_types import (
     avenue,
     collector,
@@ -22,13 +22,13 @@ from pd_editor.synthesis.road_network.street_types import (
 Style = Callable[[np.random.Generator], Carriageway]
 
 
-def draw_grid(random: np.random.Generator) -> PlainNetwork:
-    """Blocks of 70-150 m between avenues, through streets and quiet streets."""
+def generate_grid(random: np.random.Generator) -> PlainNetwork:
+    """Generate blocks of 70-150 m between avenues, collectors and residential streets."""
     return _grid(random, {residential: 0.42, collector: 0.3, avenue: 0.28})
 
 
-def draw_downtown(random: np.random.Generator) -> PlainNetwork:
-    """Blocks between one-way streets, with some avenues."""
+def generate_downtown(random: np.random.Generator) -> PlainNetwork:
+    """Generate blocks between one-way streets, with some avenues."""
     return _grid(random, {one_way: 0.65, avenue: 0.2, collector: 0.15})
 
 
@@ -39,8 +39,10 @@ def _grid(random: np.random.Generator, shares: dict[Style, float]) -> PlainNetwo
         for places in (columns, rows)
     ]
     forward = random.random((2, max(len(columns), len(rows)))) < 0.5
-    sketch = NetworkSketch(land=bent_land(random, float(random.choice([0, 0, 3, 10]))))
-    _nodes(sketch, columns, rows, style, random)
+    builder = NetworkBuilder(
+        warp=random_warp(random, float(random.choice([0, 0, 3, 10])))
+    )
+    _nodes(builder, columns, rows, style, random)
     bay_m = float(random.uniform(25, 45))
     for i in range(len(columns)):
         for j in range(len(rows)):
@@ -53,23 +55,23 @@ def _grid(random: np.random.Generator, shares: dict[Style, float]) -> PlainNetwo
                 bays = along[0] > 0, along[0] + 2 < len(along[1])
                 if style[axis][across[0]].is_one_way and not forward[axis, across[0]]:
                     ends.reverse()
-                _block(sketch, ends, style[axis][across[0]], bay_m, bays, random)
-    return sketch.network(crossing_width_m(random))
+                _block(builder, ends, style[axis][across[0]], bay_m, bays, random)
+    return builder.network(crossing_width_m(random))
 
 
 def _places(random: np.random.Generator) -> Float[np.ndarray, "N"]:
-    """Where parallel streets lie; the first and last place are their ends."""
+    """Positions of parallel streets; the first and last one are the network's ends."""
     blocks = random.uniform(70, 150, int(random.integers(3, 6)))
     return np.concatenate([[0.0], np.cumsum(blocks)])
 
 
 def _style(random: np.random.Generator, shares: dict[Style, float]) -> Carriageway:
-    drawn = random.choice(len(shares), p=list(shares.values()))
-    return list(shares)[drawn](random)
+    chosen = random.choice(len(shares), p=list(shares.values()))
+    return list(shares)[chosen](random)
 
 
 def _nodes(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     columns: Float[np.ndarray, "C"],
     rows: Float[np.ndarray, "R"],
     style: list[list[Carriageway]],
@@ -86,11 +88,11 @@ def _nodes(
             if all(inside):
                 kind = control(style[0][i], style[1][j], random)
             point = (np.array([x, y]) + random.normal(0.0, 2.0, 2)) @ turn
-            sketch.node(f"n{i}.{j}", point, kind, corner_radius_m(random))
+            builder.node(f"n{i}.{j}", point, kind, corner_radius_m(random))
 
 
 def _block(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     ends: list[str],
     carriageway: Carriageway,
     bay_m: float,
@@ -98,5 +100,5 @@ def _block(
     random: np.random.Generator,
 ) -> None:
     kind = CurveKind.S_CURVE if random.random() < 0.15 else CurveKind.STRAIGHT
-    line = sketch.line_m(ends[0], ends[1], kind, float(random.uniform(-0.2, 0.2)))
-    sketch.street(ends[0], ends[1], line, carriageway, bay_m=bay_m, bays=bays)
+    line = builder.line_m(ends[0], ends[1], kind, float(random.uniform(-0.2, 0.2)))
+    builder.street(ends[0], ends[1], line, carriageway, bay_m=bay_m, bays=bays)

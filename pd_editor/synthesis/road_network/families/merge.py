@@ -1,4 +1,4 @@
-"""A divided road with on-ramps and off-ramps to the streets beside it."""
+"""Divided roads with on-ramps and off-ramps to parallel streets."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -10,7 +10,7 @@ from pd_editor.geometry.polyline import arc_length, offset_line, point_at
 from pd_editor.synthesis.road_network.cross_section import Carriageway
 from pd_editor.synthesis.road_network.network_builder import (
     TAPER_M,
-    NetworkSketch,
+    NetworkBuilder,
     split,
 )
 from pd_editor.synthesis.road_network.plain_xml import (
@@ -22,7 +22,7 @@ from pd_editor.synthesis.road_network.plain_xml import (
 from pd_editor.synthesis.road_network.street_curves import (
     between_poses,
     curve,
-    drawn_kind,
+    sample_curve_kind,
 )
 from pd_editor.synthesis.road_network.street_types import (
     collector,
@@ -32,33 +32,33 @@ from pd_editor.synthesis.road_network.street_types import (
 )
 
 _BESIDE_M: Final = (55.0, 80.0)
-"""From the middle of the divided road to the street beside it."""
+"""Distance from the centre of the divided road to the parallel street."""
 _EXTRA_LANE_M: Final = (60.0, 90.0)
-"""Length of the lanes for getting on and off."""
+"""Length of acceleration and deceleration lanes."""
 _RAMP_MPS: Final = 11.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Side:
-    """One direction of the divided road, and what belongs to it."""
+    """One direction of the divided road with its ramps and parallel street."""
 
     name: str
     left_m: Float[np.ndarray, "N 2"]
-    """Left edge of its carriageway, as driven."""
+    """Left edge of its carriageway, in driving direction."""
     main: Carriageway
     lane: Strip
-    """Of a ramp, and of the lane for getting on or off."""
+    """Strip of a ramp, and of the acceleration or deceleration lane."""
 
     def ramp_left_m(self, at_m: float, lanes_out: int) -> Float[np.ndarray, "2 2"]:
-        """Two points of the left edge of the lane beside the carriageway."""
+        """Two points of the left edge of the additional lane."""
         width = self.main.lane_width_m * (self.main.num_lanes + lanes_out)
         beside = offset_line(self.left_m, -width)
         return point_at(beside, np.array([at_m, at_m + 2.0]))
 
 
-def draw_merge(random: np.random.Generator) -> PlainNetwork:
-    """Two carriageways; each has a way off, a way on, and a street beside it."""
-    sketch = NetworkSketch()
+def generate_merge(random: np.random.Generator) -> PlainNetwork:
+    """Generate two carriageways, each with an off-ramp, an on-ramp and a parallel street."""
+    builder = NetworkBuilder()
     main = Carriageway(
         num_lanes=int(random.choice([2, 3], p=[0.7, 0.3])),
         lane_width_m=round(float(random.uniform(3.3, 3.7)), 2),
@@ -67,7 +67,7 @@ def draw_merge(random: np.random.Generator) -> PlainNetwork:
     )
     angle = float(random.uniform(0, 2 * np.pi))
     ahead = np.array([np.cos(angle), np.sin(angle)])
-    kind = drawn_kind(random)
+    kind = sample_curve_kind(random)
     reach = float(random.uniform(560, 660)) * ahead
     middle = curve(np.zeros(2), reach, kind, float(random.uniform(-0.4, 0.4)))
     num_sides = 2 if random.random() < 0.6 else 1
@@ -79,32 +79,32 @@ def draw_merge(random: np.random.Generator) -> PlainNetwork:
             lane=Strip(kind=StripKind.CAR, width_m=main.lane_width_m),
         )
         if number < num_sides:
-            _with_ramps(sketch, side, line, random)
+            _with_ramps(builder, side, line, random)
         else:
-            _plain(sketch, side)
-    return sketch.network(crossing_width_m(random))
+            _plain(builder, side)
+    return builder.network(crossing_width_m(random))
 
 
-def _plain(sketch: NetworkSketch, side: _Side) -> None:
+def _plain(builder: NetworkBuilder, side: _Side) -> None:
     start, end = f"{side.name}0", f"{side.name}9"
-    sketch.node(start, side.left_m[0])
-    sketch.node(end, side.left_m[-1])
+    builder.node(start, side.left_m[0])
+    builder.node(end, side.left_m[-1])
     strips, speed = side.main.strips(), side.main.speed_mps
-    sketch.one_way(start, end, side.left_m, strips, speed, priority=5)
+    builder.one_way(start, end, side.left_m, strips, speed, priority=5)
 
 
 def _with_ramps(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     side: _Side,
     line: Float[np.ndarray, "N 2"],
     random: np.random.Generator,
 ) -> None:
-    """Off first, then on again, with the street's two junctions between."""
+    """Add the off-ramp, the on-ramp, and the parallel street's junctions between them."""
     total = float(arc_length(side.left_m)[-1])
     off_m = float(random.uniform(90, 120))
     off_lane_m, on_lane_m = random.uniform(*_EXTRA_LANE_M, 2)
     on_m = total - float(random.uniform(100, 120)) - on_lane_m
-    names = _main_road(sketch, side, [off_m, off_lane_m, on_m, on_lane_m])
+    names = _main_road(builder, side, [off_m, off_lane_m, on_m, on_lane_m])
     distance = float(random.uniform(*_BESIDE_M)) + side.main.width_m()
     beside = offset_line(line, -distance)
     style = replace(collector(random), num_lanes=1)
@@ -112,13 +112,15 @@ def _with_ramps(
     leave = off_m + off_lane_m + float(random.uniform(95, 120))
     enter = max(on_m - float(random.uniform(95, 120)), leave + 45.0)
     places = [0.0, min(leave, length - 120.0), min(enter, length - 60.0), length]
-    _street_beside(sketch, side, beside, places, style, random)
-    _off_ramp(sketch, side, names[1], off_m + off_lane_m, beside, places[1])
-    _on_ramp(sketch, side, names[2], on_m, beside, places[2])
+    _street_beside(builder, side, beside, places, style, random)
+    _off_ramp(builder, side, names[1], off_m + off_lane_m, beside, places[1])
+    _on_ramp(builder, side, names[2], on_m, beside, places[2])
 
 
-def _main_road(sketch: NetworkSketch, side: _Side, lengths_m: list[float]) -> list[str]:
-    """The carriageway with its extra lanes; names of the four inner nodes."""
+def _main_road(
+    builder: NetworkBuilder, side: _Side, lengths_m: list[float]
+) -> list[str]:
+    """Add the carriageway with its additional lanes; returns its four inner nodes."""
     off_m, off_lane_m, on_m, on_lane_m = lengths_m
     opens, leaves = off_m, off_m + off_lane_m
     joins, closes = on_m, on_m + on_lane_m
@@ -127,33 +129,33 @@ def _main_road(sketch: NetworkSketch, side: _Side, lengths_m: list[float]) -> li
         cuts += [at - TAPER_M / 2, at + TAPER_M / 2]
     parts = split(side.left_m, cuts)
     names = [f"{side.name}{k}" for k in (0, 1, 2, 3, 4, 9)]
-    sketch.node(names[0], side.left_m[0])
-    sketch.node(names[5], side.left_m[-1])
+    builder.node(names[0], side.left_m[0])
+    builder.node(names[5], side.left_m[-1])
     for k, name in enumerate(names[1:5]):
         kind = NodeKind.ZIPPER if k == 3 else NodeKind.PRIORITY
-        sketch.node(name, parts[2 * k + 1][0], kind)
+        builder.node(name, parts[2 * k + 1][0], kind)
     strips, speed = side.main.strips(), side.main.speed_mps
     edges = []
     for k in range(5):
         lanes = (side.lane, *strips) if k in (1, 3) else strips
         ends = names[k], names[k + 1]
-        edges.append(sketch.one_way(*ends, parts[2 * k], lanes, speed, priority=5))
+        edges.append(builder.one_way(*ends, parts[2 * k], lanes, speed, priority=5))
     number = len(strips)
     straight = [(k, k + 1) for k in range(number)]
-    sketch.connect(edges[0], edges[1], strips, [(0, 0), *straight])
+    builder.connect(edges[0], edges[1], strips, [(0, 0), *straight])
     wider = (side.lane, *strips)
     back = [(b, a) for a, b in straight]
-    sketch.connect(edges[1], edges[2], wider, back)
-    sketch.connect(edges[2], edges[3], strips, straight)
-    sketch.connect(edges[3], edges[4], wider, [(0, 0), *back])
+    builder.connect(edges[1], edges[2], wider, back)
+    builder.connect(edges[2], edges[3], strips, straight)
+    builder.connect(edges[3], edges[4], wider, [(0, 0), *back])
     ramp = (side.lane,)
-    sketch.connect(edges[1], f"{names[2]}-{side.name}.off", wider, [(0, 0)])
-    sketch.connect(f"{side.name}.on-{names[3]}", edges[3], ramp, [(0, 0)])
+    builder.connect(edges[1], f"{names[2]}-{side.name}.off", wider, [(0, 0)])
+    builder.connect(f"{side.name}.on-{names[3]}", edges[3], ramp, [(0, 0)])
     return names[1:5]
 
 
 def _street_beside(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     side: _Side,
     line: Float[np.ndarray, "N 2"],
     places: list[float],
@@ -167,27 +169,27 @@ def _street_beside(
     ):
         inner = k in (1, 2)
         kind = control(style, crossing, random) if inner else NodeKind.PRIORITY
-        sketch.node(name, point, kind)
+        builder.node(name, point, kind)
     for k, part in enumerate(split(line, places[1:3])):
-        sketch.street(names[k], names[k + 1], part, style)
+        builder.street(names[k], names[k + 1], part, style)
     for k in (1, 2):
         before, here, after = point_at(line, places[k] + np.array([-2.0, 0.0, 2.0]))
         along = (after - before) / np.linalg.norm(after - before)
         out = np.array([along[1], -along[0]])
         far = f"{names[k]}.out"
-        sketch.node(far, here + float(random.uniform(70, 120)) * out)
-        sketch.street(names[k], far, sketch.line_m(names[k], far), crossing)
+        builder.node(far, here + float(random.uniform(70, 120)) * out)
+        builder.street(names[k], far, builder.line_m(names[k], far), crossing)
 
 
 def _off_ramp(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     side: _Side,
     fork: str,
     at_m: float,
     beside: Float[np.ndarray, "N 2"],
     place_m: float,
 ) -> None:
-    """From the end of the extra lane to a junction of the street beside."""
+    """Add the ramp from the deceleration lane to a junction of the parallel street."""
     here, ahead = _pose(side.ramp_left_m(at_m + TAPER_M / 2, 0))
     before, there, after = point_at(beside, place_m + np.array([-2.0, 0.0, 2.0]))
     along = (after - before) / np.linalg.norm(after - before)
@@ -195,18 +197,18 @@ def _off_ramp(
     end = there - 0.5 * side.lane.width_m * along
     line = between_poses(here + 0.6 * across, ahead, end, across)
     name = f"{side.name}.off"
-    sketch.one_way(fork, name, line, (side.lane,), _RAMP_MPS)
+    builder.one_way(fork, name, line, (side.lane,), _RAMP_MPS)
 
 
 def _on_ramp(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     side: _Side,
     joins: str,
     at_m: float,
     beside: Float[np.ndarray, "N 2"],
     place_m: float,
 ) -> None:
-    """From a junction of the street beside to the start of the extra lane."""
+    """Add the ramp from a junction of the parallel street to the acceleration lane."""
     here, ahead = _pose(side.ramp_left_m(at_m - TAPER_M / 2 - 2.0, 0))
     before, there, after = point_at(beside, place_m + np.array([-2.0, 0.0, 2.0]))
     along = (after - before) / np.linalg.norm(after - before)
@@ -214,7 +216,7 @@ def _on_ramp(
     start = there - 0.5 * side.lane.width_m * along
     line = between_poses(start, -across, here + 0.6 * across, ahead)
     name = f"{side.name}.on"
-    sketch.one_way(name, joins, line, (side.lane,), _RAMP_MPS)
+    builder.one_way(name, joins, line, (side.lane,), _RAMP_MPS)
 
 
 def _pose(

@@ -1,4 +1,4 @@
-"""Quiet neighbourhoods: winding streets and dead ends."""
+"""Residential areas: winding streets and dead ends."""
 
 from typing import Final
 
@@ -8,13 +8,13 @@ from shapely import LineString
 
 from pd_editor.geometry.polyline import arc_length, offset_line, point_at
 from pd_editor.synthesis.road_network.cross_section import Carriageway
-from pd_editor.synthesis.road_network.network_builder import NetworkSketch, split
+from pd_editor.synthesis.road_network.network_builder import NetworkBuilder, split
 from pd_editor.synthesis.road_network.plain_xml import NodeKind, PlainNetwork
 from pd_editor.synthesis.road_network.street_curves import (
-    bent_land,
     between_poses,
     curve,
-    drawn_kind,
+    random_warp,
+    sample_curve_kind,
     through_points,
 )
 from pd_editor.synthesis.road_network.street_types import (
@@ -25,13 +25,13 @@ from pd_editor.synthesis.road_network.street_types import (
 )
 
 _BULB_RADIUS_M: Final = 8.0
-"""Of the left edge of the lane around a cul-de-sac."""
+"""Radius of the left lane edge around the bulb of a cul-de-sac."""
 
 
-def draw_winding_street(random: np.random.Generator) -> PlainNetwork:
-    """A street of several bends with side streets that bend too."""
+def generate_winding_street(random: np.random.Generator) -> PlainNetwork:
+    """Generate a winding street with winding side streets."""
     style = residential(random)
-    sketch = NetworkSketch(land=bent_land(random, 6.0))
+    builder = NetworkBuilder(warp=random_warp(random, 6.0))
     points = _bends(random)
     names = [f"w{k}" for k in range(len(points))]
     has_side = [0 < k < len(points) - 1 for k in range(len(points))]
@@ -44,22 +44,22 @@ def draw_winding_street(random: np.random.Generator) -> PlainNetwork:
             kind = [NodeKind.ALL_WAY_STOP, NodeKind.MINOR_STOP, NodeKind.PRIORITY][
                 random.integers(3)
             ]
-        sketch.node(name, point, kind, corner_radius_m(random))
+        builder.node(name, point, kind, corner_radius_m(random))
     for k, part in enumerate(split(line, at)):
-        sketch.street(names[k], names[k + 1], part, style)
+        builder.street(names[k], names[k + 1], part, style)
     for k, place in enumerate(at, start=1):
         for side in _sides(random):
-            _winding_side(sketch, names[k], line, place, side, random)
-    return sketch.network(crossing_width_m(random))
+            _winding_side(builder, names[k], line, place, side, random)
+    return builder.network(crossing_width_m(random))
 
 
-def draw_dead_ends(random: np.random.Generator) -> PlainNetwork:
-    """A through street with cul-de-sacs, most of which end in a bulb."""
-    sketch = NetworkSketch()
+def generate_dead_ends(random: np.random.Generator) -> PlainNetwork:
+    """Generate a through street with cul-de-sacs, most of which end in a bulb."""
+    builder = NetworkBuilder()
     main = collector(random)
     angle = float(random.uniform(0, 2 * np.pi))
     reach = float(random.uniform(420, 560)) * np.array([np.cos(angle), np.sin(angle)])
-    kind = drawn_kind(random)
+    kind = sample_curve_kind(random)
     line = curve(np.zeros(2), reach, kind, float(random.uniform(-0.9, 0.9)))
     at, place = [], float(random.uniform(70, 100))
     while place < arc_length(line)[-1] - 60:
@@ -69,17 +69,17 @@ def draw_dead_ends(random: np.random.Generator) -> PlainNetwork:
     names = [f"m{k}" for k in range(len(places))]
     for name, point in zip(names, point_at(line, places), strict=True):
         kind = NodeKind.MINOR_STOP if random.random() < 0.5 else NodeKind.PRIORITY
-        sketch.node(name, point, kind, corner_radius_m(random))
+        builder.node(name, point, kind, corner_radius_m(random))
     for k, part in enumerate(split(line, at)):
-        sketch.street(names[k], names[k + 1], part, main)
+        builder.street(names[k], names[k + 1], part, main)
     for k, place in enumerate(at, start=1):
         for side in _sides(random):
-            _dead_end(sketch, names[k], line, place, side, random)
-    return sketch.network(crossing_width_m(random))
+            _dead_end(builder, names[k], line, place, side, random)
+    return builder.network(crossing_width_m(random))
 
 
 def _ends_of(parts: list[Float[np.ndarray, "_ 2"]]) -> list[int]:
-    """Rows of the last points of parts of one line."""
+    """Indices of the last points of parts of one line."""
     return [int(row) for row in np.cumsum([len(part) - 1 for part in parts])]
 
 
@@ -90,7 +90,7 @@ def _sides(random: np.random.Generator) -> list[int]:
 
 
 def _bends(random: np.random.Generator) -> list[Float[np.ndarray, "2"]]:
-    """Where a winding street meets others."""
+    """Points at which a winding street meets others."""
     heading = float(random.uniform(0, 2 * np.pi))
     point, points = np.zeros(2), [np.zeros(2)]
     for _ in range(int(random.integers(4, 6))):
@@ -104,14 +104,14 @@ def _bends(random: np.random.Generator) -> list[Float[np.ndarray, "2"]]:
 def _square_off(
     line: Float[np.ndarray, "N 2"], place_m: float, side: int
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """A point of a line, and the direction to its left (1) or right (-1)."""
+    """Point of a line, and the perpendicular direction to its left (1) or right (-1)."""
     before, here, after = point_at(line, place_m + np.array([-2.0, 0.0, 2.0]))
     ahead = (after - before) / np.linalg.norm(after - before)
     return here, side * np.array([-ahead[1], ahead[0]])
 
 
 def _winding_side(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     name: str,
     line: Float[np.ndarray, "N 2"],
     place_m: float,
@@ -125,13 +125,13 @@ def _winding_side(
     swing = away + float(random.uniform(-0.8, 0.8)) * across
     far_name = f"{name}.{'left' if side > 0 else 'right'}"
     part = between_poses(here, away, far, swing / np.linalg.norm(swing))
-    if sketch.is_free(part):
-        sketch.node(far_name, far)
-        sketch.street(name, far_name, part, residential(random))
+    if builder.is_free(part):
+        builder.node(far_name, far)
+        builder.street(name, far_name, part, residential(random))
 
 
 def _dead_end(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     name: str,
     line: Float[np.ndarray, "N 2"],
     place_m: float,
@@ -149,23 +149,23 @@ def _dead_end(
     far_name = f"{name}.{'left' if side > 0 else 'right'}"
     swing = swing / np.linalg.norm(swing)
     reach = np.concatenate([middle, (end + 4 * _BULB_RADIUS_M * swing)[None]])
-    if not sketch.is_free(reach):
+    if not builder.is_free(reach):
         return
     if random.random() < 0.7:
-        _bulb_street(sketch, name, far_name, middle, style)
+        _bulb_street(builder, name, far_name, middle, style)
     else:
-        sketch.node(far_name, end)
-        sketch.street(name, far_name, middle, style)
+        builder.node(far_name, end)
+        builder.street(name, far_name, middle, style)
 
 
 def _bulb_street(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     name: str,
     tip: str,
     middle_m: Float[np.ndarray, "N 2"],
     style: Carriageway,
 ) -> None:
-    """A street whose two directions meet at the tip of a round end."""
+    """Add a street whose two directions meet at the tip of a round end."""
     ahead = middle_m[-1] - middle_m[-2]
     ahead = ahead / np.linalg.norm(ahead)
     left = np.array([-ahead[1], ahead[0]])
@@ -181,10 +181,10 @@ def _bulb_street(
     mirrored = (
         center + (offset @ ahead)[:, None] * ahead - (offset @ left)[:, None] * left
     )
-    sketch.node(tip, round_m[-1])
-    sketch.lines.append(LineString(np.concatenate([middle_m, round_m])))
+    builder.node(tip, round_m[-1])
+    builder.lines.append(LineString(np.concatenate([middle_m, round_m])))
     there = np.concatenate([middle_m, inward[1:]])
     back = np.concatenate([mirrored[::-1], middle_m[-2::-1]])
     for start, end, edge in ((name, tip, there), (tip, name, back)):
         shifted = offset_line(edge, -style.median_m / 2)
-        sketch.one_way(start, end, shifted, style.strips(), style.speed_mps)
+        builder.one_way(start, end, shifted, style.strips(), style.speed_mps)

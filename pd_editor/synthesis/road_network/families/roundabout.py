@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from pd_editor.geometry.polyline import offset_line
 from pd_editor.synthesis.road_network.cross_section import Carriageway
-from pd_editor.synthesis.road_network.network_builder import NetworkSketch
+from pd_editor.synthesis.road_network.network_builder import NetworkBuilder
 from pd_editor.synthesis.road_network.plain_xml import (
     NodeKind,
     PlainNetwork,
@@ -18,7 +18,7 @@ from pd_editor.synthesis.road_network.plain_xml import (
 from pd_editor.synthesis.road_network.street_curves import (
     between_poses,
     curve,
-    drawn_kind,
+    sample_curve_kind,
 )
 from pd_editor.synthesis.road_network.street_types import (
     collector,
@@ -28,44 +28,44 @@ from pd_editor.synthesis.road_network.street_types import (
 )
 
 _FLARE_M: Final = 32.0
-"""Before the ring, entry and exit part from each other."""
+"""Distance from the ring at which entry and exit separate."""
 _RING_SPACING_M: Final = 2.0
 _ENTRY_RAD: Final = np.radians(48.0)
-"""Between the ring's direction and that of an entry or exit."""
+"""Angle between the ring and an entry or exit."""
 _RADII_M: Final = {3: (17.0, 24.0), 4: (23.0, 28.0)}
-"""Of the left edge of the ring, by its number of legs."""
+"""Range of the radius of the ring's left edge, by its number of legs."""
 _MEDIAN_M: Final = 0.8
 _CLEAR_M: Final = 2.5
-"""Between the ring and the places where entries end."""
+"""Distance between the ring and the ends of entries."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ring:
-    """The carriageway around the island."""
+    """Carriageway around the central island."""
 
     radius_m: float
-    """Of its left edge."""
+    """Radius of its left edge."""
     width_m: float
     strips: tuple[Strip, ...]
 
     @property
     def half_opening_rad(self) -> float:
-        """Between a leg and the place where its entry meets the ring."""
+        """Angle between a leg and the point where its entry meets the ring."""
         return 9.0 / self.radius_m
 
     @property
     def half_gap_rad(self) -> float:
-        """Half of what a junction takes of the ring."""
+        """Half of the angle of the ring that a junction occupies."""
         return 4.0 / self.radius_m
 
     def middle_m(self) -> float:
-        """Radius of the middle of the carriageway."""
+        """Radius of the carriageway's centre line."""
         return self.radius_m + self.width_m / 2
 
 
-def draw_roundabout(random: np.random.Generator) -> PlainNetwork:
-    """A ring with three or four legs; some legs meet another street further on."""
-    sketch = NetworkSketch()
+def generate_roundabout(random: np.random.Generator) -> PlainNetwork:
+    """Generate a ring with three or four legs, some with a junction at their end."""
+    builder = NetworkBuilder()
     num_legs = int(random.choice([3, 4], p=[0.4, 0.6]))
     num_lanes = int(random.choice([1, 2], p=[0.75, 0.25]))
     turn = float(random.uniform(0, 2 * np.pi))
@@ -86,17 +86,17 @@ def draw_roundabout(random: np.random.Generator) -> PlainNetwork:
             parking_width_m=0.0,
             sidewalk_width_m=0.0,
         )
-        _leg(sketch, leg, float(angle), ring, style, random)
-    _arcs(sketch, angles, ring)
-    return sketch.network(crossing_width_m(random))
+        _leg(builder, leg, float(angle), ring, style, random)
+    _arcs(builder, angles, ring)
+    return builder.network(crossing_width_m(random))
 
 
 def _unit(angle: float) -> Float[np.ndarray, "2"]:
     return np.array([np.cos(angle), np.sin(angle)])
 
 
-def _arcs(sketch: NetworkSketch, angles: Float[np.ndarray, "L"], ring: Ring) -> None:
-    """Counter-clockwise arcs between the places where legs leave and join."""
+def _arcs(builder: NetworkBuilder, angles: Float[np.ndarray, "L"], ring: Ring) -> None:
+    """Add counter-clockwise arcs between the exits and entries of legs."""
     places = []
     for leg, angle in enumerate(angles):
         places += [
@@ -110,43 +110,43 @@ def _arcs(sketch: NetworkSketch, angles: Float[np.ndarray, "L"], ring: Ring) -> 
         count = max(int(sweep * ring.radius_m / _RING_SPACING_M), 3)
         at = first + ring.half_gap_rad + np.linspace(0.0, sweep, count)
         arc = ring.radius_m * np.stack([np.cos(at), np.sin(at)], axis=-1)
-        edges.append(sketch.one_way(start, end, arc, ring.strips, 7.5, priority=3))
-    sketch.roundabouts.append((tuple(name for name, _ in places), tuple(edges)))
+        edges.append(builder.one_way(start, end, arc, ring.strips, 7.5, priority=3))
+    builder.roundabouts.append((tuple(name for name, _ in places), tuple(edges)))
 
 
 def _leg(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     leg: int,
     angle: float,
     ring: Ring,
     style: Carriageway,
     random: np.random.Generator,
 ) -> None:
-    """Entry, exit, the street to them, and perhaps a junction at its far end."""
+    """Add entry, exit and street of a leg, and sometimes a junction at its far end."""
     outer = ring.radius_m + ring.width_m
     far = float(random.uniform(150, 230)) * _unit(angle)
     near = (outer + _FLARE_M) * _unit(angle)
-    kind = drawn_kind(random)
+    kind = sample_curve_kind(random)
     street = curve(near, far, kind, float(random.uniform(-0.4, 0.4)))
     side = residential(random)
     has_junction = random.random() < 0.5
     right_of_way = control(style, side, random) if has_junction else NodeKind.PRIORITY
-    sketch.node(f"far{leg}", far, right_of_way)
+    builder.node(f"far{leg}", far, right_of_way)
     if has_junction:
-        _cross_street(sketch, leg, street, side, style, random)
-    _entry(sketch, leg, angle + ring.half_opening_rad, ring, street, style)
-    _exit(sketch, leg, angle - ring.half_opening_rad, ring, street, style)
+        _cross_street(builder, leg, street, side, style, random)
+    _entry(builder, leg, angle + ring.half_opening_rad, ring, street, style)
+    _exit(builder, leg, angle - ring.half_opening_rad, ring, street, style)
 
 
 def _entry(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     leg: int,
     at: float,
     ring: Ring,
     street: Float[np.ndarray, "N 2"],
     style: Carriageway,
 ) -> None:
-    sketch.node(f"in{leg}", ring.middle_m() * _unit(at))
+    builder.node(f"in{leg}", ring.middle_m() * _unit(at))
     line = offset_line(street[::-1], -_MEDIAN_M / 2)
     at = at - 1.3 * ring.half_gap_rad
     point = (ring.radius_m + ring.width_m + _CLEAR_M) * _unit(at)
@@ -154,18 +154,18 @@ def _entry(
     curl = between_poses(line[-1], _direction(line[-2:]), point, toward)
     left = np.concatenate([line, curl[1:]])
     ends = f"far{leg}", f"in{leg}"
-    sketch.one_way(*ends, left, style.strips(), style.speed_mps, style.num_lanes)
+    builder.one_way(*ends, left, style.strips(), style.speed_mps, style.num_lanes)
 
 
 def _exit(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     leg: int,
     at: float,
     ring: Ring,
     street: Float[np.ndarray, "N 2"],
     style: Carriageway,
 ) -> None:
-    sketch.node(f"out{leg}", ring.middle_m() * _unit(at))
+    builder.node(f"out{leg}", ring.middle_m() * _unit(at))
     line = offset_line(street, -_MEDIAN_M / 2)
     at = at + 1.3 * ring.half_gap_rad
     point = (ring.radius_m + ring.width_m + _CLEAR_M) * _unit(at)
@@ -173,7 +173,7 @@ def _exit(
     curl = between_poses(point, away, line[0], _direction(line[:2]))
     left = np.concatenate([curl, line[1:]])
     ends = f"out{leg}", f"far{leg}"
-    sketch.one_way(*ends, left, style.strips(), style.speed_mps, style.num_lanes)
+    builder.one_way(*ends, left, style.strips(), style.speed_mps, style.num_lanes)
 
 
 def _direction(points_m: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "2"]:
@@ -182,14 +182,14 @@ def _direction(points_m: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "2"]:
 
 
 def _cross_street(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     leg: int,
     street: Float[np.ndarray, "N 2"],
     side: Carriageway,
     style: Carriageway,
     random: np.random.Generator,
 ) -> None:
-    """Streets left, right and ahead at the far end of a leg."""
+    """Add streets to the left, right and ahead at the far end of a leg."""
     ahead = street[-1] - street[-3]
     heading = float(np.arctan2(ahead[1], ahead[0]))
     for k, turn in enumerate((-np.pi / 2, 0.0, np.pi / 2)):
@@ -198,6 +198,6 @@ def _cross_street(
         name = f"far{leg}.{k}"
         reach = float(random.uniform(70, 130))
         away = _unit(heading + turn + float(random.normal(0.0, 0.1)))
-        sketch.node(name, street[-1] + reach * away)
-        line = sketch.line_m(f"far{leg}", name)
-        sketch.street(f"far{leg}", name, line, style if k == 1 else side)
+        builder.node(name, street[-1] + reach * away)
+        line = builder.line_m(f"far{leg}", name)
+        builder.street(f"far{leg}", name, line, style if k == 1 else side)

@@ -10,7 +10,7 @@ from pd_editor.geometry.polyline import arc_length, offset_line, point_at
 from pd_editor.synthesis.road_network.cross_section import Carriageway
 from pd_editor.synthesis.road_network.network_builder import (
     TAPER_M,
-    NetworkSketch,
+    NetworkBuilder,
     split,
 )
 from pd_editor.synthesis.road_network.plain_xml import (
@@ -23,7 +23,7 @@ from pd_editor.synthesis.road_network.street_curves import (
     CurveKind,
     between_poses,
     curve,
-    drawn_kind,
+    sample_curve_kind,
 )
 from pd_editor.synthesis.road_network.street_types import (
     avenue,
@@ -33,34 +33,34 @@ from pd_editor.synthesis.road_network.street_types import (
 
 _SLIP_MPS: Final = 8.5
 _SLIP_RAD: Final = 0.2
-"""Between a street and the slip lane where it leaves or joins."""
+"""Angle between a street and the slip lane where it diverges or merges."""
 _ISLAND_M: Final = 0.8
-"""Between a street and the slip lane at its start and end."""
+"""Gap between a street and the slip lane at its start and end."""
 
 
-def draw_slip_lanes(random: np.random.Generator) -> PlainNetwork:
-    """A large junction with signals; right turns leave and join on slip lanes."""
-    sketch = NetworkSketch()
+def generate_slip_lanes(random: np.random.Generator) -> PlainNetwork:
+    """Generate a large junction with signals and slip lanes for right turns."""
+    builder = NetworkBuilder()
     turn = float(random.uniform(0, 2 * np.pi))
     angles = turn + np.pi / 2 * np.arange(4) + random.uniform(-0.15, 0.15, 4)
     styles = [_main_street(random), _main_street(random)]
-    sketch.node("c", np.zeros(2), NodeKind.SIGNALS, 10.0)
+    builder.node("c", np.zeros(2), NodeKind.SIGNALS, 10.0)
     legs = [_leg_line(float(angle), random) for angle in angles]
     has_slip = random.random(4) < 0.7
     if not has_slip.any():
         has_slip[0] = True
     slip_m = float(random.uniform(48, 60))
     for k, line in enumerate(legs):
-        sketch.node(f"far{k}", line[-1])
-        _approach(sketch, k, line, styles[k % 2], slip_m, is_forked=bool(has_slip[k]))
+        builder.node(f"far{k}", line[-1])
+        _approach(builder, k, line, styles[k % 2], slip_m, is_forked=bool(has_slip[k]))
         joined = bool(has_slip[(k - 1) % 4])
-        _departure(sketch, k, line, styles[k % 2], slip_m, is_joined=joined)
+        _departure(builder, k, line, styles[k % 2], slip_m, is_joined=joined)
     for k in range(4):
         if has_slip[k]:
             out = (k + 1) % 4
-            _slip(sketch, k, out, legs, (styles[k % 2], styles[out % 2]), slip_m)
-        _side_streets(sketch, k, legs[k], random)
-    return sketch.network(crossing_width_m(random))
+            _slip(builder, k, out, legs, (styles[k % 2], styles[out % 2]), slip_m)
+        _side_streets(builder, k, legs[k], random)
+    return builder.network(crossing_width_m(random))
 
 
 def _main_street(random: np.random.Generator) -> Carriageway:
@@ -75,11 +75,11 @@ def _main_street(random: np.random.Generator) -> Carriageway:
 
 
 def _leg_line(angle: float, random: np.random.Generator) -> Float[np.ndarray, "N 2"]:
-    """The middle of a street away from the junction, straight near it."""
+    """Centre line of a street away from the junction, straight near it."""
     away = np.array([np.cos(angle), np.sin(angle)])
     far = float(random.uniform(210, 300))
     start = 90.0
-    kind = drawn_kind(random)
+    kind = sample_curve_kind(random)
     swing = angle + float(random.uniform(-0.25, 0.25))
     tip = start * away + (far - start) * np.array([np.cos(swing), np.sin(swing)])
     line = between_poses(start * away, away, tip, (tip - start * away) / (far - start))
@@ -90,7 +90,7 @@ def _leg_line(angle: float, random: np.random.Generator) -> Float[np.ndarray, "N
 
 
 def _approach(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     leg: int,
     line: Float[np.ndarray, "N 2"],
     style: Carriageway,
@@ -101,20 +101,20 @@ def _approach(
     left = offset_line(line[::-1], -style.median_m / 2)
     strips, speed = style.strips(), style.speed_mps
     if not is_forked:
-        sketch.one_way(f"far{leg}", "c", left, strips, speed, 3)
+        builder.one_way(f"far{leg}", "c", left, strips, speed, 3)
         return
     forks_m = float(arc_length(left)[-1]) - slip_m - TAPER_M
     before, taper, after = split(left, [forks_m, forks_m + TAPER_M])
     fork = f"fork{leg}"
-    sketch.node(fork, taper[0])
-    first = sketch.one_way(f"far{leg}", fork, before, strips, speed, 3)
-    last = sketch.one_way(fork, "c", after, strips, speed, 3)
-    sketch.connect(first, last, strips, [(k, k) for k in range(len(strips))])
-    sketch.connect(first, f"{fork}-join{(leg + 1) % 4}", strips, [(0, 0)])
+    builder.node(fork, taper[0])
+    first = builder.one_way(f"far{leg}", fork, before, strips, speed, 3)
+    last = builder.one_way(fork, "c", after, strips, speed, 3)
+    builder.connect(first, last, strips, [(k, k) for k in range(len(strips))])
+    builder.connect(first, f"{fork}-join{(leg + 1) % 4}", strips, [(0, 0)])
 
 
 def _departure(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     leg: int,
     line: Float[np.ndarray, "N 2"],
     style: Carriageway,
@@ -125,25 +125,25 @@ def _departure(
     left = offset_line(line, -style.median_m / 2)
     strips, speed = style.strips(), style.speed_mps
     if not is_joined:
-        sketch.one_way("c", f"far{leg}", left, strips, speed, 3)
+        builder.one_way("c", f"far{leg}", left, strips, speed, 3)
         return
     before, taper, after = split(left, [slip_m, slip_m + TAPER_M])
     join = f"join{leg}"
-    sketch.node(join, taper[-1])
-    first = sketch.one_way("c", join, before, strips, speed, 3)
-    last = sketch.one_way(join, f"far{leg}", after, strips, speed, 3)
-    sketch.connect(first, last, strips, [(k, k) for k in range(len(strips))])
+    builder.node(join, taper[-1])
+    first = builder.one_way("c", join, before, strips, speed, 3)
+    last = builder.one_way(join, f"far{leg}", after, strips, speed, 3)
+    builder.connect(first, last, strips, [(k, k) for k in range(len(strips))])
 
 
 def _slip(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     leg: int,
     out: int,
     legs: list[Float[np.ndarray, "_ 2"]],
     styles: tuple[Carriageway, Carriageway],
     slip_m: float,
 ) -> None:
-    """The slip lane from one street to the next one to its right."""
+    """Add the slip lane from one street to the next one to its right."""
     lane = Strip(kind=StripKind.CAR, width_m=4.0)
     into, away = styles
     width_in = into.median_m / 2 + into.width_m() + _ISLAND_M
@@ -157,9 +157,9 @@ def _slip(
     line = between_poses(
         start, _turned(ahead, -_SLIP_RAD), end, _turned(onward, _SLIP_RAD)
     )
-    slip = sketch.one_way(*ends, line, (lane,), _SLIP_MPS)
-    sketch.connect(slip, f"join{out}-far{out}", (lane,), [(0, 0)])
-    sketch.removed.append((f"fork{leg}-c", f"c-join{out}"))
+    slip = builder.one_way(*ends, line, (lane,), _SLIP_MPS)
+    builder.connect(slip, f"join{out}-far{out}", (lane,), [(0, 0)])
+    builder.removed.append((f"fork{leg}-c", f"c-join{out}"))
 
 
 def _pose(
@@ -170,7 +170,7 @@ def _pose(
 
 
 def _turned(direction: Float[np.ndarray, "2"], angle: float) -> Float[np.ndarray, "2"]:
-    """Turned to the left."""
+    """Rotate a direction to the left by an angle."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array(
         [c * direction[0] - s * direction[1], s * direction[0] + c * direction[1]]
@@ -178,21 +178,21 @@ def _turned(direction: Float[np.ndarray, "2"], angle: float) -> Float[np.ndarray
 
 
 def _side_streets(
-    sketch: NetworkSketch,
+    builder: NetworkBuilder,
     leg: int,
     line: Float[np.ndarray, "N 2"],
     random: np.random.Generator,
 ) -> None:
-    """A quiet street across the far end of a leg, sometimes."""
+    """Add a residential street across the far end of a leg, in some networks."""
     if random.random() < 0.5:
         return
     here, ahead = line[-1], line[-1] - line[-2]
     ahead = ahead / np.linalg.norm(ahead)
     style = residential(random)
-    sketch.node(f"far{leg}", here, NodeKind.MINOR_STOP)
+    builder.node(f"far{leg}", here, NodeKind.MINOR_STOP)
     for name, angle in (("left", np.pi / 2), ("right", -np.pi / 2)):
         if random.random() < 0.8:
             end = f"far{leg}.{name}"
             away = _turned(ahead, angle + float(random.normal(0.0, 0.1)))
-            sketch.node(end, here + float(random.uniform(70, 110)) * away)
-            sketch.street(f"far{leg}", end, sketch.line_m(f"far{leg}", end), style)
+            builder.node(end, here + float(random.uniform(70, 110)) * away)
+            builder.street(f"far{leg}", end, builder.line_m(f"far{leg}", end), style)

@@ -1,4 +1,4 @@
-"""Irregular towns: SUMO's random street plans, their streets bent."""
+"""Irregular towns: SUMO's random street plans with curved streets."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.synthesis.road_network.cross_section import Carriageway
-from pd_editor.synthesis.road_network.network_builder import NetworkSketch
+from pd_editor.synthesis.road_network.network_builder import NetworkBuilder
 from pd_editor.synthesis.road_network.plain_xml import NodeKind, PlainNetwork
 from pd_editor.synthesis.road_network.street_curves import (
     curve,
-    drawn_kind,
+    sample_curve_kind,
     through_points,
 )
 from pd_editor.synthesis.road_network.street_types import (
@@ -29,8 +29,8 @@ _MAX_TURN_RAD: Final = 0.5
 _SHARE_MAIN: Final = 0.35
 
 
-def draw_town(random: np.random.Generator) -> PlainNetwork:
-    """Quiet and through streets that meet at all angles above 60 degrees."""
+def generate_town(random: np.random.Generator) -> PlainNetwork:
+    """Generate residential streets and collectors that meet at angles above 60 degrees."""
     points, roads = _street_plan(random)
     streets = _streets(roads)
     styles = [collector(random), residential(random), residential(random)]
@@ -40,26 +40,26 @@ def draw_town(random: np.random.Generator) -> PlainNetwork:
     for street, carriageway in zip(streets, chosen, strict=True):
         for name in (street[0], street[-1]):
             meets.setdefault(name, []).append(carriageway)
-    sketch = NetworkSketch()
+    builder = NetworkBuilder()
     for name in sorted(meets):
         there = sorted(meets[name], key=lambda carriageway: carriageway.num_lanes)
         kind = NodeKind.PRIORITY
         if len(there) > 2:
             kind = control(there[0], there[-1], random)
-        sketch.node(name, points[name], kind, corner_radius_m(random))
+        builder.node(name, points[name], kind, corner_radius_m(random))
     for street, carriageway in zip(streets, chosen, strict=True):
         line = _middle(np.array([points[name] for name in street]), random)
-        if sketch.is_free(line, meets_at_end=True):
-            sketch.street(street[0], street[-1], line, carriageway)
-    return sketch.network(crossing_width_m(random))
+        if builder.is_free(line, meets_at_end=True):
+            builder.street(street[0], street[-1], line, carriageway)
+    return builder.network(crossing_width_m(random))
 
 
 def _middle(
     points_m: Float[np.ndarray, "N 2"], random: np.random.Generator
 ) -> Float[np.ndarray, "M 2"]:
-    """A street's middle: one curve, or a smooth line through its bends."""
+    """Centre line of a street: one curve, or a smooth line through its points."""
     if len(points_m) == 2:
-        kind = drawn_kind(random)
+        kind = sample_curve_kind(random)
         turn = float(random.uniform(-_MAX_TURN_RAD, _MAX_TURN_RAD))
         return curve(points_m[0], points_m[1], kind, turn)
     swing = random.uniform(-0.2, 0.2, len(points_m))
@@ -68,7 +68,7 @@ def _middle(
 
 
 def _streets(roads: list[tuple[str, str]]) -> list[list[str]]:
-    """Roads strung together where only two of them meet."""
+    """Chains of roads, joined at nodes where only two roads meet."""
     beside: dict[str, list[str]] = {}
     for start, end in roads:
         beside.setdefault(start, []).append(end)
@@ -93,7 +93,7 @@ def _streets(roads: list[tuple[str, str]]) -> list[list[str]]:
 def _street_plan(
     random: np.random.Generator,
 ) -> tuple[dict[str, Float[np.ndarray, "2"]], list[tuple[str, str]]]:
-    """Nodes, and the pairs of them that a street joins."""
+    """Nodes, and pairs of nodes that are joined by a street."""
     plan = "--rand --rand.min-angle 62 --rand.connectivity 0.96 --rand.num-tries 30"
     plan += f" --rand.iterations {random.integers(16, 24)}"
     plan += f" --rand.min-distance {random.uniform(75, 95):.1f}"
