@@ -16,6 +16,7 @@ from pd_editor.generation import (
     guidance_terms,
 )
 from pd_editor.generators import GeneratorCatalogue
+from pd_editor.plain_text import one_line
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import (
@@ -57,6 +58,7 @@ QUALITIES: Final[Mapping[str, Quality]] = {"Fast": "fast", "High, slower": "high
 MAX_SAMPLES: Final = 16
 MAX_STEPS: Final = 50
 MAX_TRIES: Final = 12
+MAX_ORIGIN_CHARACTERS: Final = 44
 MAX_AGENTS_OF_A_KIND: Final = 100
 REGION_HALF_SIDE_M: Final = 62.0
 _SAME: Final = 1e-6
@@ -369,7 +371,9 @@ class GenerationPanel:
     def _show_options(self) -> None:
         """Offer what the chosen generator understands."""
         offer = self._generators[self._model.value]
-        set_property(self._origin, "content", plain(offer.origin))
+        # One line whatever it is, so that nothing below moves.
+        origin = one_line(offer.origin, MAX_ORIGIN_CHARACTERS)
+        set_property(self._origin, "content", plain(origin))
         # Disabled, not hidden: what stands below must not move.
         set_property(self._steps, "disabled", offer.default_num_steps is None)
         set_property(self._guidance, "disabled", offer.default_guidance is None)
