@@ -59,7 +59,7 @@ def tab(tmp_path, placing):
 def run_to_end(tab: FakeTab, start: Callable[[], None]) -> None:
     panel = tab.tab._generation_panel
     tab.run(start)
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 90
     while panel._result.is_running and time.monotonic() < deadline:
         time.sleep(0.02)
     tab.run(lambda: None)
