@@ -155,7 +155,7 @@ def _squares_of_redrawn(
     squares: Sequence[Square],
     random: np.random.Generator,
 ) -> list[tuple[str, ...]]:
-    """Ids by square: where each agent is, else in the nearest one or anywhere."""
+    """Ids by square: where each agent is, else anywhere along the lanes."""
     ids = placement.redrawn_ids
     if len(squares) == 1 or not ids:
         return [ids, *[()] * (len(squares) - 1)]
@@ -166,11 +166,10 @@ def _squares_of_redrawn(
     offset = agents.position_m[rows, step][:, None] - center
     outside = np.abs(offset).max(axis=2) - half
     found = outside.argmin(axis=1)
-    is_known = agents.is_valid[rows, step]
-    if placement.region is not None:
-        is_known = is_known & (outside.min(axis=1) <= 0)
+    # In the nearest square, those of other streets would crowd the edges of the map.
+    is_inside = agents.is_valid[rows, step] & (outside.min(axis=1) <= 0)
     anywhere = _spread(len(ids), squares, random)
-    found = np.where(is_known, found, anywhere)
+    found = np.where(is_inside, found, anywhere)
     return [
         tuple(name for name, place in zip(ids, found, strict=True) if place == index)
         for index in range(len(squares))
