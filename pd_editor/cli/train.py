@@ -235,8 +235,8 @@ def _trained(
     return Training(
         folder=outcome.folder,
         model=outcome.model,
-        steps=outcome.standing.step,
-        minutes=outcome.standing.trained_s / 60,
+        steps=outcome.train_state.step,
+        minutes=outcome.train_state.trained_s / 60,
         held_out_loss=outcome.held_out_loss,
         num_scenes=outcome.num_scenes,
         num_left_out=outcome.num_left_out,
@@ -264,7 +264,7 @@ def progress_line(progress: "TrainingProgress") -> str:
     held_out = progress.held_out_loss
     checked = "" if math.isnan(held_out) else f" (held out {held_out:.4f})"
     return (
-        f"{100 * progress.fraction:3.0f} % step {progress.standing.step}, loss "
+        f"{100 * progress.fraction:3.0f} % step {progress.train_state.step}, loss "
         f"{progress.loss:.4f}{checked}, {progress.scenes_per_s:.0f} scenes/s, "
         f"{minutes_left(progress.left_s)}"
     )

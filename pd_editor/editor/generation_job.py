@@ -1,4 +1,4 @@
-"""A generator at work on a thread of its own."""
+"""Runs a generator in a background thread."""
 
 import logging
 import threading
@@ -24,8 +24,8 @@ _logger: Final = logging.getLogger(__name__)
 class GenerationJob:
     """One run of a generator: progress, then exactly one of result and error.
 
-    Callbacks are called from the job's thread; after ``cancel`` no more of them
-    begins. The generator is asked for no step after the one in progress.
+    Callbacks are called from the job's thread, and none after ``cancel``, which stops
+    the generator after the step in progress.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class GenerationJob:
         on_done: Callable[[GeneratedTraffic], None],
         on_error: Callable[[PdEditorError], None],
     ) -> None:
-        """Prepare the run; ``start`` begins it."""
+        """Prepare the run; ``start`` starts it."""
         self._generator = generator
         self._request = request
         self._on_progress = on_progress
@@ -48,7 +48,7 @@ class GenerationJob:
         )
 
     def start(self) -> None:
-        """Begin; only once."""
+        """Start the thread; only once."""
         self._thread.start()
 
     def cancel(self) -> None:
@@ -57,7 +57,7 @@ class GenerationJob:
 
     @property
     def is_running(self) -> bool:
-        """Whether the thread is at work."""
+        """Whether the thread is running."""
         return self._thread.is_alive()
 
     @property
@@ -66,7 +66,7 @@ class GenerationJob:
         return self._cancelled.is_set()
 
     def wait(self, timeout_s: float | None = None) -> None:
-        """Wait until the thread has ended."""
+        """Wait until the thread ends."""
         self._thread.join(timeout_s)
 
     def _run(self) -> None:

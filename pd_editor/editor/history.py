@@ -1,4 +1,4 @@
-"""What was done, and how to get back: immutable states, kept whole."""
+"""History of commands with their immutable states, for undo and redo."""
 
 from dataclasses import dataclass, replace
 
@@ -9,7 +9,7 @@ from pd_editor.scene.scenario import Scenario
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Snapshot:
-    """A scenario and what was selected in it."""
+    """A scenario with its selection."""
 
     scenario: Scenario
     selection: tuple[str, ...]
@@ -17,14 +17,14 @@ class Snapshot:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HistoryEntry:
-    """One committed command with the states around it."""
+    """A committed command with the states before and after it."""
 
     command: Command
     time_s: float
-    """When it was committed, in seconds since 1970."""
+    """Time of the commit, in seconds since 1970."""
     before: Snapshot | None
     after: Snapshot | None
-    """Both None once it is too old to be undone."""
+    """States before and after; None if the entry is too old to be undone."""
     label: str
     """Short text for a list."""
 
@@ -32,12 +32,12 @@ class HistoryEntry:
 class History:
     """Committed commands and a position among them; entries beyond it are undone.
 
-    Only the newest ``max_undo`` entries keep their states; the list of commands
-    itself is never cut at its start.
+    Only the newest ``max_undo`` entries keep their states; the list of commands is
+    never truncated at its start.
     """
 
     def __init__(self, max_undo: int = 200) -> None:
-        """Start empty."""
+        """Make an empty history."""
         assert max_undo >= 1
         self._max_undo = max_undo
         self._entries: list[HistoryEntry] = []
@@ -56,14 +56,14 @@ class History:
 
     @property
     def oldest_position(self) -> int:
-        """The first position that can still be gone back to."""
+        """Earliest position that can be restored."""
         return self._oldest
 
     def __len__(self) -> int:
         return len(self._entries)
 
     def push(self, entry: HistoryEntry) -> None:
-        """Add an entry at the position; what was undone is forgotten."""
+        """Add an entry at the position; undone entries are dropped."""
         del self._entries[self._position :]
         self._entries.append(entry)
         self._position += 1
@@ -73,7 +73,7 @@ class History:
             self._oldest += 1
 
     def go_to(self, position: int) -> Snapshot | None:
-        """Move to a position; its state, or None if that is the present one.
+        """Move to a position; returns its state, or None if it is the present one.
 
         Raises:
             EditError: there is no such position, or it is too long ago.

@@ -1,10 +1,9 @@
-"""The work of a session as it grows on disk, so that a kill loses nothing.
+"""Journal of a session on disk, so that no edit is lost if the process is killed.
 
 A folder holds one JSON-lines file per opened scenario that was edited: a header, then
-one line per commit and per move along the history, each handed to the operating
-system at once. Uploaded bytes lie in a folder beside it, and so does a lock that the
-writing process holds; the system drops it when the process ends, however it ends, so a
-journal without a holder is unfinished work.
+one line per commit and per move along the history, each written at once. Uploaded bytes
+are in a folder beside it, and so is a lock that the writing process holds; the system
+releases it when the process ends, so a journal without a holder is unfinished work.
 """
 
 import contextlib
@@ -37,20 +36,20 @@ BASE_FILES_SUFFIX: Final = ".base"
 LOCK_SUFFIX: Final = ".lock"
 _SAFE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
 PROBE_S: Final = 0.1
-"""How long a lock is waited for, in case somebody only looks whether it is held."""
+"""Time to wait for a lock that another process may hold for a moment to probe it."""
 
 _logger: Final = logging.getLogger(__name__)
 
 
 class Journal:
-    """Writes what one session commits; a file appears with the first edit.
+    """Writes the commits of one session; the file is created at the first edit.
 
-    A disk that fails does not stop the session: ``problem`` says so, and what could
-    not be written waits for the next try.
+    A failing disk does not stop the session: ``problem`` describes it, and lines that
+    could not be written wait for the next attempt.
     """
 
     def __init__(self, folder: Path, *, clock: Callable[[], float] = time.time) -> None:
-        """Keep journals in a folder, which is made when needed."""
+        """Write journals to a folder, which is created when needed."""
         self._folder = folder
         self._clock = clock
         self._base: Scenario | None = None
@@ -60,16 +59,16 @@ class Journal:
         self._path: Path | None = None
         self._file: FileIO | None = None
         self._size = 0
-        """Length of the file up to the last line that was written as a whole."""
+        """Length of the file up to the last complete line."""
         self._waiting: list[bytes] = []
         """Lines that are not in the file yet."""
         self._lock: FileLock | None = None
         self.problem: str | None = None
-        """Why edits are not kept at the moment; None while they are."""
+        """Reason why edits are not stored at the moment; None while they are."""
 
     @classmethod
     def resumed(cls, path: Path, *, clock: Callable[[], float]) -> "Journal":
-        """Go on writing an unfinished journal, from its last whole line.
+        """Continue an unfinished journal after its last complete line.
 
         Raises:
             RecipeError: another process, or another session, writes it.
@@ -82,7 +81,7 @@ class Journal:
         try:
             file = path.open("r+b", buffering=0)
         except OSError as error:
-            let_go(lock, path)
+            release(lock, path)
             raise RecipeError(f"The journal {path.name} is gone.") from error
         journal._size = len(whole_lines(file.read()))
         file.truncate(journal._size)
@@ -96,7 +95,7 @@ class Journal:
         return None if self._file is None else self._path
 
     def start(self, base: Scenario, base_files: Mapping[str, bytes] | None) -> None:
-        """Begin another journal; the former is let go and stays as unfinished work."""
+        """Start another journal; the former is released and stays as unfinished work."""
         self.close(discard=False)
         self._base, self._base_files = base, dict(base_files or {})
         self._opened_at = self._clock()
@@ -106,7 +105,7 @@ class Journal:
     def committed(
         self, command: Command, selection: tuple[str, ...], time_s: float
     ) -> None:
-        """Keep a committed command, and what was selected before it."""
+        """Record a committed command and the selection before it."""
         entry = {
             "do": "commit",
             "time_s": time_s,
@@ -116,23 +115,23 @@ class Journal:
         self._append(entry)
 
     def moved_to(self, position: int, time_s: float) -> None:
-        """Keep that the history was gone along."""
+        """Record a move along the history."""
         self._append({"do": "go", "time_s": time_s, "position": position})
 
     def described(self, variant: Variant, time_s: float) -> None:
-        """Keep name, tags and note; before the first edit they wait for it."""
+        """Record name, tags and note; before the first edit they wait for it."""
         if self._file is None and not self._waiting:
             self._variant = variant
             return
         self._append({"do": "describe", "time_s": time_s, "variant": to_json(variant)})
 
     def retry(self) -> None:
-        """Write what waits, if anything."""
+        """Write the waiting lines, if any."""
         if self._waiting:
             self._write_waiting()
 
     def close(self, *, discard: bool) -> None:
-        """Let go of the file; ``discard`` removes it, its work being finished."""
+        """Release the file; ``discard`` removes it, because its work is finished."""
         if not discard:
             self.retry()
         if self._file is not None and self._path is not None:
@@ -140,7 +139,7 @@ class Journal:
             if discard:
                 remove_journal(self._path)
             if self._lock is not None:
-                let_go(self._lock, self._path)
+                release(self._lock, self._path)
         elif self._path is not None:
             remove_journal(self._path)
         self._file = self._lock = self._base = self._path = self.problem = None
@@ -171,7 +170,7 @@ class Journal:
         self.problem = None
 
     def _take_back_deleted(self) -> None:
-        """Where the file was deleted meanwhile, let its content wait to be written."""
+        """If the file was deleted meanwhile, schedule its content to be written again."""
         file, path = self._file, self._path
         if file is None or path is None or os.fstat(file.fileno()).st_nlink:
             return
@@ -179,13 +178,13 @@ class Journal:
         content = file.read(self._size)
         file.close()
         if self._lock is not None:
-            let_go(self._lock, path)
+            release(self._lock, path)
         self._file = self._lock = None
         self._size = 0
         self._waiting.insert(0, content or b"")
 
     def _begin(self) -> None:
-        """Make the file under its lock; a header is the first thing to be written."""
+        """Create the file under its lock, with a header as the first line."""
         path = self._path
         assert path is not None, "an edit before a scenario was opened"
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -197,7 +196,7 @@ class Journal:
         try:
             self._file = path.open("x+b", buffering=0)
         except OSError:
-            let_go(lock, path)
+            release(lock, path)
             raise
         self._lock = lock
         if self._base is not None:
@@ -213,7 +212,7 @@ class Journal:
 
 
 def _write_at(file: FileIO, size: int, content: bytes) -> None:
-    """Write behind the last whole line; an earlier failure may have left a torn one."""
+    """Write after the last complete line; an earlier failure may have left a torn one."""
     file.seek(size)
     file.truncate()
     if file.write(content) != len(content):
@@ -221,7 +220,7 @@ def _write_at(file: FileIO, size: int, content: bytes) -> None:
 
 
 def _safe_names(files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """The files under names that any disk takes; their endings tell what they are."""
+    """Give files names that are valid on any disk, with their original endings."""
     safe: dict[str, bytes] = {}
     for number, (name, content) in enumerate(files.items()):
         if _SAFE_NAME.fullmatch(name) is None or name in safe:
@@ -233,11 +232,11 @@ def _safe_names(files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def journal_lock(path: Path, *, timeout_s: float = PROBE_S) -> FileLock:
-    """Take the exclusive lock of a journal, which any thread may let go.
+    """Acquire the exclusive lock of a journal, which any thread may release.
 
     Raises:
-        RecipeError: somebody else holds it.
-        OSError: its folder is gone.
+        RecipeError: another process or session holds it.
+        OSError: its folder does not exist any more.
     """
     lock = FileLock(path.with_suffix(LOCK_SUFFIX), thread_local=False)
     try:
@@ -247,22 +246,22 @@ def journal_lock(path: Path, *, timeout_s: float = PROBE_S) -> FileLock:
     return lock
 
 
-def let_go(lock: FileLock, path: Path) -> None:
+def release(lock: FileLock, path: Path) -> None:
     """Release a journal's lock; the lock's file goes when the journal has gone."""
     lock.release()
     if not path.exists():
-        # Windows keeps a file that somebody is looking at.
+        # Windows does not delete a file that another process has open.
         with contextlib.suppress(OSError):
             path.with_suffix(LOCK_SUFFIX).unlink(missing_ok=True)
 
 
 def whole_lines(content: bytes) -> bytes:
-    """The content without a last line that was torn while it was written."""
+    """Content without an incomplete last line."""
     return content[: content.rfind(b"\n") + 1]
 
 
 def remove_journal(path: Path) -> None:
-    """Remove a journal and the files beside it, if the disk lets that be done."""
+    """Remove a journal and the files beside it, if possible."""
     with contextlib.suppress(OSError):
         path.unlink(missing_ok=True)
     shutil.rmtree(path.with_suffix(BASE_FILES_SUFFIX), ignore_errors=True)

@@ -1,4 +1,4 @@
-"""What can be done about a problem: commands that were tried and do help."""
+"""Finds cures of problems: commands that are tried and do help."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _LATER: Final = frozenset({"later-collision", "later-off-road"})
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cure:
-    """A button: a command to apply, or agents whose futures to generate again."""
+    """A cure: a command to apply, or agents whose trajectories to regenerate."""
 
     label: str
     command: Command | None = None
@@ -35,17 +35,17 @@ def cures(
     problems: Collection[SceneProblem],
     untouched: Collection[str] = (),
 ) -> tuple[Cure, ...]:
-    """What helps against one problem; nothing that cannot.
+    """Find cures of one problem.
 
-    Commands are tried on the scenario, which they do not change: one is offered if
-    the problem is gone after it and there are fewer problems than before. Whether new
-    futures help is not known beforehand, so they are offered where they can.
+    Commands are tried on the scenario, which does not change: a command is offered if
+    the problem is gone after it and there are fewer problems than before. It is not known
+    beforehand whether regenerated trajectories help, so they are offered if possible.
 
     Args:
-        scenario: the scenario that has the problem.
-        problem: the one to cure.
-        problems: all that is to be cured, this one among them.
-        untouched: agents that move as in the recording.
+        scenario: scenario with the problem.
+        problem: problem to cure.
+        problems: all problems, including this one.
+        untouched: ids of agents that move as recorded.
     """
     offered: list[Cure] = []
     if problem.kind in _LATER:
@@ -61,7 +61,7 @@ def cures(
 def _regenerations(
     scenario: Scenario, problem: SceneProblem, untouched: Collection[str]
 ) -> Iterator[Cure]:
-    """Only agents that are there now get new futures."""
+    """Offer regenerated trajectories for the problem's agents at the current step."""
     agents, now = scenario.agents, scenario.current_step
     users = agents.kind_mask(ROAD_USER_KINDS)
     rows = [agents.row_of[name] for name in problem.agent_ids]
@@ -118,7 +118,7 @@ def _tried(
 def _helps(
     scenario: Scenario, problem: SceneProblem, cure: Cure, num_problems: int
 ) -> bool:
-    """Whether the problem is gone after a command, and no other one came."""
+    """Whether the problem is gone after a command, without a new one."""
     assert cure.command is not None
     try:
         after = cure.command.apply(scenario)
@@ -131,7 +131,7 @@ def _helps(
 
 
 def _removals(scenario: Scenario, problem: SceneProblem) -> Iterator[Cure]:
-    """Agents that appear later first; the focal agent and the ego are never offered."""
+    """Offer to delete agents, later ones first, but not the focal agent or the ego."""
     agents, now = scenario.agents, scenario.current_step
     names = [n for n in problem.agent_ids if n not in (scenario.focal_id, EGO_ID)]
     later = [n for n in names if not agents.is_valid[agents.row_of[n], now]]

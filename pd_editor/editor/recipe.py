@@ -1,4 +1,4 @@
-"""A base scenario and what was done to it, as one text file."""
+"""Recipes: a base scenario and the commands applied to it, as a JSON file."""
 
 import json
 from collections.abc import Callable
@@ -31,20 +31,20 @@ MAX_COMMANDS: Final = 10_000
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """Commands in the order in which to apply them to the base."""
+    """A reference to a base scenario, and commands in the order of application."""
 
     base: BaseReference
     commands: tuple[Command, ...] = ()
     created_at: str = ""
     """Date and time, ISO 8601; may be empty."""
     notes: tuple[str, ...] = ()
-    """What in the result was made up, in sentences; replaying makes them anew."""
+    """Sentences on synthetic parts of the result; a replay regenerates them."""
     variant: Variant = field(default_factory=Variant)
-    """Name of the result, which is its scenario id; empty: the base's id. Tags, note."""
+    """Name (scenario id of the result; empty: the base's id), tags and note."""
 
     @property
     def edited_ids(self) -> frozenset[str]:
-        """Agents that the commands make or change, and those the base had changed."""
+        """Ids of agents that the commands, or the base's earlier edits, add or change."""
         found = set(self.base.edited_ids)
         for command in self.commands:
             if isinstance(command, ReplaceTraffic):
@@ -57,7 +57,7 @@ class Recipe:
 
     @property
     def is_bent(self) -> bool:
-        """Whether the result's road is bent."""
+        """Whether the result's road is warped."""
         bends = [one for one in self.commands if isinstance(one, SetRoadWarp)]
         return self.base.is_bent or bool(bends and bends[-1].warp is not None)
 
@@ -67,7 +67,7 @@ class Recipe:
         return self.variant.name or self.base.scenario_id
 
     def to_text(self) -> str:
-        """The recipe as JSON, one command per line."""
+        """Recipe as JSON, one command per line."""
         head = {
             "format": RECIPE_FORMAT,
             "version": RECIPE_VERSION,
@@ -83,7 +83,7 @@ class Recipe:
 
     @classmethod
     def from_text(cls, text: str | bytes) -> "Recipe":
-        """The inverse of ``to_text``.
+        """Read a recipe; inverse of ``to_text``.
 
         Raises:
             RecipeError: not a recipe, a newer version, or a bad entry.
@@ -133,10 +133,10 @@ class Recipe:
 
 
 def check_base(reference: BaseReference, base: Scenario) -> None:
-    """Refuse another scenario, or other contents under the same id.
+    """Raise for another base scenario, or other contents under the same id.
 
     Raises:
-        RecipeError: it is not the one.
+        RecipeError: id or contents differ.
     """
     reference.check_contents(base.scenario_id, base.provenance.content_sha256)
 
@@ -148,10 +148,10 @@ def replay(
     on_step: Callable[[int, Scenario], None] | None = None,
     allow_other_base: bool = False,
 ) -> Scenario:
-    """The scenario that a recipe leads to; ``on_step`` sees each entry's result.
+    """Apply a recipe; ``on_step`` is called with the result of each entry.
 
     Raises:
-        RecipeError: the base is another one, or an entry does not apply.
+        RecipeError: the base differs, or an entry does not apply.
     """
     if not allow_other_base:
         check_base(recipe.base, base)
@@ -165,16 +165,16 @@ def replay(
 
 @dataclass(frozen=True, kw_only=True)
 class RegeneratedEntry:
-    """One generated entry of a recipe, drawn once more."""
+    """Comparison of a generated entry of a recipe with its regeneration."""
 
     number: int
-    """Which entry of the recipe, from 1."""
+    """Number of the entry in the recipe, from 1."""
     is_equal: bool
-    """Whether every number is the same, in float32."""
+    """Whether all values are equal in float32."""
     max_difference_m: float
-    """Largest distance between positions; infinity if other agents were drawn."""
+    """Largest distance between positions; infinity if the agents differ."""
     fresh: ReplaceTraffic
-    """The entry as it was drawn now."""
+    """The regenerated entry."""
 
 
 def regenerate(
@@ -184,10 +184,10 @@ def regenerate(
     *,
     allow_other_base: bool = False,
 ) -> tuple[Scenario, tuple[RegeneratedEntry, ...]]:
-    """Replay, but draw generated traffic anew and say whether it is the same.
+    """Apply a recipe, regenerate its generated traffic, and compare both.
 
     Raises:
-        RecipeError: as ``replay``, or an entry was drawn by another generator.
+        RecipeError: as ``replay``, or an entry was sampled by another generator.
         GenerationError: the generator refused.
     """
     if not allow_other_base:
@@ -197,17 +197,17 @@ def regenerate(
     for number, command in enumerate(recipe.commands, start=1):
         fresh = command
         if isinstance(command, ReplaceTraffic):
-            fresh = _drawn_again(command, scenario, generator, number)
+            fresh = _regenerated(command, scenario, generator, number)
             checked.append(_comparison(number, command, fresh))
         scenario = applied(fresh, scenario, number)
     return scenario, tuple(checked)
 
 
 def applied(command: Command, scenario: Scenario, number: int) -> Scenario:
-    """The result of one entry of a recipe.
+    """Apply one entry of a recipe.
 
     Raises:
-        RecipeError: it does not apply; the sentence names the entry.
+        RecipeError: the entry does not apply; the sentence names it.
     """
     try:
         return command.apply(scenario)
@@ -216,10 +216,10 @@ def applied(command: Command, scenario: Scenario, number: int) -> Scenario:
 
 
 def parsed_json(text: str | bytes, what: str) -> Any:
-    """The value of a JSON text.
+    """Parse a JSON text.
 
     Raises:
-        RecipeError: it is not JSON.
+        RecipeError: the text is not JSON.
     """
     try:
         return json.loads(text)
@@ -228,7 +228,7 @@ def parsed_json(text: str | bytes, what: str) -> Any:
 
 
 def check_version(version: Any, known: int, what: str) -> None:
-    """Refuse formats of the future, and no version at all."""
+    """Raise for newer formats, and for a missing version."""
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
         raise RecipeError(f"The {what} names no version.")
     if version > known:
@@ -237,7 +237,7 @@ def check_version(version: Any, known: int, what: str) -> None:
         )
 
 
-def _drawn_again(
+def _regenerated(
     command: ReplaceTraffic,
     scenario: Scenario,
     generator: ScenarioGenerator,
@@ -245,7 +245,7 @@ def _drawn_again(
 ) -> ReplaceTraffic:
     if generator.name != command.generator:
         raise RecipeError(
-            f"Entry {number} was drawn by {command.generator}, not by {generator.name}."
+            f"Entry {number} was sampled by {command.generator}, not by {generator.name}."
         )
     request = command.request.request(scenario, command.seed)
     traffic = run_to_end(generator.generate(request))

@@ -1,4 +1,4 @@
-"""The one thing that changes: which scenario is open, and how it came about."""
+"""Editing session: the open scenario, its selection and its history."""
 
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -17,10 +17,10 @@ from pd_editor.scene.scenario import Scenario
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionState:
-    """What listeners see; compare its parts by identity."""
+    """State of a session for listeners, whose parts are compared by identity."""
 
     base: Scenario
-    """The scenario as it was opened; another one means that another was opened."""
+    """The opened scenario; it changes if another one is opened."""
     scenario: Scenario
     selection: tuple[str, ...]
     position: int
@@ -28,7 +28,7 @@ class SessionState:
     num_entries: int
     """Number of commands in the history, undone ones included."""
     is_previewing: bool
-    """Whether the scenario is that of an unfinished gesture."""
+    """Whether the scenario is the preview of an unfinished gesture."""
 
 
 Listener = Callable[[SessionState, SessionState], None]
@@ -36,50 +36,50 @@ Listener = Callable[[SessionState, SessionState], None]
 
 @runtime_checkable
 class EditRecorder(Protocol):
-    """Keeps what a session commits, such as a journal on disk."""
+    """Interface that records the commits of a session, such as a journal on disk."""
 
     def start(self, base: Scenario, base_files: Mapping[str, bytes] | None) -> None:
-        """A scenario was opened; what was kept so far is left as it is."""
+        """Start recording for an opened scenario; earlier records are not changed."""
         ...
 
     def committed(
         self, command: Command, selection: tuple[str, ...], time_s: float
     ) -> None:
-        """A command was added; ``selection`` is that before it."""
+        """Record a committed command and the selection before it."""
         ...
 
     def moved_to(self, position: int, time_s: float) -> None:
-        """The history was gone along to a position."""
+        """Record a move along the history to a position."""
         ...
 
     def described(self, variant: Variant, time_s: float) -> None:
-        """Name, tags and note are others."""
+        """Record a new name, tags and note."""
         ...
 
     def retry(self) -> None:
-        """Keep now what could not be kept before."""
+        """Record what could not be recorded before."""
         ...
 
     def close(self, *, discard: bool) -> None:
-        """The session is over; ``discard`` forgets what was kept."""
+        """End the session; ``discard`` deletes the records."""
         ...
 
     @property
     def problem(self) -> str | None:
-        """Why edits are not kept at the moment; None while they are."""
+        """Reason why edits are not recorded at the moment; None while they are."""
         ...
 
     @property
     def path(self) -> Path | None:
-        """Where edits are kept; None before the first one."""
+        """Path of the records; None before the first edit."""
         ...
 
 
 class EditorSession:
-    """An open scenario, its selection and history.
+    """An open scenario with its selection and history.
 
-    Not safe for threads: one thread calls it. Each method either succeeds as a whole
-    or raises and changes nothing. Listeners are called after each change.
+    Not thread-safe. Each method either succeeds or raises and changes nothing. Listeners
+    are called after each change.
     """
 
     def __init__(
@@ -94,11 +94,11 @@ class EditorSession:
         """Open a scenario.
 
         Args:
-            scenario: the base of all edits.
-            clock: seconds since 1970.
-            journal: told of every commit, undo and redo.
-            max_undo: how many edits can be undone.
-            base_files: the scenario's bytes if it has no file to be opened from.
+            scenario: base of all edits.
+            clock: returns seconds since 1970.
+            journal: records every commit, undo and redo.
+            max_undo: number of edits that can be undone.
+            base_files: the scenario's files if it cannot be opened from its source.
         """
         self._clock = clock
         self._journal = journal
@@ -117,10 +117,10 @@ class EditorSession:
     def from_recipe(
         cls, recipe: Recipe, base: Scenario, *, journal: EditRecorder | None = None
     ) -> "EditorSession":
-        """The session in which a recipe's commands were just applied to its base.
+        """Open a session and apply a recipe's commands to its base.
 
         Raises:
-            RecipeError: the base is another one, or a command does not apply.
+            RecipeError: the base differs, or a command does not apply.
         """
         check_base(recipe.base, base)
         session = cls(base, journal=journal)
@@ -137,14 +137,14 @@ class EditorSession:
             raise
         variant = recipe.variant
         if variant.name == session.name:
-            # A proposed name goes on following the edits.
+            # A proposed name continues to follow the edits.
             variant = replace(variant, name="")
         session.describe(variant)
         return session
 
     @property
     def state(self) -> SessionState:
-        """The state as a value."""
+        """State of the session as a value."""
         return SessionState(
             base=self._base,
             scenario=self._now.scenario,
@@ -156,12 +156,12 @@ class EditorSession:
 
     @property
     def base(self) -> Scenario:
-        """The scenario as it was opened."""
+        """The opened scenario."""
         return self._base
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario as it is now, that of a preview included."""
+        """The current scenario, which may be a preview."""
         return self._now.scenario
 
     @property
@@ -187,46 +187,46 @@ class EditorSession:
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is something to take back."""
+        """Whether an edit can be undone."""
         position = self._history.position
         return self._previewed is not None or position > self._history.oldest_position
 
     @property
     def can_redo(self) -> bool:
-        """Whether something was taken back."""
+        """Whether an edit can be redone."""
         return self._history.position < len(self._history)
 
     @property
     def journal_problem(self) -> str | None:
-        """Why edits are not kept on disk at the moment; None while they are."""
+        """Reason why edits are not stored on disk at the moment; None while they are."""
         return None if self._journal is None else self._journal.problem
 
     @property
     def journal_path(self) -> Path | None:
-        """Where edits are kept on disk; None if they are not, or before the first."""
+        """Path of the journal; None without a journal, or before the first edit."""
         return None if self._journal is None else self._journal.path
 
     @property
     def variant(self) -> Variant:
-        """Name, tags and note that the user gave; an empty name means a proposed one."""
+        """Name, tags and note of the user; an empty name means a proposed one."""
         return self._variant
 
     def describe(self, variant: Variant) -> None:
-        """Give the edited scenario a name, tags and a note; not an undo step."""
+        """Set name, tags and note of the edited scenario; not an undo step."""
         if variant != self._variant:
             self._variant = variant
             if self._journal is not None:
                 self._journal.described(variant, self._clock())
 
     def retry_journal(self) -> None:
-        """Keep on disk what could not be kept there so far, if anything."""
+        """Write edits to disk that could not be written before, if any."""
         if self._journal is not None:
             self._journal.retry()
 
     def exchange(self, other: "EditorSession") -> None:
-        """Swap all but the listeners with another session, journals included.
+        """Swap everything except the listeners with another session.
 
-        Afterwards this one is as ``other`` was, and ``other`` keeps what was here.
+        Journals are swapped as well.
         """
         self.commit_gesture()
         other.commit_gesture()
@@ -238,12 +238,12 @@ class EditorSession:
         self._show(self._now, before)
 
     def apply(self, command: Command) -> None:
-        """Commit a command as one undo step; none if it changes nothing.
+        """Commit a command as one undo step; no step if it changes nothing.
 
-        A gesture that is under way is committed first.
+        An unfinished gesture is committed first.
 
         Raises:
-            EditError: the command makes no sense here.
+            EditError: the command is not valid for the scenario.
         """
         self.commit_gesture()
         before = self.state
@@ -251,17 +251,17 @@ class EditorSession:
         self._commit(command, self._now, after, before)
 
     def begin_gesture(self) -> None:
-        """Mark the state that previews are applied to; commits a former gesture."""
+        """Store the state that previews are applied to; commits an unfinished gesture."""
         self.commit_gesture()
         self._gesture_start = self._now
 
     def preview(self, command: Command) -> None:
-        """Show a command applied to the gesture's start, in place of the last one.
+        """Preview a command on the state at the gesture's start.
 
-        Begins a gesture if none is under way.
+        Begins a gesture if there is none. A new preview replaces the last one.
 
         Raises:
-            EditError: the command makes no sense here; the last preview stays.
+            EditError: the command is not valid; the last preview stays.
         """
         start = self._gesture_start or self._now
         after = _after(command, start)
@@ -270,7 +270,7 @@ class EditorSession:
         self._show(after, before)
 
     def commit_gesture(self) -> None:
-        """Make the last preview one undo step; nothing if nothing was changed."""
+        """Commit the last preview as one undo step; no step if it changes nothing."""
         start, command = self._gesture_start, self._previewed
         before = self.state
         self._gesture_start = self._previewed = None
@@ -278,14 +278,14 @@ class EditorSession:
             self._commit(command, start, self._now, before)
 
     def abort_gesture(self) -> None:
-        """Go back to the gesture's start."""
+        """Restore the state at the gesture's start."""
         start, before = self._gesture_start, self.state
         self._gesture_start = self._previewed = None
         if start is not None and before.is_previewing:
             self._show(start, before)
 
     def undo(self) -> None:
-        """Take back the gesture under way, else the last command.
+        """Undo the unfinished gesture, or else the last command.
 
         Raises:
             EditError: there is nothing to undo.
@@ -298,7 +298,7 @@ class EditorSession:
         self.jump_to(self._history.position - 1)
 
     def redo(self) -> None:
-        """Bring back what was undone last.
+        """Redo the command that was undone last.
 
         Raises:
             EditError: there is nothing to redo.
@@ -324,7 +324,7 @@ class EditorSession:
         self._show(snapshot, before)
 
     def select(self, agent_ids: Iterable[str]) -> None:
-        """Select exactly these agents; a gesture under way is committed first.
+        """Select exactly these agents; an unfinished gesture is committed first.
 
         Raises:
             EditError: an id is not in the scenario.
@@ -338,9 +338,9 @@ class EditorSession:
 
     @property
     def name(self) -> str:
-        """Name of the scenario as edited: the user's, else a proposed one.
+        """Name of the edited scenario: the user's, or else a proposed one.
 
-        Without edits and a name of its own it is the base's id.
+        Without edits and without a user's name it is the base's id.
         """
         return self._variant.name or self._proposed_name or self._base.scenario_id
 
@@ -353,7 +353,7 @@ class EditorSession:
         )
 
     def recipe(self) -> Recipe:
-        """The base and the commands in force, an unfinished gesture excluded."""
+        """Recipe of the base and the commands in force, without an unfinished gesture."""
         moment = datetime.fromtimestamp(self._clock(), UTC)
         return Recipe(
             base=self._base.reference,
@@ -366,9 +366,9 @@ class EditorSession:
         )
 
     def close(self, *, discard: bool = False) -> None:
-        """End the session, a gesture under way included.
+        """End the session and commit an unfinished gesture.
 
-        ``discard`` also forgets its journal.
+        ``discard`` also deletes its journal.
         """
         self.commit_gesture()
         if self._journal is not None:
@@ -376,7 +376,7 @@ class EditorSession:
             self._journal = None
 
     def continue_journal(self, journal: EditRecorder) -> None:
-        """Tell ``journal`` from now on; it knows already what was done so far."""
+        """Record further edits in ``journal``, which already has the earlier ones."""
         assert self._journal is None
         self._journal = journal
 
@@ -385,7 +385,7 @@ class EditorSession:
         self._listeners.append(listener)
 
     def remove_listener(self, listener: Listener) -> None:
-        """Call it no more."""
+        """Stop calling a listener."""
         self._listeners.remove(listener)
 
     def _commit(
@@ -414,7 +414,7 @@ class EditorSession:
 
 
 def _after(command: Command, start: Snapshot) -> Snapshot:
-    """The state after a command; what is selected follows the agents."""
+    """State after a command, with the selection that the command sets."""
     scenario = command.apply(start.scenario)
     if scenario is start.scenario:
         return start

@@ -1,4 +1,4 @@
-"""Journals on disk: find unfinished ones, and go on where they end."""
+"""Finds unfinished journals on disk, and restores their sessions."""
 
 import logging
 import threading
@@ -18,7 +18,7 @@ from pd_editor.editor.journal import (
     JOURNAL_VERSION,
     Journal,
     journal_lock,
-    let_go,
+    release,
     remove_journal,
     whole_lines,
 )
@@ -40,20 +40,20 @@ _looking: Final = threading.Lock()
 
 @dataclass(frozen=True, kw_only=True)
 class UnfinishedWork:
-    """A journal without a living writer."""
+    """A journal that no process writes."""
 
     path: Path
     base: BaseReference
     num_edits: int
-    """Number of commands in force at its end; undone ones are kept as well."""
+    """Number of commands in force at its end; the journal also has undone ones."""
     started_at: float
-    """When the scenario was opened, in seconds since 1970."""
+    """Time when the scenario was opened, in seconds since 1970."""
     last_time: float
-    """When the last edit was made, in seconds since 1970."""
+    """Time of the last edit, in seconds since 1970."""
     variant: Variant
     """Name, tags and note that the user gave."""
     base_files: tuple[Path, ...]
-    """The uploaded files that the base was opened from; none if it has a source."""
+    """Uploaded files that the base was opened from; empty if it has a source."""
 
     @property
     def scenario_id(self) -> str:
@@ -61,24 +61,24 @@ class UnfinishedWork:
         return self.base.scenario_id
 
     def discard(self) -> None:
-        """Forget the work for good.
+        """Delete the work permanently.
 
         Raises:
-            RecipeError: somebody has taken it up meanwhile.
+            RecipeError: another session has resumed it meanwhile.
         """
         try:
             lock = journal_lock(self.path)
         except FileNotFoundError:
             return
         remove_journal(self.path)
-        let_go(lock, self.path)
+        release(lock, self.path)
 
 
 def find_unfinished(folder: Path) -> list[UnfinishedWork]:
-    """Unfinished work with at least one edit, the newest first.
+    """Find unfinished work with at least one edit, the newest first.
 
-    Files that some process is writing, or that cannot be read, are left out; the
-    latter are logged.
+    Files that a process is writing, or that cannot be read, are left out; the latter
+    are logged.
     """
     found: list[UnfinishedWork] = []
     for path in sorted(folder.glob(f"*{JOURNAL_SUFFIX}")):
@@ -97,7 +97,7 @@ def find_unfinished(folder: Path) -> list[UnfinishedWork]:
 
 @lru_cache(maxsize=1024)
 def _summary(path: Path, _changed_ns: int, _size: int) -> UnfinishedWork | None:
-    """What a journal holds; None if that is no edit."""
+    """Summary of a journal; None without any edit."""
     header, entries = _read(path)
     edits = [entry for entry in entries if entry.variant is None]
     if not edits:
@@ -122,13 +122,13 @@ def restore(
     clock: Callable[[], float] = time.time,
     max_undo: int = 200,
 ) -> EditorSession:
-    """The session as it was when its journal ended; it goes on in the same journal.
+    """Restore a session from its journal, which it continues.
 
     ``base`` is the scenario opened again, from ``work.base`` or ``work.base_files``.
 
     Raises:
-        RecipeError: another base, a line that does not apply, or somebody has taken
-            the work up meanwhile.
+        RecipeError: the base differs, a line does not apply, or another session has
+            resumed the work meanwhile.
     """
     check_base(work.base, base)
     journal = Journal.resumed(work.path, clock=clock)
@@ -157,12 +157,12 @@ class _Header:
 
 @dataclass(frozen=True, kw_only=True)
 class _Entry:
-    """A line whose command is not decoded yet."""
+    """A line of a journal, with its command not yet decoded."""
 
     number: int
     time_s: float
     position: int | None
-    """Where the history was gone to; None for a commit."""
+    """Position that the history was moved to; None for a commit."""
     selection: tuple[str, ...] = ()
     command: dict[str, Any] | None = None
     variant: Variant | None = None
@@ -170,7 +170,7 @@ class _Entry:
 
 @dataclass
 class _ReplayClock:
-    """Tells recorded times while it has one, else that of a live clock."""
+    """Clock that returns recorded times during a replay, then the time of a live clock."""
 
     live: Callable[[], float]
     recorded_s: float | None = None
@@ -199,20 +199,20 @@ def _redo(session: EditorSession, entry: _Entry) -> None:
 
 def _is_held(path: Path) -> bool:
     """Whether a living process, this one included, writes the journal."""
-    # Looking takes the lock for a moment, which another look must not mistake.
+    # Probing acquires the lock for a moment, which another probe must tolerate.
     with _looking:
         try:
-            let_go(journal_lock(path, timeout_s=0), path)
+            release(journal_lock(path, timeout_s=0), path)
         except RecipeError:
             return True
     return False
 
 
 def _read(path: Path) -> tuple[_Header, list[_Entry]]:
-    """Header and lines; a torn last line is left out.
+    """Read header and lines, without an incomplete last line.
 
     Raises:
-        RecipeError: a line is not what a journal holds.
+        RecipeError: a line is not valid.
     """
     content = read_regular(path, max_bytes=MAX_JOURNAL_BYTES, error=RecipeError)
     lines = whole_lines(content).splitlines()

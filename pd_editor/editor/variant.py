@@ -1,4 +1,4 @@
-"""What an edited scenario is called, and what is said about it."""
+"""Name, tags and note of an edited scenario."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -52,21 +52,21 @@ class Variant:
 
 
 def name_from_text(text: str) -> str:
-    """A name as a user typed it, with hyphens for all that names cannot have."""
+    """Convert a user's text to a name, with hyphens for characters that are not allowed."""
     words = re.findall(r"[A-Za-z0-9]+", text)
     return "-".join(words)[:MAX_NAME_CHARACTERS].strip("-")
 
 
 def tags_from_text(text: str) -> tuple[str, ...]:
-    """Tags that are separated by commas, each once."""
+    """Split a text into tags at commas, without duplicates."""
     words = (" ".join(part.split()) for part in text.split(","))
     return tuple(dict.fromkeys(word for word in words if word))
 
 
 def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario) -> str:
-    """A name that says what was done, such as ``000c4929-double-turn-p6-s3``.
+    """Name that describes the edits, such as ``000c4929-double-turn-p6-s3``.
 
-    Empty without commands: the scenario is the base still, under its own id.
+    Empty without commands: the scenario keeps the base's id.
     """
     if not commands:
         return ""
@@ -74,9 +74,9 @@ def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario)
     applied = scenario.applied_warp
     terms = () if applied is None else applied.warp.terms
     parts += [f"{term.kind}-{_number(term.power)}" for term in terms]
-    drawn = [one for one in commands if isinstance(one, ReplaceTraffic)]
-    if drawn:
-        parts.append(f"s{drawn[-1].seed}")
+    generated = [one for one in commands if isinstance(one, ReplaceTraffic)]
+    if generated:
+        parts.append(f"s{generated[-1].seed}")
     edits = sum(not isinstance(one, SetRoadWarp | ReplaceTraffic) for one in commands)
     if edits:
         parts.append(f"{edits}-edit{'s' if edits > 1 else ''}")
@@ -86,7 +86,7 @@ def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario)
 
 
 def free_name(name: str, is_taken: Callable[[str], bool]) -> str:
-    """The name, or ``name-2``, ``name-3``, ..., whichever is the first one free."""
+    """First unused name of ``name``, ``name-2``, ``name-3``, ..."""
     found, number = name, 1
     while is_taken(found):
         number += 1
@@ -96,7 +96,7 @@ def free_name(name: str, is_taken: Callable[[str], bool]) -> str:
 
 
 def short_id(scenario_id: str) -> str:
-    """The first part of a UUID, and other ids up to a length that can be read."""
+    """First part of a UUID; other ids up to a readable length."""
     if _UUID.fullmatch(scenario_id):
         return scenario_id[:8]
     return scenario_id[:SHORT_ID_CHARACTERS]

@@ -1,4 +1,4 @@
-"""Runs an evaluation: every scene on every road, filled by every method."""
+"""Runs an evaluation: every method on every scene and road condition."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.evaluation.scene_rows import (
     ROW_SCHEMA,
     SceneItem,
-    judge_scene,
+    evaluate_scene,
 )
 from pd_editor.regular_file import unwritable
 from pd_editor.work_engine import WorkEngine, run_items
@@ -28,7 +28,7 @@ ROWS_NAME: Final = "rows.parquet"
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationPlan:
-    """What is evaluated on what."""
+    """Specification of an evaluation: data, methods, road conditions, task."""
 
     data: tuple[Path, ...]
     """Roots of datasets; folders below them are searched."""
@@ -37,16 +37,16 @@ class EvaluationPlan:
     num_samples: int
     seed: int
     limit: int | None = None
-    """No more scenes than these; the first ones by their folders' names."""
+    """Limit of scenes, the first ones by their folders' names."""
     task: EvaluationTask = DRIVING
     development: tuple[str, ...] = ("train",)
-    """Splits on which settings were chosen; headlines are of the other splits alone."""
+    """Splits on which settings were chosen; headlines use the other splits only."""
     limit_s: float | None = None
     """Time that a method may take for a scene; a method that takes longer fails there."""
 
     @property
     def settings(self) -> RunSettings:
-        """What finished scenes depend on."""
+        """Settings that finished scenes depend on."""
         return RunSettings(
             version=version("pd-editor"),
             data=tuple(str(root.resolve()) for root in self.data),
@@ -60,18 +60,18 @@ class EvaluationPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """A scene that a method, or every method, has no rows for."""
+    """Failure of one method, or of all methods, on a scene."""
 
     scene: str
     condition: str
     method: str
-    """Empty if the scene failed as a whole."""
+    """Name of the method; empty if the scene failed for all."""
     reason: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
-    """What was done, apart from the numbers."""
+    """Record of a run: scenes, failures, resumed scenes."""
 
     num_scenes: int
     num_skipped_folders: int
@@ -79,13 +79,13 @@ class RunRecord:
     failures: tuple[Failure, ...]
     model_sha256: Mapping[str, str]
     num_resumed: int
-    """Scenes on roads that an earlier run had finished."""
+    """Number of items that an earlier run had finished."""
     num_items: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A scenario's folder, and the name of the split that it is in."""
+    """A scenario's folder and the name of its split."""
 
     folder: Path
     split: str
@@ -93,18 +93,18 @@ class Scene:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundScenes:
-    """The scenarios to judge."""
+    """Scenarios to evaluate."""
 
     scenes: tuple[Scene, ...]
     num_skipped: int
-    """Folders that lack a file or cannot be read."""
+    """Number of folders that lack a file or cannot be read."""
 
 
 def scenes_of(plan: EvaluationPlan) -> FoundScenes:
-    """The scenarios below the roots.
+    """Find the scenarios below the roots.
 
     Raises:
-        InputError: a root is no folder, there is no scenario, or one is there twice.
+        InputError: a root is no folder, there is no scenario, or one occurs twice.
     """
     found: dict[str, Scene] = {}
     num_skipped = 0
@@ -127,19 +127,19 @@ def scenes_of(plan: EvaluationPlan) -> FoundScenes:
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationSplits:
-    """Which splits are judged apart."""
+    """Splits that are evaluated separately: held-out and development splits."""
 
     held_out: tuple[str, ...]
     development: tuple[str, ...]
 
     @property
     def headline(self) -> tuple[str, ...]:
-        """The held-out splits; the development splits where there is no other."""
+        """Held-out splits; the development splits if there are no others."""
         return self.held_out or self.development
 
 
 def splits_of(plan: EvaluationPlan, found: FoundScenes) -> EvaluationSplits:
-    """The splits of the scenes, held-out ones apart from those of development."""
+    """Divide the splits of the scenes into held-out and development splits."""
     names = tuple(dict.fromkeys(scene.split for scene in found.scenes))
     return EvaluationSplits(
         held_out=tuple(name for name in names if name not in plan.development),
@@ -158,7 +158,7 @@ def _place(scene: Scene) -> str:
 
 
 def items_of(plan: EvaluationPlan, scenes: Sequence[Scene]) -> dict[str, SceneItem]:
-    """The work, scene by scene; keys are the split, the folder and the road."""
+    """Work items by key: split, folder and road condition."""
     return {
         f"{_place(scene)}/{condition.label.replace(':', '_')}": SceneItem(
             folder=scene.folder,
@@ -183,7 +183,7 @@ def run_evaluation(
     *,
     on_progress: Callable[[WorkProgress], None] | None = None,
 ) -> RunRecord:
-    """Judge what is not finished yet, and write ``rows.parquet`` of all.
+    """Evaluate unfinished items, and write ``rows.parquet`` of all items.
 
     Raises:
         ExportError: the folder cannot be written.
@@ -192,7 +192,7 @@ def run_evaluation(
     done = folder.finished(items)
     failures = run_items(
         engine,
-        judge_scene,
+        evaluate_scene,
         items,
         on_value=folder.store,
         on_progress=on_progress,
@@ -209,7 +209,7 @@ def _collected(
     num_skipped: int,
     num_resumed: int,
 ) -> RunRecord:
-    """Write the rows of all items in their order, and sum up the rest."""
+    """Write the rows of all items in order, and collect the record of the run."""
     failures: list[Failure] = []
     without_future: dict[str, None] = {}
     hashes: dict[str, str] = {}

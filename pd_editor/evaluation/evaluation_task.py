@@ -1,4 +1,4 @@
-"""What methods are asked to fill: recorded scenes, or the road alone."""
+"""Tasks of an evaluation: trajectories from recorded states, or complete traffic."""
 
 from dataclasses import dataclass, replace
 from typing import Final, Literal
@@ -17,35 +17,36 @@ from pd_editor.scene.traffic_choice import drivable_agent_ids
 StatesChoice = Literal["recorded", "drawn"]
 AgentsChoice = Literal["all", "paper"]
 
-DRAWN_HALF_SIDE_M: Final = 62.0
-"""States are drawn in a square of twice this side around the focal agent."""
+SAMPLED_HALF_SIDE_M: Final = 62.0
+"""Half the side of the square around the focal agent in which states are sampled."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationTask:
-    """Whose states are kept, and who is in the scenes at all."""
+    """Whether initial states are recorded or sampled, and which agents are evaluated."""
 
     states: StatesChoice = "recorded"
-    """With ``recorded``, agents keep them and futures are drawn. With ``drawn``, states
-    are drawn as well: as many agents of each kind as the log has in the square."""
+    """With ``recorded``, agents keep their states and trajectories are generated. With
+    ``drawn``, initial states are sampled as well: as many agents of each kind as the log
+    has in the square."""
     agents: AgentsChoice = "all"
-    """With ``paper``, only those that the paper's code keeps at this stage."""
+    """With ``paper``, only agents that the paper's code evaluates at this stage."""
 
     @property
     def samples_states(self) -> bool:
-        """Whether agents are placed, not only driven."""
+        """Whether initial states are sampled."""
         return self.states == "drawn"
 
     def request(
         self, recorded: Scenario, scenario: Scenario, *, num_samples: int, seed: int
     ) -> GenerationRequest:
-        """What every method is asked.
+        """Request that every method gets.
 
         Args:
-            recorded: The scene as it was recorded, by which agents are chosen.
-            scenario: The same, its road perhaps bent.
-            num_samples: Samples of each scene.
-            seed: Of the scene.
+            recorded: Recorded scene, which determines the evaluated agents.
+            scenario: The same scene under the road condition.
+            num_samples: Number of samples of each scene.
+            seed: Seed of the scene.
 
         Raises:
             GenerationError: no road user is left.
@@ -63,29 +64,29 @@ class EvaluationTask:
         return replace(
             request,
             redrawn_state_ids=ids,
-            region=Region(center_m=(x, y), half_side_m=DRAWN_HALF_SIDE_M),
-            # Whom the paper's filter keeps is on the road.
+            region=Region(center_m=(x, y), half_side_m=SAMPLED_HALF_SIDE_M),
+            # Agents that pass the paper's filter are on the road.
             only_on_road=self.agents == "paper",
         )
 
     def _rows(self, recorded: Scenario) -> Int[np.ndarray, "A"]:
         view = recorded_traffic(recorded)
-        kept = np.ones(len(view), bool)
+        wanted = np.ones(len(view), bool)
         if self.agents == "paper":
             keeps = (
                 paper_init_agents if self.samples_states else paper_trajectory_agents
             )
-            kept &= keeps(view)
+            wanted &= keeps(view)
         if self.samples_states:
             offset = view.agents.position_m[:, 0] - scene_center(recorded)
-            kept &= (np.abs(offset) <= DRAWN_HALF_SIDE_M).all(axis=1)
-        if not kept.any():
+            wanted &= (np.abs(offset) <= SAMPLED_HALF_SIDE_M).all(axis=1)
+        if not wanted.any():
             raise GenerationError(
-                "None of the agents that are asked for is there at the current step."
+                "None of the requested agents exists at the current step."
             )
-        ids = [name for name, keep in zip(view.agents.ids, kept, strict=True) if keep]
+        ids = [name for name, keep in zip(view.agents.ids, wanted, strict=True) if keep]
         return recorded.agents.rows(ids)
 
 
 DRIVING: Final = EvaluationTask()
-"""All agents from their recorded states."""
+"""Task with all agents and their recorded states."""

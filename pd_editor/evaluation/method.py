@@ -1,4 +1,4 @@
-"""The port behind which everything that fills a scene is judged."""
+"""Methods of an evaluation: reference methods and generators behind one interface."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -26,25 +26,25 @@ _OPTIONS: Final = {"steps": MAX_DENOISING_STEPS, "lanes": 1, "tries": MAX_TRIES}
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """A reference method, or a generator, by its name.
+    """A reference method or a generator, given by name.
 
-    A generator's name may carry options: ``path-diffuser:lanes=0.6,tries=4,steps=10``
-    are the strength of the guidance to the lanes, the futures that are tried to avoid
-    others, and the denoising steps.
+    A generator's name may have options: ``path-diffuser:lanes=0.6,tries=4,steps=10``
+    sets the strength of lane guidance, the number of trajectories sampled per agent, and
+    the denoising steps.
     """
 
     name: str
     make_generator: Callable[[str], ScenarioGenerator]
-    """Called with the name in the process that needs the generator."""
+    """Factory of the generator, called in the process that uses it."""
 
     @property
     def description(self) -> str:
-        """One sentence for the report."""
+        """Description for the report, one sentence."""
         reference = REFERENCE_METHODS.get(self.name)
         if reference:
             return reference.description
-        said = [f"{name} {value:g}" for name, value in self.options.items()]
-        given = f", with {', '.join(said)}" if said else ""
+        settings = [f"{name} {value:g}" for name, value in self.options.items()]
+        given = f", with {', '.join(settings)}" if settings else ""
         return f"Generator {self.generator_name!r}{given}."
 
     @property
@@ -68,7 +68,7 @@ class Method:
         """Options by name.
 
         Raises:
-            GenerationError: they cannot be read.
+            GenerationError: the options are not valid.
         """
         found: dict[str, float] = {}
         for text in filter(None, self._parts[1].split(",")):
@@ -85,21 +85,21 @@ class Method:
                 )
         return found
 
-    def traffic(self, request: GenerationRequest) -> "JudgedTraffic":
-        """What is to be judged; references that draw nothing give one sample.
+    def traffic(self, request: GenerationRequest) -> "EvaluatedTraffic":
+        """Traffic to evaluate; deterministic references give one sample.
 
         Raises:
-            GenerationError: a generator refused, or answered nonsense.
+            GenerationError: a generator refused, or its result is invalid.
         """
         reference = REFERENCE_METHODS.get(self.name)
         if reference is not None:
             if request.samples_states and self.name != GROUND_TRUTH:
-                raise GenerationError(f"{self.name} draws no states.")
-            return JudgedTraffic(samples=reference.traffic(request))
+                raise GenerationError(f"{self.name} samples no initial states.")
+            return EvaluatedTraffic(samples=reference.traffic(request))
         generator = _generator(self.make_generator, self.generator_name)
         traffic = run_to_end(generator.generate(self._with_options(request)))
         check_traffic(traffic, request)
-        return JudgedTraffic(
+        return EvaluatedTraffic(
             samples=tuple(
                 generated_traffic(request.scenario, sample)
                 for sample in traffic.samples
@@ -120,8 +120,8 @@ class Method:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class JudgedTraffic:
-    """One view for each sample."""
+class EvaluatedTraffic:
+    """Views of a method's traffic, one per sample."""
 
     samples: tuple[TrafficView, ...]
     model_sha256: str = ""
@@ -131,5 +131,5 @@ class JudgedTraffic:
 def _generator(
     make_generator: Callable[[str], ScenarioGenerator], name: str
 ) -> ScenarioGenerator:
-    """Models are loaded once in each process."""
+    """Make a generator; models are loaded once per process."""
     return make_generator(name)

@@ -1,4 +1,4 @@
-"""What generators are measured against: the log, and four simple rules."""
+"""Reference methods: the log, and four simple baselines."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ from pd_editor.metrics.traffic_view import (
 from pd_editor.paths.motion_primitives import CandidateSet, candidates
 
 GROUND_TRUTH: Final = "ground-truth"
-"""The method that all others are compared with."""
+"""Name of the method that all others are compared with."""
 _FAR_M: Final = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceMethod:
-    """A way to fill a scene that needs no generator."""
+    """A method without a generator."""
 
     name: str
     description: str
     traffic: Callable[[GenerationRequest], tuple[TrafficView, ...]]
-    """One view for each sample; those that draw nothing give one."""
+    """Function that makes one view per sample; deterministic methods give one view."""
 
 
 def _ground_truth(request: GenerationRequest) -> tuple[TrafficView, ...]:
@@ -52,9 +52,9 @@ def _random_candidate(request: GenerationRequest) -> tuple[TrafficView, ...]:
     views = []
     for sample in range(request.num_samples):
         random = np.random.default_rng([request.seed, sample])
-        # Drawn for all agents, so that a draw does not depend on who is asked for.
-        draw = random.random(len(scenario.agents))[rows]
-        views.append(_chosen(request, found, (draw * count).astype(int)))
+        # Sampled for all agents, so that it does not depend on the requested agents.
+        pick = random.random(len(scenario.agents))[rows]
+        views.append(_chosen(request, found, (pick * count).astype(int)))
     return tuple(views)
 
 
@@ -116,7 +116,7 @@ _ALL: Final = (
     ),
     ReferenceMethod(
         name="random-candidate",
-        description="Every agent takes one of its Frenet candidates, drawn at random.",
+        description="Every agent takes one of its Frenet candidates, sampled at random.",
         traffic=_random_candidate,
     ),
     ReferenceMethod(

@@ -1,4 +1,4 @@
-"""The folder of an evaluation: finished scenes as they come, then rows and reports."""
+"""Results folder of an evaluation: finished scenes, then rows and reports."""
 
 import json
 from collections.abc import Mapping
@@ -17,10 +17,10 @@ _METADATA_KEY: Final = b"pd_editor"
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings:
-    """What must be equal for finished scenes to be of use."""
+    """Settings that must be equal for finished scenes to be reused."""
 
     version: str
-    """Of the program, since definitions may change."""
+    """Version of the program, with which definitions may change."""
     data: tuple[str, ...]
     methods: tuple[str, ...]
     samples: int
@@ -30,22 +30,22 @@ class RunSettings:
 
 
 class EvaluationFolder(ResumableFolder):
-    """Finished scenes on disk."""
+    """Results folder of an evaluation that can be resumed."""
 
     def __init__(self, path: Path, settings: RunSettings, *, resume: bool) -> None:
-        """Make the folder, or go on with the one of an earlier run.
+        """Create the folder, or resume the one of an earlier run.
 
         Raises:
             ExportError: the folder cannot be written, or holds something else.
-            InputError: it was begun with other settings.
+            InputError: the folder belongs to an evaluation with other settings.
         """
         super().__init__(path, settings, work="evaluation", resume=resume)
 
     def store(self, key: str, rows: SceneRows) -> None:
-        """Keep a finished scene.
+        """Store a finished scene.
 
         Raises:
-            ExportError: it cannot be written.
+            ExportError: the file cannot be written.
         """
         about = {
             "failures": dict(rows.failures),
@@ -58,7 +58,7 @@ class EvaluationFolder(ResumableFolder):
         self.write(self._name(key), sink.getvalue().to_pybytes())
 
     def load(self, key: str, *, with_rows: bool = True) -> SceneRows | None:
-        """A finished scene; None if it is not there, or of no use."""
+        """Load a finished scene; None if it is missing or unusable."""
         try:
             file = pq.ParquetFile(self.path / self._name(key))
             about = json.loads((file.schema_arrow.metadata or {})[_METADATA_KEY])
@@ -75,7 +75,7 @@ class EvaluationFolder(ResumableFolder):
         )
 
     def finished(self, keys: Mapping[str, object]) -> frozenset[str]:
-        """Those of the keys whose scenes need no further work."""
+        """Keys of the finished scenes among some keys."""
         done = set()
         for key in keys:
             rows = self.load(key, with_rows=False)

@@ -30,19 +30,19 @@ class RoadCondition:
 
     @property
     def label(self) -> str:
-        """How it is written on the shell."""
+        """Label of the condition, as on the shell."""
         return PLAIN if self.is_plain else f"{self.kind}:{self.power:g}"
 
     @property
     def is_plain(self) -> bool:
-        """Whether the road is as it was recorded."""
+        """Whether the road is the original one."""
         return self.kind == PLAIN
 
     def applied_to(self, scenario: Scenario) -> Scenario:
-        """The scenario on this road: map, states and recorded future all warped alike.
+        """Apply the condition to a scenario: map, states and recorded trajectories.
 
-        As in Scene-Attack, agents are slowed to what friction allows on a dry road, so
-        that the recorded trajectory stays one that a vehicle can drive.
+        As in Scene-Attack, agents are slowed to the friction limit of a dry road, so that
+        recorded trajectories stay drivable.
 
         Raises:
             EditError: the scenario has no focal agent at its current step.
@@ -65,14 +65,14 @@ ALL_CONDITIONS: Final = (
     RoadCondition(),
     *(RoadCondition(kind=k, power=p) for k in WARP_KINDS for p in ALL_POWERS),
 )
-"""Plain, and Scene-Attack's three kinds at three powers."""
+"""The original road, and Scene-Attack's three kinds of warps at three powers."""
 
 
 def road_conditions(texts: Iterable[str]) -> tuple[RoadCondition, ...]:
-    """Conditions as written on the shell: ``none``, ``smooth-turn:3``, ``all``.
+    """Parse conditions from the shell: ``none``, ``smooth-turn:3``, ``all``.
 
     Raises:
-        InputError: a text is none of these.
+        InputError: a text is not a condition.
     """
     found: dict[RoadCondition, None] = {}
     for text in texts:
@@ -81,7 +81,9 @@ def road_conditions(texts: Iterable[str]) -> tuple[RoadCondition, ...]:
         else:
             found[_parsed(text)] = None
     if not found:
-        raise InputError("No road was asked for; expected none, all, or KIND:POWER.")
+        raise InputError(
+            "No road condition was given; expected none, all, or KIND:POWER."
+        )
     return tuple(found)
 
 

@@ -12,7 +12,7 @@ COVERAGE: Final = 0.95
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """Means of many cells; NaN where a cell is empty or has a single scene."""
+    """Means and intervals of many cells; NaN if a cell has fewer than two scenes."""
 
     value: Float[np.ndarray, "*cells"]
     low: Float[np.ndarray, "*cells"]
@@ -20,7 +20,7 @@ class Estimate:
 
 
 def scene_weights(num_scenes: int, seed: int) -> Float[np.ndarray, "R N"]:
-    """How often each scene is drawn in each resample."""
+    """Count of each scene in each resample."""
     random = np.random.default_rng([seed, num_scenes])
     share = np.full(num_scenes, 1 / max(num_scenes, 1))
     return random.multinomial(num_scenes, share, NUM_RESAMPLES).astype(float)
@@ -31,20 +31,20 @@ def mean_over_scenes(
     counts: Float[np.ndarray, "*cells N"],
     weights: Float[np.ndarray, "R N"],
 ) -> Estimate:
-    """Means of values whose sums and counts are known in each of N scenes.
+    """Means of values, given their sums and counts in each of N scenes.
 
-    Every value weighs the same, and scenes are what is resampled, since agents of
-    one scene are alike. A resample without a value is left out.
+    All values have the same weight. Scenes are resampled, since agents of one scene are
+    correlated. Resamples without a value are left out.
     """
     total = counts.sum(axis=-1)
     with np.errstate(invalid="ignore"):
         value = sums.sum(axis=-1) / total
-        drawn = (sums @ weights.T) / (counts @ weights.T)
-    drawn.sort(axis=-1)
-    num_drawn = np.isfinite(drawn).sum(axis=-1)
+        resampled = (sums @ weights.T) / (counts @ weights.T)
+    resampled.sort(axis=-1)
+    num_valid = np.isfinite(resampled).sum(axis=-1)
     known = (counts > 0).sum(axis=-1) > 1
     low, high = (
-        np.where(known, _quantile(drawn, num_drawn, at), np.nan)
+        np.where(known, _quantile(resampled, num_valid, at), np.nan)
         for at in ((1 - COVERAGE) / 2, (1 + COVERAGE) / 2)
     )
     return Estimate(value=value, low=low, high=high)
@@ -53,7 +53,7 @@ def mean_over_scenes(
 def _quantile(
     ordered: Float[np.ndarray, "*cells R"], count: np.ndarray, at: float
 ) -> Float[np.ndarray, "*cells"]:
-    """A quantile of the first ``count`` numbers of each row, which rise."""
+    """Quantile of the first ``count`` numbers of each row, which are sorted."""
     place = at * np.maximum(count - 1, 0)
     below = np.floor(place).astype(int)
     above = np.minimum(below + 1, np.maximum(count - 1, 0))

@@ -1,4 +1,4 @@
-"""One scene on one road, judged: rows of a table, and what went wrong."""
+"""Evaluation of one scene under one road condition: rows of metrics, and failures."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ import pyarrow as pa
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import PdEditorError
 from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
-from pd_editor.evaluation.method import JudgedTraffic, Method
+from pd_editor.evaluation.method import EvaluatedTraffic, Method
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.generation import GenerationRequest
 from pd_editor.metrics.metric_table import METRICS
@@ -36,7 +36,7 @@ PER_STEP: Final = (
     "jerk",
     "yaw_rate",
 )
-"""Metrics that would make the rows sixty times as long; left out."""
+"""Metrics per step, which are left out of the rows because of their size."""
 METRIC_COLUMNS: Final = tuple(
     name for name in METRICS if name not in PER_STEP and name not in LISTS
 )
@@ -57,10 +57,10 @@ KEY_FIELDS: Final = (
     ("on_lane", pa.bool_()),
     ("recorded", pa.float32()),
 )
-"""``sample`` is null in rows about all samples of an agent together. Of the log, where
-states are recorded, are ``under_way`` (not standing at the current step), ``on_lane``
-(no farther than 4 m from a centre line then) and ``recorded`` (share of later steps);
-where they are drawn, of the sample itself."""
+"""Columns that identify a row. ``sample`` is null in rows about all samples of an agent.
+``under_way`` (not standing at the current step), ``on_lane`` (within 4 m of a centre line
+then) and ``recorded`` (share of later steps) are those of the log where states are
+recorded, and those of the sample where states are sampled."""
 ROW_SCHEMA: Final = pa.schema(
     [
         *KEY_FIELDS,
@@ -72,11 +72,11 @@ ROW_SCHEMA: Final = pa.schema(
 
 @dataclass(frozen=True, kw_only=True)
 class SceneItem:
-    """One scene on one road, to be filled by every method."""
+    """Work item: one scene under one road condition, for all methods."""
 
     folder: Path
     split: str
-    """Name of the part of the dataset that it is in."""
+    """Name of the scene's split."""
     condition: RoadCondition
     methods: tuple[Method, ...]
     num_samples: int
@@ -88,22 +88,22 @@ class SceneItem:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneRows:
-    """What became of an item."""
+    """Result of an item."""
 
     table: pa.Table
-    """A row for each method, sample and agent; nulls where a metric is not valid."""
+    """One row per method, sample and agent; null where a metric is not valid."""
     failures: Mapping[str, str] = field(default_factory=dict)
-    """Why a method has no rows."""
+    """Reason of each method without rows."""
     has_future: bool = True
     model_sha256: Mapping[str, str] = field(default_factory=dict)
 
 
-def judge_scene(item: SceneItem) -> SceneRows:
-    """Fill a scene by every method and judge the result.
+def evaluate_scene(item: SceneItem) -> SceneRows:
+    """Evaluate every method on a scene.
 
     Raises:
         InputError: the scenario cannot be read.
-        EditError: it has no focal agent to bend the road ahead of.
+        EditError: it has no focal agent ahead of which the road is warped.
         GenerationError: it has no road user at its current step.
     """
     recorded = read_scenario(item.folder)
@@ -126,7 +126,7 @@ def judge_scene(item: SceneItem) -> SceneRows:
                 traffic = method.traffic(request)
         except PdEditorError as error:
             failures[method.name] = str(error)
-        except Exception as error:  # noqa: BLE001  (a generator may be anybody's)
+        except Exception as error:  # noqa: BLE001  (generators may raise any error)
             failures[method.name] = f"{type(error).__name__}: {error}"
         else:
             tables += _method_tables(item, request, log, method, traffic)
@@ -137,16 +137,16 @@ def judge_scene(item: SceneItem) -> SceneRows:
 
 
 def scene_seed(seed: int, scenario_id: str) -> int:
-    """The seed of one scene, so that scenes draw independently, in any order.
+    """Seed of one scene, independent of the order of scenes.
 
-    All roads of a scene share it: their differences are those of the roads.
+    All road conditions of a scene share it, so that differences are due to the roads.
     """
     digest = hashlib.sha256(f"{seed}/{scenario_id}".encode()).digest()
     return int.from_bytes(digest[:4])
 
 
 def _columns_of(view: TrafficView) -> _Columns:
-    """Which agents drive, and which are recorded to the end."""
+    """Columns of agents: whether they drive, are on a lane, and how long recorded."""
     edge, _ = nearest_edge(view)
     return {
         "under_way": np.hypot(*view.agents.velocity_mps[:, 0].T) >= STANDING_MPS,
@@ -160,12 +160,12 @@ def _method_tables(
     request: GenerationRequest,
     log: _Columns | None,
     method: Method,
-    traffic: JudgedTraffic,
+    traffic: EvaluatedTraffic,
 ) -> list[pa.Table]:
-    """One table for each sample, and one for all of them together.
+    """One table for each sample, and one for all samples together.
 
-    Without a log, states are drawn and another one's in each sample: nothing then
-    tells of all together, or of the way from the log.
+    Where states are sampled, agents differ between samples: there are no metrics of all
+    samples together, nor errors against the log.
     """
     views = list(traffic.samples)
     values: list[tuple[int | None, _Columns, Mapping[str, MetricValues]]]

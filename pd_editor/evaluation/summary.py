@@ -1,4 +1,4 @@
-"""Rows per agent summed up: per method, road and group, and against the log."""
+"""Summary statistics of rows: by method, road condition and group, and against the log."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,16 +21,17 @@ from pd_editor.evaluation.scene_bootstrap import (
 from pd_editor.evaluation.scene_rows import METRIC_COLUMNS
 
 PERTURBED: Final = "perturbed"
-"""All bent roads together."""
+"""Label of all warped roads together."""
 FAR_M: Final = 2.0
 FAR_FROM_LANE: Final = "lateral_deviation_final_over_2m"
 """Share of agents that end more than 2 m from their lanes."""
 SUMMARY_GROUPS: Final = ("movers", "movers on their way", "pedestrians", "cyclists")
-"""Half of the movers are parked, and some drive where the map has ended; those who
-neither stand nor start away from all lanes tell most, and so come apart as well."""
+"""Groups of the summary. Half of the motor vehicles ("movers") are parked, and some drive
+beyond the map; those that move and start on a lane are the most informative, so they are
+a group of their own."""
 _SEPARATE: Final = ("movers on their way", "other movers", "pedestrians", "cyclists")
 _HELD: Final = ((0, 1), (0,), (2,), (3,))
-"""Which separate groups each group of the summary holds."""
+"""Indices of the disjoint groups that form each group of the summary."""
 _KEYS: Final = (
     "scenario_id",
     "split",
@@ -47,28 +48,28 @@ _KEYS: Final = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Statistic:
-    """Means of one metric for M methods, W roads and G groups."""
+    """Means of one metric for M methods, W road conditions and G groups."""
 
     mean: Estimate
-    """[M W G]."""
+    """Mean values [M W G]."""
     difference: Estimate
-    """Minus the log's, on the same agents, all recorded to the end [M W G]."""
+    """Mean differences to the log on the same agents, recorded to the end [M W G]."""
     num_values: Int[np.ndarray, "M W G"]
-    """Agents times samples."""
+    """Number of values: agents times samples."""
     num_scenes: Int[np.ndarray, "M W G"]
     num_pairs: Int[np.ndarray, "M W G"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Summary:
-    """All statistics by metric."""
+    """Statistics of all metrics."""
 
     methods: tuple[str, ...]
     roads: tuple[str, ...]
-    """Labels of the roads; ``perturbed`` last where there is any bent one."""
+    """Labels of the road conditions; ``perturbed`` last if there is any warped one."""
     groups: tuple[str, ...]
     num_agents: Int[np.ndarray, "M W G"]
-    """Different agents."""
+    """Number of distinct agents."""
     num_scenes: Int[np.ndarray, "M W G"]
     median_final_m: Float[np.ndarray, "M W G"]
     """Median final lateral deviation."""
@@ -77,25 +78,25 @@ class Summary:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Cells:
-    """Where each of R rows belongs; -1 where nowhere."""
+    """Assignment of each of R rows to a cell; -1 for none."""
 
     shape: tuple[int, int, int, int]
-    """Methods, roads as judged, groups without those that hold others, scenes."""
+    """Numbers of methods, road conditions, disjoint groups and scenes."""
     method: Int[np.ndarray, "R"]
     road: Int[np.ndarray, "R"]
     group: Int[np.ndarray, "R"]
     scene: Int[np.ndarray, "R"]
     agent: Int[np.ndarray, "R"]
-    """Number of the agent on its road, the same for all methods."""
+    """Index of the agent under its road condition, the same for all methods."""
     is_logged: Bool[np.ndarray, "R"]
     is_complete: Bool[np.ndarray, "R"]
     """Whether the log has the agent at all later steps."""
     roads: tuple[tuple[int, ...], ...]
-    """Which roads each road of the summary holds."""
+    """Indices of the road conditions that form each one of the summary."""
 
     @cached_property
     def cell(self) -> Int[np.ndarray, "R"]:
-        """Number of the cell of each row, -1 for rows that count nowhere."""
+        """Index of the cell of each row; -1 for rows that do not count."""
         codes = (self.method, self.road, self.group, self.scene)
         counts = np.min(codes, axis=0) >= 0
         cell = np.ravel_multi_index(
@@ -106,7 +107,7 @@ class _Cells:
     def sums(
         self, values: Float[np.ndarray, "R"], is_valid: Bool[np.ndarray, "R"]
     ) -> tuple[Float[np.ndarray, "M W G N"], Float[np.ndarray, "M W G N"]]:
-        """Sums and counts in each scene."""
+        """Sums and counts of values in each scene."""
         used = is_valid & (self.cell >= 0)
         size = int(np.prod(self.shape))
         total = np.bincount(self.cell[used], values[used], size).astype(float)
@@ -137,7 +138,7 @@ class _Cells:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _RowFile:
-    """The rows of some splits, read column by column."""
+    """Rows of some splits, read column by column."""
 
     file: pq.ParquetFile
     is_kept: pa.Array | None
@@ -163,7 +164,7 @@ def summarise(
     seed: int,
     splits: Collection[str] | None = None,
 ) -> Summary:
-    """Sum up a file of rows, one metric at a time; only some splits if they are named."""
+    """Summarise a file of rows, one metric at a time; ``splits`` None means all."""
     file = _rows_of(rows, splits)
     cells = _cells(file, methods, conditions)
     weights = scene_weights(cells.shape[3], seed)
@@ -181,10 +182,10 @@ def summarise(
     whose = cells.agent * len(methods) + cells.method
     first[np.unique(whose, return_index=True)[1]] = True
     _, agents = cells.sums(np.zeros(len(first)), first)
-    bent = (PERTURBED,) if len(cells.roads) > len(conditions) else ()
+    warped = (PERTURBED,) if len(cells.roads) > len(conditions) else ()
     return Summary(
         methods=tuple(methods),
-        roads=(*(one.label for one in conditions), *bent),
+        roads=(*(one.label for one in conditions), *warped),
         groups=SUMMARY_GROUPS,
         num_agents=agents.sum(axis=-1).astype(int),
         num_scenes=(agents > 0).sum(axis=-1),
@@ -211,8 +212,8 @@ def _cells(
     is_logged = np.zeros(len(agent), bool)
     if GROUND_TRUTH in methods:
         is_logged = method == list(methods).index(GROUND_TRUTH)
-    bent = tuple(row for row, one in enumerate(conditions) if not one.is_plain)
-    together = (bent,) if bent else ()
+    warped = tuple(row for row, one in enumerate(conditions) if not one.is_plain)
+    together = (warped,) if warped else ()
     return _Cells(
         shape=(len(methods), len(conditions), len(_SEPARATE), max(num_scenes, 1)),
         method=method,
@@ -227,11 +228,11 @@ def _cells(
 
 
 def _groups(keys: pa.Table) -> Int[np.ndarray, "R"]:
-    """Index into ``_SEPARATE``; movers are told apart by what the log says."""
+    """Index into ``_SEPARATE``; motor vehicles are divided by the log's columns."""
     group = _codes(keys, "group", _SEPARATE)
-    is_mover = _codes(keys, "group", ("movers",)) == 0
+    is_motor_vehicle = _codes(keys, "group", ("movers",)) == 0
     drives = keys.column("under_way").to_numpy() & keys.column("on_lane").to_numpy()
-    return np.where(is_mover, np.where(drives, 0, 1), group)
+    return np.where(is_motor_vehicle, np.where(drives, 0, 1), group)
 
 
 def _statistic(
@@ -257,7 +258,7 @@ def _statistic(
 
 
 def _codes(keys: pa.Table, name: str, known: Sequence[str]) -> Int[np.ndarray, "R"]:
-    """Place of each text of a column among the known ones, -1 for others."""
+    """Index of each text of a column among the known ones; -1 for others."""
     coded = keys.column(name).combine_chunks().dictionary_encode()
     place = {text: index for index, text in enumerate(known)}
     of_code = [place.get(text, -1) for text in coded.dictionary.to_pylist()]
@@ -266,7 +267,7 @@ def _codes(keys: pa.Table, name: str, known: Sequence[str]) -> Int[np.ndarray, "
 
 
 def _numbered(keys: pa.Table, *names: str) -> tuple[Int[np.ndarray, "R"], int]:
-    """A number for each different combination of columns, and how many there are."""
+    """Index of each distinct combination of columns, and their number."""
     number = np.zeros(len(keys), np.int64)
     for name in names:
         coded = keys.column(name).combine_chunks().dictionary_encode()

@@ -1,4 +1,4 @@
-"""How each stage is trained: its network on the data's basis, and its loss."""
+"""Training objective of each stage: network, loss and augmentation."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -30,26 +30,28 @@ from pd_editor.training.loop.train_loop import Loss
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """One of the model's stages, as it is trained."""
+    """A stage of the model: network, loss and statistics."""
 
     kind: StageKind
     loss_type: type[Any]
-    """Flat dataclass of plain values with defaults, the last argument of the loss."""
+    """Flat dataclass of the loss settings, the last argument of the loss."""
     configured_loss: Callable[
         [Any, Any, torch.Generator, float, Any],
         tuple[torch.Tensor, Mapping[str, torch.Tensor]],
     ]
     with_basis: Callable[[Any, TrajectoryBasis], nn.Module]
-    """A fresh network for latents of a basis."""
+    """Makes a new network for latents of a basis."""
 
-    take_in: Callable[[nn.Module, FeatureStore], None] = lambda _model, _store: None
-    """Keeps in the network what it is to know of the data besides its weights."""
+    fit_statistics: Callable[[nn.Module, FeatureStore], None] = lambda _model, _store: (
+        None
+    )
+    """Stores statistics of the data in the network."""
 
     def loss(self, settings: Mapping[str, Any]) -> Loss:
-        """The loss by its settings; those that are not given are as usual.
+        """Loss with some settings; the others have their defaults.
 
         Raises:
-            ModelError: a setting is unknown or holds something else.
+            ModelError: a setting is unknown or invalid.
         """
         usual = asdict(self.loss_type())
         config = config_from_json(self.loss_type, usual | dict(settings), "loss")
@@ -62,7 +64,7 @@ class Stage:
         return loss
 
     def fresh_model(self, config: Any, basis: TrajectoryBasis, seed: int) -> nn.Module:
-        """The network before training; the seed decides its weights."""
+        """Randomly initialised network; the seed determines its weights."""
         kind = replace(
             self.kind, make_model=lambda given: self.with_basis(given, basis)
         )
@@ -93,7 +95,7 @@ STAGES: Final[Mapping[str, Stage]] = {
         loss_type=LOSSES["init"],
         configured_loss=initial_state_loss,
         with_basis=lambda config, _: INITIAL_STATES.make_model(config),
-        take_in=_count_agents,
+        fit_statistics=_count_agents,
     ),
     "traj": Stage(
         kind=TRAJECTORIES,

@@ -1,4 +1,4 @@
-"""A training run from data roots to a model folder."""
+"""Training run, from data roots to a model folder."""
 
 import importlib.metadata
 import logging
@@ -39,7 +39,7 @@ from pd_editor.training.loop.loss_curves import loss_curves_png
 from pd_editor.training.loop.run_folder import CURVES_NAME, RunFolder
 from pd_editor.training.loop.stop_request import stop_requests
 from pd_editor.training.loop.train_loop import TrainingProgress, TrainLoop
-from pd_editor.training.loop.training_state import Standing
+from pd_editor.training.loop.training_state import TrainState
 from pd_editor.training.stage_objective import STAGES
 from pd_editor.training.warm_start import basis_of, start_from, starting_model
 from pd_editor.work_engine.work_engine import WorkProgress
@@ -50,13 +50,13 @@ MAX_THREADS: Final = 1_024
 
 @dataclass(frozen=True, kw_only=True)
 class Hardware:
-    """Where a run computes."""
+    """Devices and threads of a run."""
 
     device: DeviceName = "auto"
     num_devices: int = 1
-    """GPUs, or processes on a CPU; a batch is shared out among them."""
+    """Number of GPUs, or of processes on a CPU, among which a batch is divided."""
     threads: int | None = None
-    """Of one process on a CPU. None: all cores."""
+    """Number of CPU threads of one process; None: all cores."""
 
     def __post_init__(self) -> None:
         for name, value, most in (
@@ -69,26 +69,26 @@ class Hardware:
 
 @dataclass(frozen=True, kw_only=True)
 class RunOutcome:
-    """What a run has come to."""
+    """Result of a run."""
 
     folder: Path
     model: Path
-    standing: Standing
+    train_state: TrainState
     held_out_loss: float
-    """NaN if nothing was held out, or validated since it was resumed."""
+    """Validation loss; NaN without a validation since the run was resumed."""
     num_scenes: int
     num_left_out: int
     is_stopped: bool
     """Whether it was stopped before the budget was spent."""
     is_first: bool
-    """Whether this is the process that speaks for all."""
+    """Whether this is the first of all processes, which reports the result."""
 
 
 def has_gpu(hardware: Hardware) -> bool:
-    """Whether to compute on GPUs.
+    """Whether to train on GPUs.
 
     Raises:
-        TrainingError: they are asked for, and there are none or not as many.
+        TrainingError: more GPUs are requested than there are.
     """
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if hardware.device == "cuda" and not count:
@@ -106,10 +106,10 @@ def has_gpu(hardware: Hardware) -> bool:
 
 
 def _fabric(hardware: Hardware, precision: Precision, *, is_gpu: bool) -> Fabric:
-    """The devices, ready to compute; from here on one process for each."""
+    """Launch one process per device."""
     if hardware.threads is not None:
         torch.set_num_threads(hardware.threads)
-    # It says at each start which precision it was told to use.
+    # Fabric prints the precision at each start.
     logging.getLogger("lightning_fabric").setLevel(logging.WARNING)
     fabric = Fabric(
         accelerator="cuda" if is_gpu else "cpu",
@@ -134,16 +134,16 @@ def run_asked_for(
     on_preparation: Callable[[WorkProgress], None] | None = None,
     on_progress: Callable[[TrainingProgress], None] = lambda _: None,
 ) -> RunOutcome:
-    """Prepare the data, train, and leave a model in the run's folder.
+    """Prepare the data, train, and write a model to the run's folder.
 
     Args:
-        request: What is wanted of the run.
-        folder: New, or that of the run that goes on.
-        cache: Prepared scenes are kept below it.
-        hardware: Where it computes.
-        resume: Go on where the folder's checkpoint stands.
-        on_preparation: Told how far the preparation of the data is.
-        on_progress: Told how far the training is.
+        request: Requested settings.
+        folder: New folder, or that of the run to resume.
+        cache: Folder of prepared scenes.
+        hardware: Devices and threads.
+        resume: Resume from the folder's checkpoint.
+        on_preparation: Called with the progress of the preparation.
+        on_progress: Called with the progress of the training.
 
     Raises:
         PdEditorError: data, folder or hardware cannot be used, or training failed.
@@ -156,7 +156,7 @@ def run_asked_for(
         config = new_config(request, is_gpu=is_gpu)
         run.check_free()
     fabric = _fabric(hardware, config.precision, is_gpu=is_gpu)
-    # The first process prepares and begins; the others find what it has left.
+    # The first process prepares the data and the folder; the others use them.
     if fabric.is_global_zero:
         _begin(config, run, cache, resume=resume, on_preparation=on_preparation)
     fabric.barrier()
@@ -180,7 +180,7 @@ def _train(
         sampling = earlier.sampling
         if not run.state_path.exists():
             start_from(model, earlier.model.state_dict(), config.start)
-    stage.take_in(model, prepared.data.store)
+    stage.fit_statistics(model, prepared.data.store)
     loop = TrainLoop(
         config,
         model,
@@ -212,7 +212,7 @@ def _train(
         return RunOutcome(
             folder=run.path,
             model=run.model_path,
-            standing=loop.standing,
+            train_state=loop.train_state,
             held_out_loss=loop.held_out_loss,
             num_scenes=len(prepared.data.store),
             num_left_out=prepared.data.num_left_out,
@@ -222,7 +222,7 @@ def _train(
 
 
 def write_curves(run: RunFolder, config: RunConfig) -> None:
-    """Draw the losses of a run that has logged some."""
+    """Plot the losses of a run that has logged some."""
     entries = run.logged()
     if entries:
         title = f"{config.stage}: {run.path.name}"
@@ -237,7 +237,7 @@ def _begin(
     resume: bool,
     on_preparation: Callable[[WorkProgress], None] | None,
 ) -> None:
-    """Prepare the data, and make the run's folder or check it against the data."""
+    """Prepare the data, and create the run's folder or check it against the data."""
     basis = _kept_basis(run)
     if config.start and not resume:
         basis = basis_of(starting_model(Path(config.start)))
@@ -269,7 +269,7 @@ def _prepared(
     basis: TrajectoryBasis | None,
     on_progress: Callable[[WorkProgress], None] | None = None,
 ) -> _Prepared:
-    """The data, and that of the roots that are held out, on one basis."""
+    """Training and validation data on one basis."""
     data = prepared_data(
         _roots(config.data),
         cache,
@@ -281,7 +281,7 @@ def _prepared(
     )
     if not config.validate:
         return _Prepared(data=data, validation=None)
-    # Held-out scenes are as they were recorded, and at their own current step.
+    # Validation scenes are not augmented, and used at their own current step.
     held_out = prepared_data(
         _roots(config.validate), cache, basis=data.basis, augmentation=None
     )
@@ -293,7 +293,7 @@ def _kept_basis(run: RunFolder) -> TrajectoryBasis | None:
 
 
 def _commit() -> str:
-    """The commit of the code, where it runs from a checkout."""
+    """Commit of the code, if it runs from a checkout."""
     try:
         found = subprocess.run(
             ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
@@ -317,11 +317,11 @@ def _about(
     prepared: PreparedData,
     loop: TrainLoop,
 ) -> Mapping[str, Any]:
-    """How the weights came to be, as it is stored with them."""
+    """Training record that is stored with the weights."""
     held_out = loop.held_out_loss
     return {
-        "steps": loop.standing.step,
-        "minutes": round(loop.standing.trained_s / 60, 2),
+        "steps": loop.train_state.step,
+        "minutes": round(loop.train_state.trained_s / 60, 2),
         "held_out_loss": None if math.isnan(held_out) else round(held_out, 6),
         "scenes": len(prepared.store),
         "roots": [Path(root).name for root in config.data],

@@ -65,7 +65,7 @@ def test_states_can_be_drawn_too(shell: Shell, data: Path, tmp_path: Path):
         "Agents are placed anew and driven: as many of each kind",
         "| method | agents / scenes | collision 2 m, % | boxes overlap, % |",
         "--states drawn --agents all",
-        "2 agents of the log at the state",
+        "2 agents of the log at the current step",
     ):
         assert words in text
     assert "Differences to the log" not in text

@@ -161,5 +161,5 @@ def test_regenerating_says_whether_it_is_the_same():
 
 def test_another_generator_does_not_regenerate():
     recipe = generated(5, DriftGenerator())
-    with pytest.raises(RecipeError, match="Entry 2 was drawn by drift, not by other"):
+    with pytest.raises(RecipeError, match="Entry 2 was sampled by drift, not by other"):
         regenerate(recipe, BASE, DriftGenerator(name="other"))

@@ -7,8 +7,8 @@ import pytest
 
 from pd_editor.errors import GenerationError
 from pd_editor.evaluation.evaluation_task import (
-    DRAWN_HALF_SIDE_M,
     DRIVING,
+    SAMPLED_HALF_SIDE_M,
     EvaluationTask,
 )
 from pd_editor.metrics.paper_agents import paper_init_agents, paper_trajectory_agents
@@ -24,7 +24,7 @@ NEAR, EDGE, BEYOND, LATER = "100", "101", "102", "103"
 @pytest.fixture
 def scenario() -> Scenario:
     """Of four drivers one is at the edge of the square, one beyond it, one not there."""
-    edge = DRAWN_HALF_SIDE_M
+    edge = SAMPLED_HALF_SIDE_M
     agents = straight_drivers(
         [(0, 0, 0, 10), (edge, 3.5, 0, 0), (edge + 0.1, 0, 0, 0), (30, 0, 0, 10)]
     )
@@ -53,7 +53,7 @@ def test_where_states_are_drawn_all_in_the_square_are_drawn_and_nobody_else_is_t
     assert request.agent_ids == request.redrawn_state_ids == (NEAR, EDGE)
     assert request.scenario.agents.ids == (NEAR, EDGE)
     assert request.region is not None
-    assert request.region.half_side_m == DRAWN_HALF_SIDE_M
+    assert request.region.half_side_m == SAMPLED_HALF_SIDE_M
     now = scenario.agents.position_m[0, scenario.current_step]
     assert request.region.center_m == pytest.approx(tuple(now))
     assert not request.only_on_road
@@ -95,5 +95,5 @@ def test_agents_are_chosen_by_the_recording_and_stand_on_the_bent_road(
 def test_nobody_left_is_said(scenario: Scenario):
     walkers = (AgentKind.PEDESTRIAN,) * len(scenario.agents)
     scenario = replace(scenario, agents=replace(scenario.agents, kinds=walkers))
-    with pytest.raises(GenerationError, match="None of the agents"):
+    with pytest.raises(GenerationError, match="None of the requested agents"):
         asked(EvaluationTask(states="drawn", agents="paper"), scenario)

@@ -52,7 +52,9 @@ def test_references_but_the_log_draw_no_states():
         if name == GROUND_TRUTH:
             assert method.traffic(request).samples[0].agents.ids == ids
         else:
-            with pytest.raises(GenerationError, match=f"{name} draws no states"):
+            with pytest.raises(
+                GenerationError, match=f"{name} samples no initial states"
+            ):
                 method.traffic(request)
 
 

@@ -6,7 +6,7 @@ from pd_editor.errors import EditError, InputError
 from pd_editor.evaluation.evaluation_task import EvaluationTask
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.road_condition import RoadCondition
-from pd_editor.evaluation.scene_rows import ROW_SCHEMA, SceneItem, judge_scene
+from pd_editor.evaluation.scene_rows import ROW_SCHEMA, SceneItem, evaluate_scene
 from tests.builders import scenario_with, straight_drivers
 from tests.editor.fake_generators import PlacingGenerator
 from tests.evaluation.small_dataset import (
@@ -20,7 +20,7 @@ from tests.evaluation.small_dataset import (
 def judged(tmp_path, *names, scenario=None, **options):
     scenario = scenario or scenario_with(straight_drivers(COLLIDING))
     folder = write_scenario(tmp_path, "train", "aaa", scenario)
-    return judge_scene(item(folder, *names, **options))
+    return evaluate_scene(item(folder, *names, **options))
 
 
 def item(folder, *names, condition=None, num_samples=2):
@@ -82,14 +82,16 @@ def test_drawn_states_are_told_of_themselves(tmp_path):
         tmp_path, "train", "aaa", scenario_with(straight_drivers(road_edge))
     )
     placing = Method(name="placing", make_generator=lambda _name: PlacingGenerator())
-    rows = judge_scene(
+    rows = evaluate_scene(
         replace(
             item(folder, "ground-truth", num_samples=6),
             methods=(*methods("ground-truth", "constant-velocity"), placing),
             task=EvaluationTask(states="drawn"),
         )
     )
-    assert rows.failures == {"constant-velocity": "constant-velocity draws no states."}
+    assert rows.failures == {
+        "constant-velocity": "constant-velocity samples no initial states."
+    }
     assert len(rows.table) == 2 * (1 + 6)
     log = rows_of(rows, "ground-truth", 0)
     assert [one["under_way"] for one in log] == [True, True]
@@ -162,7 +164,7 @@ def test_scenes_that_cannot_be_used_say_why(tmp_path):
     folder = write_scenario(tmp_path, "train", "bbb", nobody)
     bend = RoadCondition(kind="ripple-road", power=3.0)
     with pytest.raises(EditError, match="focal"):
-        judge_scene(item(folder, "ground-truth", condition=bend))
+        evaluate_scene(item(folder, "ground-truth", condition=bend))
     (folder / "log_map_archive_bbb.json").write_text("{")
     with pytest.raises(InputError):
-        judge_scene(item(folder, "ground-truth"))
+        evaluate_scene(item(folder, "ground-truth"))

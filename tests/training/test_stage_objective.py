@@ -57,10 +57,10 @@ def test_a_resumed_run_equals_an_uninterrupted_one(name, prepared, tmp_path):
     whole = loop_of(name, prepared, tmp_path / "whole", steps=6)
     list(whole.run())
     first = loop_of(name, prepared, tmp_path / "parts", steps=6)
-    list(first.run(is_stopped=lambda: first.standing.step >= 2))
+    list(first.run(is_stopped=lambda: first.train_state.step >= 2))
     second = loop_of(name, prepared, tmp_path / "parts", steps=6)
     second.resume()
-    assert 0 < second.standing.step < 6
+    assert 0 < second.train_state.step < 6
     list(second.run())
     for one, two in zip(
         whole.averaged_model.state_dict().values(),

@@ -128,7 +128,7 @@ def placings_of(
         GenerationError: there are no lanes, or the model knows no usual numbers.
     """
     squares = squares_of(scenario, placement.region)
-    redrawn = _squares_of_redrawn(scenario, placement, squares, random)
+    redrawn = _squares_of_resampled(scenario, placement, squares, random)
     kinds = _kinds_by_square(model, scenario, placement, squares, random)
     ids = new_agent_ids(scenario, sum(map(len, kinds)))
     placings: list[Placing] = []
@@ -149,7 +149,7 @@ def placings_of(
     return tuple(one for one in placings if one.ids)
 
 
-def _squares_of_redrawn(
+def _squares_of_resampled(
     scenario: Scenario,
     placement: Placement,
     squares: Sequence[Square],

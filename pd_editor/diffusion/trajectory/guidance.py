@@ -118,13 +118,13 @@ class NearestCandidateGuide:
             return clean
         predicted = clean * self.scale
         stays = self.is_standing
-        if self._does_anybody_stand:
+        if self._is_any_agent_stationary:
             stays = stays & (
                 (predicted - self.still).norm(dim=-1) < self.config.stays_m
             )
         nearest, exists = self._nearest(predicted, stays)
         pull = torch.where(exists, self.weight, 0.0)
-        if self._does_anybody_stand:
+        if self._is_any_agent_stationary:
             late = level <= self.config.standing_first_level
             share = torch.where(stays, 1.0, self.config.starting_share) * late
             pull = torch.where(self.is_standing, share * pull, pull)
@@ -148,7 +148,7 @@ class NearestCandidateGuide:
     ) -> tuple[Float[Tensor, "S B A 10"], Bool[Tensor, "S B A"]]:
         """Nearest allowed candidates, and whether there is one."""
         cost, exists = self._of_going
-        if self._does_anybody_stand:
+        if self._is_any_agent_stationary:
             cost = torch.where(stays[..., None], self._of_staying[0], cost)
             exists = torch.where(stays, self._of_staying[1], exists)
         # The square of the distance, but for what is the same for all candidates.
@@ -159,7 +159,7 @@ class NearestCandidateGuide:
         return table.gather(-2, index)[..., 0, :], exists.expand(best.shape)
 
     @cached_property
-    def _does_anybody_stand(self) -> bool:
+    def _is_any_agent_stationary(self) -> bool:
         return bool(self.is_standing.any())
 
     @cached_property

@@ -1,4 +1,4 @@
-"""All edits, by name, and their JSON form."""
+"""Table of all commands, and their JSON form."""
 
 from typing import Any, Final
 
@@ -57,7 +57,7 @@ COMMANDS: Final[dict[str, type[Command]]] = {
         ReplaceTraffic,
     )
 }
-"""Every command by the name it has in recipes."""
+"""All commands by their names in recipes."""
 
 __all__ = [
     "COMMANDS",
@@ -89,12 +89,12 @@ __all__ = [
 
 
 def command_to_json(command: Command) -> dict[str, Any]:
-    """The command's name and fields."""
+    """Convert a command to its name and fields."""
     return {"command": type(command).__name__, **to_json(command)}
 
 
 def command_from_json(data: Any, where: str) -> Command:
-    """The inverse of ``command_to_json``.
+    """Convert JSON to a command; inverse of ``command_to_json``.
 
     Raises:
         RecipeError: unknown command or bad fields; the sentence starts with ``where``.

@@ -1,4 +1,4 @@
-"""Edits of which agents there are and what they are."""
+"""Commands that add, delete and describe agents."""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -28,19 +28,19 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 
 @dataclass(frozen=True, kw_only=True)
 class SetAgentKind(Command):
-    """Make agents of another kind; sizes that are not known become its default."""
+    """Set the kind of agents; unknown sizes become the default of the kind."""
 
     agent_ids: tuple[str, ...]
     kind: AgentKind
 
     @property
     def label(self) -> str:
-        """Says the kind."""
+        """Label with the kind."""
         kind = self.kind.value.replace("_", " ")
         return f"Change {agents_in_words(self.agent_ids)} to {kind}{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with other kinds and default sizes."""
+        """Scenario with new kinds and default sizes."""
         agents = scenario.agents
         rows = rows_of(scenario, self.agent_ids)
         if all(agents.kinds[row] is self.kind for row in rows):
@@ -55,11 +55,11 @@ class SetAgentKind(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class SetAgentSize(Command):
-    """Give agents a length, a width or both; their sizes then count as known."""
+    """Set length, width or both of agents; their sizes then count as known."""
 
     agent_ids: tuple[str, ...]
     length_m: float | None
-    """None leaves each agent its own."""
+    """Length; None keeps that of each agent."""
     width_m: float | None
 
     def __post_init__(self) -> None:
@@ -70,7 +70,7 @@ class SetAgentSize(Command):
 
     @property
     def label(self) -> str:
-        """Says the size."""
+        """Label with the size."""
         if self.width_m is None:
             size = f"{self.length_m:.1f} m length"
         elif self.length_m is None:
@@ -80,7 +80,7 @@ class SetAgentSize(Command):
         return f"Resize {agents_in_words(self.agent_ids)} to {size}{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with other sizes."""
+        """Scenario with new sizes."""
         agents = scenario.agents
         rows = rows_of(scenario, self.agent_ids)
         size = agents.size_m[rows]
@@ -96,9 +96,9 @@ class SetAgentSize(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class SetAgentActivity(Command):
-    """Set whether agents that stand are parked or waiting, for the model to know.
+    """Set whether stationary agents are parked or waiting, as conditions of the model.
 
-    What moves is driving, so agents of the list that move are left as they are.
+    Moving agents are always driving, so those in the list do not change.
     """
 
     agent_ids: tuple[str, ...]
@@ -106,26 +106,26 @@ class SetAgentActivity(Command):
 
     @property
     def label(self) -> str:
-        """Says the activity."""
+        """Label with the activity."""
         return (
             f"Activity of {agents_in_words(self.agent_ids)}: {self.activity.in_words}"
             f"{names_after(self.agent_ids)}"
         )
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with other activities.
+        """Scenario with new activities.
 
         Raises:
-            EditError: the activity suits the speed of none of the agents.
+            EditError: the activity is possible at the speed of none of the agents.
         """
         agents = scenario.agents
         rows = present_rows(scenario, self.agent_ids)
         is_standing = stands(agents.speed_mps()[rows, scenario.current_step])
         suits = is_standing != (self.activity is Activity.DRIVING)
         if not suits.any():
-            who = agents_in_words(self.agent_ids)
+            subject = agents_in_words(self.agent_ids)
             raise EditError(
-                f"{who[:1].upper()}{who[1:]} cannot be {self.activity.in_words} at"
+                f"{subject[:1].upper()}{subject[1:]} cannot be {self.activity.in_words} at"
                 f" {agents.speed_mps()[rows, scenario.current_step].max():.1f} m/s:"
                 f" what is slower than {STANDING_SPEED_MPS:g} m/s is parked or waiting,"
                 " the rest is driving."
@@ -138,7 +138,7 @@ class SetAgentActivity(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class DuplicateAgents(Command):
-    """Copy agents with their whole tracks, shifted; copies are not scored."""
+    """Copy agents with their whole tracks, shifted; copies are unscored tracks."""
 
     agent_ids: tuple[str, ...]
     new_ids: tuple[str, ...]
@@ -160,23 +160,23 @@ class DuplicateAgents(Command):
 
     @property
     def edits_current_state(self) -> bool:
-        """It does."""
+        """True: the command sets current states."""
         return True
 
     @property
     def label(self) -> str:
-        """Names or counts the originals."""
+        """Label with the name or number of the originals."""
         return (
             f"Duplicate {agents_in_words(self.agent_ids)}{names_after(self.agent_ids)}"
         )
 
     @property
     def selects(self) -> tuple[str, ...]:
-        """The copies."""
+        """Select the copies."""
         return self.new_ids
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with the copies appended."""
+        """Scenario with the copies appended."""
         rows = present_rows(scenario, self.agent_ids)
         for new_id in self.new_ids:
             check_new_id(scenario, new_id)
@@ -195,22 +195,22 @@ class DuplicateAgents(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class DeleteAgents(Command):
-    """Take agents out, also such that have no state at the current step."""
+    """Delete agents, including those without a state at the current step."""
 
     agent_ids: tuple[str, ...]
 
     @property
     def label(self) -> str:
-        """Names or counts the agents."""
+        """Label with the name or number of the agents."""
         return f"Delete {agents_in_words(self.agent_ids)}{names_after(self.agent_ids)}"
 
     @property
     def selects(self) -> tuple[str, ...]:
-        """No agent."""
+        """Select no agent."""
         return ()
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario without the agents."""
+        """Scenario without the agents."""
         rows = rows_of(scenario, self.agent_ids)
         if scenario.focal_id in self.agent_ids:
             raise EditError(
@@ -227,36 +227,36 @@ class DeleteAgents(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class RemoveAllAgents(Command):
-    """Leave a bare road; the agents drawn on it next bring a focal agent."""
+    """Delete all agents; the next agents that are added include a focal agent."""
 
     @property
     def label(self) -> str:
-        """Says it."""
+        """Label of the command."""
         return "Remove all agents"
 
     @property
     def selects(self) -> tuple[str, ...]:
-        """No agent."""
+        """Select no agent."""
         return ()
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario without any agent."""
+        """Scenario without any agent."""
         return scenario.without_agents(scenario.agents.ids)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SetFocalAgent(Command):
-    """Make another agent the one that a benchmark predicts; the former is scored."""
+    """Set the focal agent; the former one becomes a scored track."""
 
     agent_id: str
 
     @property
     def label(self) -> str:
-        """Names the agent."""
+        """Label with the agent's id."""
         return f"Make agent {self.agent_id} focal"
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with another focal agent."""
+        """Scenario with another focal agent."""
         present_rows(scenario, (self.agent_id,))
         agents = scenario.agents
         if scenario.focal_id == self.agent_id:
@@ -269,16 +269,16 @@ class SetFocalAgent(Command):
 
 
 def new_agent_id(scenario: Scenario, prefix: str = "placed") -> str:
-    """The first of ``prefix-1``, ``prefix-2``, ... that no agent has had."""
+    """First unused id of ``prefix-1``, ``prefix-2``, ..."""
     return new_agent_ids(scenario, 1, prefix)[0]
 
 
 def new_agent_ids(
     scenario: Scenario, count: int, prefix: str = "placed"
 ) -> tuple[str, ...]:
-    """The first ``count`` of ``prefix-1``, ``prefix-2``, ... that no agent has had.
+    """First ``count`` unused ids of ``prefix-1``, ``prefix-2``, ...
 
-    Ids of removed agents are not given again, so that an id means one agent in the
+    Ids of deleted agents are not reused, so that an id identifies one agent in the
     whole history.
     """
     numbered = (f"{prefix}-{number}" for number in itertools.count(1))

@@ -1,4 +1,4 @@
-"""Which agents drive a trajectory that was made for another state of theirs."""
+"""Finds agents whose trajectory was generated for another current state."""
 
 from collections.abc import Iterable
 
@@ -14,9 +14,9 @@ from pd_editor.editor.commands.traffic import ReplaceTraffic
 
 
 def carried_agent_ids(commands: Iterable[Command]) -> frozenset[str]:
-    """Agents whose trajectory an edit has carried along with their pose.
+    """Ids of agents whose trajectory was moved together with their pose.
 
-    An agent leaves the set when its trajectory is made anew.
+    An agent leaves the set when its trajectory is regenerated.
     """
     carried: set[str] = set()
     for command in commands:

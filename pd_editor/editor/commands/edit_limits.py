@@ -1,4 +1,4 @@
-"""What numbers an edit may hold, and which agents it may name."""
+"""Validation of the numbers and agent ids of commands."""
 
 import math
 from typing import Final
@@ -16,11 +16,11 @@ MAX_SPEED_MPS: Final = 60.0
 MIN_SIZE_M: Final = 0.2
 MAX_SIZE_M: Final = 30.0
 _MAX_NUMBER: Final = 1e6
-"""No coordinate, angle or speed is larger, whatever it is of."""
+"""Upper bound of all coordinates, angles and speeds."""
 
 
 def check_finite(**values: float) -> None:
-    """Refuse NaN, infinity and absurd numbers; names are those of the fields."""
+    """Raise for NaN, infinity and numbers out of range; names are those of the fields."""
     for name, value in values.items():
         if not math.isfinite(value):
             raise EditError(f"{name} is {value}, but must be a finite number.")
@@ -32,7 +32,7 @@ def check_finite(**values: float) -> None:
 
 
 def check_speed(speed_mps: float) -> None:
-    """Refuse speeds that no agent has; negative ones mean driving backwards."""
+    """Raise for impossible speeds; negative ones mean driving backwards."""
     check_finite(speed_mps=speed_mps)
     if abs(speed_mps) > MAX_SPEED_MPS:
         raise EditError(
@@ -42,7 +42,7 @@ def check_speed(speed_mps: float) -> None:
 
 
 def check_size(length_m: float, width_m: float) -> None:
-    """Refuse boxes that no agent has."""
+    """Raise for impossible sizes."""
     check_finite(length_m=length_m, width_m=width_m)
     if not all(MIN_SIZE_M <= value <= MAX_SIZE_M for value in (length_m, width_m)):
         raise EditError(
@@ -52,7 +52,7 @@ def check_size(length_m: float, width_m: float) -> None:
 
 
 def check_position(x_m: float, y_m: float) -> None:
-    """Refuse places far outside any scene."""
+    """Raise for positions far outside any scene."""
     check_finite(x_m=x_m, y_m=y_m)
     if max(abs(x_m), abs(y_m)) > MAX_POSITION_M:
         raise EditError(
@@ -62,7 +62,7 @@ def check_position(x_m: float, y_m: float) -> None:
 
 
 def check_positions(position_m: Float[np.ndarray, "*shape 2"]) -> None:
-    """Refuse arrays of places that are not numbers or far outside any scene."""
+    """Raise for arrays of positions that are not finite or far outside any scene."""
     if not np.isfinite(position_m).all():
         raise EditError("A position holds NaN or infinity.")
     if np.abs(position_m).max(initial=0.0) > MAX_POSITION_M:
@@ -73,7 +73,7 @@ def check_positions(position_m: Float[np.ndarray, "*shape 2"]) -> None:
 
 
 def check_velocities(velocity_mps: Float[np.ndarray, "*shape 2"]) -> None:
-    """Refuse arrays of velocities that are not numbers or that no agent has."""
+    """Raise for arrays of velocities that are not finite or impossible."""
     if not np.isfinite(velocity_mps).all():
         raise EditError("A velocity holds NaN or infinity.")
     fastest = float(np.abs(velocity_mps).max(initial=0.0))
@@ -85,7 +85,7 @@ def check_velocities(velocity_mps: Float[np.ndarray, "*shape 2"]) -> None:
 
 
 def check_number_of_agents(count: int) -> None:
-    """Refuse more agents than a scene may have."""
+    """Raise for more agents than a scene may have."""
     if count > MAX_AGENTS:
         raise EditError(
             f"The scene would have {count} agents; at most {MAX_AGENTS} are possible."
@@ -93,7 +93,7 @@ def check_number_of_agents(count: int) -> None:
 
 
 def check_new_id(scenario: Scenario, agent_id: str) -> None:
-    """Refuse ids that are empty, taken, too long or not printable."""
+    """Raise for ids that are empty, in use, too long or not printable."""
     if not agent_id:
         raise EditError("A new agent needs an id that is not empty.")
     if not is_plain(agent_id):
@@ -106,10 +106,10 @@ def check_new_id(scenario: Scenario, agent_id: str) -> None:
 
 
 def rows_of(scenario: Scenario, agent_ids: tuple[str, ...]) -> Int[np.ndarray, "G"]:
-    """Rows of agents, each once, in the order named.
+    """Rows of agents in the given order, without duplicates.
 
     Raises:
-        EditError: no agent is named, or one is not in the scenario.
+        EditError: there are no ids, or one is not in the scenario.
     """
     if not agent_ids:
         raise EditError("No agent is selected; select at least one first.")

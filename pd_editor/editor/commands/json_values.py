@@ -1,4 +1,4 @@
-"""JSON form of the values that commands hold, driven by their type annotations."""
+"""JSON form of the values of commands, based on their type annotations."""
 
 import base64
 import binascii
@@ -19,14 +19,14 @@ from pd_editor.plain_text import is_plain
 from pd_editor.scene.scene_limits import MAX_STATES
 
 _MAX_ARRAY_VALUES: Final = 2 * MAX_STATES
-"""Bound on stored arrays, so that a small file cannot fill the memory."""
+"""Limit of stored arrays, so that a small file cannot fill the memory."""
 _MAX_INTEGER: Final = 2**63 - 1
 _MAX_TEXT_BYTES: Final = 8192
 _ARRAY_KEYS: Final = {"dtype", "shape", "zlib"}
 
 
 def to_json(value: Any) -> Any:
-    """Dicts, lists, strings and numbers that ``from_json`` takes back exactly.
+    """Convert a value to JSON values, exactly reversible by ``from_json``.
 
     Arrays become float32, little-endian, zlib-compressed, base64.
     """
@@ -48,7 +48,7 @@ def to_json(value: Any) -> Any:
 
 
 def from_json(hint: Any, data: Any, where: str) -> Any:
-    """The value of type ``hint`` whose JSON form is ``data``.
+    """Convert JSON values to a value of type ``hint``.
 
     Raises:
         RecipeError: ``data`` does not fit; the sentence starts with ``where``.
@@ -134,7 +134,7 @@ def _scalar_from_json(hint: type, data: Any, where: str) -> Any:
 
 
 def _is_text(text: str) -> bool:
-    """Whether a text is printable but for line breaks and tabs, and not too long."""
+    """Whether a text is printable, except line breaks and tabs, and not too long."""
     # Lengths are compared first: bytes of a long text take time.
     plain = text.replace("\n", "").replace("\t", "")
     return len(text) <= _MAX_TEXT_BYTES and is_plain(plain, _MAX_TEXT_BYTES)
@@ -172,9 +172,9 @@ def _built(cls: Callable[..., Any], values: dict[str, Any], where: str) -> Any:
 
 
 def _check_axes(hint: Any, value: Any, sizes: dict[str, int], where: str) -> None:
-    """Refuse arrays of one value whose common axes have different lengths.
+    """Raise for arrays of one value whose common axes have different lengths.
 
-    ``sizes`` collects the lengths of axes by their names.
+    ``sizes`` collects the lengths of axes by name.
     """
     if not isinstance(value, np.ndarray):
         return

@@ -1,4 +1,4 @@
-"""Edits of how agents move, from where they are now."""
+"""Commands that change the motion of agents from their current states on."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -23,17 +23,17 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
 MAX_START_GAP_M: Final = 1.0
-"""How far from an agent's state a trajectory to adopt may start."""
+"""Largest distance between an agent and the start of an adopted trajectory."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SetAgentSpeed(Command):
-    """Give agents a speed now; where they are and where they look stays.
+    """Set the current speed of agents; their poses stay.
 
-    The future is re-timed along its own curve by ``with_new_speed``, and the past
-    likewise backwards in time, so that both leave the state at the new speed; beyond
-    their ends curves go straight on. An agent that changes between forwards and
-    backwards (negative speed) gets a straight line at that speed instead.
+    The trajectory is retimed along its own curve by ``with_new_speed``, and the past
+    likewise backwards in time, so that both have the new speed at the current step;
+    beyond their ends curves continue straight. An agent that changes between forwards
+    and backwards (negative speed) gets a straight line at that speed instead.
     """
 
     agent_ids: tuple[str, ...]
@@ -49,11 +49,11 @@ class SetAgentSpeed(Command):
 
     @property
     def label(self) -> str:
-        """Says the speed."""
+        """Label with the speed."""
         return f"Set {agents_in_words(self.agent_ids)} to {self.speed_mps:.1f} m/s{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with re-timed tracks."""
+        """Scenario with retimed tracks."""
         rows = present_rows(scenario, self.agent_ids)
         now, step_s = scenario.current_step, scenario.time_axis.step_s
         rolls_back = _rolls_back(scenario.agents, now)[rows]
@@ -72,7 +72,7 @@ class SetAgentSpeed(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowToFrictionLimit(Command):
-    """Re-time agents along their own futures until friction holds them in curves."""
+    """Retime agents along their own trajectories to the friction limit of curves."""
 
     agent_ids: tuple[str, ...]
     friction_coefficient: float = DRY_ROAD_FRICTION
@@ -85,24 +85,24 @@ class SlowToFrictionLimit(Command):
 
     @property
     def label(self) -> str:
-        """Names or counts the agents, and says the coefficient."""
+        """Label with the name or number of the agents, and the coefficient."""
         return (
             f"Slow {agents_in_words(self.agent_ids)} to the friction limit"
             f" (mu {self.friction_coefficient:g})"
         )
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with slower agents; the same one if none is too fast."""
+        """Scenario with slower agents; the same one if none is too fast."""
         agents = slowed_to_limit(scenario, self.agent_ids, self.friction_coefficient)
         return scenario if agents is scenario.agents else scenario.with_agents(agents)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AdoptTrajectory(Command):
-    """Drive an agent along a given trajectory from its current state on.
+    """Set the trajectory of an agent from its current state on.
 
-    Arrays hold S states: the current one and all later ones. The state itself stays as it
-    is; the later rows are replaced.
+    Arrays hold S states: the current one and all later ones. The current state does not
+    change; the later ones are replaced.
     """
 
     agent_id: str
@@ -128,7 +128,7 @@ class AdoptTrajectory(Command):
         heading_rad: Float[np.ndarray, "S"],
         velocity_mps: Float[np.ndarray, "S 2"],
     ) -> "AdoptTrajectory":
-        """The command for arrays of any precision; it keeps float32."""
+        """Make the command from arrays of any precision, converted to float32."""
         return cls(
             agent_id=agent_id,
             position_m=position_m.astype(np.float32),
@@ -138,7 +138,7 @@ class AdoptTrajectory(Command):
 
     @property
     def label(self) -> str:
-        """Says how far it leads and how fast it is at its end."""
+        """Label with the length and the final speed."""
         steps = np.diff(self.position_m.astype(float), axis=0)
         length = float(np.hypot(*steps.T).sum())
         end = float(np.hypot(*self.velocity_mps[-1])) if len(self.velocity_mps) else 0.0
@@ -148,7 +148,7 @@ class AdoptTrajectory(Command):
         )
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with another future."""
+        """Scenario with the new trajectory."""
         rows = present_rows(scenario, (self.agent_id,))
         agents, now = scenario.agents, scenario.current_step
         future = slice(now + 1, agents.num_steps)
@@ -165,7 +165,7 @@ class AdoptTrajectory(Command):
                 " it was made for another state."
             )
         return scenario.with_agents(
-            agents_with_future(
+            agents_with_trajectory(
                 agents,
                 rows,
                 future,
@@ -176,7 +176,7 @@ class AdoptTrajectory(Command):
         )
 
 
-def agents_with_future(
+def agents_with_trajectory(
     agents: AgentTracks,
     rows: np.ndarray,
     steps: slice,
@@ -185,7 +185,7 @@ def agents_with_future(
     heading_rad: Float[np.ndarray, "G S"],
     velocity_mps: Float[np.ndarray, "G S 2"],
 ) -> AgentTracks:
-    """Agents that follow given states at the steps of a slice, all of them valid."""
+    """Set the states of agents at the steps of a slice; all of them become valid."""
     position, heading = agents.position_m[rows], agents.heading_rad[rows]
     velocity, is_valid = agents.velocity_mps[rows], agents.is_valid[rows]
     position[:, steps] = position_m
@@ -210,12 +210,12 @@ def _rolls_back(agents: AgentTracks, now: int) -> np.ndarray:
 def _retimed(
     some: AgentTracks, now: int, speed_mps: float, step_s: float
 ) -> dict[str, np.ndarray]:
-    """Tracks with both halves re-timed along their curves."""
+    """Tracks whose past and future are retimed along their curves."""
     position, heading = some.position_m.copy(), some.heading_rad.copy()
     velocity = some.velocity_mps.copy()
     speed = np.full(len(some), abs(float(speed_mps)))
     future = np.arange(now, some.num_steps)
-    # Backwards in time the past is a drive that leaves the state the other way.
+    # The past, reversed in time, is a trajectory in the opposite direction.
     for steps, sign, turn in ((np.arange(now, -1, -1), -1, np.pi), (future, 1, 0.0)):
         is_valid = some.is_valid[:, steps]
         moved, headed, driven = with_new_speed(

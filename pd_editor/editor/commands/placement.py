@@ -1,4 +1,4 @@
-"""The edit that puts a new agent onto the road."""
+"""Command that places a new agent."""
 
 from dataclasses import dataclass
 
@@ -12,8 +12,8 @@ from pd_editor.editor.commands.edit_limits import (
     check_position,
     check_speed,
 )
-from pd_editor.editor.commands.motion import agents_with_future
-from pd_editor.editor.commands.reconstructed_history import back_cast_positions
+from pd_editor.editor.commands.motion import agents_with_trajectory
+from pd_editor.editor.commands.reconstructed_history import reconstructed_positions
 from pd_editor.geometry.angles import unit_vector, wrap_angle
 from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
@@ -24,11 +24,11 @@ from pd_editor.scene.scenario import Scenario
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceAgent(Command):
-    """Add an agent with a state now, a future at its speed, and no past.
+    """Add an agent with a current state, a trajectory at its speed, and no past.
 
-    The future follows the lane the agent is on, else goes straight ahead; an agent
-    that rolls backwards goes straight. With ``back_cast`` it has a past at the same
-    speed along the lane, and provenance says so.
+    The trajectory follows the agent's lane, else it goes straight ahead; an agent that
+    rolls backwards goes straight. With ``back_cast`` it gets a reconstructed history at
+    the same speed along the lane, which provenance records.
     """
 
     agent_id: str
@@ -46,27 +46,27 @@ class PlaceAgent(Command):
 
     @property
     def edits_current_state(self) -> bool:
-        """It does."""
+        """True: the command sets current states."""
         return True
 
     @property
     def label(self) -> str:
-        """Says the kind."""
+        """Label with the kind."""
         return f"Place a {self.kind.value.replace('_', ' ')} ({self.agent_id})"
 
     @property
     def selects(self) -> tuple[str, ...]:
-        """The new agent."""
+        """Select the new agent."""
         return (self.agent_id,)
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with the agent appended."""
+        """Scenario with the agent appended."""
         check_new_id(scenario, self.agent_id)
         check_number_of_agents(len(scenario.agents) + 1)
         placed = self._track(scenario)
         joined = scenario.with_agents(
             scenario.agents.joined(placed),
-            f"The past of agent {self.agent_id} was back-cast at its speed."
+            f"The history of agent {self.agent_id} was reconstructed at its speed."
             if self.back_cast
             else None,
         )
@@ -75,7 +75,7 @@ class PlaceAgent(Command):
         return with_focal_agent(joined)
 
     def _track(self, scenario: Scenario) -> AgentTracks:
-        """The agent alone: its past, if wanted, and a straight future."""
+        """Track of the agent: its history, if requested, and a straight trajectory."""
         axis = scenario.time_axis
         times, now = axis.times_s(), axis.current_step
         state = np.array([self.x_m, self.y_m], float)
@@ -83,7 +83,7 @@ class PlaceAgent(Command):
         position = state + times[:, None] * self.speed_mps * unit_vector(heading)
         is_past = np.arange(len(times)) < now
         if self.back_cast and self.speed_mps > 0:
-            position[:now], heading[:now] = back_cast_positions(
+            position[:now], heading[:now] = reconstructed_positions(
                 scenario.road_map,
                 self.kind,
                 state,
@@ -107,7 +107,7 @@ class PlaceAgent(Command):
 
 
 def _on_its_lane(scenario: Scenario, row: int) -> Scenario:
-    """The scenario in which one agent drives the lane it is on, at its own speed."""
+    """Let an agent drive along its lane at its own speed."""
     axis = scenario.time_axis
     if axis.num_future_steps < 1:
         return scenario
@@ -116,7 +116,7 @@ def _on_its_lane(scenario: Scenario, row: int) -> Scenario:
     if not (found.has_lane[0] and found.is_valid[0, 0]):
         return scenario
     # The first candidate keeps the agent's own speed on the most natural route.
-    agents = agents_with_future(
+    agents = agents_with_trajectory(
         scenario.agents,
         rows,
         slice(axis.current_step + 1, axis.num_steps),

@@ -1,4 +1,4 @@
-"""Edits of where agents are; each carries an agent's whole track rigidly."""
+"""Commands that change current poses; each moves an agent's whole track rigidly."""
 
 import math
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ from pd_editor.paths.route_choice import lane_kinds_of
 from pd_editor.scene.scenario import Scenario
 
 MAX_SNAP_M: Final = 15.0
-"""Furthest that an agent may be from the centre line it is snapped to."""
+"""Largest distance between an agent and the centre line that it is snapped to."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TransformAgents(Command):
-    """Turn agents about their common centre at the current step, then shift them."""
+    """Rotate agents about their common centre at the current step, then shift them."""
 
     agent_ids: tuple[str, ...]
     dx_m: float = 0.0
@@ -39,12 +39,12 @@ class TransformAgents(Command):
 
     @property
     def edits_current_state(self) -> bool:
-        """It does."""
+        """True: the command sets current states."""
         return True
 
     @property
     def label(self) -> str:
-        """Says how far and by which angle."""
+        """Label with distance and angle."""
         agents, names = agents_in_words(self.agent_ids), names_after(self.agent_ids)
         distance = math.hypot(self.dx_m, self.dy_m)
         turn = f"{math.degrees(self.rotation_rad):+.0f}°"
@@ -55,7 +55,7 @@ class TransformAgents(Command):
         return f"Move {agents} by {distance:.1f} m, turn by {turn}{names}"
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with whole tracks moved."""
+        """Scenario with whole tracks moved."""
         rows = present_rows(scenario, self.agent_ids)
         if not (self.dx_m or self.dy_m or self.rotation_rad):
             return scenario
@@ -72,7 +72,7 @@ class TransformAgents(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class SetAgentPosition(Command):
-    """Shift an agent so that it is at a point now."""
+    """Shift an agent so that it is at a point at the current step."""
 
     agent_id: str
     x_m: float
@@ -83,24 +83,24 @@ class SetAgentPosition(Command):
 
     @property
     def edits_current_state(self) -> bool:
-        """It does."""
+        """True: the command sets current states."""
         return True
 
     @property
     def label(self) -> str:
-        """Says where to."""
+        """Label with the position."""
         agent = agents_in_words((self.agent_id,))
         return f"Move {agent} to ({self.x_m:.1f}, {self.y_m:.1f}) m"
 
     def label_after(self, before: Scenario) -> str:
-        """Says how far."""
+        """Label with the distance."""
         row = before.agents.row_of[self.agent_id]
         x, y = before.agents.position_m[row, before.current_step]
         distance = math.hypot(self.x_m - x, self.y_m - y)
         return f"Move {agents_in_words((self.agent_id,))} by {distance:.1f} m"
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with the whole track shifted."""
+        """Scenario with the whole track shifted."""
         rows = present_rows(scenario, (self.agent_id,))
         target = np.array([[self.x_m, self.y_m]], float)
         return _carried(scenario, rows, target, np.zeros(1))
@@ -108,7 +108,7 @@ class SetAgentPosition(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class SetAgentHeading(Command):
-    """Turn each agent about itself so that it has a heading now."""
+    """Rotate each agent about itself so that it has a heading at the current step."""
 
     agent_ids: tuple[str, ...]
     heading_rad: float
@@ -118,17 +118,17 @@ class SetAgentHeading(Command):
 
     @property
     def edits_current_state(self) -> bool:
-        """It does."""
+        """True: the command sets current states."""
         return True
 
     @property
     def label(self) -> str:
-        """Says the heading in degrees."""
+        """Label with the heading in degrees."""
         degrees = math.degrees(self.heading_rad)
         return f"Turn {agents_in_words(self.agent_ids)} to {degrees:.0f}°{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with whole tracks turned."""
+        """Scenario with whole tracks rotated."""
         rows = present_rows(scenario, self.agent_ids)
         now = scenario.current_step
         turn = self.heading_rad - scenario.agents.heading_rad[rows, now]
@@ -138,22 +138,22 @@ class SetAgentHeading(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class SnapToLane(Command):
-    """Put agents onto the nearest centre line, heading along the lane."""
+    """Snap agents to the nearest centre line, heading along the lane."""
 
     agent_ids: tuple[str, ...]
 
     @property
     def edits_current_state(self) -> bool:
-        """It does."""
+        """True: the command sets current states."""
         return True
 
     @property
     def label(self) -> str:
-        """Names or counts the agents."""
+        """Label with the name or number of the agents."""
         return f"Snap {agents_in_words(self.agent_ids)} to lane{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with whole tracks carried onto lanes."""
+        """Scenario with whole tracks moved to lanes."""
         rows = present_rows(scenario, self.agent_ids)
         agents, now = scenario.agents, scenario.current_step
         position, heading = agents.position_m[rows, now], agents.heading_rad[rows, now]
@@ -184,7 +184,7 @@ class SnapToLane(Command):
 def _turned(
     vectors: Float[np.ndarray, "G *rest 2"], angle_rad: Float[np.ndarray, "G"]
 ) -> Float[np.ndarray, "G *rest 2"]:
-    """Vectors of each agent turned by the agent's own angle."""
+    """Rotate the vectors of each agent by the agent's own angle."""
     shape = (len(angle_rad), *(1,) * (vectors.ndim - 2))
     cos, sin = np.cos(angle_rad).reshape(shape), np.sin(angle_rad).reshape(shape)
     x, y = vectors[..., 0], vectors[..., 1]
@@ -197,7 +197,7 @@ def _carried(
     target_m: Float[np.ndarray, "G 2"],
     turn_rad: Float[np.ndarray, "G"],
 ) -> Scenario:
-    """Whole tracks moved rigidly so that the current positions become ``target_m``."""
+    """Move whole tracks rigidly so that the current positions become ``target_m``."""
     check_positions(target_m)
     agents, now = scenario.agents, scenario.current_step
     position, is_valid = agents.position_m[rows], agents.is_valid[rows]

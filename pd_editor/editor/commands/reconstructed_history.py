@@ -1,4 +1,4 @@
-"""A past for an agent that has none: along its lane, backwards, at its speed."""
+"""Reconstructs the history of a placed agent: backwards along its lane at its speed."""
 
 from typing import Final
 
@@ -14,22 +14,22 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import RoadMap
 
 MAX_TURN_RAD: Final = np.radians(30)
-"""An agent at a larger angle to its lane has not come along it."""
+"""An agent at a larger angle to its lane gets a straight history."""
 _TANGENT_M: Final = 0.5
 _MARGIN_M: Final = 5.0
 
 
-def back_cast_positions(
+def reconstructed_positions(
     road_map: RoadMap,
     kind: AgentKind,
     position_m: Float[np.ndarray, "2"],
     heading_rad: float,
     distance_m: Float[np.ndarray, "P"],
 ) -> tuple[Float[np.ndarray, "P 2"], Float[np.ndarray, "P"]]:
-    """Where an agent was ``distance_m`` ago, and its heading there.
+    """Earlier positions of an agent, ``distance_m`` before the current one, with headings.
 
-    It came along the lane it is on and, of the lanes before that, along the one that
-    needs the least turning; straight where there is no lane.
+    The history follows the agent's lane and the straightest chain of predecessors; it is
+    straight without a lane.
     """
     line = _line_to(road_map, kind, position_m, heading_rad, distance_m.max(initial=0))
     if line is None:
@@ -57,7 +57,7 @@ def _line_to(
     heading_rad: float,
     length_m: float,
 ) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]] | None:
-    """The centre line up to an agent, and the parallel to it that ends at the agent."""
+    """Centre line up to an agent, and its parallel that ends at the agent."""
     match = nearest_lanes(
         road_map,
         position_m[None],
@@ -90,7 +90,7 @@ def _line_to(
         start = first / np.linalg.norm(first)
     else:
         start = ahead
-    # Beyond the first lane and beyond the agent the line goes straight on.
+    # Beyond the first lane and beyond the agent the line continues straight.
     if missing > 0:
         line = np.concatenate([line[:1] - (missing + _MARGIN_M) * start, line])
     shifted = offset_line(line, offset)
@@ -98,7 +98,7 @@ def _line_to(
 
 
 def _straightest_before(graph: LaneGraph, row: int) -> int | None:
-    """The lane before one from which it is reached with the least turning."""
+    """Straightest predecessor of a lane; None without one."""
     before = [
         other
         for other, following in enumerate(graph.successors)

@@ -1,4 +1,4 @@
-"""Edits of the road."""
+"""Command that warps the road."""
 
 import math
 from collections.abc import Iterator
@@ -22,11 +22,11 @@ WARP_NAME: Final[dict[WarpKind, str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class SetRoadWarp(Command):
-    """Bend the original road, or give it back; takes the place of a former warp."""
+    """Warp the original road, or restore it; replaces an earlier warp."""
 
     warp: RoadWarp | None
     friction_coefficient: float | None = None
-    """mu of the speed limit that agents are slowed to; None leaves their speeds."""
+    """Friction coefficient mu that agents are slowed to; None leaves their speeds."""
 
     def __post_init__(self) -> None:
         mu = self.friction_coefficient
@@ -44,7 +44,7 @@ class SetRoadWarp(Command):
 
     @property
     def label(self) -> str:
-        """Says kinds and powers of the bends."""
+        """Label with kinds and powers of the terms."""
         if self.warp is None or self.warp.is_identity:
             return "Reset the road"
         bends = ", ".join(
@@ -54,7 +54,7 @@ class SetRoadWarp(Command):
         return f"Bend the road: {bends}" + ("" if mu is None else f", friction {mu:g}")
 
     def label_after(self, before: Scenario) -> str:
-        """Says what differs from the warp in force."""
+        """Label with the differences to the applied warp."""
         applied = before.applied_warp
         if applied is None or self.warp is None or self.warp.is_identity:
             return self.label
@@ -66,7 +66,7 @@ class SetRoadWarp(Command):
         return f"Road: {', '.join(changes)}" if changes else self.label
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario under this warp alone."""
+        """Scenario under this warp only."""
         applied = scenario.applied_warp
         if applied is None and (self.warp is None or self.warp.is_identity):
             return scenario
@@ -82,7 +82,7 @@ class SetRoadWarp(Command):
 
 
 def _bends(warp: RoadWarp) -> tuple[WarpTerm, ...]:
-    """The terms that bend at all."""
+    """Terms with a power other than zero."""
     return tuple(term for term in warp.terms if term.power != 0)
 
 
@@ -122,7 +122,7 @@ def _bend_changes(before: RoadWarp, after: RoadWarp) -> Iterator[str]:
 def _shape_changes(
     old: tuple[WarpTerm, ...], new: tuple[WarpTerm, ...]
 ) -> Iterator[str]:
-    """Border and exponent, which a user sets for all bends alike."""
+    """Changes of border and exponent, which are common to all terms."""
     if not (old and new):
         return
     if old[0].border_m != new[0].border_m:

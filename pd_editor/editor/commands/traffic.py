@@ -1,4 +1,4 @@
-"""Edits that take over what a generator drew."""
+"""Command that applies generated traffic."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -14,7 +14,7 @@ from pd_editor.editor.commands.edit_limits import (
     check_positions,
     check_velocities,
 )
-from pd_editor.editor.commands.motion import agents_with_future
+from pd_editor.editor.commands.motion import agents_with_trajectory
 from pd_editor.errors import EditError, GenerationError
 from pd_editor.generation import (
     GeneratedTraffic,
@@ -33,14 +33,14 @@ from pd_editor.scene.focal_agent import focal_place_m, with_focal_agent
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 NEW_PREFIX: Final = "new"
-"""Generated agents are called ``new-1``, ``new-2``, ..."""
+"""Prefix of the ids of generated agents: ``new-1``, ``new-2``, ..."""
 SAME_STATE_M: Final = 0.01
 """A generated current state this close to the present one counts as the same."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RequestSummary:
-    """What was asked of a generator, without the scenario that it was asked about."""
+    """A generation request without its scenario, as stored in recipes."""
 
     agent_ids: tuple[str, ...]
     num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
@@ -51,15 +51,15 @@ class RequestSummary:
     region: Region | None = None
     quality: Quality = "fast"
     removed_ids: tuple[str, ...] = ()
-    """Agents that were taken out before the generator was asked."""
+    """Ids of agents that were removed before the generation."""
     num_samples: int = 1
     sample_index: int = 0
-    """Which of the samples was taken."""
+    """Index of the applied sample."""
     num_denoising_steps: int | None = None
     guidance: tuple[GuidanceTerm, ...] = ()
 
     def request(self, scenario: Scenario, seed: int) -> GenerationRequest:
-        """The same request about a scenario that holds the removed agents still."""
+        """The request for a scenario that still contains the removed agents."""
         return GenerationRequest(
             scenario=scenario.without_agents(self.removed_ids),
             agent_ids=self.agent_ids,
@@ -79,14 +79,14 @@ class RequestSummary:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReplaceTraffic(Command):
-    """Give agents the futures that a generator drew, and add those it invented.
+    """Apply generated trajectories to agents, and add generated agents.
 
-    Agents that the new ones replace leave first. If the focal agent is among them, the
-    moving vehicle nearest to where it was becomes the focal one.
+    Replaced agents are removed first. If the focal agent is among them, the moving
+    vehicle nearest to it becomes the focal agent.
 
-    Agents of the scenario keep their kind, their size and, where the sample agrees
-    with it, their current state; where it does not, the sample's state counts and
-    the past, which no longer leads there, is dropped. Arrays are kept as float32.
+    Agents of the scenario keep their kind, their size and, if the sample agrees with it,
+    their current state; otherwise the sample's state is applied and the history, which
+    no longer leads there, is removed. Arrays are stored as float32.
     """
 
     sample: TrafficSample
@@ -116,7 +116,7 @@ class ReplaceTraffic(Command):
 
     @property
     def label(self) -> str:
-        """What was sampled, which sample was taken, and from which generator."""
+        """Label with what was sampled, the sample's index, and the generator."""
         agents = agents_in_words(self.sample.ids)
         asked = self.request
         if asked.redrawn_state_ids or asked.removed_ids:
@@ -131,7 +131,7 @@ class ReplaceTraffic(Command):
         return f"{done}{which} ({self.generator}, seed {self.seed})"
 
     def apply(self, scenario: Scenario) -> Scenario:
-        """The scenario with other traffic."""
+        """Scenario with the generated traffic."""
         sample, axis = self.sample, scenario.time_axis
         if sample.position_m.shape[1] != axis.num_future_steps + 1:
             raise EditError(
@@ -166,7 +166,7 @@ class ReplaceTraffic(Command):
             return with_focal_agent(scenario, place)
         what = "Motion" if set(sample.ids) <= set(there) else "State and motion"
         note = (
-            f"{what} of {agents_in_words(sample.ids)} was drawn by {self.generator},"
+            f"{what} of {agents_in_words(sample.ids)} was sampled by {self.generator},"
             f" seed {self.seed}."
         )
         new = [name for name in sample.ids if name not in there]
@@ -187,7 +187,7 @@ class ReplaceTraffic(Command):
         )
         for some, first in ((same, now + 1), (~same, now)):
             if some.any() and first < axis.num_steps:
-                agents = agents_with_future(
+                agents = agents_with_trajectory(
                     agents,
                     rows[some],
                     slice(first, axis.num_steps),
@@ -201,10 +201,10 @@ class ReplaceTraffic(Command):
 
 
 def check_sample(sample: TrafficSample) -> None:
-    """Refuse a sample whose arrays do not fit one another.
+    """Raise for a sample whose arrays do not match.
 
     Raises:
-        GenerationError: a shape is wrong, or an id comes twice.
+        GenerationError: a shape is wrong, or an id occurs twice.
     """
     count = len(sample.ids)
     if sample.position_m.ndim != 3:
@@ -240,13 +240,13 @@ def traffic_command(
     *,
     removed_ids: tuple[str, ...] = (),
 ) -> ReplaceTraffic:
-    """The command that takes over one generated sample.
+    """Make the command that applies one generated sample.
 
-    ``removed_ids`` are the agents that had been taken out for the request.
+    ``removed_ids`` are the agents that were removed for the request.
 
     Raises:
-        GenerationError: there is no such sample, its shape is wrong, or it speaks of
-            agents that it was not asked about.
+        GenerationError: there is no such sample, its shape is wrong, or it has agents
+            that were not requested.
     """
     if not 0 <= sample_index < len(traffic.samples):
         raise GenerationError(
@@ -294,7 +294,7 @@ def traffic_command(
 def _with_unused_ids(
     sample: TrafficSample, request: GenerationRequest
 ) -> TrafficSample:
-    """The sample whose new agents have ids that no agent of the history has had."""
+    """Give the new agents of a sample ids that are unused in the whole history."""
     driven = set(request.agent_ids)
     is_new = [name not in driven for name in sample.ids]
     if not any(
@@ -321,7 +321,7 @@ def _as_float32(sample: TrafficSample) -> TrafficSample:
 
 
 def _blank(sample: TrafficSample, index: np.ndarray, num_steps: int) -> AgentTracks:
-    """Agents of a sample that the scenario lacks, without any valid step yet."""
+    """New agents of a sample, without any valid step."""
     count = len(index)
     return AgentTracks(
         ids=tuple(sample.ids[one] for one in index),
@@ -343,9 +343,9 @@ def _with_activity(
     is_sampled: np.ndarray,
     sample: TrafficSample,
 ) -> AgentTracks:
-    """Agents with the activities that were sampled with their states.
+    """Set the activities that were sampled together with states.
 
-    The activity of an agent whose state stays is kept where the sample knows none.
+    An agent keeps its activity if its state stays and the sample has none.
     """
     known = np.array(sample.activity or (Activity.UNKNOWN,) * len(rows), np.int8)
     kept = agents.activity[rows]
@@ -354,7 +354,7 @@ def _with_activity(
 
 
 def _without_past(agents: AgentTracks, rows: np.ndarray, now: int) -> AgentTracks:
-    """Agents of which some begin at the current step."""
+    """Remove the history of some agents."""
     if not len(rows):
         return agents
     cut: dict[str, np.ndarray] = {}

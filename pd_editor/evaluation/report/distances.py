@@ -1,4 +1,4 @@
-"""How far each method's distributions are from the log's, beside the noise floor."""
+"""Tables of distances between each method's distributions and the log's."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,15 +25,15 @@ STATE_METRICS: Final = (
     "nearest_edge_angle",
     "speed",
 )
-"""What is known of an agent at the current step, however early it leaves."""
+"""Metrics at the current step, which do not depend on when an agent leaves."""
 _KEYS: Final = ("scenario_id", "method", "sample", "agent_id")
 
 
 class _Rows:
-    """Movers on plain roads, one row per sample.
+    """Values of motor vehicles on original roads, one row per sample.
 
-    Of futures only those count that the log has to the end; where states are drawn, of
-    the log's own agents.
+    Trajectories count only if the log has them to the end; where states are sampled,
+    this applies to the log's own agents.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class _Rows:
         self.scene = np.array(table["scenario_id"].to_pylist(), object)
         agent = np.array(table["agent_id"].to_pylist(), object)
         whole = np.array(table["recorded"].to_pylist(), float) == 1.0
-        # Who left the recording early has a shorter path in the log only.
+        # Agents that left the recording early have a shorter path in the log only.
         key = [f"{scene}/{name}" for scene, name in zip(self.scene, agent, strict=True)]
         self.agent = np.array(key, object)
         self.is_logged = np.asarray(self.method == GROUND_TRUTH, bool)
@@ -79,11 +79,11 @@ class _Rows:
     def values(
         self, metric: str, which: Bool[np.ndarray, "R"]
     ) -> Float[np.ndarray, "N"]:
-        """All values of a metric in some rows, one after the other."""
+        """All values of a metric in some rows, flattened."""
         return np.concatenate([np.zeros(0), *self._parts(metric, which)])
 
     def scenes(self, metric: str) -> list[MetricValues]:
-        """The log's values, scene by scene."""
+        """Values of the log, one entry per scene."""
         scenes = (
             self._parts(metric, self.is_logged & (self.scene == scene))
             for scene in dict.fromkeys(self.scene[self.is_logged])
@@ -97,7 +97,7 @@ def distance_tables(
     task: EvaluationTask,
     splits: Sequence[str],
 ) -> list[ReportTable]:
-    """Square roots of Jensen-Shannon divergences to the log, for movers of some splits."""
+    """Jensen-Shannon distances to the log, for motor vehicles of some splits."""
     rows = _Rows(rows_file, task, splits)
     others = [name for name in methods if name != GROUND_TRUTH]
     is_logged = rows.is_logged
@@ -117,7 +117,7 @@ def distance_tables(
     whole = f"{num_agents} agents that the log has to the end"
     if task.samples_states:
         present = len(set(rows.agent[is_logged]))
-        whole = f"{present} agents of the log at the state; of their ways, {whole}"
+        whole = f"{present} agents of the log at the current step; of their trajectories, {whole}"
     return [
         ReportTable(
             title="Movers, plain roads: distance of distributions",

@@ -30,9 +30,9 @@ PLACING_SHOWN: Final = (
     "new_overlap",
     "path_length",
 )
-"""Where states are drawn."""
+"""Metrics of the figures where initial states are sampled."""
 COLORS: Final = ("#333333", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
-"""Okabe and Ito's, which colour-blind readers can tell apart."""
+"""Palette of Okabe and Ito, which colour-blind readers can distinguish."""
 _GROUP: Final = "movers on their way"
 _COLUMNS: Final = 3
 _STYLE: Final[dict[Any, Any]] = {
@@ -48,7 +48,7 @@ _STYLE: Final[dict[Any, Any]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """A picture with the words below it."""
+    """A picture with its caption."""
 
     svg: bytes
     caption: str
@@ -59,7 +59,7 @@ def figures_of(
     conditions: Sequence[RoadCondition],
     shown: Sequence[str] = SHOWN,
 ) -> tuple[Figure, ...]:
-    """All figures that the roads allow; a panel for each metric that is shown."""
+    """Figures that the road conditions allow, with a panel for each shown metric."""
     if not summary.num_agents[:, :, summary.groups.index(_GROUP)].any():
         return ()
     figures = [
@@ -90,7 +90,7 @@ def figures_of(
 
 
 def _intervals_svg(summary: Summary, shown: Sequence[str]) -> bytes:
-    """A panel for each metric, in it a row for each method."""
+    """Panels by metric, with a row for each method."""
     panels = _Panels(len(shown), 0.7 + 0.3 * len(summary.methods))
     rows = np.arange(len(summary.methods))
     roads = [road for road in (PLAIN, PERTURBED) if road in summary.roads]
@@ -126,7 +126,7 @@ def _intervals_svg(summary: Summary, shown: Sequence[str]) -> bytes:
 
 
 def _powers_svg(summary: Summary, by_kind: dict[str, list[RoadCondition]]) -> bytes:
-    """A panel for each kind of bend, in it a line for each method."""
+    """Panels by kind of warp, with a line for each method."""
     panels = _Panels(len(by_kind), 2.4)
     median = summary.median_final_m[:, :, summary.groups.index(_GROUP)]
     for axes, (kind, roads) in zip(panels.axes, by_kind.items(), strict=True):
@@ -147,7 +147,7 @@ def _powers_svg(summary: Summary, by_kind: dict[str, list[RoadCondition]]) -> by
 
 
 class _Panels:
-    """Panels of equal size side by side; drawn without a screen."""
+    """Panels of equal size side by side, rendered without a display."""
 
     def __init__(self, count: int, height: float) -> None:
         from matplotlib import rc_context
@@ -167,12 +167,12 @@ class _Panels:
             ]
 
     def legend(self) -> None:
-        """Say beside the panels which line is whose."""
+        """Add a legend beside the panels."""
         lines, names = self.axes[0].get_legend_handles_labels()
         self._canvas.legend(lines, names, loc="outside right upper", frameon=False)
 
     def svg(self) -> bytes:
-        """The picture."""
+        """Render the panels as SVG."""
         from matplotlib import rc_context
 
         sink = io.BytesIO()

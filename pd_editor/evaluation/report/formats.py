@@ -1,4 +1,4 @@
-"""A report as Markdown, and as one HTML page that needs nothing else."""
+"""Formats of a report: Markdown, and one self-contained HTML page."""
 
 import base64
 import re

@@ -1,8 +1,8 @@
-"""The scene test: can a classifier tell generated vehicles from recorded ones?
+"""The scene test: a classifier that distinguishes generated from recorded vehicles.
 
-A classifier two-sample test (Lopez-Paz and Oquab, ICLR 2017) over the surroundings of
-vehicles, cross-validated by scene. An AUC of 0.5 means that it cannot, 1.0 that it always
-can.
+A classifier two-sample test (Lopez-Paz and Oquab, ICLR 2017) on the surroundings of
+vehicles, cross-validated by scene. An AUC of 0.5 means indistinguishable, 1.0 always
+distinguishable.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ _EXTRA: Final = "install pd-editor[evaluate] for it (scikit-learn)"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surroundings:
-    """Vehicles V of some scenes with what is around them."""
+    """Surroundings of V vehicles of some scenes."""
 
     features: Float[np.ndarray, "V F"]
     scene: np.ndarray
@@ -37,16 +37,16 @@ class Surroundings:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneTest:
-    """What a classifier found out about generated vehicles."""
+    """Result of a scene test."""
 
     auc: float
-    """Mean over seeds, of held-out vehicles."""
+    """AUC on held-out vehicles, mean over seeds."""
     telling: tuple[tuple[str, float], ...]
-    """Features by which they differ most, each with its AUC alone."""
+    """Features that differ most, each with the AUC of the feature alone."""
 
 
 def scene_test(recorded: Surroundings, generated: Surroundings) -> SceneTest | None:
-    """Tell two sets of vehicles apart; None where fewer than two scenes are there.
+    """Distinguish two sets of vehicles; None with fewer than two scenes.
 
     Raises:
         ImportError: scikit-learn is not installed.
@@ -63,7 +63,7 @@ def scene_test(recorded: Surroundings, generated: Surroundings) -> SceneTest | N
     if num_folds < 2 or not 0 < is_generated.mean() < 1:
         return None
     found = []
-    # So few vehicles gain nothing by threads, which a busy machine would slow down.
+    # One thread: so few vehicles gain nothing from several, which a busy machine slows.
     with threadpool_limits(1):
         for seed in range(NUM_SEEDS):
             folds = GroupKFold(num_folds, shuffle=True, random_state=seed)
@@ -89,7 +89,7 @@ def scene_test(recorded: Surroundings, generated: Surroundings) -> SceneTest | N
 def scene_test_tables(
     rows_file: Path, methods: Sequence[str], splits: Sequence[str]
 ) -> list[ReportTable]:
-    """One row per method: AUC against the log on plain roads, and what tells."""
+    """Tables with one row per method: AUC on original roads, and its main features."""
     recorded = _surroundings(rows_file, GROUND_TRUTH, splits)
     rows = []
     for name in methods:

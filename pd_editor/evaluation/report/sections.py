@@ -1,4 +1,4 @@
-"""The report of an evaluation: sections of words, tables and figures."""
+"""Sections of the report of an evaluation: text, tables and figures."""
 
 import platform
 from collections import Counter
@@ -15,7 +15,7 @@ from pd_editor.evaluation.evaluation import (
     EvaluationSplits,
     RunRecord,
 )
-from pd_editor.evaluation.evaluation_task import DRAWN_HALF_SIDE_M, EvaluationTask
+from pd_editor.evaluation.evaluation_task import SAMPLED_HALF_SIDE_M, EvaluationTask
 from pd_editor.evaluation.report.tables import (
     HEADLINES,
     PLACING_HEADLINES,
@@ -31,7 +31,7 @@ from pd_editor.evaluation.summary import Summary
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 
 FIGURES_TITLE: Final = "Results"
-"""The section that figures belong to."""
+"""Title of the section with the figures."""
 _PACKAGES: Final = ("pd-editor", "numpy", "pyarrow", "shapely", "av2")
 _DISTANCES_WORDS: Final = (
     "Square roots of Jensen-Shannon divergences, natural logarithm (what the paper calls "
@@ -39,12 +39,12 @@ _DISTANCES_WORDS: Final = (
     "recordings."
 )
 _LISTED: Final = 30
-"""Failures written out; the rest is counted."""
+"""Number of failures listed; further ones are counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A heading, paragraphs, then tables."""
+    """A section: heading, paragraphs, then tables."""
 
     title: str
     paragraphs: tuple[str, ...] = ()
@@ -53,7 +53,7 @@ class Section:
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """All sections in their order."""
+    """A report: all sections in order."""
 
     title: str
     sections: tuple[Section, ...]
@@ -66,21 +66,21 @@ class Report:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Findings:
-    """What an evaluation found, split by split."""
+    """Results of an evaluation by split."""
 
     splits: EvaluationSplits
     summary: Summary
-    """Of the headline splits."""
+    """Summary of the headline splits."""
     development: Summary | None = None
-    """Of the splits on which settings were chosen, where others are the headline."""
+    """Summary of the development splits, if they are not the headline."""
     distances: Sequence[ReportTable] = ()
-    """Of the headline splits."""
+    """Distances of distributions for the headline splits."""
     scene_test: Sequence[ReportTable] = ()
-    """Of the headline splits; where states are drawn."""
+    """Scene test for the headline splits, where initial states are sampled."""
 
     @property
     def num_scenes(self) -> Int[np.ndarray, "M"]:
-        """Scenes that each method has, of all splits."""
+        """Number of scenes of each method in all splits."""
         parts = (self.summary, self.development)
         return sum(
             (part.num_scenes.max(axis=(1, 2)) for part in parts if part is not None),
@@ -91,7 +91,7 @@ class Findings:
 def report_of(
     plan: EvaluationPlan, record: RunRecord, found: Findings, command: str
 ) -> Report:
-    """The report in words and numbers."""
+    """Assemble the report."""
     summary = found.summary
     return Report(
         title="Evaluation",
@@ -118,14 +118,14 @@ def report_of(
 def _compared(
     task: EvaluationTask, summary: Summary, distances: Sequence[ReportTable]
 ) -> tuple[Section, ...]:
-    """Results, and how far they are from the log."""
+    """Sections with results and distances to the log."""
     beside = "overlap, path length, ADE and spread"
     if task.samples_states:
         beside = "overlap and path length"
     results = (
         "Means over agents and samples, with intervals. Final lateral deviation alone is "
-        f"low for whoever stays on some lane, even at random: read it beside {beside}. "
-        "Agents of the log are judged while they are recorded, all others to the end"
+        f"low for agents that stay on any lane, even at random: read it beside {beside}. "
+        "Agents of the log are evaluated while they are recorded, all others to the end"
     )
     of_states = "states (speed, nearest distance, density, nearest edge and its angle)"
     if task.samples_states:
@@ -167,7 +167,7 @@ def _scene_test(found: Findings) -> tuple[Section, ...]:
 
 
 def _development(task: EvaluationTask, found: Findings) -> tuple[Section, ...]:
-    """Results on the scenes that settings were chosen on, apart from the headline."""
+    """Sections with results on the development splits."""
     if found.development is None:
         return ()
     headlines = PLACING_HEADLINES if task.samples_states else HEADLINES
@@ -210,7 +210,7 @@ def _words(plan: EvaluationPlan, record: RunRecord, found: Findings) -> tuple[st
     roads = ", ".join(one.label for one in plan.conditions)
     words = [
         f"{record.num_scenes} scenes on {len(plan.conditions)} roads ({roads}). "
-        f"{_asked(plan.task)} Methods that draw at random give {plan.num_samples} "
+        f"{_asked(plan.task)} Methods that sample at random give {plan.num_samples} "
         "samples of each scene.",
         _split_words(found.splits),
         *(f"**{method.name}**: {method.description}" for method in plan.methods),
@@ -258,7 +258,7 @@ def _words(plan: EvaluationPlan, record: RunRecord, found: Findings) -> tuple[st
 
 
 def _split_words(splits: EvaluationSplits) -> str:
-    """Which scenes the headline figures are of."""
+    """Describe the scenes of the headline figures."""
     if not splits.held_out:
         return (
             f"All scenes are of {_listed(splits.development)}, on which settings were "
@@ -274,18 +274,22 @@ def _split_words(splits: EvaluationSplits) -> str:
 
 
 def _asked(task: EvaluationTask) -> str:
-    """What methods were asked to fill."""
-    words = "Agents keep their states at the current step; their futures are redrawn."
+    """Describe the task of the methods."""
+    words = "Agents keep their states at the current step; their trajectories are generated."
     if task.samples_states:
         words = (
-            "Agents are placed anew and driven: as many of each kind as the log has in a "
-            f"square of {2 * DRAWN_HALF_SIDE_M:g} m around the focal agent, all others "
-            "left out. Whether a drawn agent is on its way, its drawn state tells."
+            "Initial states and trajectories are sampled: as many agents of each kind as the log has in a "
+            f"square of {2 * SAMPLED_HALF_SIDE_M:g} m around the focal agent, all others "
+            "left out. Whether a sampled agent is on its way depends on its sampled state."
         )
     if task.agents == "paper":
         words += (
             " Only agents that the paper's code keeps are in the scenes"
-            + (", and states are drawn on the road only" if task.samples_states else "")
+            + (
+                ", and states are sampled on the road only"
+                if task.samples_states
+                else ""
+            )
             + "."
         )
     return words

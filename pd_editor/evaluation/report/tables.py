@@ -1,4 +1,4 @@
-"""The tables of a report, as text in cells."""
+"""Tables of a report, with text in cells."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,8 @@ HEADLINES: Final = (
     ("off_drivable_steps", "SOR, %"),
     ("off_drivable", "HOR, %"),
 )
-"""Lateral deviation alone is met by whoever stays on a lane, so all stand together."""
+"""Headline metrics. Lateral deviation alone is low for agents that stay on any lane, so
+it is shown beside others."""
 PLACING_HEADLINES: Final = (
     ("init_collision_2m", "collision 2 m, %"),
     ("init_overlap", "boxes overlap, %"),
@@ -44,7 +45,7 @@ PLACING_HEADLINES: Final = (
         if name not in ("ade", "fde", "missed", "min_ade", "end_spread")
     ),
 )
-"""Where states are drawn: nobody is on the way of an agent of the log."""
+"""Headline metrics where initial states are sampled, without errors against the log."""
 COMPARED: Final = (
     "lateral_deviation_final",
     FAR_FROM_LANE,
@@ -56,7 +57,7 @@ COMPARED: Final = (
     "uncomfortable",
     "impossible",
 )
-"""Metrics that the log has a value of, so that methods can be compared with it."""
+"""Metrics that the log has values of, in which methods are compared with it."""
 BY_ROAD: Final = (
     "lateral_deviation_final",
     "new_overlap",
@@ -70,7 +71,7 @@ NONE: Final = "-"
 
 @dataclass(frozen=True, kw_only=True)
 class ReportTable:
-    """Text in rows under a header."""
+    """A table of texts: header and rows."""
 
     title: str
     header: tuple[str, ...]
@@ -81,7 +82,7 @@ class ReportTable:
 def headline_tables(
     summary: Summary, headlines: Sequence[tuple[str, str]]
 ) -> list[ReportTable]:
-    """For each group, the most telling metrics on plain and on perturbed roads."""
+    """Headline metrics on original and on warped roads, one table per group."""
     of_median = 1 + [name for name, _ in headlines].index("lateral_deviation_final")
     titles = [title for _, title in headlines]
     titles.insert(of_median, "its median, m")
@@ -101,7 +102,7 @@ def headline_tables(
 
 
 def difference_tables(summary: Summary) -> list[ReportTable]:
-    """For each group, methods minus the log on the same agents."""
+    """Differences between methods and the log on the same agents, one table per group."""
 
     def rows(w: int, g: int) -> Iterator[tuple[str, ...]]:
         for m, method in enumerate(summary.methods):
@@ -122,7 +123,7 @@ def difference_tables(summary: Summary) -> list[ReportTable]:
 
 
 def complete_tables(summary: Summary) -> list[ReportTable]:
-    """Every metric of every method, for each group on plain and perturbed roads."""
+    """All metrics of all methods on original and warped roads, one table per group."""
 
     def rows(w: int, g: int) -> Iterator[tuple[str, ...]]:
         for name in (*METRIC_COLUMNS, FAR_FROM_LANE):
@@ -158,7 +159,7 @@ def _main_tables(
 
 
 def road_tables(summary: Summary) -> list[ReportTable]:
-    """Each road by itself, one table for each of the metrics that belong together."""
+    """Results by road condition, one table per group of related metrics."""
     if PERTURBED not in summary.roads:
         return []
     return [
@@ -192,7 +193,7 @@ def _road_table(summary: Summary, group: str, name: str) -> ReportTable:
 
 
 def definition_table() -> ReportTable:
-    """What each metric means and whose definition it is."""
+    """Definitions and sources of all metrics."""
     rows = [
         (
             metric.name,
@@ -221,7 +222,7 @@ def cell(
     signed: bool = False,
     with_interval: bool = True,
 ) -> str:
-    """A mean with its interval; shares in per cent."""
+    """Text of a mean with its interval; shares in per cent."""
     scale = 100.0 if unit == "share" else 1.0
     numbers = [
         scale * float(part[at])
@@ -241,12 +242,12 @@ def _number(value: float) -> str:
 
 
 def unit_of(name: str) -> str:
-    """Unit of a metric or of what was derived from one."""
+    """Unit of a metric or of a metric derived from it."""
     return "share" if name == FAR_FROM_LANE else METRICS[name].unit
 
 
 def named(name: str) -> str:
-    """A metric with its unit, marked if it is the paper's."""
+    """Name of a metric with its unit, marked if it is the paper's."""
     mark = " *paper*" if name in METRICS and METRICS[name].source == "paper" else ""
     return f"{name}, {_shown_unit(unit_of(name))}{mark}"
 

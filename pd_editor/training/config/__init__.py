@@ -1,1 +1,1 @@
-"""What a training run is asked to do: settings, presets, requests."""
+"""Configuration of training runs: settings, presets, requests."""

@@ -1,4 +1,4 @@
-"""Settings that are known to work, by the hardware they are for."""
+"""Presets of settings by hardware and purpose."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -15,13 +15,13 @@ PresetName = Literal["default", "gpu", "av2", "tiny"]
 
 @dataclass(frozen=True, kw_only=True)
 class Preset:
-    """Size of a network, how it is trained, and for how long."""
+    """Size of a network, optimisation, and duration of training."""
 
     model: Mapping[str, Any]
     optimisation: Optimisation
     minutes: float
     windows: int = 1
-    """Current steps at which each scenario of Argoverse 2 is seen."""
+    """Number of current steps at which each scenario of Argoverse 2 is used."""
 
 
 NETWORKS: Final[Mapping[str, type[Any]]] = {
@@ -33,7 +33,7 @@ LOSSES: Final[Mapping[str, type[Any]]] = {
     "traj": TrajectoryLossConfig,
     "init": InitialStateLossConfig,
 }
-"""Settings of each stage's loss; the defaults are those of all presets."""
+"""Type of each stage's loss settings; all presets use the defaults."""
 _GO_ON: Final = Optimisation(batch_size=64, learning_rate=5e-4, ema_decay=0.9995)
 _TRY_OUT: Final = Optimisation(batch_size=4, warmup_steps=10, ema_decay=0.98)
 PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {

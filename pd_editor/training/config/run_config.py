@@ -1,4 +1,4 @@
-"""What a training run is: everything that decides what comes out of it."""
+"""Configuration of a training run: everything that determines its result."""
 
 import json
 from collections.abc import Mapping
@@ -19,20 +19,20 @@ Precision = Literal["32", "bf16"]
 
 @dataclass(frozen=True, kw_only=True)
 class Optimisation:
-    """How the weights are found: AdamW, a rate that warms up, stays, and falls."""
+    """Optimisation by AdamW; the rate has a warm-up, a plateau and a cosine decay."""
 
     batch_size: int = 24
-    """Scenes of a step, over all devices."""
+    """Number of scenes of a step over all devices."""
     learning_rate: float = 1e-3
-    """The highest; reached at the end of the warm-up."""
+    """Highest learning rate, reached at the end of the warm-up."""
     weight_decay: float = 0.01
-    """Of matrices; biases and gains are free."""
+    """Weight decay of matrices; biases and gains have none."""
     warmup_steps: int = 100
     constant_share: float = 0.4
-    """Of the budget, before the learning rate begins to fall."""
+    """Share of the budget before the learning rate decays."""
     max_gradient_norm: float = 1.0
     ema_decay: float = 0.999
-    """Of the running mean of the weights, which is what is kept."""
+    """Decay of the moving average of the weights, which is the trained model."""
 
     def __post_init__(self) -> None:
         _check_range(self, 1, 65_536, "batch_size")
@@ -53,16 +53,16 @@ class Optimisation:
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """When a run is over, and how often it is looked at. Steps count before minutes."""
+    """Duration of a run and frequency of validations; ``steps`` overrides ``minutes``."""
 
     minutes: float = 20.0
-    """Of training; the preparation of the data comes on top."""
+    """Training time, without the preparation of the data."""
     steps: int | None = None
     checkpoint_minutes: float = 3.0
     held_out_share: float = 0.04
-    """Of the networks or cities, for validation."""
+    """Share of the networks or cities for validation."""
     held_out_scenes: int = 160
-    """At most so many are validated on."""
+    """Limit of validation scenes."""
 
     def __post_init__(self) -> None:
         if self.steps is not None:
@@ -117,29 +117,29 @@ class Augmentation:
 
 @dataclass(frozen=True, kw_only=True)
 class RunConfig:
-    """A run: the same values and the same data give the same weights."""
+    """Configuration of a run; equal values and data give equal weights."""
 
     stage: str
     data: tuple[str, ...]
     """Roots of Argoverse 2 datasets or of shards."""
     weights: tuple[float, ...] = ()
-    """Share of each root in a batch. Empty: by the number of their scenes."""
+    """Share of each root in a batch; empty: proportional to the number of scenes."""
     seed: int = 0
     precision: Precision = "32"
     model: Mapping[str, Any]
     """Configuration of the stage's network."""
     loss: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of the stage's loss; those that are missing are as usual."""
+    """Settings of the stage's loss; missing ones have their defaults."""
     augmentation: Mapping[str, Any] = field(default_factory=dict)
     """Settings of the augmentation; those that are missing are as usual."""
     start: str = ""
-    """Folder of the model that the weights start from; empty: fresh weights."""
+    """Folder of the model whose weights initialise the network; empty: random weights."""
     validate: tuple[str, ...] = ()
-    """Roots that are held out; empty: part of the data."""
+    """Roots for validation; empty: a part of the data."""
     windows: int = 1
-    """Current steps at which each scenario of Argoverse 2 is seen."""
+    """Number of current steps at which each scenario of Argoverse 2 is used."""
     copies: int = 1
-    """Each scenario is prepared so often, changed at random each time anew."""
+    """Number of independently augmented copies of each scenario."""
     optimisation: Optimisation
     budget: Budget
 
@@ -156,15 +156,15 @@ class RunConfig:
             raise TrainingError("The weights of data roots must be greater than 0.")
 
     def to_json(self) -> str:
-        """As text; ``from_json`` reads it."""
+        """Configuration as JSON text."""
         return json.dumps(asdict(self), indent=2, sort_keys=True) + "\n"
 
     @classmethod
     def from_json(cls, text: str | bytes) -> "RunConfig":
-        """What ``to_json`` wrote.
+        """Read a configuration that ``to_json`` wrote.
 
         Raises:
-            TrainingError: it is something else, or of another version.
+            TrainingError: the text is no configuration, or of another version.
         """
         try:
             config = msgspec.json.decode(text, type=cls)

@@ -1,4 +1,4 @@
-"""What somebody asks of a run, and the settings that come of it."""
+"""Requested settings of a run, and the resulting configuration."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -28,11 +28,11 @@ StageName = Literal["init", "traj"]
 
 @dataclass(frozen=True, kw_only=True)
 class RunRequest:
-    """Settings of a run; None leaves the choice to the program."""
+    """Requested settings of a run; None selects the default."""
 
     stage: StageName
     data: tuple[str, ...] | None = None
-    """Absolute paths of roots."""
+    """Absolute paths of the data roots."""
     weights: tuple[float, ...] | None = None
     preset: PresetName | None = None
     minutes: float | None = None
@@ -52,10 +52,10 @@ class RunRequest:
 
 
 def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
-    """Settings of a new run.
+    """Configuration of a new run.
 
     Raises:
-        TrainingError: they make no sense, or there is no data.
+        TrainingError: the settings are invalid, or there is no data.
     """
     if not request.data:
         raise TrainingError(
@@ -88,15 +88,15 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
             {**given.get("optimisation", {}), **asked},
             "optimisation",
         ),
-        budget=_asked_budget(Budget(minutes=preset.minutes), request),
+        budget=_requested_budget(Budget(minutes=preset.minutes), request),
     )
 
 
 def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
-    """Settings of a run that goes on: the earlier ones, perhaps for another time.
+    """Configuration of a resumed run: the earlier one, possibly with another budget.
 
     Raises:
-        TrainingError: other settings are asked for.
+        TrainingError: other settings are requested.
     """
     same: dict[str, tuple[Any, Any]] = {
         "stage": (request.stage, earlier.stage),
@@ -129,17 +129,17 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
             f"The run was begun with another {' and '.join(other)}; leave that out to "
             "go on with it, or begin a new run."
         )
-    return replace(earlier, budget=_asked_budget(earlier.budget, request))
+    return replace(earlier, budget=_requested_budget(earlier.budget, request))
 
 
 def fast_precision(*, is_gpu: bool) -> Precision:
-    """bf16 where products in it are much faster than others."""
-    # Older torch does not tell.
+    """Choose bf16 where it makes matrix products much faster."""
+    # Older versions of torch do not provide this.
     capabilities = getattr(torch.cpu, "get_capabilities", dict)()
     return "bf16" if is_gpu or capabilities.get("amx_tile", False) else "32"
 
 
-def _asked_budget(budget: Budget, request: RunRequest) -> Budget:
+def _requested_budget(budget: Budget, request: RunRequest) -> Budget:
     if request.minutes is not None:
         budget = replace(budget, minutes=request.minutes, steps=None)
     if request.steps is not None:

@@ -1,7 +1,7 @@
-"""Scenarios made a little different, so that a model does not rely on what is not so.
+"""Augmentation of scenarios, so that a model does not rely on properties of synthetic data.
 
-Synthetic lanes lie exactly where agents drive, every road is known and every agent is
-seen; none of this holds for recorded scenarios.
+In synthetic scenarios agents drive exactly on lanes, and all roads and agents are known;
+recorded scenarios have none of these properties.
 """
 
 from dataclasses import dataclass, replace
@@ -29,10 +29,10 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.training.config.run_config import Augmentation
 
 _REACH_M: Final = 120.0
-"""Median distance from the ego up to which an agent is seen.
+"""Median distance from the ego up to which an agent is observed.
 
-Simulated agents are fewer than real ones. A tracker's reach of 90 m and its occlusions
-would leave 17 of them in a scenario, this leaves 25; Argoverse 2 has 24.
+There are fewer simulated agents than real ones. A tracker's range of 90 m and its
+occlusions would leave 17 of them in a scenario, this leaves 25; Argoverse 2 has 24.
 """
 _REACH_SPREAD: Final = 0.45
 """Standard deviation of the logarithm of that distance."""
@@ -51,10 +51,10 @@ def augmented(
     *,
     hides_agents: bool,
 ) -> Scenario:
-    """A changed scenario with the road users of the current step only.
+    """Augment a scenario and reduce it to the road users of the current step.
 
-    Where all agents are known, those that a tracker would not see are to be hidden:
-    most of those far from the ego. Its map is a new value.
+    ``hides_agents`` removes agents that a tracker would not observe, mostly far from the
+    ego; it is for simulated scenarios. The map is a new value.
     """
     agents = _remaining(scenario, augmentation, random, hides_agents=hides_agents)
     road_map = _remaining_map(scenario.road_map, augmentation, random)
@@ -62,7 +62,7 @@ def augmented(
         road_map = road_map.moved(_waves(augmentation, random))
     scenario = replace(scenario, road_map=road_map, agents=agents)
     if random.random() < augmentation.warp_share and road_map.polylines:
-        # Without the limit, trajectories would be taught that no tyre can follow.
+        # Without the limit, training trajectories would exceed the friction of tyres.
         scenario = warp_scenario(
             scenario,
             _warp(scenario, random),
@@ -78,7 +78,7 @@ def _remaining(
     *,
     hides_agents: bool,
 ) -> AgentTracks:
-    """Road users that are there now, and seen."""
+    """Road users that exist at the current step and are observed."""
     tracks, step = scenario.agents, scenario.current_step
     kept = tracks.is_valid[:, step] & tracks.kind_mask(ROAD_USER_KINDS)
     always = np.array([c >= AgentCategory.SCORED for c in tracks.categories], bool)
@@ -95,7 +95,7 @@ def _remaining(
 def _is_seen(
     scenario: Scenario, augmentation: Augmentation, random: np.random.Generator
 ) -> np.ndarray:
-    """Near enough to the ego, by chance; of parked agents fewer."""
+    """Which agents are observed: sampled by distance to the ego, fewer parked ones."""
     tracks, step = scenario.agents, scenario.current_step
     ego = tracks.row_of.get(EGO_ID, tracks.row_of.get(scenario.focal_id))
     if ego is None:
@@ -126,7 +126,7 @@ def _remaining_map(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Waves:
-    """A smooth shift of the plane: a constant and a few sine waves."""
+    """Smooth displacement of the plane: a constant and a few sine waves."""
 
     shift_m: Float[np.ndarray, "2"]
     amplitude_m: Float[np.ndarray, "K 2"]
@@ -151,7 +151,7 @@ def _waves(augmentation: Augmentation, random: np.random.Generator) -> _Waves:
 
 
 def _warp(scenario: Scenario, random: np.random.Generator) -> RoadWarp | None:
-    """A bend ahead of the focal agent, None where there is no such agent."""
+    """Sample a warp ahead of the focal agent; None without a focal agent."""
     tracks, step = scenario.agents, scenario.current_step
     row = tracks.row_of.get(scenario.focal_id)
     if row is None:

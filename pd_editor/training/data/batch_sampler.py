@@ -1,4 +1,4 @@
-"""Which scenes make up each step's batch: a function of the seed and the step."""
+"""Samples the scenes of each step's batch, as a function of seed and step."""
 
 import functools
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ _BATCHES_SORTED_TOGETHER = 16
 
 
 class BatchSampler:
-    """Draws scenes without replacement, epoch after epoch, from each of R roots.
+    """Samples scenes of each of R roots without replacement within an epoch.
 
-    Scenes of like size share a batch, since a batch is padded to its largest scene:
-    several batches' worth of scenes are drawn, sorted by size, and their batches
-    shuffled. Nothing is remembered between steps, so a run goes on anywhere.
+    Scenes of similar size share a batch, since a batch is padded to its largest scene:
+    the scenes of several batches are sampled, sorted by size, and their batches shuffled.
+    There is no state between steps, so that a run can be resumed at any step.
     """
 
     def __init__(
@@ -28,7 +28,14 @@ class BatchSampler:
         batch_size: int,
         seed: int,
     ) -> None:
-        """Args are the scenes of each root, sizes of all N scenes, and the mixture.
+        """Make a sampler.
+
+        Args:
+            rows_of_root: Rows of the scenes of each root.
+            size: Sizes of all N scenes.
+            shares: Share of each root in a batch.
+            batch_size: Scenes per batch.
+            seed: Random seed.
 
         Raises:
             TrainingError: the batch is too small for the number of roots.
@@ -41,15 +48,15 @@ class BatchSampler:
         self._batches_of_block = functools.lru_cache(maxsize=2)(self._batches)
 
     def rows(self, step: int) -> Int[np.ndarray, "B"]:
-        """The scenes of a step's batch."""
+        """Rows of the scenes of a step's batch."""
         block, index = divmod(step, _BATCHES_SORTED_TOGETHER)
         return self._batches_of_block(block)[index]
 
     def _batches(self, block: int) -> Int[np.ndarray, "K B"]:
-        """Batches that are sorted together."""
-        drawn = np.concatenate(
+        """Rows of the batches of a block, whose scenes are sorted together."""
+        sampled = np.concatenate(
             [
-                self._drawn(
+                self._sampled(
                     root,
                     block * _BATCHES_SORTED_TOGETHER * per_batch,
                     _BATCHES_SORTED_TOGETHER * per_batch,
@@ -58,13 +65,13 @@ class BatchSampler:
             ]
         )
         random = np.random.default_rng([self._seed, 1, block])
-        drawn = drawn[random.permutation(len(drawn))]
-        by_size = drawn[np.argsort(self._size[drawn], kind="stable")]
+        sampled = sampled[random.permutation(len(sampled))]
+        by_size = sampled[np.argsort(self._size[sampled], kind="stable")]
         batches = by_size.reshape(_BATCHES_SORTED_TOGETHER, self._batch_size)
         return batches[random.permutation(_BATCHES_SORTED_TOGETHER)]
 
-    def _drawn(self, root: int, first: int, count: int) -> Int[np.ndarray, "_"]:
-        """Items from ``first`` on of a root's endless row of shuffled epochs."""
+    def _sampled(self, root: int, first: int, count: int) -> Int[np.ndarray, "_"]:
+        """``count`` rows from position ``first`` of a root's sequence of shuffled epochs."""
         rows, parts = self._rows[root], []
         while count:
             epoch, offset = divmod(first, len(rows))
@@ -76,7 +83,7 @@ class BatchSampler:
 
 
 def _whole_parts(total: int, shares: Sequence[float]) -> list[int]:
-    """``total`` in whole parts nearest to the shares, none of them 0."""
+    """Divide ``total`` into positive integers nearest to the shares."""
     if total < len(shares):
         raise TrainingError(
             f"A batch of {total} scenes cannot hold some of each of {len(shares)} data "

@@ -1,4 +1,4 @@
-"""Scenes in batches: what the training loop reads, and their augmentation per step."""
+"""Batches of scenes for the training loop, and their augmentation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,29 +13,29 @@ from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
 @runtime_checkable
 class Batch(Protocol):
-    """Scenes as tensors."""
+    """Interface of batches of scenes."""
 
     def to(self, device: torch.device, /) -> "Batch":
-        """On another device."""
+        """Move the batch to a device."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainingData:
-    """N scenes, by row: what is trained on, what is held out, how they are batched."""
+    """N scenes: training and validation rows, and functions that batch them."""
 
     training_rows: tuple[Int[np.ndarray, "_"], ...]
-    """Of each data root."""
+    """Training rows of each data root."""
     held_out_rows: Int[np.ndarray, "_"]
     size: Int[np.ndarray, "N"]
-    """How much work a scene is; scenes of like size share batches."""
+    """Size of each scene; scenes of similar size share batches."""
     batch: Callable[[Int[np.ndarray, "_"]], Batch]
     augment: Callable[[Any, torch.Generator], Batch]
-    """Another scene that is as likely as the one it is given."""
+    """Augments a batch by symmetries of the data."""
 
 
 def augmented_scenes(scene: SceneTensors, random: torch.Generator) -> SceneTensors:
-    """Scenes turned at random, and mirrored half of the time."""
+    """Rotate scenes at random, and mirror half of them."""
     turn = torch.rand(scene.num_scenes, generator=random) * 2 * torch.pi
     if torch.rand((), generator=random) < 0.5:
         scene = scene.mirrored()

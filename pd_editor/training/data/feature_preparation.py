@@ -1,4 +1,4 @@
-"""Features of all scenarios of some data roots, prepared once and kept on disk."""
+"""Preparation of the features of all scenarios of data roots, stored on disk."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
@@ -36,14 +36,14 @@ from pd_editor.work_engine.work_engine import WorkProgress
 __all__ = ["ScenarioSource", "fit_basis", "open_roots", "prepare_features"]
 
 PART_SIZE: Final = 400
-"""Scenarios of a part, which is what is lost at most when a preparation is stopped."""
+"""Scenarios per part; an interrupted preparation loses at most the running parts."""
 BASIS_SCENARIOS: Final = 2000
 _FIT_SIZE: Final = 100
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Work:
-    """Some scenarios of a root, for one process."""
+class _PartItem:
+    """Work item: some scenarios of a root."""
 
     root: Path
     root_index: int
@@ -54,7 +54,7 @@ class _Work:
     windows: int = 1
 
     def features(self, *, with_candidates: bool) -> Iterator[tuple[str, SceneFeatures]]:
-        """Group and features of each scenario that can be used."""
+        """Yield group and features of each usable scenario."""
         source = _opened(self.root, self.windows)
         root = source.roots[0]
         for number in self.numbers:
@@ -69,7 +69,7 @@ class _Work:
                     scenario, with_candidates=with_candidates, center_m=center
                 )
             except PdEditorError:
-                # Counted by what is missing; the rest must not wait for it.
+                # Unusable scenarios are skipped; they are counted by what is missing.
                 continue
             yield root.group(number), found
 
@@ -93,12 +93,12 @@ def _opened(root: Path, windows: int) -> ScenarioSource:
 
 @dataclass(frozen=True, kw_only=True)
 class _PartWriter:
-    """Prepares a part; runs in a worker."""
+    """Prepares and writes a part in a worker."""
 
     folder: Path
     basis: TrajectoryBasis
 
-    def __call__(self, named: tuple[str, _Work]) -> int:
+    def __call__(self, named: tuple[str, _PartItem]) -> int:
         name, work = named
         found = list(work.features(with_candidates=True))
         write_part(
@@ -124,12 +124,12 @@ def prepare_features(
     windows: int = 1,
     on_progress: Callable[[WorkProgress], None] | None = None,
 ) -> FeatureStore:
-    """The store in a folder, made or completed: the same arguments, the same bytes.
+    """Create or complete the store in a folder; equal arguments give equal bytes.
 
-    Scenarios that cannot be read are left out, so the store may be shorter than the
-    roots. ``most_per_root`` takes scenarios evenly spread over each root. ``copies`` of
-    each are made, changed at random each time anew. Scenarios of Argoverse 2 are seen at
-    ``windows`` current steps.
+    Scenarios that cannot be read are left out, so the store may have fewer scenes than
+    the roots. ``most_per_root`` limits the scenarios, evenly distributed over each root.
+    ``copies`` are independently augmented copies of each scenario. Scenarios of
+    Argoverse 2 are used at ``windows`` current steps.
 
     Raises:
         InputError: a root is neither a dataset nor shards.
@@ -182,36 +182,36 @@ def fit_basis(
     augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
     seed: int = 1,
 ) -> TrajectoryBasis:
-    """The basis of the futures in about ``count`` scenarios, evenly over the roots.
+    """Fit the trajectory basis on about ``count`` scenarios, evenly over the roots.
 
     Raises:
         InputError: a root is neither a dataset nor shards.
-        TrainingError: no agent has a whole future, or a part could not be read.
+        TrainingError: no agent has a complete trajectory, or a part could not be read.
     """
     source = open_roots(roots)
     most = max(1, count // len(source.roots))
     works = _parts(source, roots, augmentation, seed, most, _FIT_SIZE)
-    futures: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    trajectories: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     failures = run_items(
         LocalProcesses(num_workers=workers),
-        _futures_of,
+        _trajectories_of,
         works,
-        on_value=futures.__setitem__,
+        on_value=trajectories.__setitem__,
     )
     for failure in failures.values():
         raise TrainingError(
             f"{len(failures)} of {len(works)} parts of the data could not be read for the "
             f"trajectory basis, the first with {failure.error}: {failure.message}"
         )
-    points = [futures[name][0] for name in sorted(futures)]
+    points = [trajectories[name][0] for name in sorted(trajectories)]
     if not sum(map(len, points)):
-        raise TrainingError("No agent of the data roots has a whole future.")
-    speeds = np.concatenate([futures[name][1] for name in sorted(futures)])
+        raise TrainingError("No agent of the data roots has a complete trajectory.")
+    speeds = np.concatenate([trajectories[name][1] for name in sorted(trajectories)])
     return TrajectoryBasis.fit(np.concatenate(points), speeds)
 
 
-def _futures_of(work: _Work) -> tuple[np.ndarray, np.ndarray]:
-    """Futures and speeds of the agents that have a whole future."""
+def _trajectories_of(work: _PartItem) -> tuple[np.ndarray, np.ndarray]:
+    """Trajectories and speeds of the agents with complete trajectories."""
     found = [one for _, one in work.features(with_candidates=False)]
     points = [one.future_m[one.has_future] for one in found]
     speeds = [one.agent_speed[one.has_future] for one in found]
@@ -233,15 +233,15 @@ def _parts(
     *,
     copies: int = 1,
     windows: int = 1,
-) -> dict[str, _Work]:
-    """Work by name; names sort as roots and scenarios do."""
+) -> dict[str, _PartItem]:
+    """Work items by name; names sort in the order of roots and scenarios."""
     works = {}
     for place, (path, root) in enumerate(zip(roots, source.roots, strict=True)):
         count = min(len(root), most_per_root or len(root))
         chosen = np.arange(count) * len(root) // max(count, 1)
         firsts = range(0, count, size)
         for part, (copy, first) in enumerate(product(range(copies), firsts)):
-            works[f"{place:03d}-{part:05d}"] = _Work(
+            works[f"{place:03d}-{part:05d}"] = _PartItem(
                 root=Path(path),
                 root_index=place,
                 numbers=tuple(chosen[first : first + size].tolist()),
@@ -266,6 +266,6 @@ def _fingerprint(
         digest.update(root.fingerprint.encode())
     for name, values in sorted(basis.arrays().items()):
         digest.update(name.encode() + np.ascontiguousarray(values).tobytes())
-    told = (augmentation, seed, most_per_root, copies, PART_SIZE, FORMAT_VERSION)
-    digest.update(repr(told).encode())
+    settings = (augmentation, seed, most_per_root, copies, PART_SIZE, FORMAT_VERSION)
+    digest.update(repr(settings).encode())
     return digest.hexdigest()

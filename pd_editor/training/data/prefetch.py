@@ -1,4 +1,4 @@
-"""Makes what is needed next while something else is computed."""
+"""Prefetching of items in a background thread."""
 
 import contextlib
 import itertools
@@ -14,12 +14,12 @@ _Item = TypeVar("_Item")
 def prefetched(
     make: Callable[[int], _Item], *, first: int, ahead: int = 3
 ) -> Generator[Iterator[_Item], None, None]:
-    """Items ``make(first)``, ``make(first + 1)`` and so on, made by another thread.
+    """Iterator over ``make(first)``, ``make(first + 1)`` and so on, made in another thread.
 
     Args:
-        make: Called in order; what it raises is raised by the iterator.
-        first: Where to begin.
-        ahead: How many items wait at most.
+        make: Called in order; the iterator raises its exceptions.
+        first: Index of the first item.
+        ahead: Largest number of items that are ready ahead.
     """
     with ThreadPoolExecutor(1, thread_name_prefix="prefetch") as thread:
         waiting = deque(thread.submit(make, first + index) for index in range(ahead))

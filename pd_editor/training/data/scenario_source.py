@@ -1,4 +1,4 @@
-"""Scenarios of several data roots: Argoverse 2 datasets and synthetic shards alike."""
+"""Scenarios of data roots: Argoverse 2 datasets and synthetic shards."""
 
 import hashlib
 from collections.abc import Sequence
@@ -17,19 +17,19 @@ from pd_editor.recordings.tracking_noise import TrackingNoise
 from pd_editor.scene.scenario import Scenario
 
 BLUR_ONLY: Final = TrackingNoise(range_m=np.inf, occlusions_per_s=0.0)
-"""Tracks of simulated agents are blurred, but not broken off: futures stay whole."""
+"""Noise of simulated tracks; it does not break off tracks, so trajectories are complete."""
 FIRST_STEP: Final = 10
-"""The earliest current step of a window of an Argoverse 2 scenario."""
+"""Earliest current step of a window of an Argoverse 2 scenario."""
 
 
 class ShardRoot:
-    """The windows of a folder of shards, blurred as by a tracker."""
+    """Windows of a folder of shards, with a tracker's noise."""
 
     is_simulated = True
     """Every agent is in the scenarios, not only those that a tracker saw."""
 
     def __init__(self, path: Path, noise: TrackingNoise | None = BLUR_ONLY) -> None:
-        """Read which windows there are; shards that are damaged are left out.
+        """Read the index of windows; damaged shards are left out.
 
         Raises:
             InputError: there is no shard that can be read.
@@ -52,7 +52,7 @@ class ShardRoot:
 
     @property
     def fingerprint(self) -> str:
-        """Of the names and sizes of the shards, and of the noise."""
+        """Hash of the names and sizes of the shards, and of the noise."""
         sizes = [(file.name, file.stat().st_size) for file in self._files]
         return _digest([*sizes, self._noise])
 
@@ -73,7 +73,7 @@ class ShardRoot:
         return reader.window(number, noise=self._noise)
 
     def group(self, index: int) -> str:
-        """Name of the recording, which is that of its network."""
+        """Name of the recording, which is the name of its network."""
         reader, number = self._place(index)
         return reader.recording(reader.windows[number][0]).name
 
@@ -84,7 +84,7 @@ def _shard(file: Path) -> ShardReader:
 
 
 class Av2Root:
-    """The scenarios below a folder of an Argoverse 2 dataset."""
+    """Scenarios below a folder of an Argoverse 2 dataset."""
 
     is_simulated = False
 
@@ -93,8 +93,8 @@ class Av2Root:
 
         Args:
             path: a folder of the dataset.
-            windows: each scenario counts so often, with another current step each time:
-                the networks see no past, so that earlier steps will do.
+            windows: number of current steps at which each scenario is used; earlier
+                steps are possible because the networks use no history.
 
         Raises:
             InputError: there is no such folder, or no scenario in it.
@@ -114,7 +114,7 @@ class Av2Root:
 
     @property
     def fingerprint(self) -> str:
-        """Of the names of the folders, and the number of windows."""
+        """Hash of the names of the folders and the number of windows."""
         names = [one.relative_to(self._root) for one in self._folders]
         return _digest([*names, self._windows])
 
@@ -147,7 +147,7 @@ ScenarioRoot = ShardRoot | Av2Root
 
 
 def open_root(path: Path, windows: int = 1) -> ScenarioRoot:
-    """A folder of shards, or an Argoverse 2 dataset.
+    """Open a folder of shards, or an Argoverse 2 dataset.
 
     Raises:
         InputError: it is neither, or damaged.
@@ -156,15 +156,15 @@ def open_root(path: Path, windows: int = 1) -> ScenarioRoot:
 
 
 def is_recorded(path: Path) -> bool:
-    """Whether a root is a dataset of recordings, not simulated shards."""
+    """Whether a root is a dataset of recordings, not of simulated shards."""
     return path.suffix != SHARD_SUFFIX and not any(path.glob(f"*{SHARD_SUFFIX}"))
 
 
 class ScenarioSource:
-    """The scenarios of several roots, one after the other."""
+    """Scenarios of several roots, concatenated."""
 
     def __init__(self, roots: Sequence[ScenarioRoot]) -> None:
-        """Args are the roots; there is at least one."""
+        """Concatenate at least one root."""
         self.roots = tuple(roots)
         self._first = np.cumsum([0, *map(len, self.roots)])
 
@@ -173,11 +173,11 @@ class ScenarioSource:
 
     @property
     def num_damaged(self) -> int:
-        """Files or folders that hold no scenario, though they should."""
+        """Number of damaged files or folders."""
         return sum(root.num_damaged for root in self.roots)
 
     def place(self, index: int) -> tuple[int, int]:
-        """Root, and number within it, of a scenario."""
+        """Index of the root, and index within it, of a scenario."""
         if not 0 <= index < len(self):
             raise IndexError(index)
         root = int(np.searchsorted(self._first, index, side="right")) - 1
@@ -189,7 +189,7 @@ class ScenarioSource:
 
 
 def open_roots(paths: Sequence[Path], windows: int = 1) -> ScenarioSource:
-    """The scenarios of all roots; those of Argoverse 2 as so many windows each.
+    """Open all roots; scenarios of Argoverse 2 have ``windows`` windows each.
 
     Raises:
         InputError: one is neither a dataset nor shards, or damaged.

@@ -1,4 +1,4 @@
-"""Scenes to train on: prepared once for all runs on the same data, part held out."""
+"""Training and validation scenes, prepared once for all runs on the same data."""
 
 import hashlib
 import os
@@ -37,16 +37,16 @@ _LEAST_SCENES: Final = 4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PreparedData:
-    """Scenes of some roots in the form that networks are fed, and their basis."""
+    """Encoded scenes of some roots, and their trajectory basis."""
 
     store: FeatureStore
     basis: TrajectoryBasis
     num_left_out: int
-    """Scenarios of the roots that cannot be used, and damaged files of shards."""
+    """Number of unusable scenarios of the roots and of damaged shards."""
 
 
 def default_cache() -> Path:
-    """Where prepared scenes are kept, unless somebody says otherwise."""
+    """Default folder of prepared scenes."""
     beside = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(beside) / "pd-editor" / "scenes"
 
@@ -62,20 +62,20 @@ def prepared_data(
     workers: int | None = None,
     on_progress: Callable[[WorkProgress], None] | None = None,
 ) -> PreparedData:
-    """Scenes of the roots, prepared if no earlier run has done so.
+    """Prepare the scenes of the roots, or load those of an earlier run.
 
-    Of several runs at once one prepares and the others wait. An interrupted
-    preparation goes on where it was.
+    Of several concurrent runs one prepares and the others wait. An interrupted
+    preparation is resumed.
 
     Args:
-        roots: of Argoverse 2 datasets, or shards.
-        cache: folder for what is prepared.
-        basis: of the trajectories; None fits one to the data.
-        copies: of each scenario, changed at random each time anew.
-        windows: current steps at which each scenario of Argoverse 2 is seen.
-        augmentation: how scenarios are changed; None leaves them as they are.
-        workers: processes.
-        on_progress: told how far the preparation is.
+        roots: roots of Argoverse 2 datasets or shards.
+        cache: folder of prepared scenes.
+        basis: trajectory basis; None fits one to the data.
+        copies: number of independently augmented copies of each scenario.
+        windows: number of current steps at which each scenario of Argoverse 2 is used.
+        augmentation: augmentation of scenarios; None for none.
+        workers: number of processes.
+        on_progress: called with the progress of the preparation.
 
     Raises:
         InputError: a root is neither a dataset nor shards.
@@ -111,10 +111,10 @@ def prepared_data(
 
 
 def read_basis(path: Path) -> TrajectoryBasis:
-    """A trajectory basis out of a file.
+    """Read a trajectory basis from a file.
 
     Raises:
-        ModelError: it holds none.
+        ModelError: the file holds none.
     """
     arrays = read_tensors(path, _BASIS_KIND).tensors
     return TrajectoryBasis.of_arrays(
@@ -123,7 +123,7 @@ def read_basis(path: Path) -> TrajectoryBasis:
 
 
 def write_basis(path: Path, basis: TrajectoryBasis) -> None:
-    """Write what ``read_basis`` reads."""
+    """Write a trajectory basis for ``read_basis``."""
     arrays = {
         name: torch.from_numpy(np.asarray(one)) for name, one in basis.arrays().items()
     }
@@ -144,13 +144,13 @@ def training_data(
     seed: int,
     validation: FeatureStore | None = None,
 ) -> TrainingData:
-    """What is trained on and what is held out.
+    """Divide scenes into training and validation scenes.
 
     Args:
-        store: scenes to train on; part of it is held out where there is no ``validation``.
-        budget: how much is held out.
-        seed: of the choice.
-        validation: scenes that are held out.
+        store: training scenes; a part is held out if ``validation`` is None.
+        budget: share and limit of held-out scenes.
+        seed: seed of the choice.
+        validation: validation scenes.
 
     Raises:
         TrainingError: a root has too few scenes.
@@ -192,9 +192,9 @@ def training_data(
 
 
 def held_out_scenes(group: np.ndarray, share: float, seed: int) -> np.ndarray:
-    """Which scenes [N] are not trained on: whole networks or cities, by chance.
+    """Sample the held-out scenes [N]: whole networks or cities.
 
-    Scenes here and there, where no network or city is small enough.
+    Single scenes are sampled if no network or city is small enough.
     """
     room = share * len(group)
     held_out = np.zeros(len(group), bool)

@@ -1,4 +1,4 @@
-"""A picture of the losses of a run."""
+"""Plots of the losses of a run."""
 
 import io
 from collections.abc import Sequence
@@ -6,12 +6,12 @@ from typing import Any
 
 
 def loss_curves_png(entries: Sequence[dict[str, Any]], title: str) -> bytes:
-    """Training and held-out losses over minutes, total and parts, as a PNG.
+    """Plot training and held-out losses over minutes, total and parts, as a PNG.
 
     Args:
-        entries: Lines of a run's log, with ``minutes``, ``loss``, ``parts``, and
-            ``held_out`` where it is a validation.
-        title: What the run is.
+        entries: Entries of a run's log, with ``minutes``, ``loss``, ``parts``, and
+            ``held_out`` for validations.
+        title: Title of the plot.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

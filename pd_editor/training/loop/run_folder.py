@@ -1,4 +1,4 @@
-"""The folder of a training run: what it is, how it goes, and where it stands."""
+"""Folder of a training run: configuration, log, checkpoint and model."""
 
 import json
 from collections.abc import Mapping
@@ -22,37 +22,37 @@ MODEL_NAME: Final = "model"
 class RunFolder(WorkFolder):
     """Files of a training run; the log grows line by line.
 
-    run.json says what the run is, data.json on what data; log.jsonl has the losses,
-    loss.png shows them; state.safetensors is where it stands, model/ what came out.
+    run.json is the configuration, data.json describes the data; log.jsonl has the losses,
+    loss.png plots them; state.safetensors is the checkpoint, model/ the trained model.
     """
 
     @property
     def state_path(self) -> Path:
-        """Where the run stands."""
+        """Path of the checkpoint."""
         return self.path / STATE_NAME
 
     @property
     def basis_path(self) -> Path:
-        """The trajectory basis of the model that the run started from, if any."""
+        """Path of the trajectory basis of the model that the run started from, if any."""
         return self.path / BASIS_NAME
 
     @property
     def model_path(self) -> Path:
-        """The model that came out."""
+        """Path of the trained model."""
         return self.path / MODEL_NAME
 
     def begin(self, config: RunConfig, data: Mapping[str, Any]) -> None:
-        """Make the folder of a new run.
+        """Create the folder of a new run.
 
         Raises:
-            ExportError: it holds something already, or cannot be written.
+            ExportError: the folder is not empty, or cannot be written.
         """
         self.check_free()
         self.write_json(DATA_NAME, data)
         self.write(CONFIG_NAME, config.to_json().encode())
 
     def config(self) -> RunConfig:
-        """What the run is.
+        """Configuration of the run.
 
         Raises:
             TrainingError: the folder holds no run.
@@ -60,10 +60,10 @@ class RunFolder(WorkFolder):
         return RunConfig.from_json(self._read(CONFIG_NAME))
 
     def go_on(self, config: RunConfig, data: Mapping[str, Any]) -> None:
-        """Take the folder up again, perhaps for another time.
+        """Resume the folder, possibly with another budget.
 
         Raises:
-            TrainingError: the data differs from what the run was begun on.
+            TrainingError: the data differs from that of the run.
             ExportError: the folder cannot be written.
         """
         earlier = json.loads(self._read(DATA_NAME))
@@ -83,10 +83,10 @@ class RunFolder(WorkFolder):
             ) from error
 
     def log(self, entry: Mapping[str, Any]) -> None:
-        """Add a line to the log.
+        """Append an entry to the log.
 
         Raises:
-            ExportError: it cannot be written.
+            ExportError: the log cannot be written.
         """
         try:
             with (self.path / LOG_NAME).open("a", encoding="utf-8") as file:
@@ -95,7 +95,7 @@ class RunFolder(WorkFolder):
             raise unwritable(self.path / LOG_NAME, error) from error
 
     def logged(self) -> list[dict[str, Any]]:
-        """Lines of the log; one that a kill cut off is left out."""
+        """Entries of the log, without one that was truncated by a kill."""
         try:
             lines = (self.path / LOG_NAME).read_text(encoding="utf-8").splitlines()
         except OSError:
@@ -109,7 +109,7 @@ class RunFolder(WorkFolder):
         return entries
 
     def forget_after(self, step: int) -> None:
-        """Drop what was logged after a checkpoint, as it will be done again."""
+        """Remove entries after a checkpoint, whose steps will be repeated."""
         kept = [entry for entry in self.logged() if entry["step"] <= step]
         text = "".join(json.dumps(entry) + "\n" for entry in kept)
         self.write(LOG_NAME, text.encode())

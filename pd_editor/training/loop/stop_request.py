@@ -1,4 +1,4 @@
-"""Ctrl-C as a wish that is met between two steps."""
+"""Ctrl-C as a request to stop after the current step."""
 
 import contextlib
 import signal
@@ -11,9 +11,9 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextlib.contextmanager
 def stop_requests() -> Iterator[Callable[[], bool]]:
-    """Whether somebody asked to stop; who asks twice is obeyed at once.
+    """Context with a function that tells whether Ctrl-C was pressed.
 
-    Outside the main thread nobody can ask.
+    The second Ctrl-C interrupts at once. Outside the main thread there are no requests.
     """
     asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():

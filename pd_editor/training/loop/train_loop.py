@@ -1,4 +1,4 @@
-"""The loop that trains either stage, on a CPU or on one or several GPUs."""
+"""Training loop of both stages, on a CPU or on one or several GPUs."""
 
 import math
 import time
@@ -17,56 +17,56 @@ from pd_editor.training.data.batch_sampler import BatchSampler
 from pd_editor.training.data.batched_scenes import Batch, TrainingData
 from pd_editor.training.data.prefetch import prefetched
 from pd_editor.training.loop.run_folder import RunFolder
-from pd_editor.training.loop.training_state import Standing, read_state, write_state
+from pd_editor.training.loop.training_state import TrainState, read_state, write_state
 from pd_editor.training.loop.weight_average import WeightAverage
 
 _STEPS_PER_LINE = 25
 _BETAS = (0.9, 0.99)
-"""The second is below the usual 0.999, since runs are short."""
+"""Betas of AdamW; the second is below the usual 0.999, since runs are short."""
 _AUGMENT, _NOISE, _HELD_OUT = 1, 2, 3
 
 
 Loss = Callable[[Any, Any, torch.Generator, float], tuple[Tensor, Mapping[str, Tensor]]]
-"""Loss of a network on a batch, and its parts by name; random numbers on the CPU, and
-the share of the training that is done."""
+"""Loss of a network on a batch, and its parts by name. The third argument is a generator
+on the CPU, the fourth the fraction of the training that is done."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingProgress:
-    """Where a run is."""
+    """Progress of a run with its losses."""
 
-    standing: Standing
+    train_state: TrainState
     fraction: float
-    """Of the budget that is spent."""
+    """Fraction of the budget that is spent."""
     loss: float
-    """Mean of the last steps."""
+    """Mean loss of the last steps."""
     held_out_loss: float
-    """At the last validation; NaN before the first."""
+    """Loss at the last validation; NaN before the first one."""
     scenes_per_s: float
     left_s: float
 
 
-class _Work:
-    """A step's input, in a wrapping that the library does not look into."""
+class _WrappedBatch:
+    """Input of a step, wrapped so that Fabric does not convert it."""
 
     def __init__(self, batch: Batch, random: torch.Generator, progress: float) -> None:
         self.batch, self.random, self.progress = batch, random, progress
 
 
 class _LossModule(nn.Module):
-    """The network with its loss as one forward pass, as data parallelism needs it."""
+    """Network with its loss as one forward pass, which data parallelism requires."""
 
     def __init__(self, model: nn.Module, loss: Loss) -> None:
         super().__init__()
         self.model, self._loss = model, loss
 
-    def forward(self, work: _Work) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, work: _WrappedBatch) -> tuple[Tensor, dict[str, Tensor]]:
         loss, parts = self._loss(self.model, work.batch, work.random, work.progress)
         return loss, {name: part.detach() for name, part in parts.items()}
 
 
 class TrainLoop:
-    """A run in progress: the network, its average, its optimiser, and where it stands."""
+    """A run in progress: network, average, optimiser and state."""
 
     def __init__(
         self,
@@ -79,7 +79,7 @@ class TrainLoop:
     ) -> None:
         self._config, self._loss, self._data = config, loss, data
         self._folder, self._fabric = folder, fabric
-        self.standing = Standing()
+        self.train_state = TrainState()
         self._average = WeightAverage(model, config.optimisation.ema_decay)
         self._average.model.to(fabric.device)
         module = _LossModule(model, loss)
@@ -95,27 +95,27 @@ class TrainLoop:
             seed=config.seed,
         )
         self.held_out_loss = math.nan
-        """Of the averaged network at the last validation."""
+        """Loss of the averaged network at the last validation."""
 
     @property
     def averaged_model(self) -> nn.Module:
-        """What the run is for."""
+        """The averaged network, which is the result of the run."""
         return self._average.model
 
     def resume(self) -> None:
-        """Go to where the folder's checkpoint stands.
+        """Resume from the folder's checkpoint.
 
         Raises:
-            ModelError: it is damaged or of another network.
+            ModelError: the checkpoint is damaged or of another network.
         """
-        self.standing = read_state(
+        self.train_state = read_state(
             self._folder.state_path,
             model=self._model,
             average=self._average.model,
             optimiser=self._optimiser.optimizer,
         )
         if self._fabric.is_global_zero:
-            self._folder.forget_after(self.standing.step)
+            self._folder.forget_after(self.train_state.step)
 
     def run(
         self,
@@ -123,35 +123,35 @@ class TrainLoop:
         is_stopped: Callable[[], bool] = lambda: False,
         on_checkpoint: Callable[[], None] = lambda: None,
     ) -> Iterator[TrainingProgress]:
-        """Train until the budget is spent or somebody asks to stop.
+        """Train until the budget is spent or a stop is requested.
 
-        A checkpoint is written every few minutes and at the end. Whoever stops
-        iterating loses what came after the last one.
+        A checkpoint is written every few minutes and at the end. If a caller stops
+        iterating, steps after the last checkpoint are lost.
 
         Args:
-            is_stopped: Asked after each step.
+            is_stopped: Called after each step; true stops the training.
             on_checkpoint: Called after each checkpoint, on the first process.
 
         Yields:
             Progress, every few steps.
 
         Raises:
-            TrainingError: the loss is no longer a number.
+            TrainingError: the loss is not finite.
         """
-        budget, recent = self._config.budget, RecentSteps()
-        checked_s = self.standing.trained_s
-        began = time.perf_counter() - self.standing.trained_s
-        is_over = spent(budget, self.standing) >= 1
-        with prefetched(self._batch, first=self.standing.step) as batches:
+        budget, recent = self._config.budget, RecentLosses()
+        checked_s = self.train_state.trained_s
+        began = time.perf_counter() - self.train_state.trained_s
+        is_over = spent(budget, self.train_state) >= 1
+        with prefetched(self._batch, first=self.train_state.step) as batches:
             while not is_over:
                 recent.add(*self._step(next(batches)))
                 trained_s, must_stop = self._fabric.broadcast(
                     (time.perf_counter() - began, is_stopped())
                 )
-                self.standing = Standing(
-                    step=self.standing.step + 1, trained_s=trained_s
+                self.train_state = TrainState(
+                    step=self.train_state.step + 1, trained_s=trained_s
                 )
-                is_over = must_stop or spent(budget, self.standing) >= 1
+                is_over = must_stop or spent(budget, self.train_state) >= 1
                 is_due = (
                     is_over or trained_s - checked_s > 60 * budget.checkpoint_minutes
                 )
@@ -160,16 +160,16 @@ class TrainLoop:
                     if is_due:
                         checked_s = trained_s
                         self._checkpoint(on_checkpoint, is_hasty=must_stop)
-                    recent = RecentSteps()
+                    recent = RecentLosses()
 
     def _batch(self, step: int) -> Batch:
-        """This process's part of a step's scenes."""
+        """Part of a step's scenes for this process."""
         rows = self._sampler.rows(step)
         fabric = self._fabric
         return self._data.batch(rows[fabric.global_rank :: fabric.world_size])
 
     def _random(self, purpose: int, index: int) -> torch.Generator:
-        """Random numbers of a step; they need no memory of the steps before."""
+        """Random generator of a step, independent of earlier steps."""
         config, rank = self._config, self._fabric.global_rank
         state = np.random.SeedSequence([config.seed, purpose, index, rank])
         generator = torch.Generator()
@@ -177,15 +177,17 @@ class TrainLoop:
         return generator
 
     def _step(self, batch: Batch) -> tuple[Tensor, Mapping[str, Tensor], float]:
-        """One step: loss, its parts, and the length of the gradient."""
-        step, optimisation = self.standing.step, self._config.optimisation
-        progress = spent(self._config.budget, self.standing)
+        """Run one step; returns the loss, its parts, and the norm of the gradient."""
+        step, optimisation = self.train_state.step, self._config.optimisation
+        progress = spent(self._config.budget, self.train_state)
         rate = learning_rate(optimisation, step, progress)
         for group in self._optimiser.param_groups:
             group["lr"] = rate
         moved = batch.to(self._fabric.device)
         moved = self._data.augment(moved, self._random(_AUGMENT, step))
-        loss, parts = self._module(_Work(moved, self._random(_NOISE, step), progress))
+        loss, parts = self._module(
+            _WrappedBatch(moved, self._random(_NOISE, step), progress)
+        )
         self._fabric.backward(loss)
         norm = self._fabric.clip_gradients(
             self._module,
@@ -200,16 +202,16 @@ class TrainLoop:
         self._optimiser.zero_grad()
         return loss.detach(), parts, length
 
-    def _reported(self, recent: "RecentSteps") -> TrainingProgress:
-        standing, fabric = self.standing, self._fabric
-        entry = recent.entry(standing)
+    def _reported(self, recent: "RecentLosses") -> TrainingProgress:
+        train_state, fabric = self.train_state, self._fabric
+        entry = recent.entry(train_state)
         if fabric.is_global_zero:
             self._folder.log(entry)
-        fraction = min(1.0, spent(self._config.budget, standing))
+        fraction = min(1.0, spent(self._config.budget, train_state))
         speed = recent.count * self._config.optimisation.batch_size / recent.seconds
-        left = (1 - fraction) * standing.trained_s / max(fraction, 1e-6)
+        left = (1 - fraction) * train_state.trained_s / max(fraction, 1e-6)
         return TrainingProgress(
-            standing=standing,
+            train_state=train_state,
             fraction=fraction,
             loss=entry["loss"],
             held_out_loss=self.held_out_loss,
@@ -218,7 +220,7 @@ class TrainLoop:
         )
 
     def _checkpoint(self, on_checkpoint: Callable[[], None], *, is_hasty: bool) -> None:
-        """Write where the run stands; validate, unless somebody waits."""
+        """Write a checkpoint; validate as well unless ``is_hasty``."""
         if not is_hasty and len(self._data.held_out_rows):
             entry = self._validated()
             self.held_out_loss = entry["loss"]
@@ -227,7 +229,7 @@ class TrainLoop:
         if self._fabric.is_global_zero:
             write_state(
                 self._folder.state_path,
-                self.standing,
+                self.train_state,
                 model=self._model,
                 average=self._average.model,
                 optimiser=self._optimiser.optimizer,
@@ -237,8 +239,8 @@ class TrainLoop:
 
     @torch.no_grad()
     def _validated(self) -> dict[str, Any]:
-        """Loss of the averaged network on held-out scenes, always with equal noise."""
-        rows, recent = self._data.held_out_rows, RecentSteps()
+        """Validate the averaged network on held-out scenes, always with equal noise."""
+        rows, recent = self._data.held_out_rows, RecentLosses()
         rows = rows[np.argsort(self._data.size[rows], kind="stable")]
         size = self._config.optimisation.batch_size
         for index in range(-(-len(rows) // size)):
@@ -251,11 +253,11 @@ class TrainLoop:
                     1.0,
                 )
             recent.add(loss, parts, 0.0)
-        return recent.entry(self.standing, held_out=True)
+        return recent.entry(self.train_state, held_out=True)
 
 
-class RecentSteps:
-    """Losses of the last steps, for the log."""
+class RecentLosses:
+    """Accumulated losses of the last steps, for the log."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -266,11 +268,11 @@ class RecentSteps:
 
     @property
     def seconds(self) -> float:
-        """Time since it began."""
+        """Time since the first step."""
         return max(time.perf_counter() - self._began, 1e-9)
 
     def add(self, loss: Tensor, parts: Mapping[str, Tensor], norm: float) -> None:
-        """Take in a step; one without a finite gradient has been left out."""
+        """Add a step; steps without a finite gradient are counted only."""
         if not math.isfinite(norm):
             self.num_left_out += 1
             return
@@ -280,22 +282,24 @@ class RecentSteps:
             earlier = self._sums.get(name, 0.0)
             self._sums[name] = earlier + value.detach().float()
 
-    def entry(self, standing: Standing, *, held_out: bool = False) -> dict[str, Any]:
-        """A line of the log: means over the steps.
+    def entry(
+        self, train_state: TrainState, *, held_out: bool = False
+    ) -> dict[str, Any]:
+        """Entry of the log: means over the steps.
 
         Raises:
-            TrainingError: the loss is no number.
+            TrainingError: the loss is not finite.
         """
         means = {name: float(one) / self.count for name, one in self._sums.items()}
         loss = means.pop("", math.nan)
         if not math.isfinite(loss):
             raise TrainingError(
-                f"The loss became {loss} around step {standing.step}; begin again with "
+                f"The loss became {loss} around step {train_state.step}; begin again with "
                 "a lower learning rate."
             )
         entry = {
-            "step": standing.step,
-            "minutes": round(standing.trained_s / 60, 4),
+            "step": train_state.step,
+            "minutes": round(train_state.trained_s / 60, 4),
             "held_out": held_out,
             "loss": loss,
             "parts": means,
@@ -308,7 +312,7 @@ class RecentSteps:
 
 
 def adamw(model: nn.Module, optimisation: Optimisation) -> torch.optim.AdamW:
-    """The optimiser; only matrices decay."""
+    """AdamW with weight decay of matrices only."""
     matrices = [one for one in model.parameters() if one.dim() >= 2]
     others = [one for one in model.parameters() if one.dim() < 2]
     return torch.optim.AdamW(
@@ -322,15 +326,15 @@ def adamw(model: nn.Module, optimisation: Optimisation) -> torch.optim.AdamW:
     )
 
 
-def spent(budget: Budget, standing: Standing) -> float:
-    """Share of the budget that is spent; 1 or more when it is over."""
+def spent(budget: Budget, train_state: TrainState) -> float:
+    """Fraction of the budget that is spent; 1 or more at the end."""
     if budget.steps is not None:
-        return standing.step / budget.steps
-    return standing.trained_s / (60 * budget.minutes)
+        return train_state.step / budget.steps
+    return train_state.trained_s / (60 * budget.minutes)
 
 
 def learning_rate(optimisation: Optimisation, step: int, fraction: float) -> float:
-    """Warms up over steps; stays; falls to zero as half a cosine over the budget."""
+    """Learning rate: linear warm-up, plateau, then cosine decay to zero."""
     constant = optimisation.constant_share
     warmth = min(1.0, (step + 1) / (optimisation.warmup_steps + 1))
     fallen = min(1.0, max(0.0, fraction - constant) / (1 - constant))

@@ -1,4 +1,4 @@
-"""Where a training run stands: enough to go on as if it had never stopped."""
+"""Checkpoint of a training run, from which it is resumed exactly."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -21,26 +21,26 @@ _MODEL, _AVERAGE, _OPTIMISER = "model/", "average/", "optimiser/"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standing:
-    """How far a run is."""
+class TrainState:
+    """Progress of a run."""
 
     step: int = 0
-    """Steps done."""
+    """Number of finished steps."""
     trained_s: float = 0.0
-    """Time spent on them."""
+    """Time spent on these steps."""
 
 
 def write_state(
     path: Path,
-    standing: Standing,
+    train_state: TrainState,
     *,
     model: nn.Module,
     average: nn.Module,
     optimiser: Optimizer,
 ) -> None:
-    """Write all that a run needs to go on.
+    """Write a checkpoint.
 
-    Random numbers are functions of the seed and the step, so none are kept.
+    Random numbers are functions of the seed and the step, so no generator is stored.
 
     Raises:
         ModelError: the file cannot be written.
@@ -50,14 +50,14 @@ def write_state(
     for index, parameter in enumerate(_parameters(optimiser)):
         for name, value in optimiser.state.get(parameter, {}).items():
             tensors[f"{_OPTIMISER}{index}/{name}"] = torch.as_tensor(value)
-    about = {"step": standing.step, "trained_s": standing.trained_s}
+    about = {"step": train_state.step, "trained_s": train_state.trained_s}
     write_tensors(path, _KIND, tensors, about)
 
 
 def read_state(
     path: Path, *, model: nn.Module, average: nn.Module, optimiser: Optimizer
-) -> Standing:
-    """Bring a run to where ``write_state`` left it.
+) -> TrainState:
+    """Restore a run from a checkpoint.
 
     Raises:
         ModelError: the file is missing, damaged, or of another network.
@@ -78,7 +78,7 @@ def read_state(
         if state:
             optimiser.state[parameter] = state
     about = file.about
-    return Standing(step=int(about["step"]), trained_s=float(about["trained_s"]))
+    return TrainState(step=int(about["step"]), trained_s=float(about["trained_s"]))
 
 
 def _below(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

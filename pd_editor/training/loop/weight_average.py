@@ -7,11 +7,11 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 _FASTEST = 10.0
-"""The average forgets its start: at step n no more than (1 + n) / (10 + n) is kept."""
+"""Warm-up of the average: at step n the decay is at most (1 + n) / (10 + n)."""
 
 
 class WeightAverage:
-    """A second network whose weights follow those of the one that is trained."""
+    """A copy of a network with the moving average of its weights."""
 
     def __init__(self, model: nn.Module, decay: float) -> None:
         self.model = copy.deepcopy(model).requires_grad_(requires_grad=False).eval()
@@ -20,7 +20,7 @@ class WeightAverage:
 
     @torch.no_grad()
     def update(self, model: nn.Module, step: int) -> None:
-        """Take in the weights after a step, counted from 0."""
+        """Update the average after a step, counted from 0."""
         decay = min(self._decay, (1 + step) / (_FASTEST + step))
         averaged: list[Tensor] = list(self.model.parameters())
         get_ema_multi_avg_fn(decay)(averaged, [*model.parameters()], step)

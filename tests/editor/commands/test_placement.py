@@ -105,7 +105,7 @@ def test_a_back_cast_past_runs_along_the_lane(offset):
     )
     assert np.abs(turn).max() < 0.1
     assert result.provenance.notes == (
-        "The past of agent new was back-cast at its speed.",
+        "The history of agent new was reconstructed at its speed.",
     )
 
 

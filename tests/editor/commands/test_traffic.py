@@ -57,7 +57,7 @@ def test_futures_are_replaced_and_all_else_stays():
     assert result.agents.is_valid[rows, NOW:].all()
     assert result.agents.ids == BASE.agents.ids
     assert result.provenance.notes == (
-        "Motion of 2 agents was drawn by drift, seed 3.",
+        "Motion of 2 agents was sampled by drift, seed 3.",
     )
 
 

@@ -94,7 +94,9 @@ def test_drawn_states_are_compared_with_all_of_the_log(tmp_path):
     assert float(cells(table, "path_length", "ours")["drawn"]) == pytest.approx(
         far.root, abs=1e-3
     )
-    assert table.note.startswith("4 agents of the log at the state; of their ways, 3")
+    assert table.note.startswith(
+        "4 agents of the log at the current step; of their trajectories, 3"
+    )
 
 
 def test_without_a_log_there_is_nothing_to_compare_with(tmp_path):

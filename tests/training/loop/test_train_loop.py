@@ -8,7 +8,7 @@ from pd_editor.errors import ModelError, TrainingError
 from pd_editor.training.config.run_config import Budget, Optimisation
 from pd_editor.training.loop.run_folder import RunFolder
 from pd_editor.training.loop.train_loop import learning_rate, spent
-from pd_editor.training.loop.training_state import Standing
+from pd_editor.training.loop.training_state import TrainState
 from tests.training.fake_stage import (
     Numbers,
     config_of,
@@ -42,11 +42,11 @@ def test_a_resumed_run_equals_an_uninterrupted_one(tmp_path, stop):
     list(whole.run())
     first = loop_of(tmp_path / "parts")
     list(first.run(is_stopped=stops_after(stop)))
-    assert first.standing.step == stop
+    assert first.train_state.step == stop
     second = loop_of(tmp_path / "parts")
     second.resume()
     list(second.run())
-    assert second.standing.step == whole.standing.step == 60
+    assert second.train_state.step == whole.train_state.step == 60
     assert torch.equal(weights_of(second), weights_of(whole))
     assert second.held_out_loss == whole.held_out_loss
 
@@ -59,11 +59,11 @@ def test_a_killed_run_goes_on_from_its_checkpoint(tmp_path):
     lost = loop_of(tmp_path / "parts")
     lost.resume()
     for progress in lost.run():
-        if progress.standing.step >= 45:
+        if progress.train_state.step >= 45:
             break
     again = loop_of(tmp_path / "parts")
     again.resume()
-    assert again.standing.step == 20
+    assert again.train_state.step == 20
     assert RunFolder(tmp_path / "parts").logged()[-1]["step"] == 20
     list(again.run())
     assert torch.equal(weights_of(again), weights_of(whole))
@@ -127,7 +127,7 @@ def test_checkpoints_come_in_time_and_at_the_end(tmp_path):
     config = replace(config_of(30), budget=Budget(steps=30, checkpoint_minutes=1e-9))
     written = []
     loop = loop_of(tmp_path, config=config)
-    list(loop.run(on_checkpoint=lambda: written.append(loop.standing.step)))
+    list(loop.run(on_checkpoint=lambda: written.append(loop.train_state.step)))
     assert written == list(range(1, 31))
     list(loop.run(on_checkpoint=lambda: written.append(0)))
     assert len(written) == 30
@@ -153,9 +153,9 @@ def test_the_learning_rate_warms_up_stays_and_falls():
 
 
 def test_steps_count_before_minutes():
-    standing = Standing(step=5, trained_s=30)
-    assert spent(Budget(steps=10, minutes=0.1), standing) == 0.5
-    assert spent(Budget(minutes=2), standing) == 0.25
+    train_state = TrainState(step=5, trained_s=30)
+    assert spent(Budget(steps=10, minutes=0.1), train_state) == 0.5
+    assert spent(Budget(minutes=2), train_state) == 0.25
 
 
 def test_the_data_is_seen_in_all_processes_parts(tmp_path):
