@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
-from pd_editor.diffusion.trajectory.yielding import with_yielding
+from pd_editor.diffusion.trajectory.sample_yielding import with_yielding
 from pd_editor.editor.commands import ReplaceTraffic, RequestSummary
 from pd_editor.generation import (
     GenerationRequest,

@@ -1,4 +1,4 @@
-"""Path Diffuser: initial states, then trajectories, behind the generator's port."""
+"""Path Diffuser as a ``ScenarioGenerator``: initial states, then trajectories."""
 
 import threading
 import time
@@ -23,7 +23,7 @@ from pd_editor.diffusion.initial_state.attributes import (
     attribute_notes,
 )
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.pipeline import Placing, place_in_squares
+from pd_editor.diffusion.initial_state.pipeline import SquarePlacement, place_in_squares
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.initial_state.squares import Placement, placings_of
 from pd_editor.diffusion.request_check import (
@@ -39,7 +39,7 @@ from pd_editor.diffusion.trajectory.pipeline import (
     TrajectoryTask,
     sample_task,
 )
-from pd_editor.diffusion.trajectory.yielding import with_yielding
+from pd_editor.diffusion.trajectory.sample_yielding import with_yielding
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     AVOIDANCE,
@@ -56,14 +56,14 @@ from pd_editor.scene.scenario import Scenario
 Preview = Callable[[], tuple[TrafficSample, ...]]
 
 _MOST_NAMED: Final = 6
-"""Agents that a note lists."""
+"""Number of agents that a note lists."""
 _PLACING_SHARE: Final = 0.5
-"""Of the progress of a sample whose states are drawn too."""
+"""Share of the progress of the first stage in a sample with both stages."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DenoisingProgress(GenerationProgress):
-    """A denoising step done, with the samples predicted so far."""
+    """Progress after a denoising step, with the samples predicted so far."""
 
     preview: Preview = field(default=tuple, compare=False, repr=False)
 
@@ -77,10 +77,10 @@ class PathDiffuser:
         name: str = "path-diffuser",
         device: DeviceName = "auto",
     ) -> None:
-        """Weights are read when they are first needed.
+        """Make a generator; weights are read on first use.
 
         Raises:
-            GenerationError: a GPU is asked for, and there is none.
+            GenerationError: a GPU is requested, and there is none.
         """
         self._folder, self._name = Path(folder), name
         self._device = sampling_device(device)
@@ -93,10 +93,10 @@ class PathDiffuser:
         return self._name
 
     def model(self) -> TrainedModel:
-        """The weights, read once, on the device that draws.
+        """The model, read once, on the sampling device.
 
         Raises:
-            ModelError: they are missing, damaged or foreign.
+            ModelError: the weights are missing, damaged or foreign.
         """
         with self._lock:
             if self._model is None:
@@ -107,10 +107,10 @@ class PathDiffuser:
             return self._model
 
     def warm_up(self) -> None:
-        """Read the weights before a user waits for them.
+        """Load the model ahead of the first generation.
 
         Raises:
-            ModelError: they are missing, damaged or foreign.
+            ModelError: the weights are missing, damaged or foreign.
         """
         self._initial_states()
         self._trajectories()
@@ -118,7 +118,7 @@ class PathDiffuser:
     def generate(
         self, request: GenerationRequest
     ) -> Generator[GenerationProgress, None, GeneratedTraffic]:
-        """Yield progress after each denoising step, return the traffic.
+        """Yield progress after each denoising step and return the traffic.
 
         Raises:
             GenerationError: the request cannot be met.
@@ -130,7 +130,7 @@ class PathDiffuser:
         model = self.model()
         if not request.agent_ids and not request.samples_states:
             raise GenerationError(
-                "There is nobody to generate; expected at least one agent."
+                "There is no agent to generate; expected at least one agent."
             )
         if request.samples_states:
             found = yield from self._sampled_states_and_trajectories(request)
@@ -193,11 +193,11 @@ class PathDiffuser:
                 partial(_progress, label, done + share, share),
             )
             samples.append(driven)
-        notes = list(attribute_notes(placed, _wishes(request)))
+        notes = list(attribute_notes(placed, _attribute_request(request)))
         num_empty = sum(not ids for _, ids in placed)
         if num_empty:
             notes.append(
-                f"Nobody was placed in {num_empty} of {len(placed)} samples: there are "
+                f"No agent was placed in {num_empty} of {len(placed)} samples: there are "
                 "as many road users as suit the road."
             )
         return _Sampled(
@@ -224,7 +224,7 @@ class PathDiffuser:
             model.decoder.basis,
             knows_leaders=model.config.knows_leaders,
         ).to(self._device)
-        drawn = yield from sample_task(
+        sampled = yield from sample_task(
             model,
             task,
             indices,
@@ -234,12 +234,12 @@ class PathDiffuser:
             ),
         )
         notes: list[str] = []
-        if drawn.lane_cost_m[0] > 0:
-            before, after = drawn.lane_cost_m
+        if sampled.lane_cost_m[0] > 0:
+            before, after = sampled.lane_cost_m
             notes.append(
                 f"Distance to lanes: {before:.1f} -> {after:.1f} m by guidance."
             )
-        samples = [(one, ()) for one in _samples(task, rows, drawn.motion)]
+        samples = [(one, ()) for one in _samples(task, rows, sampled.motion)]
         if _yields(request):
             samples = [with_yielding(scenario, rows, one) for one, _ in samples]
         return _Sampled(
@@ -251,22 +251,24 @@ class PathDiffuser:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Sampled:
-    """Samples, the agents of each that were slowed, and what there is to tell."""
+    """Samples with the slowed agents of each, and notes for the user."""
 
     samples: tuple[TrafficSample, ...]
     slowed_ids: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...]
 
     def yielding_notes(self) -> list[str]:
-        """Which agents were slowed."""
+        """Note on the agents that were slowed."""
         count = sum(map(len, self.slowed_ids))
         if not count:
             return []
         names = list(dict.fromkeys(name for one in self.slowed_ids for name in one))
-        told = ", ".join(names[:_MOST_NAMED])
+        names_listed = ", ".join(names[:_MOST_NAMED])
         more = f" and {len(names) - _MOST_NAMED} more" * (len(names) > _MOST_NAMED)
         agents = "agent" if count == 1 else "agents"
-        return [f"{count} {agents} slowed down to avoid a collision: {told}{more}."]
+        return [
+            f"{count} {agents} slowed down to avoid a collision: {names_listed}{more}."
+        ]
 
 
 def _placing_progress(
@@ -287,8 +289,8 @@ def _progress(
 
 def _placings(
     stage: TrainedStage, request: GenerationRequest, sample: int
-) -> tuple[Placing, ...]:
-    """What to place where in a sample; the model may choose how many, in each another."""
+) -> tuple[SquarePlacement, ...]:
+    """Agents to place in a sample; each sample may have another number of agents."""
     assert isinstance(stage.model, InitialStateDenoiser)
     placement = Placement(
         redrawn_ids=request.redrawn_state_ids,
@@ -296,7 +298,7 @@ def _placings(
         draws_num_agents=request.draws_num_agents,
         density=stage.sampling["sampler"].fit_density,
         region=request.region,
-        attributes=_wishes(request),
+        attributes=_attribute_request(request),
     )
     random = np.random.default_rng([request.seed, sample])
     placings = placings_of(stage.model, request.scenario, placement, random)
@@ -318,14 +320,14 @@ def _state_sampler(
     return sampler
 
 
-def _wishes(request: GenerationRequest) -> AttributeRequest:
+def _attribute_request(request: GenerationRequest) -> AttributeRequest:
     return AttributeRequest(
         moving_share=request.moving_share, only_on_road=request.only_on_road
     )
 
 
 def _num_tries(request: GenerationRequest) -> int:
-    """Of each future; 0 where no agent is to avoid others."""
+    """Number of tries per trajectory; 0 if collisions are not avoided."""
     avoids = [term for term in request.guidance if term.name == AVOIDANCE]
     if not avoids:
         return NUM_TRIES
@@ -334,7 +336,7 @@ def _num_tries(request: GenerationRequest) -> int:
 
 
 def _yields(request: GenerationRequest) -> bool:
-    """Whether agents that would collide are slowed."""
+    """Whether agents that would collide yield."""
     avoids = [term for term in request.guidance if term.name == AVOIDANCE]
     wanted = avoids[-1].parameters.get("yields", 1.0) if avoids else 1.0
     return bool(_num_tries(request)) and wanted > 0
@@ -360,16 +362,16 @@ def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptio
 def _samples(
     task: TrajectoryTask, rows: Int[np.ndarray, "G"], motion: Motion
 ) -> tuple[TrafficSample, ...]:
-    """One sample for each of the motion; things go straight on."""
+    """Samples of a motion; static objects keep their velocity."""
     agents, axis = task.scenario.agents, task.scenario.time_axis
     now = task.scenario.current_step
     place = {int(row): index for index, row in enumerate(task.features.agent_row)}
-    drawn = np.array([place.get(int(row), -1) for row in rows], int)
+    sampled = np.array([place.get(int(row), -1) for row in rows], int)
     time_s = axis.step_s * np.arange(axis.num_future_steps + 1)
     velocity = agents.velocity_mps[rows, now][:, None].repeat(len(time_s), axis=1)
     position = agents.position_m[rows, now][:, None] + velocity * time_s[:, None]
     heading = agents.heading_rad[rows, now][:, None].repeat(len(time_s), axis=1)
-    has = drawn >= 0
+    has = sampled >= 0
     known = agents.activity[rows]
     activity = tuple(Activity(int(one)) for one in known) if known.any() else ()
     samples: list[TrafficSample] = []
@@ -380,7 +382,7 @@ def _samples(
             (motion.position_m, motion.heading_rad, motion.velocity_mps),
             strict=True,
         ):
-            table[has] = values[index, drawn[has]]
+            table[has] = values[index, sampled[has]]
         samples.append(
             TrafficSample(
                 ids=tuple(agents.ids[row] for row in rows),
@@ -400,13 +402,13 @@ def _notes(request: GenerationRequest) -> list[str]:
     other = [term.name for term in request.guidance if term.name not in known]
     notes = [f"The model takes no guidance {name!r}." for name in other]
     agents = request.scenario.agents
-    things = [
+    static_objects = [
         name
         for name in request.agent_ids
         if agents.kinds[agents.row_of[name]] not in ROAD_USER_KINDS
     ]
-    if things:
+    if static_objects:
         notes.append(
-            f"{', '.join(things)}: no road users, so they keep their velocity."
+            f"{', '.join(static_objects)}: no road users, so they keep their velocity."
         )
     return notes

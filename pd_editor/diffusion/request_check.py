@@ -1,4 +1,4 @@
-"""What the model can be asked for."""
+"""Validation of requests to the model."""
 
 from typing import Final
 
@@ -13,22 +13,22 @@ from pd_editor.scene.scenario import Scenario
 MOST_AGENTS: Final = 500
 
 _LONGEST_S: Final = 6.05
-"""Futures are 5.9 s long; one step more is driven at the last velocity."""
+"""Trajectories are 5.9 s long; one more step is extrapolated at the last velocity."""
 
 
 def check_request(request: GenerationRequest) -> None:
-    """Refuse what cannot be generated.
+    """Raise for requests that cannot be met.
 
     Raises:
-        GenerationError: numbers, agents, states or times are no good.
+        GenerationError: numbers, agents, states or times are not valid.
         EditError: an agent is not in the scenario.
     """
     scenario, agents = request.scenario, request.scenario.agents
     if len(set(request.agent_ids)) < len(request.agent_ids):
-        raise GenerationError("An agent was asked for twice; each may be named once.")
+        raise GenerationError("An agent was requested twice; each may be named once.")
     if not set(request.redrawn_state_ids) <= set(request.agent_ids):
         raise GenerationError(
-            "Only agents whose futures are drawn can get another state."
+            "Only agents whose trajectories are generated can get another state."
         )
     for term in request.guidance:
         if term.name == LANE_GUIDANCE and not 0 <= term.weight <= 1:
@@ -48,7 +48,7 @@ def check_request(request: GenerationRequest) -> None:
     if axis.num_future_steps * axis.step_s > _LONGEST_S:
         raise GenerationError(
             f"The scenario's future lasts {axis.num_future_steps * axis.step_s:.1f} s; "
-            "the model draws 6 s."
+            "the model samples 6 s."
         )
     if not scenario.road_map.lanes:
         raise GenerationError("The scenario has no lanes; the model needs a road.")
@@ -56,7 +56,7 @@ def check_request(request: GenerationRequest) -> None:
 
 
 def num_present(scenario: Scenario) -> int:
-    """Agents that are there at the current step."""
+    """Number of agents at the current step."""
     return int(scenario.agents.is_valid[:, scenario.current_step].sum())
 
 

@@ -1,4 +1,4 @@
-"""The two stages of the model, by the names they have on disk and in the shell."""
+"""The two stages of the model, by their names on disk and in the shell."""
 
 from collections.abc import Mapping
 from typing import Final

@@ -20,7 +20,7 @@ from pd_editor.lane_follower.intentions import (
     drivers_at,
     sample_intentions,
 )
-from pd_editor.lane_follower.traffic import Traffic, initial_traffic, simulate
+from pd_editor.lane_follower.simulated_traffic import Traffic, initial_traffic, simulate
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 
 STEPS_PER_REPORT: Final = 10
@@ -78,7 +78,7 @@ def _checked_rows(request: GenerationRequest) -> Int[np.ndarray, "G"]:
             "a learned model."
         )
     if len(set(request.agent_ids)) < len(request.agent_ids):
-        raise GenerationError("An agent was asked for twice; each may be named once.")
+        raise GenerationError("An agent was requested twice; each may be named once.")
     agents = request.scenario.agents
     rows = agents.rows(request.agent_ids)
     exists: Bool[np.ndarray, "G"] = agents.is_valid[rows, request.scenario.current_step]

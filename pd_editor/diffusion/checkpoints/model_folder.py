@@ -25,13 +25,13 @@ CONFIG_NAME: Final = "config.json"
 FORMAT: Final = "pd-editor-model"
 FORMAT_VERSION: Final = 2
 UPGRADED_VERSION: Final = 1
-"""Networks had other layers then; their weights are converted when they are read."""
+"""Earlier format with other layers, whose weights are converted when they are read."""
 MAX_CONFIG_BYTES: Final = 2**20
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageKind:
-    """What one of the model's stages is: its name, its file, its network."""
+    """Kind of a stage: name, file and network."""
 
     name: str
     file_name: str
@@ -39,46 +39,46 @@ class StageKind:
     """Flat dataclass of plain values that ``make_model`` takes."""
     make_model: Callable[[Any], nn.Module]
     sampling_types: Mapping[str, type[Any]] = field(default_factory=dict)
-    """By name, flat dataclasses of plain values with defaults: how it is sampled."""
+    """Flat dataclasses of sampling settings by name, with defaults."""
     upgraded_tensors: (
         Callable[[Mapping[str, torch.Tensor], Any], Mapping[str, torch.Tensor]] | None
     ) = None
-    """From tensors of format version 1 and the configuration to those of today."""
+    """Converts tensors of format version 1, given the configuration."""
 
     def default_sampling(self) -> dict[str, Any]:
-        """How it is sampled unless a model says otherwise."""
+        """Default sampling settings."""
         return {name: made() for name, made in self.sampling_types.items()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainedStage:
-    """A stage with its weights."""
+    """A stage with its weights and settings."""
 
     kind: StageKind
     config: Any
     model: nn.Module
     sampling: Mapping[str, Any] = field(default_factory=dict)
-    """How it is sampled: an instance of each of the kind's ``sampling_types``."""
+    """Sampling settings: an instance of each of the kind's ``sampling_types``."""
     about: Mapping[str, Any] = field(default_factory=dict)
-    """How it was trained; plain JSON values."""
+    """Training record, as JSON values."""
     sha256: str = ""
-    """Of the file it was read from."""
+    """Hash of the weights' file."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainedModel:
-    """What a model folder holds; a stage may be absent."""
+    """Contents of a model folder; a stage may be absent."""
 
     name: str
     stages: Mapping[str, TrainedStage]
     sha256: str
-    """Of all its weights."""
+    """Hash of all weights."""
 
     def stage(self, name: str) -> TrainedStage:
-        """A stage that must be there.
+        """A required stage.
 
         Raises:
-            ModelError: the folder has no weights of it.
+            ModelError: the folder has no weights of the stage.
         """
         if name not in self.stages:
             raise ModelError(
@@ -93,16 +93,16 @@ def save_model(
 ) -> None:
     """Write a model folder.
 
-    The list of what is there, with hashes, is written last: a folder that a kill left
-    half written is refused when it is read.
+    The list of files with hashes is written last, so that an incomplete folder is
+    detected when it is read.
 
     Args:
-        folder: Made if needed; the same stages in it are replaced.
-        stages: By name.
+        folder: Created if needed; stages of the same names are replaced.
+        stages: Stages by name.
         half: Store the weights in float16, for shipping.
 
     Raises:
-        ModelError: it cannot be written.
+        ModelError: the folder cannot be written.
     """
     listed: dict[str, Any] = {}
     for name, stage in sorted(stages.items()):
@@ -128,7 +128,7 @@ def save_model(
 
 
 def load_model(folder: Path, kinds: Mapping[str, StageKind]) -> TrainedModel:
-    """Read a model folder: every stage that it lists, on the CPU, in eval mode.
+    """Read all stages of a model folder, on the CPU, in evaluation mode.
 
     Raises:
         ModelError: files are missing, damaged, foreign, or do not fit each other.
@@ -196,8 +196,8 @@ def _loaded_stage(
     tensors = file.tensors
     if is_upgraded:
         tensors = _upgraded(kind, tensors, config, folder / kind.file_name)
-    # A network without numbers takes no memory, so sizes that do not fit are refused
-    # before anything is allocated.
+    # On the device meta a network takes no memory, so that sizes that do not fit are
+    # detected before anything is allocated.
     with torch.device("meta"):
         outline = made_model(kind, config, seed=0, source=source)
     check_fit(outline, tensors, folder / kind.file_name)
@@ -215,10 +215,10 @@ def _loaded_stage(
 
 
 def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
-    """How a stage is sampled; what a folder does not say is as usual.
+    """Sampling settings of a stage; missing ones have their defaults.
 
     Raises:
-        ModelError: it holds something else.
+        ModelError: the settings are not valid.
     """
     if not isinstance(given, dict) or not given.keys() <= kind.sampling_types.keys():
         raise ModelError(
@@ -257,10 +257,10 @@ def _upgraded(
 def made_model(
     kind: StageKind, config: Any, *, seed: int, source: object = "configuration"
 ) -> nn.Module:
-    """A fresh network; the seed alone decides its weights, nothing else is disturbed.
+    """Make a network with random weights that depend on the seed only.
 
     Raises:
-        ModelError: the configuration makes no network.
+        ModelError: the configuration is not valid.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -274,7 +274,7 @@ def made_model(
             ArithmeticError,
             MemoryError,
         ) as error:
-            # Messages of torch go on with the lines of its own stack.
+            # torch's messages continue with lines of its stack.
             reason = (str(error).splitlines() or [type(error).__name__])[0]
             raise ModelError(
                 f"{source}: no network can be made of it ({reason})."

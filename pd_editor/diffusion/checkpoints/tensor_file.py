@@ -1,4 +1,4 @@
-"""Named tensors in one file: written whole or not at all, read without running code."""
+"""Files of named tensors: written atomically, read without executing code."""
 
 import hashlib
 import json
@@ -24,10 +24,10 @@ _Config = TypeVar("_Config")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TensorFile:
-    """What a file of tensors holds."""
+    """Contents of a file of tensors."""
 
     kind: str
-    """What the tensors are for, such as ``traj``; files of another kind are refused."""
+    """Kind of the tensors, such as ``traj``; a reader expects a certain kind."""
     about: Mapping[str, Any]
     """Plain JSON values."""
     tensors: Mapping[str, Tensor]
@@ -37,7 +37,7 @@ class TensorFile:
 def write_tensors(
     path: Path, kind: str, tensors: Mapping[str, Tensor], about: Mapping[str, Any]
 ) -> str:
-    """Write tensors and what is to be known about them; equal input, equal bytes.
+    """Write tensors with their metadata; equal input gives equal bytes.
 
     Returns:
         The file's SHA-256.
@@ -45,9 +45,9 @@ def write_tensors(
     Raises:
         ModelError: the file cannot be written.
     """
-    told = {"format": FORMAT, "kind": kind, "about": about}
-    # One entry: the library writes several in any order.
-    metadata = {_METADATA_KEY: json.dumps(told, sort_keys=True)}
+    metadata_values = {"format": FORMAT, "kind": kind, "about": about}
+    # One entry, because the library writes several in arbitrary order.
+    metadata = {_METADATA_KEY: json.dumps(metadata_values, sort_keys=True)}
     plain = {name: one.detach().cpu().contiguous() for name, one in tensors.items()}
     data = save(plain, metadata)
     write_whole(path, data, ModelError)
@@ -55,10 +55,10 @@ def write_tensors(
 
 
 def read_tensors(path: Path, kind: str) -> TensorFile:
-    """Read a file of tensors onto the CPU; nothing in it is ever executed.
+    """Read a file of tensors onto the CPU without executing code.
 
     Raises:
-        ModelError: it is missing, damaged, from another program, or of another kind.
+        ModelError: the file is missing, damaged, foreign, or of another kind.
     """
     check_regular(path, max_bytes=MAX_FILE_BYTES, error=ModelError)
     try:
@@ -66,7 +66,7 @@ def read_tensors(path: Path, kind: str) -> TensorFile:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
         with safe_open(path, framework="pt", device="cpu") as opened:
             metadata = opened.metadata() or {}
-            told = json.loads(metadata.get(_METADATA_KEY, "{}"))
+            metadata_values = json.loads(metadata.get(_METADATA_KEY, "{}"))
             tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
     except OSError as error:
         raise ModelError(
@@ -76,14 +76,16 @@ def read_tensors(path: Path, kind: str) -> TensorFile:
         raise ModelError(
             f"{path}: is damaged or no safetensors file ({error})."
         ) from error
-    if not isinstance(told, dict) or told.get("format") != FORMAT:
+    if not isinstance(metadata_values, dict) or metadata_values.get("format") != FORMAT:
         raise ModelError(
             f"{path}: was written by another program or version; expected format "
             f"{FORMAT}."
         )
-    if told.get("kind") != kind:
-        raise ModelError(f"{path}: holds {told.get('kind')!r}; expected {kind!r}.")
-    about = told.get("about")
+    if metadata_values.get("kind") != kind:
+        raise ModelError(
+            f"{path}: holds {metadata_values.get('kind')!r}; expected {kind!r}."
+        )
+    about = metadata_values.get("about")
     if not isinstance(about, dict):
         raise ModelError(f"{path}: does not say what its tensors are about.")
     return TensorFile(
@@ -95,12 +97,12 @@ def read_tensors(path: Path, kind: str) -> TensorFile:
 
 
 def load_into(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -> None:
-    """Fill a model with tensors that fit it exactly, in its own precision.
+    """Load tensors that fit a model exactly, in the model's precision.
 
     Args:
-        model: Left as it is if anything does not fit.
+        model: The model; not changed if anything does not fit.
         tensors: As of ``model.state_dict()``, in any floating-point precision.
-        source: Where they are from, for messages.
+        source: Origin of the tensors, for messages.
 
     Raises:
         ModelError: names, shapes or values do not fit.
@@ -113,7 +115,7 @@ def load_into(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -
 
 
 def check_fit(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -> None:
-    """Refuse tensors of other names, shapes or types than a model's.
+    """Raise for tensors with other names, shapes or types than a model's.
 
     The model may be on the device ``meta``, where it takes no memory.
 
@@ -142,7 +144,7 @@ def check_fit(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -
 
 
 def in_half_precision(model: nn.Module) -> dict[str, Tensor]:
-    """A model's tensors for shipping: weights in float16, all else as it is."""
+    """Tensors of a model for shipping: weights in float16, all others unchanged."""
     weights = {name for name, _ in model.named_parameters()}
     return {
         name: one.half() if name in weights and one.is_floating_point() else one
@@ -157,11 +159,11 @@ def config_from_json(
     *,
     takes_defaults: bool = False,
 ) -> _Config:
-    """A model's flat configuration out of a file.
+    """Convert JSON values to a model's flat configuration.
 
-    A field that came later than the file has the value of its metadata ``when_absent``,
-    which is what networks did before there was such a field. With ``takes_defaults``
-    other missing fields have their defaults.
+    A field that is newer than the file has the value of its metadata ``when_absent``,
+    which describes networks before the field existed. With ``takes_defaults`` other
+    missing fields have their defaults.
 
     Raises:
         ModelError: fields are missing, unknown, or hold something else.
@@ -207,7 +209,7 @@ def _short(value: Any) -> str:
 
 
 def _fits(value: Any, kind: Any) -> bool:
-    """Whether a JSON value can be a field of a plain type or of a ``Literal``."""
+    """Whether a JSON value is valid for a field of a plain type or a ``Literal``."""
     if get_origin(kind) is Literal:
         return value in get_args(kind)
     if not isinstance(kind, type):

@@ -1,1 +1,1 @@
-"""Diffusion itself: noise, sampling, attention; knows neither stage."""
+"""Common parts of both stages: noise schedules, sampler, attention."""

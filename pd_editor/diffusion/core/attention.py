@@ -14,33 +14,33 @@ _VECTOR_LENGTH: Final = 16
 
 
 class Mask(NamedTuple):
-    """Which keys each query sees, for adding to logits and multiplying results."""
+    """Attention mask: a term for logits, and a factor for results."""
 
     added: Float[Tensor, "*b #Q K"] | None
-    """Minus infinity where a key is hidden, 0 in rows that see nothing; None where
-    no key is hidden."""
+    """Minus infinity where a key is masked, 0 in rows without a visible key; None if no
+    key is masked."""
     sees_any: Float[Tensor, "*b #Q 1"] | None
-    """0 where a query sees no key at all; None where every query sees some key."""
+    """0 for queries without a visible key; None if every query has one."""
 
     @classmethod
     def of(cls, is_visible: Bool[Tensor, "*b #Q K"]) -> "Mask":
-        """The mask that leaves some keys visible to each query."""
+        """Make the mask from the visible keys of each query."""
         if bool(is_visible.all()):
             return cls(None, None)
         sees_any = is_visible.any(dim=-1, keepdim=True)
-        # Rows without a key stay finite, so that no gradient becomes NaN.
+        # Rows without a visible key stay finite, so that no gradient becomes NaN.
         added = minus_infinity_unless(is_visible | ~sees_any)
         return cls(added, None if bool(sees_any.all()) else sees_any.to(added))
 
     def weights(self, logits: Float[Tensor, "*b #Q K"]) -> Float[Tensor, "*b Q K"]:
-        """Softmax over the visible keys; all 0 where a query sees none."""
+        """Softmax over the visible keys; all 0 for queries without one."""
         if self.added is not None:
             logits = logits + self.added
         weights = softmax(logits)
         return weights if self.sees_any is None else weights * self.sees_any
 
     def mapped(self, change: Callable[[Tensor], Tensor]) -> "Mask":
-        """With a change of shape, the same for both parts."""
+        """Apply a change of shape to both parts."""
         return Mask(*(None if one is None else change(one) for one in self))
 
 
@@ -91,7 +91,7 @@ def softmax(logits: Float[Tensor, "*b K"]) -> Float[Tensor, "*b K"]:
 
 
 def minus_infinity_unless(exists: Bool[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """For adding to logits: 0 where there is something, minus infinity elsewhere."""
+    """Term for logits: 0 where something exists, minus infinity elsewhere."""
     added = torch.zeros(exists.shape, device=exists.device)
     return added.masked_fill_(~exists, -math.inf)
 
@@ -99,7 +99,7 @@ def minus_infinity_unless(exists: Bool[Tensor, "*shape"]) -> Float[Tensor, "*sha
 def batched_product(
     left: Float[Tensor, "A B M K"], right: Float[Tensor, "A B K N"]
 ) -> Float[Tensor, "A B M N"]:
-    """``left @ right`` without its broadcasting, which takes as long as small products."""
+    """``left @ right`` without broadcasting, whose overhead dominates small products."""
     found = torch.bmm(left.flatten(0, 1), right.flatten(0, 1))
     return found.view(*left.shape[:-1], right.shape[-1])
 
@@ -107,9 +107,9 @@ def batched_product(
 def scale_query_rows(
     layer: nn.Linear, num_rows: int, channels: int, *, first_row: int = 0
 ) -> None:
-    """Begin training with queries of D channels scaled by 1 / sqrt(D).
+    """Scale initial query weights of D channels by 1 / sqrt(D).
 
-    The factor is part of the weights, not a further operation.
+    The factor is part of the weights, not a separate operation.
     """
     rows = slice(first_row, first_row + num_rows)
     with torch.no_grad():
@@ -124,7 +124,7 @@ class KeysValues(NamedTuple):
     keys: Float[Tensor, "B HN K C"]
     values: Float[Tensor, "B H K C"]
     mask: Mask
-    """Of shape [B 1 1 K]."""
+    """Mask of shape [B 1 1 K]."""
     second_share: Float[Tensor, ""] | None
     """Of the weights of second maps in the sum of both: minus lambda."""
 
@@ -161,7 +161,7 @@ class DifferentialAttention(nn.Module):
                 self.to_output.weight *= 1 - self.initial_lambda
 
     def encode(self, tokens: Float[Tensor, "B K D"], mask: Mask) -> KeysValues:
-        """What does not depend on the queries; the mask is of shape [B 1 1 K]."""
+        """Keys and values, which do not depend on queries; the mask has shape [B 1 1 K]."""
         keys = self.to_keys(tokens).unflatten(-1, (self.num_heads * self.num_maps, -1))
         values = self.to_values(tokens).unflatten(-1, (self.num_heads, -1))
         return KeysValues(
@@ -194,12 +194,12 @@ class DifferentialAttention(nn.Module):
 
 
 def initial_lambda(depth: int) -> float:
-    """Weight of the second softmax that a layer at some depth begins with."""
+    """Initial weight of the second softmax of a layer at some depth."""
     return 0.8 - 0.6 * math.exp(-0.3 * depth)
 
 
 class EdgeAttention(nn.Module):
-    """Attention from each token along its edges, whose embeddings are keys and values.
+    """Attention of each token over its edges, whose embeddings are keys and values.
 
     With ``with_tokens`` the tokens at the other ends count as well: then every token
     has an edge to every other one. Edges of several groups have heads of their own, as
@@ -267,9 +267,9 @@ class EdgeAttention(nn.Module):
 def visible_agents(
     has_agent: Bool[Tensor, "B A"], is_central: Bool[Tensor, "B"]
 ) -> Bool[Tensor, "B A A"]:
-    """Which agents each agent sees: all others, or none in a decentralised scene.
+    """Agents that each agent attends to: all others, or none in a decentralised scene.
 
-    The paper's Bernoulli mask, with real isolation.
+    This is the paper's Bernoulli mask, with complete isolation.
     """
     num_agents = has_agent.shape[1]
     others = ~torch.eye(num_agents, dtype=torch.bool, device=has_agent.device)

@@ -1,4 +1,4 @@
-"""Numbers that a model's configuration may hold."""
+"""Validation of the numbers in a model's configuration."""
 
 import math
 from dataclasses import fields
@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 
 MAX_WIDTH: Final = 1024
 MAX_NUMBER: Final = 128
-"""Most layers, blocks, heads or neighbours."""
+"""Largest number of layers, blocks, heads or neighbours."""
 
 
 def check_sizes(config: "DataclassInstance") -> None:
-    """Refuse whole numbers in a configuration that make no network, or a huge one.
+    """Raise for integers in a configuration that are invalid, or too large.
 
-    Fields whose names end in ``width`` are widths, all others are numbers of things;
+    Fields whose names end in ``width`` are widths, all others are counts;
     ``width`` must be a multiple of ``num_heads``.
 
     Raises:
@@ -43,9 +43,9 @@ def check_sizes(config: "DataclassInstance") -> None:
 
 
 def check_settings(config: "DataclassInstance") -> None:
-    """Refuse numbers that are no setting of a sampler or of its guidance.
+    """Raise for invalid settings of a sampler or of its guidance.
 
-    Whole numbers count something, at least 1; all others are finite and not negative.
+    Integers are counts, at least 1; all other numbers are finite and not negative.
 
     Raises:
         ModelError: a field is out of range.

@@ -15,7 +15,7 @@ def sampling_device(name: DeviceName) -> torch.device:
     """The device of a name.
 
     Raises:
-        GenerationError: a GPU is asked for, and there is none.
+        GenerationError: a GPU is requested, and there is none.
     """
     has_gpu = torch.cuda.is_available()
     if name == "cuda" and not has_gpu:

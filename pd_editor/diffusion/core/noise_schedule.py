@@ -18,12 +18,12 @@ Prediction = Literal["clean", "velocity", "noise"]
 _BETA_FIRST: Final = 0.1
 _BETA_LAST: Final = 20.0
 _LEAST_ALPHA: Final = 1e-3
-"""Noise alone says nothing of the signal at level 1; the signal there is cut off."""
+"""Lower bound of alpha in divisions: at level 1 there is no signal."""
 
 
 @runtime_checkable
 class NoiseSchedule(Protocol):
-    """What a sampler and a loss need to know of the noise."""
+    """Interface of noise schedules for samplers and losses."""
 
     def alpha(self, level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b #P"]:
         """Amplitude of the signal."""
@@ -40,17 +40,17 @@ def noised(
     noise: Float[Tensor, "*#b P"],
     level: Float[Tensor, "*#b 1"],
 ) -> Float[Tensor, "*b P"]:
-    """A clean sample at a noise level."""
+    """Add noise of some level to clean samples."""
     return schedule.alpha(level) * clean + schedule.sigma(level) * noise
 
 
 @dataclass(frozen=True, kw_only=True)
 class VariancePreserving:
-    """alpha^2 + sigma^2 = 1, and what a network's output stands for.
+    """Schedule with alpha^2 + sigma^2 = 1, and the parametrisation of the network.
 
-    At level 1 nothing of the signal is left (zero terminal SNR, Lin et al. 2024), so
-    that sampling starts from what training has seen there. ``linear`` has linearly
-    growing betas (DDPM, in continuous time), shifted to zero terminal SNR.
+    At level 1 there is no signal (zero terminal SNR, Lin et al. 2024), so that sampling
+    starts from the distribution of the training. ``linear`` has linearly increasing betas
+    (DDPM, in continuous time), shifted to zero terminal SNR.
     """
 
     kind: ScheduleKind = "cosine"
@@ -84,7 +84,7 @@ class VariancePreserving:
         noisy: Float[Tensor, "..."],
         level: Float[Tensor, "..."],
     ) -> Float[Tensor, "..."]:
-        """The clean sample that a network's output stands for."""
+        """Predicted clean sample of a network's output."""
         match self.prediction:
             case "clean":
                 return output
@@ -99,7 +99,7 @@ class VariancePreserving:
 
 @dataclass(frozen=True)
 class VarianceExploding:
-    """The signal is kept whole; the noise grows exponentially, each part on its own.
+    """Schedule with constant signal and exponentially increasing noise for each part.
 
     Each step of a sampler resolves the next smaller scale.
     """
@@ -107,10 +107,10 @@ class VarianceExploding:
     lowest: tuple[float, ...]
     """Standard deviation of each part at level 0."""
     highest: tuple[float, ...]
-    """At level 1."""
+    """Standard deviation of each part at level 1."""
 
     def alpha(self, level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b 1"]:
-        """1 at all levels."""
+        """Amplitude of the signal: 1 at all levels."""
         return torch.ones_like(level)
 
     def sigma(self, level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b P"]:
@@ -138,7 +138,7 @@ def preconditioning(
 
 
 def even_levels(num_steps: int) -> list[float]:
-    """Levels of the steps from 1 down, evenly spaced; what follows the last is 0."""
+    """Evenly spaced levels of the steps from 1 down; the level after the last is 0."""
     assert num_steps >= 1, "a sample takes at least one step"
     return [(num_steps - index) / num_steps for index in range(num_steps)]
 
@@ -152,7 +152,7 @@ def centered_levels(num_steps: int, emphasis: float) -> list[float]:
 
 
 def centered(even: Float[Tensor, "*b"], emphasis: float) -> Float[Tensor, "*b"]:
-    """Levels 0..1 moved to the middle, where they become 1 / (1 - emphasis) as dense."""
+    """Concentrate levels 0..1 in the middle, by the factor 1 / (1 - emphasis)."""
     return even + emphasis * (2 * math.pi * even).sin() / (2 * math.pi)
 
 

@@ -1,4 +1,4 @@
-"""Random numbers that belong to a sample, whatever batch the sample is drawn in."""
+"""Random numbers of each sample, independent of the batch that contains it."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -10,15 +10,15 @@ from torch import Tensor
 
 _GOLDEN_RATIO: Final = (5**0.5 - 1) / 2
 _SHIFT_KEY: Final = (1 << 31, 1)
-"""Sets the numbers that all samples share apart from those of each."""
+"""Key of the random numbers that all samples share."""
 
 
 class RandomStreams:
     """One generator for each of S samples of a stage.
 
-    Numbers are generated on the CPU: they are the same whatever device computes. A
-    sample's numbers depend on the seed, on the stage and on its own index only, so
-    sample k alone equals sample k of a batch.
+    Numbers are generated on the CPU, so that they do not depend on the device. A sample's
+    numbers depend on the seed, the stage and its index only, so sample k alone equals
+    sample k of a batch.
     """
 
     def __init__(self, seed: int, stage: str, samples: Sequence[int]) -> None:
@@ -38,11 +38,11 @@ class RandomStreams:
         )
 
     def spread_normal(self, *shape: int, num_tries: int = 1) -> Float[Tensor, "S ..."]:
-        """Standard normal numbers of which the first of each row differ most.
+        """Low-discrepancy standard normal numbers: each sample fills gaps of the others.
 
-        Sample by sample they fill the gaps that earlier samples left: a few samples
-        cover what is likely. With several tries, each ``num_tries`` consecutive
-        samples are tries of one; the first tries of all are spread, then the second.
+        The first numbers of each row differ most between samples, so that a few samples
+        cover the distribution. With several tries, each ``num_tries`` consecutive samples
+        are tries of one; first tries are spread first, then second ones.
 
         Source: Kronecker sequence of the golden ratio, shifted at random (Cranley and
         Patterson, 1976), so that each sample by itself is normal.

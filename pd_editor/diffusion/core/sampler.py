@@ -1,4 +1,4 @@
-"""The sampler of both stages: from noise to samples, one noise level after another."""
+"""Sampler of both stages: denoises samples over decreasing noise levels."""
 
 import contextlib
 import functools
@@ -16,20 +16,20 @@ from pd_editor.diffusion.core.random_streams import RandomStreams
 _ROWS_PER_THREAD: Final = 256
 
 Denoise = Callable[[Tensor, int], Tensor]
-"""From noisy samples [S ... P] and the index of their level to the predicted clean ones."""
+"""Predicts clean samples from noisy ones [S ... P] and the index of their level."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SamplerConfig:
-    """How a sampler goes from one noise level to the next."""
+    """Settings of the step from one noise level to the next."""
 
     eta: float = 0.0
     """Stochasticity: 0 adds no fresh noise (DDIM), 1 is ancestral sampling."""
     extrapolation: tuple[float, ...] = (0.0,)
-    """Of each part of a sample: 0 takes the predicted clean sample as it is (first
-    order), 1 extrapolates those of the last two steps (second order)."""
+    """For each part of a sample: 0 uses the predicted clean sample (first order), 1
+    extrapolates the predictions of the last two steps (second order)."""
     noise_factors: tuple[float, ...] = (1.0,)
-    """Of the fresh noise on each part of a sample."""
+    """Factors of the fresh noise on each part of a sample."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,7 +37,7 @@ class SamplerStep:
     """State after a step."""
 
     index: int
-    """From 0."""
+    """Index of the step, from 0."""
     num_steps: int
     clean: Float[Tensor, "S ..."]
     """Predicted clean samples; after the last step they are the result."""
@@ -53,8 +53,8 @@ def sample_steps(
 ) -> Iterator[SamplerStep]:
     """Denoise ``start``, which is at ``levels[0]``, once at each level.
 
-    A caller stops by not asking for the next step. Between steps torch is as the
-    caller set it.
+    A caller stops by not requesting the next step. Between steps torch has the caller's
+    settings.
 
     Source: Song et al., Denoising diffusion implicit models, 2021, equation 12, for
     any amplitudes of signal and noise; second order as in Lu et al., DPM-Solver++, 2022
@@ -87,10 +87,10 @@ def sample_steps(
 def _slopes(
     alphas: Float[Tensor, "T #P"], sigmas: Float[Tensor, "T #P"]
 ) -> Float[Tensor, "T #P"]:
-    """How far each step goes on from the last two predictions, as a share of their gap.
+    """Extrapolation factor of each step, relative to the last two predictions.
 
-    Half of the step's length over that of the step before, in logarithms of the signal
-    to noise ratio: 0.5 for even steps.
+    Half the ratio of the step's length to that of the previous one, in logarithms of the
+    signal-to-noise ratio: 0.5 for even steps.
     """
     length = (alphas / sigmas).log().diff(dim=0)
     slopes = torch.zeros_like(alphas + sigmas)
@@ -110,14 +110,13 @@ def _noise_shares(
 
 @contextlib.contextmanager
 def sampling_mode(num_rows: int) -> Iterator[None]:
-    """No gradients, no autocast of a caller, and few threads for few rows.
+    """Context without gradients and autocast, with few threads for few rows.
 
-    Sines of large angles need float32, which autocast would not keep. Threads are for
-    many rows: of the many short operations on few rows, each would wait for the thread
-    whose core another program keeps busy.
+    Sines of large angles need float32, which autocast does not preserve. For few rows,
+    operations are so short that waiting for other threads would dominate.
 
     Args:
-        num_rows: agents, times samples.
+        num_rows: Number of agents times samples.
     """
     usual = _usual_threads()
     torch.set_num_threads(min(usual, 1 + num_rows // _ROWS_PER_THREAD))
@@ -132,8 +131,8 @@ def sampling_mode(num_rows: int) -> Iterator[None]:
 
 @functools.cache
 def _usual_threads() -> int:
-    """Threads of torch when the process first sampled.
+    """Number of torch's threads when the process first sampled.
 
-    Later it may tell what a step has set that runs in another thread meanwhile.
+    A later value may be the one that a concurrent step in another thread has set.
     """
     return torch.get_num_threads()

@@ -1,6 +1,6 @@
-"""How many road users a stretch of road has, as in the training data.
+"""Prior of the number of road users by kind, given the length of lanes.
 
-Of each kind, and how many of them move and are on the road.
+It also covers how many of them move and are on the road, as in the training data.
 """
 
 from collections.abc import Iterable, Mapping
@@ -20,16 +20,16 @@ from pd_editor.features.scene_features import AGENT_KINDS
 from pd_editor.scene.agent_kind import AgentKind
 
 HALF_SIDES_M: Final = (31.0, 44.0, 62.0)
-"""Squares that are counted around the middle of each scene."""
+"""Half sides of the squares that are counted around the centre of each scene."""
 MOST_ROWS: Final = 600
-"""Rows kept for each of them."""
+"""Number of rows kept for each size of square."""
 NUM_ROWS: Final = MOST_ROWS * len(HALF_SIDES_M)
 _NUM_LIKE: Final = 40
-"""Rows with a like length of lanes, one of which is drawn."""
+"""Number of rows with a similar length of lanes, one of which is sampled."""
 _NUM_AS_FULL: Final = 10
-"""Of them, those with a like number of agents, where that is known."""
+"""Number of these with a similar number of agents, if that is known."""
 _USUAL_WEIGHT: Final = 2.0
-"""So many agents does the mean of like squares count beside those of one square."""
+"""Pseudo-count: weight of the mean over similar squares, in agents of one square."""
 _VEHICLE_LANE: Final = 0
 _CELLS: Final = (len(AGENT_KINDS), 2, 2)
 _NUM_CELLS: Final = 4 * len(AGENT_KINDS)
@@ -38,26 +38,26 @@ _ON_ROAD: Final = np.array([[0.0, 1.0], [0.0, 1.0]])
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AgentAttributes:
-    """What is known of A agents before they are placed."""
+    """Attributes of A agents, sampled before their states."""
 
     moves: Bool[np.ndarray, "A"]
     on_road: Bool[np.ndarray, "A"]
-    """Within ``OFF_LANE_M`` of a centre line; of pedestrians always true."""
+    """Whether within ``OFF_LANE_M`` of a centre line; always true for pedestrians."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AgentCounts:
-    """Squares of N training scenes: half side, length of lanes, road users."""
+    """Counts of N squares of training scenes: half side, length of lanes, road users."""
 
     half_side_m: Float[np.ndarray, "N"]
     lane_m: Float[np.ndarray, "N"]
-    """Of vehicle lanes in the square."""
+    """Length of vehicle lanes in the square."""
     counts: Int[np.ndarray, "N K 2 2"]
-    """Of each of ``AGENT_KINDS``: whether they move (no, yes), are on the road."""
+    """Numbers by ``AGENT_KINDS``, moving (no, yes), and on the road (no, yes)."""
 
     @classmethod
     def none(cls) -> "AgentCounts":
-        """Nothing counted yet."""
+        """Empty counts."""
         empty = np.zeros(0)
         return cls(
             half_side_m=empty,
@@ -66,7 +66,7 @@ class AgentCounts:
         )
 
     def as_tensor(self) -> Float[torch.Tensor, "R C"]:
-        """One row per square; always as many rows, so that networks can keep them."""
+        """One row per square, padded to a constant number, to be stored in a network."""
         counts = self.counts.reshape(-1, _NUM_CELLS)
         rows = np.column_stack([self.half_side_m, self.lane_m, counts])
         table = torch.zeros((NUM_ROWS, rows.shape[1]))
@@ -83,7 +83,7 @@ class AgentCounts:
             counts=np.rint(rows[:, 2:]).astype(int).reshape(-1, *_CELLS),
         )
 
-    def draw(
+    def sample(
         self,
         lane_m: float,
         half_side_m: float,
@@ -91,14 +91,14 @@ class AgentCounts:
         *,
         only_on_road: bool = False,
     ) -> Mapping[AgentKind, int]:
-        """The numbers of a training square of about that size and length of lanes.
+        """Sample the numbers of a training square of similar size and length of lanes.
 
-        Those on the road only, if asked for.
+        ``only_on_road`` counts agents on the road only.
         """
         like, scale = self._like(lane_m, half_side_m)
         counts = self.counts * _ON_ROAD if only_on_road else self.counts
-        drawn = counts[like[random.integers(len(like))]].sum(axis=(1, 2)) * scale
-        whole = np.floor(drawn + random.random(len(drawn))).astype(int)
+        sampled = counts[like[random.integers(len(like))]].sum(axis=(1, 2)) * scale
+        whole = np.floor(sampled + random.random(len(sampled))).astype(int)
         numbers = dict(zip(AGENT_KINDS, whole.tolist(), strict=True))
         return {kind: number for kind, number in numbers.items() if number}
 
@@ -113,23 +113,23 @@ class AgentCounts:
         moving_share: float | None = None,
         only_on_road: bool = False,
     ) -> AgentAttributes:
-        """Who moves and who is on the road, as in a training square like this one.
+        """Sample which agents move and are on the road, as in a similar training square.
 
         Args:
-            kinds: of the agents, as indices of ``AGENT_KINDS``.
+            kinds: kinds of the agents, as indices of ``AGENT_KINDS``.
             present: agents that are in the square already, as in ``counts``.
             lane_m: length of vehicle lanes in the square.
-            half_side_m: of the square.
-            random: random numbers.
-            moving_share: of each kind, instead of that of the training square.
-            only_on_road: nobody is off the road.
+            half_side_m: half side of the square.
+            random: random generator.
+            moving_share: share of moving agents of each kind; None: as in training.
+            only_on_road: whether all agents are on the road.
         """
         like, scale = self._like(lane_m, half_side_m)
         counted = (self.counts * _ON_ROAD if only_on_road else self.counts)[like]
         apart = np.abs(counted.sum(axis=(1, 2, 3)) * scale - len(kinds) - present.sum())
         as_full = np.argsort(apart, kind="stable")[:_NUM_AS_FULL]
         square = counted[as_full[random.integers(len(as_full))]] * scale
-        # A kind that no like square has is as it is everywhere, or on the road.
+        # A kind that no similar square has follows all squares, or is on the road.
         usual = counted.sum(axis=0) + 1e-3 * self.counts.sum(axis=0)
         usual = _normalized(usual + _ON_ROAD * 1e-6)
         share = np.maximum(square - present, 0.0) + _USUAL_WEIGHT * usual
@@ -145,18 +145,18 @@ class AgentCounts:
     def _like(
         self, lane_m: float, half_side_m: float
     ) -> tuple[Int[np.ndarray, "L"], float]:
-        """Rows of about that size and length of lanes; how much larger the square is."""
+        """Rows of similar size and length of lanes, and the factor of the square's size."""
         sides = np.unique(self.half_side_m)
         side = sides[np.abs(sides - half_side_m).argmin()]
         rows = np.flatnonzero(self.half_side_m == side)
-        # A square between the sizes has its share of agents and lanes.
+        # A square between two sizes is scaled proportionally.
         scale = float((half_side_m / side) ** 2)
         apart = np.abs(self.lane_m[rows] - lane_m / scale)
         return rows[np.argsort(apart, kind="stable")[:_NUM_LIKE]], scale
 
 
 def fit_agent_counts(scenes: Iterable[PackedScene], *, seed: int = 0) -> AgentCounts:
-    """Count the road users of training scenes; a random part of them is kept."""
+    """Count the road users of training scenes, and keep a random subset of rows."""
     rows = [
         [side, *found] for scene in scenes for side, found in _counted(scene).items()
     ]
@@ -181,7 +181,7 @@ def lane_length_m(
     piece_kind: Int[np.ndarray, "P"],
     half_side_m: float,
 ) -> float:
-    """Length of vehicle lanes in a square around the middle."""
+    """Length of vehicle lanes in a square around the centre."""
     counts = _is_inside(piece_pose, half_side_m) & (piece_kind == _VEHICLE_LANE)
     return float(piece_shape[counts, 0].sum() * PIECE_LENGTH_M)
 
@@ -189,7 +189,7 @@ def lane_length_m(
 def cells_of(
     scene: SceneTensors, counts: Bool[np.ndarray, "A"]
 ) -> Int[np.ndarray, "K 2 2"]:
-    """Agents of one scene (B = 1) that count, as in ``AgentCounts.counts``."""
+    """Numbers of some agents of one scene (B = 1), as in ``AgentCounts.counts``."""
     on_road = (is_on_road(scene) | ~follows_lanes(scene))[0].cpu().numpy()
     moves = scene.agent_speed[0].cpu().numpy() >= STANDING_SPEED_MPS
     cell = 4 * scene.agent_kind[0].cpu().numpy() + 2 * moves + on_road
@@ -213,7 +213,7 @@ def _counted(scene: PackedScene) -> dict[float, list[float]]:
 def _spread(
     kinds: Int[np.ndarray, "A"], random: np.random.Generator
 ) -> Float[np.ndarray, "A"]:
-    """Uniform numbers, of each kind evenly spread: shares come out as exact as can be."""
+    """Stratified uniform numbers by kind, so that shares are as exact as possible."""
     found = np.zeros(len(kinds))
     for kind in np.unique(kinds):
         rows = np.flatnonzero(kinds == kind)

@@ -1,4 +1,4 @@
-"""Attributes of agents before they are placed: moving or parked, on the road or not."""
+"""Attributes by which initial states are conditioned: moving or not, on-road or not."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,12 +27,12 @@ from pd_editor.scene.scenario import Scenario
 
 @dataclass(frozen=True, kw_only=True)
 class AttributeRequest:
-    """Attributes that a user asks for."""
+    """Attributes that a user requests."""
 
     moving_share: float | None = None
     """Share of moving agents of each kind; None: as on similar roads."""
     only_on_road: bool = False
-    """No vehicles far from lanes, as they are on parking lots."""
+    """Whether there are no vehicles far from lanes, such as on parking lots."""
 
 
 def with_attributes(
@@ -40,25 +40,25 @@ def with_attributes(
     scene: SceneTensors,
     counts: AgentCounts,
     random: np.random.Generator,
-    wishes: AttributeRequest | None = None,
+    request: AttributeRequest | None = None,
 ) -> Conditioning:
-    """Conditioning with the attributes of all sampled agents, if any are asked for.
+    """Add the attributes of all sampled agents to a conditioning, if any are requested.
 
     Attributes that the request leaves open are sampled as on similar roads. Without a
-    request the network decides from the road which agents park beside it.
+    request agents are unconditioned: the network samples which ones park.
 
     Args:
-        task: of one scene (B = 1).
-        scene: the same one.
-        counts: what training squares hold.
-        random: random numbers.
-        wishes: what the user asks for.
+        task: conditioning of one scene (B = 1).
+        scene: the same scene.
+        counts: counts of training squares.
+        random: random generator.
+        request: requested attributes.
 
     Raises:
-        GenerationError: attributes are asked for, but there are no training squares.
+        GenerationError: attributes are requested, but there are no training squares.
     """
-    wishes = AttributeRequest() if wishes is None else wishes
-    if wishes == AttributeRequest():
+    request = AttributeRequest() if request is None else request
+    if request == AttributeRequest():
         return task
     if not len(counts.lane_m):
         raise GenerationError(
@@ -70,42 +70,42 @@ def with_attributes(
         one[scene.has_piece].cpu().numpy()
         for one in (scene.piece_pose, scene.piece_shape, scene.piece_kind)
     )
-    is_drawn = (scene.has_agent & ~task.is_given)[0].cpu().numpy()
+    is_sampled = (scene.has_agent & ~task.is_given)[0].cpu().numpy()
     is_inside = (scene.agent_pose[0, :, :2].abs() <= half_side_m).all(dim=-1)
     is_present = (scene.has_agent & task.is_given)[0] & is_inside
-    drawn = counts.sample_attributes(
-        scene.agent_kind[0].cpu().numpy()[is_drawn],
+    sampled = counts.sample_attributes(
+        scene.agent_kind[0].cpu().numpy()[is_sampled],
         cells_of(scene, is_present.cpu().numpy()),
         lane_length_m(pose, shape, kind, half_side_m),
         half_side_m,
         random,
-        moving_share=wishes.moving_share,
-        only_on_road=wishes.only_on_road,
+        moving_share=request.moving_share,
+        only_on_road=request.only_on_road,
     )
-    codes = np.zeros((2, *is_drawn.shape), int)
-    codes[:, is_drawn] = np.where(
-        [drawn.moves, drawn.on_road], CONDITIONED_YES, CONDITIONED_NO
+    codes = np.zeros((2, *is_sampled.shape), int)
+    codes[:, is_sampled] = np.where(
+        [sampled.moves, sampled.on_road], CONDITIONED_YES, CONDITIONED_NO
     )
     moves, on_road = torch.from_numpy(codes[:, None]).to(task.moves.device)
     return replace(task, moves=moves, on_road=on_road * follows_lanes(scene))
 
 
 def attribute_notes(
-    placed: Sequence[tuple[Scenario, tuple[str, ...]]], wishes: AttributeRequest
+    placed: Sequence[tuple[Scenario, tuple[str, ...]]], request: AttributeRequest
 ) -> tuple[str, ...]:
-    """A sentence for each attribute asked for of the agents placed in some samples.
+    """One sentence per requested attribute on the agents placed in some samples.
 
-    None where no attribute was asked for, or no agent placed.
+    Empty if no attribute was requested, or no agent placed.
     """
     count = sum(len(ids) for _, ids in placed)
     notes: list[str] = []
-    if count and wishes.moving_share is not None:
+    if count and request.moving_share is not None:
         moving = sum(_num_moving(*one) for one in placed)
         notes.append(
             f"{moving} of {count} placed agents move ({moving / count:.0%}; "
-            f"{wishes.moving_share:.0%} were asked for)."
+            f"{request.moving_share:.0%} were asked for)."
         )
-    if count and wishes.only_on_road:
+    if count and request.only_on_road:
         off = sum(_num_off_road(*one) for one in placed)
         notes.append(
             f"{off or 'None'} of {count} placed agents {'is' if off < 2 else 'are'} "

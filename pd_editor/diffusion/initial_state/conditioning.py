@@ -1,4 +1,4 @@
-"""Conditioning of initial states: what is fixed before they are sampled."""
+"""Conditioning of initial states: given agents, order, attributes, square."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -11,7 +11,7 @@ from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
 REACH_M: Final = POSITION_UNIT_M + 16.0
-"""Agents and map tokens further out, along x or y, are left out."""
+"""Agents and map tokens further from the centre, along x or y, are left out."""
 
 
 UNCONDITIONED: Final = 0
@@ -22,10 +22,10 @@ CONDITIONED_YES: Final = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Conditioning:
-    """What the states of A agents in B scenes are conditioned on."""
+    """Conditioning of the states of A agents in B scenes."""
 
     is_given: Bool[Tensor, "B A"]
-    """Agents whose state of ``agent_pose`` and ``agent_speed`` stays as it is."""
+    """Given agents, whose ``agent_pose`` and ``agent_speed`` are fixed."""
     order: Int[Tensor, "B A"]
     """Rank of each sampled agent among those of its kind, from 1; else 0."""
     moves: Int[Tensor, "B A"]
@@ -33,9 +33,9 @@ class Conditioning:
     on_road: Int[Tensor, "B A"]
     """Attribute: whether it is within ``OFF_LANE_M`` of a centre line."""
     half_side_m: Float[Tensor, "B"]
-    """Of the square around the middle in which agents are sampled."""
+    """Half side of the square around the centre in which agents are sampled."""
     is_central: Bool[Tensor, "B"]
-    """Whether agents see each other; in generation they always do."""
+    """Whether agents attend to each other; in generation they always do."""
 
 
 def attribute_codes(
@@ -50,9 +50,9 @@ def sampling_conditioning(
     is_given: Bool[Tensor, "B A"] | None = None,
     half_side_m: Float[Tensor, "B"] | None = None,
 ) -> Conditioning:
-    """Conditioning of generation: agents of a kind are in the order of their rows.
+    """Conditioning for generation: agents of a kind are ordered by rows.
 
-    Their attributes are not set.
+    Attributes are unconditioned.
     """
     num_scenes, device = scene.num_scenes, scene.has_agent.device
     given = torch.zeros_like(scene.has_agent) if is_given is None else is_given
@@ -73,12 +73,12 @@ def order_by(
     scene: SceneTensors,
     is_given: Bool[Tensor, "B A"],
 ) -> Int[Tensor, "B A"]:
-    """Rank of each sampled agent among those of its kind, by some key."""
-    is_drawn = scene.has_agent & ~is_given
+    """Rank of each sampled agent among those of its kind by a key; 0 for given agents."""
+    is_sampled = scene.has_agent & ~is_given
     same_kind = scene.agent_kind[:, :, None] == scene.agent_kind[:, None]
-    counts = same_kind & is_drawn[:, None]
+    counts = same_kind & is_sampled[:, None]
     not_after = key[:, None] <= key[:, :, None]
-    return (counts & not_after).sum(dim=-1) * is_drawn
+    return (counts & not_after).sum(dim=-1) * is_sampled
 
 
 _OF_PIECES: Final = ("piece_pose", "piece_shape", "piece_kind")
@@ -100,7 +100,7 @@ _OF_AGENTS: Final = (
 
 
 def pieces_within(scene: SceneTensors, reach_m: float) -> SceneTensors:
-    """The scene without map tokens further than ``reach_m`` along x or y, padded less."""
+    """Remove map tokens further than ``reach_m`` along x or y, and reduce the padding."""
     is_piece = scene.has_piece & _is_within(scene.piece_pose, reach_m)
     pieces = _first(scene, _OF_PIECES, is_piece)
     is_boundary = scene.has_boundary & _is_within(scene.boundary_pose, reach_m)
@@ -121,7 +121,7 @@ def _is_within(pose: Float[Tensor, "B N 3"], reach_m: float) -> Bool[Tensor, "B 
 
 
 def only_agents(scene: SceneTensors, is_kept: Bool[Tensor, "B A"]) -> SceneTensors:
-    """The scene without the other agents, padded less; neighbours are unset."""
+    """Keep some agents only, and reduce the padding; neighbours become unset."""
     kept = _first(scene, _OF_AGENTS, scene.has_agent & is_kept)
     has_agent = kept.pop("is_kept")
     for name in ("near_pieces", "near_boundary", "near_agents"):
@@ -132,7 +132,7 @@ def only_agents(scene: SceneTensors, is_kept: Bool[Tensor, "B A"]) -> SceneTenso
 def _first(
     scene: SceneTensors, names: tuple[str, ...], is_kept: Bool[Tensor, "B N"]
 ) -> dict[str, Tensor]:
-    """Fields with the rows kept moved to the front, and which rows are ``is_kept``."""
+    """Fields with the kept rows moved to the front, and their mask as ``is_kept``."""
     num_kept = max(int(is_kept.sum(dim=-1).max()), 1)
     index = torch.argsort(~is_kept, dim=-1, stable=True)[:, :num_kept]
     row = torch.arange(len(index), device=index.device)[:, None]

@@ -1,4 +1,4 @@
-"""The initial-state network's encoded scene and noise levels, for all steps."""
+"""Encoded scene and noise levels of the initial-state network, for all steps."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,45 +13,45 @@ from pd_editor.diffusion.initial_state.map_tokens import MapTokens
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InitialStateContext:
-    """All that does not depend on noisy states, of B scenes of A agents."""
+    """Values that do not depend on noisy states, for B scenes of A agents."""
 
     map_keys_values: tuple[KeysValues, ...]
-    """Of all map tokens, for each layer."""
+    """Keys and values of all map tokens, by layer."""
     map_tokens: MapTokens
-    """For looking up those near an agent."""
+    """Map tokens for the search of those near an agent."""
     agent: Float[Tensor, "B A D"]
     pairs: Float[Tensor, "B 1 A A R"]
-    """Share of both agents' sizes in the embedding of each pair."""
+    """Contribution of both agents' sizes to the embedding of each pair."""
     boxes: BoxPairs | None
-    """For the gaps between agents."""
+    """Box sizes for the gaps between agents."""
     is_visible: Mask
-    """Other agents, of shape [B A 1 A]."""
+    """Mask of the other agents, of shape [B A 1 A]."""
     is_given: Bool[Tensor, "B A"] | None
-    """None where no agent is given."""
+    """Given agents; None if there are none."""
     given: Float[Tensor, "B A P"]
     """Encoded states of the given agents."""
 
 
-class EncodedLevel(NamedTuple):
-    """All that depends on noise levels only; of agents, or of all of them alike."""
+class EncodedStateLevel(NamedTuple):
+    """Values that depend on noise levels only, per agent or for all agents."""
 
     token: Float[Tensor, "*b D"]
     factor_in: Float[Tensor, "*b P"]
-    """Of the noisy states in the network's input."""
+    """Factor of the noisy states in the network's input."""
     factor_skip: Float[Tensor, "*b P"]
-    """Of the noisy states in the result."""
+    """Factor of the noisy states in the result."""
     factor_out: Float[Tensor, "*b P"]
-    """Of the network's output in the result."""
+    """Factor of the network's output in the result."""
     position_fading: Float[Tensor, "*b F"]
     near: NoiseFactors
-    """Of relations to map tokens."""
+    """Noise factors of relations to map tokens."""
     pairs: NoiseFactors
-    """Of relations to other agents."""
+    """Noise factors of relations to other agents."""
 
-    def at(self, index: int) -> "EncodedLevel":
-        """One of several levels along the first axis."""
+    def at(self, index: int) -> "EncodedStateLevel":
+        """Select one of several levels along the first axis."""
         *plain, near, pairs = self
-        return EncodedLevel(
+        return EncodedStateLevel(
             *(one[index] for one in plain),
             near=NoiseFactors(*(one[index] for one in near)),
             pairs=NoiseFactors(*(one[index] for one in pairs)),

@@ -1,4 +1,4 @@
-"""The initial-state network: from noisy states of all agents to clean ones."""
+"""The initial-state network, which predicts clean states of all agents from noisy ones."""
 
 import math
 from dataclasses import dataclass, field
@@ -25,7 +25,10 @@ from pd_editor.diffusion.initial_state.conditioning import (
     Conditioning,
     pieces_within,
 )
-from pd_editor.diffusion.initial_state.context import EncodedLevel, InitialStateContext
+from pd_editor.diffusion.initial_state.context import (
+    EncodedStateLevel,
+    InitialStateContext,
+)
 from pd_editor.diffusion.initial_state.features import (
     NUM_AGENT_FEATURES,
     NUM_FOLDED_FEATURES,
@@ -68,7 +71,7 @@ _NUM_TOKEN_FEATURES: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
 _NUM_LEVEL_WAVES: Final = 8
 _NUM_POSE_PARTS: Final = 4
 _ABSENT: Final = {"when_absent": False}
-"""Of fields of the configuration that came later than some networks."""
+"""Metadata of configuration fields that are newer than some networks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,34 +84,34 @@ class InitialStateConfig:
     num_near_pieces: int = 16
     relation_width: int = 48
     is_differential: bool = True
-    """Plain attention to the map where false."""
+    """Whether map attention is differential; false is standard attention."""
     is_ordered: bool = True
-    """Encode each sampled agent's place among its kind from left to right."""
+    """Whether each sampled agent's rank among its kind is encoded."""
     lowest_noise_m: float = 0.1
     """Standard deviation of the noise on positions at level 0."""
     highest_noise_m: float = 80.0
-    """At level 1."""
+    """Standard deviation of the noise on positions at level 1."""
     lowest_direction_noise: float = 0.04
-    """The same of headings (unit vectors) and of speed codes; in between it is such that
-    the direction is known when the lane is: 0.4 at 3.5 m."""
+    """The same for headings (unit vectors) and speed codes at level 0. In between, noise is
+    such that headings are resolved together with lanes: 0.4 at 3.5 m."""
     highest_direction_noise: float = 3.0
     sees_boundary: bool = field(default=True, metadata=_ABSENT)
-    """Attend to the nearest pieces of the drivable area's boundary, and propose poses in
-    their frames."""
+    """Whether agents attend to the nearest pieces of the drivable area's boundary, and
+    the lane-anchored head proposes poses in their frames."""
     num_near_boundary: int = field(default=8, metadata={"when_absent": 8})
     relates_map_tokens: bool = field(default=True, metadata=_ABSENT)
-    """One layer in which each map token attends to its neighbours, once per scene."""
+    """Whether map tokens attend to their neighbours in one layer, once per scene."""
     num_map_neighbors: int = field(default=12, metadata={"when_absent": 12})
     sees_box_gaps: bool = field(default=True, metadata=_ABSENT)
-    """Gaps between boxes among the relations of agents."""
+    """Whether relations of agents include the gaps between boxes."""
     folds_turns: bool = field(default=True, metadata=_ABSENT)
-    """Directions modulo a half and a quarter turn among all relations."""
+    """Whether relations include directions modulo a half and a quarter turn."""
     samples_activity: bool = field(default=True, metadata=_ABSENT)
-    """States hold which agents are parked, wait or drive."""
+    """Whether states include activities: parked, waiting or driving."""
 
     @property
     def num_state_parts(self) -> int:
-        """Numbers of an encoded state."""
+        """Size of an encoded state."""
         return NUM_MOTION_PARTS + len(ACTIVITIES) * self.samples_activity
 
     def __post_init__(self) -> None:
@@ -116,10 +119,10 @@ class InitialStateConfig:
         self.schedule()
 
     def schedule(self) -> VarianceExploding:
-        """Noise on each part of a state.
+        """Noise schedule of each part of a state.
 
         Raises:
-            ModelError: the noise does not grow.
+            ModelError: the noise does not increase.
         """
         low_m, high_m = self.lowest_noise_m, self.highest_noise_m
         low, high = self.lowest_direction_noise, self.highest_direction_noise
@@ -136,10 +139,10 @@ class InitialStateConfig:
 
 
 class InitialStateDenoiser(nn.Module):
-    """Denoises states of all agents of a scene together.
+    """Denoises the states of all agents of a scene jointly.
 
-    Each step looks from the noisy poses: with differential attention at all map tokens,
-    at the nearest tokens in their own frames, and at the other agents.
+    From their noisy poses, agents attend to all map tokens (differential attention), to
+    the nearest tokens in the tokens' frames, and to the other agents.
     """
 
     def __init__(self, config: InitialStateConfig) -> None:
@@ -154,7 +157,7 @@ class InitialStateDenoiser(nn.Module):
         self.on_road_token = _attribute_token(width)
         self.agent_in = nn.Linear(4, width)
         self.state_in = nn.Linear(config.num_state_parts + NUM_POSITION_FEATURES, width)
-        """Of the motion, waves of the position, and the activity."""
+        """Input layer of motion, sinusoids of the position, and activity."""
         self.level_token = _mlp(2 * _NUM_LEVEL_WAVES + 1, width)
         num_folded = NUM_FOLDED_FEATURES * config.folds_turns
         num_pair = NUM_AGENT_FEATURES + num_folded
@@ -164,7 +167,7 @@ class InitialStateDenoiser(nn.Module):
         self.pair_sizes_in = nn.Linear(4, relation_width)
         self.near_in = nn.Linear(num_near, relation_width, bias=False)
         self.near_token_in = nn.Linear(_NUM_TOKEN_FEATURES, relation_width + width)
-        """Of each map token, for relations to it and for the lane-anchored head."""
+        """Embedding of each map token for relations to it and for the lane-anchored head."""
         self.layers = nn.ModuleList(
             InitialStateLayer(config, depth) for depth in range(config.num_layers)
         )
@@ -177,8 +180,8 @@ class InitialStateDenoiser(nn.Module):
             2 * _NUM_POSE_PARTS + 1 + width,
         )
         self.output = nn.Linear(width, _NUM_POSE_PARTS + config.num_state_parts + width)
-        """Pose in the agent's own frame and speed, pose in the scene's frame, what the
-        lane-anchored head reads, and activity."""
+        """Output layer: pose in the agent's frame and speed, pose in the scene's frame,
+        input of the lane-anchored head, and activity."""
         self.lane_anchored_head = LaneAnchoredHead(
             width,
             NUM_PIECE_FEATURES + relation_width,
@@ -196,24 +199,24 @@ class InitialStateDenoiser(nn.Module):
                 width, relation_width, config.num_heads, config.num_map_neighbors
             )
             self.near_context_in = nn.Linear(width, relation_width + width, bias=False)
-            """What a token has seen around it, for relations to it and for the heads."""
+            """Context of each token, for relations to it and for the heads."""
             nn.init.zeros_(self.near_context_in.weight)
         spread = state_spread(samples_activity=config.samples_activity)
         self.register_buffer("spread", torch.tensor(spread), persistent=False)
 
     @property
     def agent_counts(self) -> AgentCounts:
-        """How many road users the training data has; empty until it was counted."""
+        """Counts of road users in the training data; empty before they are fitted."""
         return AgentCounts.from_tensor(self.get_buffer("counted"))
 
     def set_agent_counts(self, counts: AgentCounts) -> None:
-        """Keep what was counted beside the weights."""
+        """Store counts beside the weights."""
         self.get_buffer("counted").copy_(counts.as_tensor())
 
     def encode_context(
         self, scene: SceneTensors, task: Conditioning
     ) -> InitialStateContext:
-        """Everything that does not depend on the noisy states."""
+        """Compute the values that do not depend on noisy states."""
         scene = pieces_within(scene, REACH_M)
         has_agent = _agents_that_count(scene, task)
         tokens = self._map_tokens(scene)
@@ -242,12 +245,12 @@ class InitialStateDenoiser(nn.Module):
         )
 
     def encode_states(self, scene: SceneTensors) -> Float[Tensor, "B A P"]:
-        """The scene's own states, as the network has them."""
+        """Encode the scene's own states."""
         activity = scene.agent_activity if self.config.samples_activity else None
         return encode_states(scene.agent_pose, scene.agent_speed, activity)
 
     def _map_tokens(self, scene: SceneTensors) -> "_EncodedMap":
-        """All map tokens embedded, each aware of those around it."""
+        """Embed all map tokens, including their context."""
         kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
         features = torch.cat([scene.piece_shape, kinds], dim=-1)
         tokens = [self.map_token(_token_inputs(features, scene.piece_pose))]
@@ -272,8 +275,8 @@ class InitialStateDenoiser(nn.Module):
 
     def encode_level(
         self, level: Float[Tensor, "*l #S #B"], context: InitialStateContext
-    ) -> EncodedLevel:
-        """All that depends on noise levels 0..1 only; given agents have no noise."""
+    ) -> EncodedStateLevel:
+        """Compute the values that depend on noise levels 0..1; given agents have no noise."""
         levels = level.transpose(-1, -2)[..., None]
         if context.is_given is not None:
             levels = torch.where(context.is_given[:, None], -1.0, levels)
@@ -284,7 +287,7 @@ class InitialStateDenoiser(nn.Module):
             square = noise.square()
             return (square[..., None] + square[..., None, :]).sqrt()
 
-        return EncodedLevel(
+        return EncodedStateLevel(
             self._level_token(levels),
             *preconditioning(sigma, self.get_buffer("spread")),
             position_fading=fading(POSITION_WAVELENGTHS_M, noise_m).repeat(
@@ -308,11 +311,11 @@ class InitialStateDenoiser(nn.Module):
     def denoise(
         self,
         noisy: Float[Tensor, "S B A P"],
-        level: EncodedLevel,
+        level: EncodedStateLevel,
         context: InitialStateContext,
     ) -> Float[Tensor, "S B A P"]:
-        """Clean states predicted from encoded noisy ones; given agents as they are."""
-        # Scenes first: all versions of a scene attend to its map together.
+        """Predict clean states from encoded noisy ones; given agents are unchanged."""
+        # Scenes first, so that all versions of a scene attend to its map in one product.
         states = noisy.transpose(0, 1)
         if context.is_given is not None:
             is_given = context.is_given[:, None, :, None]
@@ -327,10 +330,10 @@ class InitialStateDenoiser(nn.Module):
     def _output(
         self,
         states: Float[Tensor, "B S A P"],
-        level: EncodedLevel,
+        level: EncodedStateLevel,
         context: InitialStateContext,
     ) -> Float[Tensor, "B S A P"]:
-        """The network's output, of about unit size at each level."""
+        """Output of the network, of about unit scale at each level."""
         position_m = states[..., :2] * POSITION_UNIT_M
         poses = NoisyPoses(
             position_m=as_complex(position_m),
@@ -404,7 +407,7 @@ class InitialStateDenoiser(nn.Module):
     def _agent_token(
         self, scene: SceneTensors, task: Conditioning, has_agent: Bool[Tensor, "B A"]
     ) -> Float[Tensor, "B A D"]:
-        """Kind, size, attributes, order, the square's size and number of agents."""
+        """Embed kind, size, attributes, rank, the square's size and number of agents."""
         count = has_agent.sum(dim=-1)
         of_scene = torch.stack(
             [task.half_side_m / POSITION_UNIT_M, (1 + count).log() / 4], dim=-1
@@ -420,7 +423,7 @@ class InitialStateDenoiser(nn.Module):
         return token
 
     def _level_token(self, levels: Float[Tensor, "*b"]) -> Float[Tensor, "*b D"]:
-        """Noise levels, for each layer; -1 for agents that are given."""
+        """Embed noise levels for each layer; -1 for given agents."""
         rates = math.pi * torch.arange(1, _NUM_LEVEL_WAVES + 1, device=levels.device)
         phase = levels.clamp_min(0)[..., None] * rates
         is_clean = (levels < 0)[..., None].to(levels.dtype)
@@ -435,25 +438,25 @@ class _EncodedMap(NamedTuple):
 
     of_lanes: Float[Tensor, "B P D"]
     near: MapTokens
-    """For looking up those near an agent."""
+    """Map tokens for the search of those near an agent."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Edges:
-    """Embedded edges of the agents of N versions of scenes, the same for all layers."""
+    """Embedded edges of the agents in N versions of scenes, shared by all layers."""
 
     near: Float[Tensor, "N A M R"]
-    """To the nearest map tokens."""
+    """Edges to the nearest map tokens."""
     near_mask: Mask
     """Of shape [N A #H M]."""
     pairs: Float[Tensor, "N A A R"]
-    """To the other agents."""
+    """Edges to the other agents."""
     pairs_mask: Mask
-    """Of shape [N A 1 A]."""
+    """Mask of shape [N A 1 A]."""
 
 
 class InitialStateLayer(nn.Module):
-    """Attention to the map, to the nearest map tokens, to the agents; feed-forward."""
+    """Layer: attention to the map, the nearest map tokens and agents, then feed-forward."""
 
     def __init__(self, config: InitialStateConfig, depth: int) -> None:
         super().__init__()
@@ -478,7 +481,7 @@ class InitialStateLayer(nn.Module):
     def forward(
         self, token: Float[Tensor, "B S A D"], seen: KeysValues, edges: Edges
     ) -> Float[Tensor, "B S A D"]:
-        """Tokens of S versions of B scenes after the layer."""
+        """Apply the layer to the tokens of S versions of B scenes."""
         shape = token.shape
         token = token.flatten(1, 2)
         token = token + self.map_attention(self.norms[0](token), seen)
@@ -493,7 +496,7 @@ class InitialStateLayer(nn.Module):
 
 
 def sinusoids(order: Int[Tensor, "*b"], width: int) -> Float[Tensor, "*b D"]:
-    """The usual position encoding.
+    """Sinusoidal position encoding.
 
     Source: Vaswani et al., Attention is all you need, 2017.
     """
@@ -503,7 +506,7 @@ def sinusoids(order: Int[Tensor, "*b"], width: int) -> Float[Tensor, "*b D"]:
 
 
 def _agents_that_count(scene: SceneTensors, task: Conditioning) -> Bool[Tensor, "B A"]:
-    """All but given ones too far out to have been in training."""
+    """All agents but given ones that are further out than in training."""
     is_near = torch.all(scene.agent_pose[..., :2].abs() <= REACH_M, dim=-1)
     return scene.has_agent & (is_near | ~task.is_given)
 
@@ -511,14 +514,14 @@ def _agents_that_count(scene: SceneTensors, task: Conditioning) -> Bool[Tensor, 
 def _token_inputs(
     features: Float[Tensor, "B P F"], pose: Float[Tensor, "B P 3"]
 ) -> Float[Tensor, "B P G"]:
-    """Features of map tokens, and where they are in the square."""
+    """Features of map tokens, with their poses in the square."""
     heading = pose[..., 2:]
     position = waves(pose[..., :2], POSITION_WAVELENGTHS_M)
     return torch.cat([features, heading.cos(), heading.sin(), position], dim=-1)
 
 
 def _attribute_token(width: int) -> nn.Embedding:
-    """0 where an attribute is not set; 0 everywhere before training."""
+    """Embedding of an attribute: 0 if unconditioned, and initially 0 for all values."""
     token = nn.Embedding(CONDITIONED_YES + 1, width, padding_idx=UNCONDITIONED)
     nn.init.zeros_(token.weight)
     return token

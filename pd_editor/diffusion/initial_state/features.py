@@ -1,4 +1,4 @@
-"""Relative poses of noisy agents and of map tokens as features, at all scales at once."""
+"""Features of relative poses between noisy agents and map tokens, at all scales."""
 
 import functools
 import math
@@ -9,24 +9,25 @@ from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 POSITION_WAVELENGTHS_M: Final = (16.0, 32.0, 64.0, 128.0, 256.0)
-"""Scales at which a position in the square is encoded."""
+"""Wavelengths of the encoding of a position in the square."""
 RELATION_WAVELENGTHS_M: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 NUM_POSITION_FEATURES: Final = 4 * len(POSITION_WAVELENGTHS_M)
 NUM_AGENT_FEATURES: Final = 4 * len(RELATION_WAVELENGTHS_M) + 8
-"""Waves of both coordinates; both at the scale of a metre and of the noise, and the sine
-of the direction at the scale of the noise; distance; direction."""
+"""Sinusoids of both coordinates; both coordinates at the scale of a metre and of the noise,
+and the sine of the direction at the scale of the noise; distance; direction."""
 NUM_PIECE_FEATURES: Final = NUM_AGENT_FEATURES + 4
 NUM_FOLDED_FEATURES: Final = 6
 """Directions modulo a half and a quarter turn, and their sines at the scale of the noise."""
 NUM_GAP_FEATURES: Final = 10
-"""Gaps between two boxes along the four axes, and the largest; at the scale of a metre
+"""Gaps between two boxes along the four axes, and the largest one; at the scale of a metre
 and of the noise."""
 
 _LEAST_NOISE_M: Final = 0.05
 _LEAST_TURN_NOISE: Final = 0.02
+"""Added to the noise by which features are divided: given agents have none."""
 _NUM_GAPS: Final = 5
 _LENGTH_SCALE: Final = 1 / 3
-"""Added where something is given at the scale of the noise: given agents have none."""
+"""Factor that scales lengths, in metres or in units of the noise, to about one."""
 
 
 class NoisyPoses(NamedTuple):
@@ -34,16 +35,16 @@ class NoisyPoses(NamedTuple):
 
     position_m: Complex[Tensor, "B S A"]
     direction: Complex[Tensor, "B S A"]
-    """Of length one."""
+    """Directions as complex numbers of length one."""
 
 
 class NoiseFactors(NamedTuple):
-    """What the noise of poses makes of features."""
+    """Factors of features that depend on the noise of poses."""
 
     fading: Float[Tensor, "*b F"]
     """Of all features: those of waves fade out, lengths are scaled to about one."""
     lengths: Float[Tensor, "*b L"]
-    """1, or one over the noise, of what is given at the scale of the noise."""
+    """Factors of lengths: 1, or the inverse of the noise."""
 
 
 def waves(
@@ -64,10 +65,9 @@ def _phase(
 def fading(
     wavelengths_m: tuple[float, ...], noise_m: Float[Tensor, "*b"]
 ) -> Float[Tensor, "*b F"]:
-    """Factors of sines, or of cosines, whose points have noise of some deviation.
+    """Factors of sines, or cosines, of points with noise of some standard deviation.
 
-    They make what is expected of the waves of clean points: waves shorter than the
-    noise fade out.
+    The result is the expectation over clean points: wavelengths below the noise vanish.
 
     Source: Barron et al., Mip-NeRF, 2021 (integrated positional encoding).
     """
@@ -87,7 +87,7 @@ def noise_factors(
 
     Args:
         noise_m: standard deviation of offsets.
-        turn_noise: of directions, in radians while small.
+        turn_noise: standard deviation of directions, in radians while small.
         num_offsets: 1 or 2.
         folds_turns: whether there are directions modulo a half and a quarter turn.
         sees_gaps: whether there are gaps between boxes.
@@ -114,7 +114,7 @@ def noise_factors(
 def _rates(
     wavelengths_m: tuple[float, ...], device: torch.device
 ) -> Float[Tensor, "W"]:
-    """Radians for each metre; made once, outside of what is differentiated."""
+    """Radians per metre; computed once, outside of the differentiated graph."""
     with torch.inference_mode(mode=False):
         return torch.tensor([2 * math.pi / one for one in wavelengths_m], device=device)
 
@@ -132,19 +132,19 @@ def _rate_matrix(
 class BoxPairs(NamedTuple):
     """Half sizes of the boxes of each pair of A agents in B scenes.
 
-    The last but one axis is the frame, of the first agent and of the second one; the
-    last one is along and across.
+    The last but one axis is the frame (first or second agent), the last one is along and
+    across.
     """
 
     own: Float[Tensor, "B 1 A A 2 2"]
-    """Of the agent whose frame it is."""
+    """Half sizes of the agent whose frame it is."""
     other: Float[Tensor, "B 1 A A 2 2"]
     crossed: Float[Tensor, "B 1 A A 2 2"]
-    """Of the other agent, its width along and its length across."""
+    """Half sizes of the other agent, its width along and its length across."""
 
     @classmethod
     def of(cls, size_m: Float[Tensor, "B A 2"]) -> "BoxPairs":
-        """All pairs."""
+        """Make all pairs of agents."""
         half = size_m[:, None] / 2
         first = half[:, :, :, None].expand(-1, -1, -1, half.shape[2], -1)
         second = first.transpose(2, 3)
@@ -161,14 +161,14 @@ class BoxPairs(NamedTuple):
         offset_back: Complex[Tensor, "B S A A"],
         direction: Complex[Tensor, "B S A A"],
     ) -> Float[Tensor, "B S A A 5"]:
-        """Gaps along the axes of both boxes, and the largest; below 0 they overlap.
+        """Gaps along the axes of both boxes, and the largest one; below 0 they overlap.
 
-        Boxes are apart where the largest is above 0 (separating axes).
+        Boxes are disjoint if the largest gap is above 0 (separating axes).
 
         Args:
-            offset: of the second agent in the frame of the first one.
-            offset_back: the same offset in the frame of the second one.
-            direction: of the second agent in the frame of the first one.
+            offset: position of the second agent in the frame of the first one.
+            offset_back: the same vector in the frame of the second one.
+            direction: direction of the second agent in the frame of the first one.
         """
         turn = torch.view_as_real(direction).abs()[..., None, :]
         reach = torch.addcmul(self.own, self.other, turn[..., :1])
@@ -185,13 +185,13 @@ def agent_relations(
     folds_turns: bool = False,
     boxes: BoxPairs | None = None,
 ) -> Float[Tensor, "B S A A F"]:
-    """How each agent sees every other one: offset and direction in its own frame.
+    """Relations of agents: offset and direction of others in each agent's frame.
 
     Args:
-        poses: of the agents.
-        noise: of each pair.
-        folds_turns: with directions modulo a half and a quarter turn as well.
-        boxes: with the gaps between boxes as well.
+        poses: poses of the agents.
+        noise: noise factors of each pair.
+        folds_turns: whether to add directions modulo a half and a quarter turn.
+        boxes: box sizes, to add the gaps between boxes.
     """
     back = poses.direction.conj_physical()[..., None]
     apart = poses.position_m[..., None, :] - poses.position_m[..., None]
@@ -210,9 +210,9 @@ def piece_relations(
     *,
     folds_turns: bool = False,
 ) -> Float[Tensor, "B S A M F"]:
-    """How each agent lies to its M map tokens, in the frame of each token.
+    """Relations of each agent to its M map tokens, in the frame of each token.
 
-    And where the token's middle is in the agent's own frame. With ``folds_turns``
+    They include the token's midpoint in the agent's frame. With ``folds_turns``
     directions modulo a half and a quarter turn come last.
     """
     back, own = axis.conj_physical(), poses.direction[..., None]
@@ -232,11 +232,11 @@ def _relation_features(
     folds_turns: bool = False,
     gaps_m: Float[Tensor, "*b G"] | None = None,
 ) -> Float[Tensor, "*b F"]:
-    """An offset and a direction in one frame, and perhaps an offset in another one.
+    """Features of an offset and a direction in one frame, with optional parts.
 
-    Far offsets are dampened. Then perhaps the direction modulo a half and a quarter
-    turn: cars park along a kerb facing either way, and in lots across the row. Then
-    gaps between boxes.
+    Far offsets are dampened. Optional parts are an offset in another frame, the direction
+    modulo a half and a quarter turn (cars park in either direction along a kerb, and
+    perpendicular in lots), and gaps between boxes.
     """
     offset_m = torch.view_as_real(offset)
     direction_xy = torch.view_as_real(direction)
@@ -271,16 +271,16 @@ def _asinh(values: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
 def rotated_back(
     vectors: Float[Tensor, "*#b 2"], direction: Float[Tensor, "*#b 2"]
 ) -> Float[Tensor, "*b 2"]:
-    """Vectors in frames whose x axis is a unit direction."""
+    """Transform vectors to frames whose x axis is a unit direction."""
     return torch.view_as_real(
         as_complex(vectors) * as_complex(direction).conj_physical()
     )
 
 
 def as_complex(vectors: Float[Tensor, "*b 2"]) -> Complex[Tensor, "*b"]:
-    """As complex numbers, which one operation turns."""
+    """Convert vectors to complex numbers, which are rotated by one product."""
     vectors = vectors.contiguous()
-    # A part of a row counts as contiguous where there is only one row.
+    # A slice of a row counts as contiguous if there is only one row.
     is_even = vectors.storage_offset() % 2 == 0
     return torch.view_as_complex(vectors if is_even else vectors.clone())
 
@@ -288,9 +288,9 @@ def as_complex(vectors: Float[Tensor, "*b 2"]) -> Complex[Tensor, "*b"]:
 def crossing_factors(
     prefers_crossings: Bool[Tensor, "B A"], is_crossing: Bool[Tensor, "B P"]
 ) -> Float[Tensor, "B A P"]:
-    """By how much further each map token seems to each agent.
+    """Factors of the distance between each agent and each map token.
 
-    To a pedestrian crosswalks seem at half the distance, to others at twice.
+    Crosswalks count at half the distance for pedestrians, at twice for others.
     """
     factor = torch.where(prefers_crossings, 0.5, 2.0)[..., None]
     return torch.where(is_crossing[:, None], factor, 1.0)

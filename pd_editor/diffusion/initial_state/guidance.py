@@ -1,4 +1,4 @@
-"""Guidance of predicted clean states: boxes apart, moving agents on lanes."""
+"""Guidance of predicted clean states: separates boxes, pulls agents to lanes."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -9,7 +9,6 @@ from torch import Tensor
 
 from pd_editor.diffusion.core.config_limits import check_settings
 from pd_editor.diffusion.core.noise_schedule import NoiseSchedule
-from pd_editor.diffusion.initial_state.box_overlap import OverlapVectors
 from pd_editor.diffusion.initial_state.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
@@ -25,32 +24,33 @@ from pd_editor.diffusion.initial_state.state_encoding import (
     is_standing,
     unit_vectors,
 )
+from pd_editor.diffusion.initial_state.state_overlap import OverlapVectors
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
 _SURELY: Final = 0.5
-"""Codes are means of -0.5 and 0.5: by so much is one activity likelier than another."""
+"""Least difference of activity codes (means of -0.5 and 0.5) for a clear prediction."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InitialStateGuidance:
-    """How strongly predicted clean states are changed, below some noise."""
+    """Strengths and thresholds of the guidance of predicted clean states."""
 
     push: float = 1.0
-    """Share of an overlap that each step takes away."""
+    """Share of an overlap that each step resolves."""
     pull: float = 0.8
-    """Share of the way to the lane that each step goes."""
+    """Share of the distance to the lane that each step moves an agent."""
     moving_offset_m: float = 2.0
-    """Moving agents, and those that surely wait in traffic, are left alone within this
+    """Moving agents, and those clearly waiting in traffic, are not pulled within this
     distance of a centre line."""
     standing_offset_m: float = 10.0
-    """The same of other standing ones: cars park beside lanes, in driveways, on lots."""
+    """The same for other stationary agents: cars park beside lanes, in driveways, on lots."""
     on_road_offset_m: float = 3.5
-    """The same of standing ones that are told to be on the road; who is told to be off
-    the road is left alone anywhere."""
+    """The same for stationary agents that are conditioned on-road. Agents conditioned
+    off-road are not pulled to lanes."""
     within_lanes_offset_m: float = 1.4
-    """The same of all where no agent may be off the road: most lanes are 3 to 3.5 m wide.
-    Without it 22 % of the vehicles placed on three demos were beside the drivable
-    surface, with it 1."""
+    """The same for all agents where all are conditioned on-road: most lanes are 3 to 3.5 m
+    wide. Without it 22 % of the vehicles placed on three demos were off the drivable
+    surface, with it 1 %."""
     stopped_in_junctions: float = 0.2
     """Share of the standing vehicles that may be in a junction; the others are moved to
     the nearest lane outside."""
@@ -59,21 +59,21 @@ class InitialStateGuidance:
     farthest_out_m: float = 20.0
     """To a lane outside; a vehicle with a longer way stays."""
     first_noise_m: float = 12.0
-    """Above this noise on positions nothing is changed."""
+    """There is no guidance above this noise on positions."""
     num_pushes: int = 2
     num_last_pushes: int = 12
-    """In the last step: an agent pushed out of one box may be pushed into another."""
+    """Number of pushes in the last step: a push out of one box may lead into another."""
     gap_m: float = 0.4
-    """Between boxes."""
+    """Gap between boxes."""
     sideways: float = 0.5
-    """Share of a push across the heading: agents rather move along it than out of their
-    lane."""
+    """Factor of the component of a push across the heading, so that agents stay in their
+    lanes."""
 
     def __post_init__(self) -> None:
         check_settings(self)
 
     def within_lanes(self) -> "InitialStateGuidance":
-        """Guidance where no agent may be off the road."""
+        """Guidance where all agents are conditioned on-road."""
         offset = self.within_lanes_offset_m
         return replace(self, moving_offset_m=offset, on_road_offset_m=offset)
 
@@ -127,7 +127,7 @@ class InitialStateGuidance:
         overlaps: OverlapVectors,
         is_given: Bool[Tensor, "B A"],
     ) -> Complex[Tensor, "S B A"]:
-        """Metres out of all overlaps; who overlaps a given agent goes all the way."""
+        """Displacement in metres out of all overlaps; full for overlaps with given agents."""
         share = torch.where(is_given, 1.0, 0.5)[:, None]
         shift = (overlaps(place_m, axis) * share).sum(dim=-1)
         own = shift * axis.conj_physical()
@@ -154,9 +154,9 @@ class InitialStateGuidance:
         lines: CenterLines,
         pulled: "_Pulled",
     ) -> Complex[Tensor, "S B A"]:
-        """Metres towards the nearest lane for those too far from it.
+        """Displacement in metres towards the nearest lane for agents too far from it.
 
-        Nobody is pulled out of the square: a lane beyond its border is not meant.
+        No agent is pulled out of the square.
         """
         offset, length_m = lines.offset_m(place_m)
         allowed = torch.where(may_park, pulled.standing_offset_m, self.moving_offset_m)
@@ -167,7 +167,7 @@ class InitialStateGuidance:
 
 
 def _may_park(clean: Float[Tensor, "S B A P"]) -> Bool[Tensor, "S B A"]:
-    """Standing agents, but for those that are predicted to wait rather than to park."""
+    """Stationary agents, except those that are predicted to wait rather than to park."""
     stands = is_standing(clean)
     if clean.shape[-1] == NUM_MOTION_PARTS:
         return stands
@@ -177,18 +177,18 @@ def _may_park(clean: Float[Tensor, "S B A P"]) -> Bool[Tensor, "S B A"]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pulled:
-    """Who is pulled to lanes, and how much."""
+    """Agents that are pulled to lanes, with their thresholds."""
 
     standing_offset_m: Float[Tensor, "B A"]
     share: Float[Tensor, "B A"]
     half_side_m: Float[Tensor, "B 1"]
-    """Of the square around the middle, out of which nobody is pulled."""
+    """Half side of the square around the centre, which agents are not pulled out of."""
 
     @classmethod
     def of(
         cls, scene: SceneTensors, task: Conditioning, guidance: InitialStateGuidance
     ) -> "_Pulled":
-        """Those that follow lanes, are drawn, and not told to be off the road."""
+        """Sampled agents that follow lanes and are not conditioned off-road."""
         is_pulled = (
             follows_lanes(scene) & (task.on_road != CONDITIONED_NO) & ~task.is_given
         )

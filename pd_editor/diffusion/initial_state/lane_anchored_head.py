@@ -1,4 +1,4 @@
-"""A pose proposed by each map token near an agent, and the weights of the proposals."""
+"""Lane-anchored head: a mixture of poses proposed by the map tokens near an agent."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -15,12 +15,11 @@ _NUM_PARTS: Final = 4
 
 
 class LaneAnchoredHead(nn.Module):
-    """Each near map token proposes a pose in its own frame; the agent weighs them.
+    """Weighted mean of poses that nearby map tokens propose in their own frames.
 
-    How far a car is from the middle of its lane, and that it points along it, is simple
-    in the frame of that lane only; means over attention blur it. A car parked along a
-    kerb is as simple in the frame of the kerb: pieces of the boundary propose what is
-    added. At first they propose nothing.
+    A car's offset from its lane and its direction are simple in the frame of that lane,
+    but attention averages over lanes. A car parked along a kerb is as simple in the frame
+    of the kerb, for which boundary pieces propose an additional term, initially zero.
     """
 
     def __init__(
@@ -42,7 +41,7 @@ class LaneAnchoredHead(nn.Module):
         near: NearTokens,
         tokens: Float[Tensor, "B S A M D"],
     ) -> Complex[Tensor, "B S A 2"]:
-        """Offset and direction in the frame of the scene; 0 where no token is near.
+        """Offset and direction in the frame of the scene; 0 without a near token.
 
         Args:
             agent: what the network has made of each agent.

@@ -1,4 +1,4 @@
-"""How far agents are from the road, and which way it is."""
+"""Distances and vectors between agents and lanes."""
 
 import math
 from dataclasses import dataclass, replace
@@ -19,12 +19,12 @@ _HALF_LANE_M: Final = 1.75
 
 
 def is_on_road(scene: SceneTensors) -> Bool[Tensor, "B A"]:
-    """Whether agents are within ``OFF_LANE_M`` of a centre line, by the paper's rule."""
+    """Whether agents are within ``OFF_LANE_M`` of a centre line (the paper's rule)."""
     return offset_from_lane_m(scene.agent_pose[..., :2], scene)[1] <= OFF_LANE_M
 
 
 def follows_lanes(scene: SceneTensors) -> Bool[Tensor, "B A"]:
-    """All but pedestrians, where there are lanes."""
+    """Agents that follow lanes: all but pedestrians, if there are lanes."""
     has_lanes = (scene.has_piece & (scene.piece_kind != CROSSWALK_KIND)).any(dim=-1)
     return scene.has_agent & (scene.agent_kind != PEDESTRIAN) & has_lanes[:, None]
 
@@ -32,9 +32,9 @@ def follows_lanes(scene: SceneTensors) -> Bool[Tensor, "B A"]:
 def offset_from_lane_m(
     position_m: Float[Tensor, "*s B A 2"], scene: SceneTensors
 ) -> tuple[Float[Tensor, "*s B A 2"], Float[Tensor, "*s B A"]]:
-    """Vector from the nearest point of a centre line to each position; its length.
+    """Vector from the nearest point of a centre line to each position, and its length.
 
-    Pieces of lanes count as straight. The length is infinite where there is no lane.
+    Pieces of lanes count as straight. The length is infinite without lanes.
     """
     offset, length = CenterLines.of(scene).offset_m(as_complex(position_m))
     return torch.view_as_real(offset), length
@@ -42,20 +42,20 @@ def offset_from_lane_m(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CenterLines:
-    """The pieces of lanes of B scenes, as complex numbers."""
+    """Lane pieces of B scenes, as complex numbers."""
 
     middle_m: Complex[Tensor, "B 1 P"]
     axis: Complex[Tensor, "B 1 P"]
-    """Of length one."""
+    """Directions, of length one."""
     half_m: Float[Tensor, "B 1 P"]
     far_m: Float[Tensor, "B 1 P"]
-    """Added to distances: infinity for what is no lane."""
+    """Added to distances: infinity for padding and crosswalks."""
     is_junction: Bool[Tensor, "B 1 P"]
     """Whether the lane of a piece is in a junction."""
 
     @classmethod
     def of(cls, scene: SceneTensors) -> "CenterLines":
-        """All but crosswalks."""
+        """All pieces but crosswalks."""
         heading = scene.piece_pose[:, None, :, 2]
         usable = scene.has_piece & (scene.piece_kind != CROSSWALK_KIND)
         nothing = torch.zeros_like(heading)
@@ -81,7 +81,7 @@ class CenterLines:
     def offset_m(
         self, place_m: Complex[Tensor, "*s B A"]
     ) -> tuple[Complex[Tensor, "*s B A"], Float[Tensor, "*s B A"]]:
-        """From the nearest point of a centre line to each place; its length."""
+        """Vector from the nearest point of a centre line to each position; its length."""
         gap, far_m = self._gaps_m(place_m)
         length_m, nearest = far_m.min(dim=-1, keepdim=True)
         axis = self.axis.expand(gap.shape).gather(-1, nearest)

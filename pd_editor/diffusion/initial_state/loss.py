@@ -1,4 +1,4 @@
-"""Training loss of initial states: clean states at every noise level."""
+"""Training loss of the initial-state network."""
 
 import math
 from dataclasses import dataclass, replace
@@ -9,7 +9,6 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.core.noise_schedule import centered, preconditioning
-from pd_editor.diffusion.initial_state.box_overlap import overlap_depth_m
 from pd_editor.diffusion.initial_state.conditioning import (
     REACH_M,
     Conditioning,
@@ -25,6 +24,7 @@ from pd_editor.diffusion.initial_state.state_encoding import (
     POSITION_UNIT_M,
     STANDING_SPEED_MPS,
 )
+from pd_editor.diffusion.initial_state.state_overlap import overlap_depth_m
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
 _MIN_HALF_SIDE_M: Final = 25.0
@@ -33,32 +33,32 @@ _PARTS: Final = {"position": (0, 1), "heading": (2, 3), "speed": (4,)}
 
 @dataclass(frozen=True, kw_only=True)
 class InitialStateLossConfig:
-    """What each training step samples, and the weights of the loss."""
+    """Sampling of training tasks, and the weights of the loss."""
 
     num_levels: int = 4
     """Noise levels per scene; they share the scene's context."""
     level_emphasis: float = 0.3
-    """As of the sampler's levels."""
+    """Concentration of levels in the middle, as in the sampler."""
     decentralized_share: float = 0.1
-    """Share of scenes whose agents do not see each other."""
+    """Share of scenes whose agents do not attend to each other."""
     given_share: float = 0.4
     """Share of scenes with a random part of the agents given."""
     small_square_share: float = 0.3
     conditioned_share: float = 0.6
-    """Share of scenes in which an attribute of all or some agents is set."""
+    """Share of scenes in which all or some agents are conditioned on an attribute."""
     across_weight: float = 3.0
-    """Of position errors across the heading, against 1 along it: decimetres decide
-    whether a car is in its lane, and metres along it cannot be known."""
+    """Weight of position errors across the heading, relative to 1 along it: decimetres
+    across decide whether a car is in its lane, and metres along it are unpredictable."""
     across_noise_m: float = 4.0
-    """Below this noise only: above, headings are not known yet, and cars along a street
-    would count more than cars parked beside it."""
+    """That weight applies below this noise only: above, headings are not resolved yet, and
+    cars along a street would count more than cars parked beside it."""
     overlap_weight: float = 10.0
-    """Depths are small numbers: the weight is large so that they count at all."""
+    """Weight of overlap; large, because depths are small numbers."""
     overlap_after: float = 0.75
-    """Share of the training without it: a network that cannot place agents yet would
-    learn to spread them."""
+    """Share of the training without overlap loss: an untrained network would only learn to
+    spread agents."""
     overlap_noise_m: float = 2.0
-    """Overlap counts below this noise only: above, clean states are blurred means."""
+    """Overlap counts below this noise only: above, predictions are means over modes."""
     unknown_share: float = 0.25
     """Share of scenes in which the activities of given agents are unknown."""
 
@@ -75,9 +75,9 @@ def initial_state_loss(
     Args:
         model: the network.
         scene: clean scenes.
-        random: random numbers, on the CPU.
+        random: random generator on the CPU.
         progress: share of the training that is done.
-        config: what each step draws.
+        config: settings of the loss.
 
     Returns:
         The loss, and its terms before weighting: position, heading, speed, activity,
@@ -94,22 +94,24 @@ def initial_state_loss(
     found = model.denoise(
         clean + scale * noise, model.encode_level(level, context), context
     )
-    is_drawn = (scene.has_agent & ~task.is_given).to(clean)
-    count = is_drawn.sum().clamp_min(1) * config.num_levels
+    is_sampled = (scene.has_agent & ~task.is_given).to(clean)
+    count = is_sampled.sum().clamp_min(1) * config.num_levels
     error = (found - clean) / preconditioning(scale, model.get_buffer("spread"))[2]
     noise_m = scale[..., 0] * POSITION_UNIT_M
     squared = squared_error(error, clean[..., 2:4], noise_m, config)
     of_motion, of_activity = squared.tensor_split([NUM_MOTION_PARTS], dim=-1)
-    of_motion = (of_motion * is_drawn[..., None]).sum(dim=(0, 1, 2)) / count
+    of_motion = (of_motion * is_sampled[..., None]).sum(dim=(0, 1, 2)) / count
     parts = {name: of_motion[list(where)].mean() for name, where in _PARTS.items()}
     if model.config.samples_activity:
-        is_known = is_drawn * (scene.agent_activity > 0)
+        is_known = is_sampled * (scene.agent_activity > 0)
         count = is_known.sum().clamp_min(1) * config.num_levels
         total = (of_activity.mean(dim=-1) * is_known).sum()
         parts["activity"] = total / count
     loss = sum(parts.values(), torch.zeros_like(count))
     if config.overlap_weight and progress >= config.overlap_after:
-        parts["overlap"] = _overlap(scene, clean, found, is_drawn > 0, noise_m, config)
+        parts["overlap"] = _overlap(
+            scene, clean, found, is_sampled > 0, noise_m, config
+        )
         loss = loss + config.overlap_weight * parts["overlap"]
     return loss, {name: part.detach() for name, part in parts.items()}
 
@@ -120,7 +122,7 @@ def squared_error(
     noise_m: Float[Tensor, "S B #A"],
     config: InitialStateLossConfig,
 ) -> Float[Tensor, "S B A P"]:
-    """Squares of errors, those of positions along and across the true direction."""
+    """Squared errors, with positions resolved along and across the true direction."""
     along, across = rotated_back(error[..., :2], direction[None]).square().unbind(-1)
     weight = torch.where(noise_m < config.across_noise_m, config.across_weight, 1.0)
     own = torch.stack([along, weight * across], dim=-1)
@@ -130,9 +132,9 @@ def squared_error(
 def training_task(
     scene: SceneTensors, random: torch.Generator, config: InitialStateLossConfig
 ) -> tuple[SceneTensors, Conditioning]:
-    """Random conditioning of real scenes, and the scenes with the agents that count.
+    """Sample the conditioning of training scenes, and remove agents that do not count.
 
-    Agents outside the square are given in half of the scenes, absent in the others.
+    Agents outside the square are given in half of the scenes, and removed in the others.
     """
     device, num_scenes = scene.has_agent.device, scene.num_scenes
 
@@ -152,13 +154,13 @@ def training_task(
     is_given = has_agent & (~is_inside | (chance(*has_agent.shape) < part[:, None]))
 
     def some() -> Bool[Tensor, "B A"]:
-        """All agents, a random part of them, or none, in each scene."""
+        """Sample all agents, a random part of them, or none, in each scene."""
         part = torch.where(
             chance(num_scenes) < config.conditioned_share, 2 * chance(num_scenes), 0.0
         )
         return chance(*has_agent.shape) < part[:, None]
 
-    drawn = has_agent & ~is_given
+    sampled = has_agent & ~is_given
     is_unknown = is_given & (chance(num_scenes, 1) < config.unknown_share)
     scene = replace(
         scene, agent_activity=scene.agent_activity.masked_fill(is_unknown, 0)
@@ -166,9 +168,11 @@ def training_task(
     return scene, Conditioning(
         is_given=is_given,
         order=order_by(scene.agent_pose[..., 0], scene, is_given),
-        moves=attribute_codes(scene.agent_speed >= STANDING_SPEED_MPS, drawn & some()),
+        moves=attribute_codes(
+            scene.agent_speed >= STANDING_SPEED_MPS, sampled & some()
+        ),
         on_road=attribute_codes(
-            is_on_road(scene), drawn & some() & follows_lanes(scene)
+            is_on_road(scene), sampled & some() & follows_lanes(scene)
         ),
         half_side_m=side,
         is_central=chance(num_scenes) >= config.decentralized_share,
@@ -178,7 +182,7 @@ def training_task(
 def _levels(
     num_scenes: int, random: torch.Generator, config: InitialStateLossConfig
 ) -> Float[Tensor, "S B"]:
-    """Levels 0..1, spread over the versions of each scene."""
+    """Sample levels 0..1, stratified over the versions of each scene."""
     number = config.num_levels
     offset = torch.rand((number, num_scenes), generator=random)
     even = (torch.arange(number)[:, None] + offset) / number
@@ -189,12 +193,12 @@ def _overlap(
     scene: SceneTensors,
     clean: Float[Tensor, "B A P"],
     found: Float[Tensor, "S B A P"],
-    is_drawn: Bool[Tensor, "B A"],
+    is_sampled: Bool[Tensor, "B A"],
     noise_m: Float[Tensor, "S B 1"],
     config: InitialStateLossConfig,
 ) -> Float[Tensor, ""]:
-    """Mean squared depth in metres by which predicted boxes overlap too much."""
+    """Mean squared overlap depth of predicted boxes beyond the true depth, in metres."""
     depth = overlap_depth_m(found, scene) - overlap_depth_m(clean, scene)
-    counts = (noise_m < config.overlap_noise_m) & is_drawn
+    counts = (noise_m < config.overlap_noise_m) & is_sampled
     squared = depth.clamp(min=0, max=math.inf).square().sum(dim=-1)
     return (squared * counts).sum() / counts.sum().clamp_min(1)

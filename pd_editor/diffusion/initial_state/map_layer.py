@@ -1,4 +1,4 @@
-"""A layer in which map tokens attend to those around them, once per scene."""
+"""Layer in which map tokens attend to their neighbours, once per scene."""
 
 import math
 
@@ -20,9 +20,9 @@ from pd_editor.diffusion.inputs.relative_pose import selected
 
 
 class MapLayer(nn.Module):
-    """Attention of each map token to its nearest neighbours, then a feed-forward.
+    """Attention of each map token to its nearest neighbours, then a feed-forward part.
 
-    It begins as the identity.
+    It is initialised as the identity.
     """
 
     def __init__(
@@ -48,12 +48,12 @@ class MapLayer(nn.Module):
         pose: Float[Tensor, "B T 3"],
         exists: Bool[Tensor, "B T"],
     ) -> Float[Tensor, "B T D"]:
-        """Tokens that know of those around them; where none exists, any value."""
+        """Tokens with the context of their neighbours; arbitrary for padding."""
         num_scenes, num_tokens = exists.shape
         number = min(self.num_neighbors, num_tokens)
         distance = torch.cdist(pose[..., :2], pose[..., :2])
         distance = distance.masked_fill(~exists[:, None], math.inf)
-        # A token's nearest neighbour is itself: its own edge tells it nothing.
+        # A token's nearest neighbour is itself, which is left out.
         distance.diagonal(dim1=1, dim2=2).fill_(math.inf)
         nearest, index = distance.topk(number, dim=-1, largest=False, sorted=False)
         first = torch.arange(num_scenes, device=index.device) * num_tokens
@@ -70,7 +70,7 @@ class MapLayer(nn.Module):
 def _relations(
     pose: Float[Tensor, "B T 3"], others: Float[Tensor, "B T K 3"]
 ) -> Float[Tensor, "B T K F"]:
-    """How each token lies to its neighbours; no pose has noise."""
+    """Relations of each token to its neighbours, without noise."""
 
     def axis(heading: Float[Tensor, "*b"]) -> Tensor:
         return torch.complex(heading.cos(), heading.sin())

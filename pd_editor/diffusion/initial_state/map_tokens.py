@@ -1,4 +1,4 @@
-"""The map tokens near noisy poses, looked up at each step."""
+"""Search of the map tokens near noisy poses at each step."""
 
 import math
 from dataclasses import dataclass
@@ -23,23 +23,23 @@ from pd_editor.features.scene_features import PEDESTRIAN
 
 
 class TokenGroup(NamedTuple):
-    """The map tokens of one sort in B scenes."""
+    """Map tokens of one type in B scenes."""
 
     middle_m: Float[Tensor, "B P 2"]
     axis: Complex[Tensor, "B P"]
     """Directions, of length one."""
     encoded: Float[Tensor, "B P C"]
-    """What does not depend on poses."""
+    """Embeddings, which do not depend on poses."""
     exists: Bool[Tensor, "B P"] | None
-    """None where no token is missing."""
+    """Mask of tokens; None if there is no padding."""
     factors: Float[Tensor, "B 1 A P"] | None = None
-    """By how much further each token seems to each agent; None where all are 1."""
+    """Factors of distances between agents and tokens; None if all are 1."""
 
     @classmethod
     def of_lanes(
         cls, scene: SceneTensors, encoded: Float[Tensor, "B P C"]
     ) -> "TokenGroup":
-        """Pieces of lanes, and crosswalks."""
+        """Tokens of lanes and crosswalks."""
         is_crossing = scene.piece_kind == CROSSWALK_KIND
         factors = None
         if bool(is_crossing.any()):
@@ -51,7 +51,7 @@ class TokenGroup(NamedTuple):
     def of_boundary(
         cls, scene: SceneTensors, encoded: Float[Tensor, "B E C"]
     ) -> "TokenGroup":
-        """Pieces of the drivable area's boundary."""
+        """Tokens of the drivable area's boundary."""
         return cls._of(scene.boundary_pose, scene.has_boundary, encoded, None)
 
     @classmethod
@@ -73,7 +73,7 @@ class TokenGroup(NamedTuple):
     def nearest(
         self, poses: NoisyPoses, number: int
     ) -> tuple[Int[Tensor, "B S A M"], Mask]:
-        """Which tokens are nearest to each pose, in any order."""
+        """Indices of the tokens nearest to each pose, in any order."""
         own_x, own_y = torch.view_as_real(poses.position_m)[..., None, :].unbind(-1)
         x, y = self.middle_m[:, None, None].unbind(-1)
         x, y = own_x - x, own_y - y
@@ -92,18 +92,18 @@ class TokenGroup(NamedTuple):
 
 
 class NearTokens(NamedTuple):
-    """The map tokens nearest to each of A agents in S versions of B scenes.
+    """The M map tokens nearest to each of A agents in S versions of B scenes.
 
-    M in all, those of the first group first.
+    Tokens of the first group come first.
     """
 
     relations: Float[Tensor, "B S A M F"]
     encoded: Float[Tensor, "B S A M C"]
-    """What ``TokenGroup.encoded`` holds of each."""
+    """Rows of ``TokenGroup.encoded``."""
     axis: Complex[Tensor, "B S A M"]
     """Direction of each, in the frame of the scene."""
     numbers: tuple[int, ...]
-    """How many are of each group."""
+    """Number of tokens of each group."""
     mask: Mask
     """Of shape [B S A G M]: row g sees the tokens of group g."""
 
@@ -114,12 +114,12 @@ class MapTokens:
 
     groups: tuple[TokenGroup, ...]
     pose: Complex[Tensor, "T 2"]
-    """Middle and direction, of all groups and scenes in a row."""
+    """Midpoint and direction, of all groups and scenes, concatenated."""
     encoded: Float[Tensor, "T C"]
 
     @classmethod
     def of(cls, *groups: TokenGroup) -> "MapTokens":
-        """All tokens of some groups."""
+        """Concatenate groups of tokens."""
         pose = [
             torch.stack([as_complex(one.middle_m), one.axis], dim=-1).flatten(0, 1)
             for one in groups

@@ -1,4 +1,4 @@
-"""The first stage on a scenario: agents placed by the network, apart and on the road."""
+"""Pipeline of the first stage: samples initial states on a scenario and repairs them."""
 
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -52,39 +52,39 @@ from pd_editor.scene.scenario import Scenario
 _KIND_INDEX: Final = {kind: index for index, kind in enumerate(AGENT_KINDS)}
 _LEAST_HALF_SIDE_M: Final = 5.0
 _Progress = TypeVar("_Progress")
-_TRAITS: Final = 1
-"""Sets random numbers for traits apart from those for numbers of agents."""
+_ATTRIBUTES_KEY: Final = 1
+"""Key of the random numbers of attributes, different from those of agent counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Placing:
-    """Which agents to place, and where."""
+class SquarePlacement:
+    """Agents to place in one square, and how."""
 
     redrawn_ids: tuple[str, ...]
-    """Agents of the scenario that get another state."""
+    """Agents of the scenario whose states are resampled."""
     new_kinds: tuple[AgentKind, ...]
     new_ids: tuple[str, ...]
     region: Region
-    """Within the size that the network is trained on."""
+    """The square; at most as large as in training."""
     traits: AttributeRequest = field(default_factory=AttributeRequest)
     repairs: bool = True
-    """Whether sampled agents are put on their lanes and moved apart afterwards."""
+    """Whether sampled agents are snapped to lanes and separated afterwards."""
     square: int = 0
-    """Which square of the scene it is: each has random numbers of its own."""
+    """Index of the square in the scene; each has separate random numbers."""
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """All that are placed."""
+        """Ids of all agents that are placed."""
         return self.redrawn_ids + self.new_ids
 
 
 def new_agent_kinds(numbers: Mapping[AgentKind, int]) -> tuple[AgentKind, ...]:
-    """The kind of each of so many agents."""
+    """Kinds of agents, given their numbers by kind."""
     return tuple(kind for kind in AGENT_KINDS for _ in range(numbers.get(kind, 0)))
 
 
 def new_agent_ids(scenario: Scenario, number: int) -> tuple[str, ...]:
-    """Ids that no agent has yet."""
+    """Unused ids for new agents."""
     ids: list[str] = []
     index = 0
     while len(ids) < number:
@@ -96,19 +96,19 @@ def new_agent_ids(scenario: Scenario, number: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SquareContent:
-    """What a square of a scene holds."""
+    """Lanes and agents of a square of a scene."""
 
     half_side_m: float
     lane_m: float
     """Length of vehicle lanes."""
     num_present: Int[np.ndarray, "K"]
-    """Agents of each of ``AGENT_KINDS``."""
+    """Number of agents of each of ``AGENT_KINDS``."""
 
     @classmethod
     def of(
         cls, scenario: Scenario, region: Region, *, only_on_road: bool
     ) -> "SquareContent":
-        """Of a scenario; agents on the road only, if asked for."""
+        """Count lanes and agents of a scenario; ``only_on_road`` for agents on the road."""
         center, half_side = _square(region)
         features = scene_features(scenario, with_candidates=False, center_m=center)
         is_inside = (np.abs(features.agent_pose[:, :2]) <= half_side).all(axis=1)
@@ -134,17 +134,17 @@ def sample_agent_counts(
     *,
     only_on_road: bool,
 ) -> Mapping[AgentKind, int]:
-    """How many agents of each kind a square like this one has in training, in all.
+    """Sample the total number of agents of each kind, as in similar training squares.
 
     Raises:
-        GenerationError: the model does not know how many there are.
+        GenerationError: the model has no counts of its training data.
     """
     counts = model.agent_counts
     if not len(counts.lane_m):
         raise GenerationError(
             "These weights do not tell how many agents a road has; give numbers."
         )
-    return counts.draw(
+    return counts.sample(
         square.lane_m, square.half_side_m, random, only_on_road=only_on_road
     )
 
@@ -152,7 +152,7 @@ def sample_agent_counts(
 def place_in_squares(
     model: InitialStateDenoiser,
     scenario: Scenario,
-    placings: Sequence[Placing],
+    placings: Sequence[SquarePlacement],
     *,
     sample: int,
     seed: int,
@@ -160,10 +160,10 @@ def place_in_squares(
     guidance: InitialStateGuidance | None = None,
     progress: Callable[[float], _Progress] = lambda share: share,
 ) -> Generator[_Progress, None, Scenario]:
-    """A scenario in which agents stand where the model put them, square by square.
+    """Sample initial states square by square; returns the scenario with the agents.
 
-    Each square is conditioned on what stands already. No trajectories yet: agents that
-    are placed have the current step only. Yields ``progress`` of the share that is done.
+    Each square is conditioned on the agents placed before. Placed agents exist at the
+    current step only. Yields ``progress`` of the share that is done.
 
     Raises:
         GenerationError: there is no road where agents are to be placed.
@@ -188,7 +188,7 @@ def place_in_squares(
 def place_agents(
     model: InitialStateDenoiser,
     kept: Scenario,
-    placing: Placing,
+    placing: SquarePlacement,
     placed: AgentTracks,
     *,
     sample: int,
@@ -197,12 +197,12 @@ def place_agents(
     guidance: InitialStateGuidance | None = None,
     progress: Callable[[float], _Progress] = lambda share: share,
 ) -> Generator[_Progress, None, Scenario]:
-    """A scenario in which the agents of one square stand where the model put them.
+    """Sample the initial states of one square; returns the scenario with the agents.
 
     Args:
         model: The network.
         kept: The scenario without the agents to place.
-        placing: Which agents, and where.
+        placing: Agents to place.
         placed: Their tracks, without any state.
         sample: Index of the sample.
         seed: Of all samples.
@@ -226,7 +226,7 @@ def place_agents(
         scene, is_given, scene.agent_speed.new_tensor([half_side])
     )
     further = [placing.square] if placing.square else []
-    random = np.random.default_rng([seed, sample, _TRAITS, *further])
+    random = np.random.default_rng([seed, sample, _ATTRIBUTES_KEY, *further])
     task = with_attributes(task, scene, model.agent_counts, random, placing.traits)
     guidance = InitialStateGuidance() if guidance is None else guidance
     if placing.traits.only_on_road:
@@ -251,9 +251,9 @@ def place_agents(
     assert clean is not None, "there is at least one step"
     states = finished_states(scene, task, clean)
     own = slice(len(features.agent_row), None)
-    drawn = states[0, 0, own].double().cpu().numpy()
+    sampled = states[0, 0, own].double().cpu().numpy()
     activity = finished_activity(scene, task, clean)[0, 0, own].cpu().numpy()
-    tracks = _with_states(placed, drawn, activity, center, kept.current_step)
+    tracks = _with_states(placed, sampled, activity, center, kept.current_step)
     result = kept.with_agents(kept.agents.joined(tracks))
     if not placing.repairs:
         return result
@@ -261,11 +261,11 @@ def place_agents(
 
 
 def _repaired(
-    scenario: Scenario, placing: Placing, on_road: Int[np.ndarray, "N"]
+    scenario: Scenario, placing: SquarePlacement, on_road: Int[np.ndarray, "N"]
 ) -> Scenario:
-    """Those of the placed who are not meant to be off the road on their lanes; apart.
+    """Repair sampled states: snap to lanes, separate boxes, limit speeds to gaps.
 
-    And none of them too fast for whoever is ahead. Nobody leaves the square for a lane.
+    Agents conditioned off-road are not snapped, and no agent leaves the square.
     """
     keep = [name for name in scenario.agents.ids if name not in placing.ids]
     follows = [
@@ -284,7 +284,9 @@ def _repaired(
     return slow_for_gaps(scenario, placing.ids, keep_ids=keep)[0]
 
 
-def _back_on_road(scenario: Scenario, placing: Placing, keep: list[str]) -> Scenario:
+def _back_on_road(
+    scenario: Scenario, placing: SquarePlacement, keep: list[str]
+) -> Scenario:
     """Placed agents beside the drivable area on their lanes, standing ones as well.
 
     An agent near a lane may be beside the road all the same: next to a narrow lane, or
@@ -311,8 +313,8 @@ def _off_road(scenario: Scenario, agent_ids: Sequence[str]) -> list[str]:
     return [name for name, off in zip(agent_ids, is_off, strict=True) if off]
 
 
-def _outside(scenario: Scenario, placing: Placing) -> set[str]:
-    """Ids of the placed who are outside the square."""
+def _outside(scenario: Scenario, placing: SquarePlacement) -> set[str]:
+    """Ids of the placed agents outside the square."""
     center, half_side = _square(placing.region)
     rows = scenario.agents.rows(placing.ids)
     place = scenario.agents.position_m[rows, scenario.current_step]
@@ -330,7 +332,7 @@ def _square(region: Region) -> tuple[Float[np.ndarray, "2"], float]:
 
 
 def no_lanes(scenario: Scenario, place_m: Float[np.ndarray, "2"]) -> str:
-    """A sentence that there are no lanes at a place, and where they are."""
+    """Message that there are no lanes at a position, and where they are."""
     pieces = lane_pieces(scenario.road_map)
     points = pieces.pose[pieces.kind < CROSSWALK_KIND, :2]
     here = f"There are no lanes around ({place_m[0]:.0f}, {place_m[1]:.0f}) m"
@@ -345,8 +347,8 @@ def no_lanes(scenario: Scenario, place_m: Float[np.ndarray, "2"]) -> str:
     )
 
 
-def _agents_to_place(scenario: Scenario, placing: Placing) -> AgentTracks:
-    """Tracks without any state."""
+def _agents_to_place(scenario: Scenario, placing: SquarePlacement) -> AgentTracks:
+    """Tracks of the agents to place, without any state."""
     agents, steps = scenario.agents, scenario.time_axis.num_steps
     old = agents.taken(agents.rows(placing.redrawn_ids))
     strange = [kind for kind in old.kinds if kind not in ROAD_USER_KINDS]
@@ -371,7 +373,7 @@ def _agents_to_place(scenario: Scenario, placing: Placing) -> AgentTracks:
 
 
 def _scene(features: SceneFeatures, placed: AgentTracks) -> SceneTensors:
-    """The kept agents, then those to be placed, of whom only kind and size are known."""
+    """Scene with the kept agents, then those to place with known kind and size only."""
     count = len(placed)
     kinds = np.array([_KIND_INDEX[kind] for kind in placed.kinds], int)
     kept = packed(features, _no_latents)
@@ -382,7 +384,7 @@ def _scene(features: SceneFeatures, placed: AgentTracks) -> SceneTensors:
 def _no_latents(
     future_m: Float[np.ndarray, "*s H 2"], speed_mps: np.ndarray, /
 ) -> Float[np.ndarray, "*s 10"]:
-    """The first stage reads no futures."""
+    """Zero latents: the first stage does not use trajectories."""
     del speed_mps
     return np.zeros((*future_m.shape[:-2], LATENT_SIZE))
 

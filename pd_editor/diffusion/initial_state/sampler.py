@@ -1,4 +1,4 @@
-"""Sampling of initial states: from noise to poses and speeds, scale by scale."""
+"""Sampler of initial states."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -33,37 +33,37 @@ from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 _SPEED: Final = NUM_MOTION_PARTS - 1
 
 InitialStateGuide = Callable[[Tensor, float], Tensor]
-"""From predicted clean states [S B A P], encoded, and the level, to better ones."""
+"""Changes predicted clean states [S B A P], encoded, at a noise level."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InitialStateSamplerConfig:
-    """How initial states are sampled."""
+    """Settings of the sampling of initial states."""
 
     num_steps: int = 10
-    """With 7, and earlier weights, 13.3 instead of 11.9 % were off the road, and the
-    distance of speeds from recorded ones was .103 instead of .078; 12 are no better but
-    in who is off the road (``train``)."""
+    """Denoising steps. With 7, and earlier weights, 13.3 instead of 11.9 % were off the
+    road, and the distance of speeds from recorded ones was .103 instead of .078; 12 are
+    better in the off-road rate only (``train``)."""
     num_high_quality_steps: int = 16
-    """Where quality counts more than time: raw, 13.2 instead of 15.2 % are off the
-    road, and the distance of angles is .201 instead of .210 (``train``)."""
+    """Denoising steps of quality "high": raw, 13.2 instead of 15.2 % are off the road, and
+    the distance of angles is .201 instead of .210 (``train``)."""
     level_emphasis: float = 0.3
-    """Levels in the middle, where lanes, headings and gaps are found, are so much denser:
-    10 steps so spread are as good as 12 even ones."""
+    """Concentration of levels in the middle, where lanes, headings and gaps are resolved:
+    10 such steps are as good as 12 even ones."""
     eta: float = 1.0
-    """Stochasticity: 0 adds no fresh noise, 1 is ancestral sampling. Without, errors of
-    early steps stay: 22 instead of 14 % came to be off the road."""
+    """Stochasticity: 0 adds no fresh noise, 1 is ancestral sampling. With 0, errors of
+    early steps remain: 22 instead of 14 % were off the road."""
     speed_noise: float = 1.15
-    """Factor of the fresh noise on speeds, which the network blurs: at 1 the median of
-    those who move is 6.1 m/s, 6.9 with it, 7.8 recorded (``train``)."""
+    """Factor of the fresh noise on speeds, which the network underestimates: with 1 the
+    median speed of moving agents is 6.1 m/s, with this 6.9, recorded 7.8 (``train``)."""
     fit_density: float = 0.72
-    """Where as many agents are placed as suit the road: share of the numbers of training
-    squares. With it simulated squares are as dense as recorded ones (``train``); 1 for
-    networks that are trained on recordings."""
+    """Factor of the numbers of training squares where the model samples the number of
+    agents. With it squares are as dense as recorded ones (``train``); 1 for networks that
+    are trained on recordings."""
     is_second_order: bool = True
-    """Extrapolate the predicted clean speeds and activities of the last two steps."""
+    """Whether to extrapolate predicted clean speeds and activities (second order)."""
     extrapolates_poses: bool = False
-    """Extrapolate poses as well."""
+    """Whether to extrapolate poses as well."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -82,21 +82,20 @@ def sample_initial_states(
 ) -> Iterator[SamplerStep]:
     """Sample initial states of all agents of B scenes that are not given.
 
-    Yields after each step; a caller cancels by not asking for the next one. The last
-    step holds the result, encoded: see ``finished_states``. Sample k of a seed is the
-    same alone and among others, but for float rounding.
+    Yields after each step; a caller cancels by not requesting the next one. The last step
+    holds the encoded result: see ``finished_states``. Sample k of a seed does not depend
+    on the other samples, apart from rounding.
 
     Args:
-        model: in evaluation mode.
-        scene: its map, and of its agents kind, size and ``has_agent``; poses and
-            speeds are read of given agents only.
+        model: network in evaluation mode.
+        scene: scenes; of sampled agents only kind, size and ``has_agent`` are used, of
+            given agents also poses and speeds.
         samples: indices of the S samples.
-        seed: of all samples.
-        task: which agents are given, and the square; None samples all agents in the
-            whole square.
-        config: steps and noise.
+        seed: seed of all samples.
+        task: conditioning; None samples all agents in the whole square.
+        config: settings of the sampler.
         guide: changes the predicted clean states of each step.
-        square: each has random numbers of its own.
+        square: index of the square; each has separate random numbers.
     """
     config = InitialStateSamplerConfig() if config is None else config
     task = sampling_conditioning(scene) if task is None else task
@@ -111,7 +110,7 @@ def sample_initial_states(
         )
         normal = streams.normal(*scene.has_agent.shape, num_parts)
         sigma = model.schedule.sigma(torch.ones(1, device=scene.agent_pose.device))
-        # As wide as traffic with its noise.
+        # Standard deviation of traffic with noise.
         spread = model.get_buffer("spread")
         start = normal.to(scene.agent_pose) * (sigma.square() + spread.square()).sqrt()
         side = (task.half_side_m / POSITION_UNIT_M)[:, None, None]
@@ -146,9 +145,9 @@ def sample_initial_states(
 def finished_states(
     scene: SceneTensors, task: Conditioning, clean: Float[Tensor, "S B A P"]
 ) -> Float[Tensor, "S B A 5"]:
-    """Sampled states decoded, with those of the given agents put back bit-identical.
+    """Decode sampled states; those of given agents are restored bit-identically.
 
-    x and y in metres around the middle of the scene, cosine and sine of the heading,
+    x and y in metres around the centre of the scene, cosine and sine of the heading,
     speed in m/s.
     """
     heading = scene.agent_pose[..., 2]
@@ -165,13 +164,13 @@ def finished_states(
 def finished_activity(
     scene: SceneTensors, task: Conditioning, clean: Float[Tensor, "S B A P"]
 ) -> Int[Tensor, "S B A"]:
-    """Sampled ``Activity``, with that of the given agents as it was."""
+    """Sampled ``Activity``; that of given agents is unchanged."""
     return torch.where(task.is_given, scene.agent_activity, decode_activity(clean))
 
 
 def _inside(
     clean: Float[Tensor, "S B A P"], side: Float[Tensor, "B 1 1"]
 ) -> Float[Tensor, "S B A P"]:
-    """States with positions moved into the square."""
+    """Clamp positions of states to the square."""
     place = torch.minimum(torch.maximum(clean[..., :2], -side), side)
     return torch.cat([place, clean[..., 2:]], dim=-1)

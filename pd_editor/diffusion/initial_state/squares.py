@@ -1,4 +1,4 @@
-"""The squares of a scene in which agents are placed, and which agents go where."""
+"""Divides a scene into squares, and assigns the agents to place to them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ from jaxtyping import Int
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.pipeline import (
-    Placing,
     SquareContent,
+    SquarePlacement,
     new_agent_ids,
     new_agent_kinds,
     no_lanes,
@@ -30,45 +30,45 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 
 _OUTER_DENSITY: Final = 0.56
-"""Road users for each metre of lane beyond the square around the focal agent, as a share
-of those in it: recordings see less further out (11.2 against 19.9 per km, ``train``)."""
+"""Density of road users beyond the square around the focal agent, relative to that in it:
+recordings observe fewer agents further out (11.2 against 19.9 per km, ``train``)."""
 _OUTER_CELLS: Final = 1
-"""Rings of squares around the one in the middle."""
+"""Number of rings of squares around the central one."""
 _LEAST_LANE_M: Final = 15.0
-"""A square with less lane than this is left out, unless it is the only one."""
+"""Squares with a shorter length of lanes are left out, unless there is only one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Square:
-    """A part of the scene that the network places agents in at once."""
+    """Part of a scene in which the network samples agents jointly."""
 
     region: Region
     lane_m: float
-    """Length of the lanes in it."""
+    """Length of the lanes in the square."""
     density: float = 1.0
-    """Share of the usual number of agents."""
+    """Factor of the usual number of agents."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """Which agents are to be placed in a scene."""
+    """Agents to place in a scene."""
 
     redrawn_ids: tuple[str, ...] = ()
     num_new_agents: Mapping[AgentKind, int]
     draws_num_agents: bool = False
-    """Whether there are to be as many as suit the road, and at least those numbers."""
+    """Whether the model samples the number of agents, which is at least that requested."""
     density: float = 1.0
-    """Share of the numbers of training squares that suits the road."""
+    """Factor of the numbers of training squares."""
     region: Region | None = None
-    """None: the mapped road around the focal agent."""
+    """Region to fill; None: the mapped road around the focal agent."""
     attributes: AttributeRequest
 
 
 def squares_of(scenario: Scenario, region: Region | None) -> tuple[Square, ...]:
-    """The squares that cover a region, or the road around the focal agent.
+    """Divide a region, or the road around the focal agent, into squares.
 
-    None is larger than the network is trained on. Those without a lane are left out;
-    the one around the focal agent, or the region's own middle, comes first.
+    Squares are at most as large as in training. Those without a lane are left out; the
+    one around the focal agent, or the region's centre, comes first.
 
     Raises:
         GenerationError: there are no lanes; the sentence says where they are.
@@ -85,7 +85,7 @@ def squares_of(scenario: Scenario, region: Region | None) -> tuple[Square, ...]:
         middle = np.array(region.center_m)
         per_side = int(np.ceil(region.half_side_m / POSITION_UNIT_M))
         half_side = region.half_side_m / per_side
-        # An even number of squares has its middle at a corner.
+        # The centre of an even number of squares is a corner.
         first, reach = np.full(2, 0.5 - per_side % 2 / 2), per_side / 2
     place = (points - middle) / (2 * half_side)
     inside = np.all(np.abs(place) <= reach, axis=1)
@@ -118,25 +118,25 @@ def placings_of(
     scenario: Scenario,
     placement: Placement,
     random: np.random.Generator,
-) -> tuple[Placing, ...]:
-    """What is placed in each square, in this order; squares without agents are left out.
+) -> tuple[SquarePlacement, ...]:
+    """Assign agents to squares, in order; squares without agents are left out.
 
-    Agents that get another state stay in the square they are in. The number of new ones
-    follows the length of the lanes, or what is usual on such roads.
+    Resampled agents stay in their squares. New agents are distributed by the length of
+    lanes, or by the numbers that the model samples.
 
     Raises:
-        GenerationError: there are no lanes, or the model knows no usual numbers.
+        GenerationError: there are no lanes, or the model has no counts of agents.
     """
     squares = squares_of(scenario, placement.region)
     redrawn = _squares_of_resampled(scenario, placement, squares, random)
     kinds = _kinds_by_square(model, scenario, placement, squares, random)
     ids = new_agent_ids(scenario, sum(map(len, kinds)))
-    placings: list[Placing] = []
+    placings: list[SquarePlacement] = []
     first = 0
     for index, square in enumerate(squares):
         count = len(kinds[index])
         placings.append(
-            Placing(
+            SquarePlacement(
                 redrawn_ids=redrawn[index],
                 new_ids=ids[first : first + count],
                 new_kinds=kinds[index],
@@ -155,7 +155,7 @@ def _squares_of_resampled(
     squares: Sequence[Square],
     random: np.random.Generator,
 ) -> list[tuple[str, ...]]:
-    """Ids by square: where each agent is, else anywhere along the lanes."""
+    """Ids of resampled agents by square: their own, or else one along the lanes."""
     ids = placement.redrawn_ids
     if len(squares) == 1 or not ids:
         return [ids, *[()] * (len(squares) - 1)]
@@ -201,10 +201,10 @@ def _missing_numbers(
     squares: Sequence[Square],
     random: np.random.Generator,
 ) -> list[dict[AgentKind, int]]:
-    """Agents that each square lacks of what suits its road.
+    """Numbers of agents that each square lacks to its sampled total.
 
-    The traffic of the first square is sampled; that of the others is as dense. At the
-    edge of a map no square of training is alike.
+    The numbers of the first square are sampled; the other squares have the same density,
+    because training squares are not similar to the edge of a map.
     """
     only_on_road = placement.attributes.only_on_road
     contents = [
@@ -234,7 +234,7 @@ def _missing_numbers(
 def _spread(
     number: int, squares: Sequence[Square], random: np.random.Generator
 ) -> Int[np.ndarray, "N"]:
-    """Squares for some agents, as evenly along the lanes as can be, in any order."""
+    """Sample squares for some agents, evenly distributed by the length of lanes."""
     if len(squares) == 1 or not number:
         return np.zeros(number, int)
     share = np.cumsum([one.lane_m * one.density for one in squares])

@@ -1,4 +1,4 @@
-"""Initial states as numbers that diffuse well, and back."""
+"""Encoding of initial states for diffusion."""
 
 from typing import Final
 
@@ -9,21 +9,21 @@ from torch import Tensor
 from pd_editor.scene.activity import STANDING_SPEED_MPS, Activity
 
 POSITION_UNIT_M: Final = 62.0
-"""Half side of the square that the model is trained on."""
+"""Half side of the training square, the unit of encoded positions."""
 NUM_MOTION_PARTS: Final = 5
-"""x, y, cos, sin, speed."""
+"""Number of parts of the motion: x, y, cos, sin, speed."""
 ACTIVITIES: Final = (Activity.PARKED, Activity.WAITING, Activity.DRIVING)
-"""One part of a state each, after those of the motion, where activities are sampled."""
+"""Activities with one part of a state each, after the motion, if they are sampled."""
 _MOTION_SPREAD: Final = (0.5, 0.5, 0.7, 0.7, 0.8)
 _ACTIVITY_SPREAD: Final = 0.5
 _STANDING_CODE: Final = -0.5
 _MOVING_UNIT: Final = 2.0
 _SLOWEST_CODE: Final = STANDING_SPEED_MPS**0.5 / _MOVING_UNIT
-"""Of those who move."""
+"""Code of the slowest moving agents."""
 
 
 def state_spread(*, samples_activity: bool) -> tuple[float, ...]:
-    """Standard deviation of each encoded part in traffic, roughly."""
+    """Approximate standard deviation of each encoded part in traffic."""
     activity = (_ACTIVITY_SPREAD,) * len(ACTIVITIES) if samples_activity else ()
     return _MOTION_SPREAD + activity
 
@@ -35,10 +35,10 @@ def encode_states(
 ) -> Float[Tensor, "*b P"]:
     """Encode poses x, y, heading around the centre, speeds in m/s, and activities.
 
-    Positions are in units of 62 m, headings a unit vector. More than half of all
-    vehicles stand: they have one code of their own, well apart from the square roots
-    of speeds, so that both the atom and the tail can be sampled. Activities are one
-    part for each of ``ACTIVITIES``, 0.5 or -0.5; all 0 where they are unknown.
+    Positions are in units of 62 m, headings are unit vectors. More than half of all
+    vehicles are stationary: they have a separate code, well apart from the square roots
+    of speeds, so that both the atom and the tail can be sampled. Activities are one part
+    for each of ``ACTIVITIES``, 0.5 or -0.5; all 0 if unknown.
     """
     code = (speed.clamp_min(STANDING_SPEED_MPS)).sqrt() / _MOVING_UNIT
     code = torch.where(speed < STANDING_SPEED_MPS, _STANDING_CODE, code)
@@ -55,9 +55,9 @@ def encode_states(
 
 
 def decode_states(codes: Float[Tensor, "*b P"]) -> Float[Tensor, "*b 5"]:
-    """Metres, unit headings and m/s of codes; inverse of ``encode_states``.
+    """Decode states to metres, unit headings and m/s; inverse of ``encode_states``.
 
-    Standing agents come out with speed 0.
+    Stationary agents have speed 0.
     """
     speed = (codes[..., 4].clamp_min(_SLOWEST_CODE) * _MOVING_UNIT) ** 2
     stands = is_standing(codes)
@@ -72,9 +72,9 @@ def decode_states(codes: Float[Tensor, "*b P"]) -> Float[Tensor, "*b 5"]:
 
 
 def decode_activity(codes: Float[Tensor, "*b P"]) -> Int[Tensor, "*b"]:
-    """``Activity`` of codes: standing agents park or wait, whichever is likelier.
+    """Decode ``Activity``: stationary agents park or wait, whichever is more likely.
 
-    Unknown where codes hold no activity.
+    Unknown if codes contain no activity.
     """
     found = torch.full(codes.shape[:-1], Activity.UNKNOWN, device=codes.device)
     if codes.shape[-1] == NUM_MOTION_PARTS:
@@ -85,12 +85,12 @@ def decode_activity(codes: Float[Tensor, "*b P"]) -> Int[Tensor, "*b"]:
 
 
 def is_standing(codes: Float[Tensor, "*b P"]) -> Bool[Tensor, "*b"]:
-    """Which agents are meant to stand."""
+    """Which encoded states are stationary."""
     return codes[..., 4] < (_SLOWEST_CODE + _STANDING_CODE) / 2
 
 
 def unit_vectors(vectors: Float[Tensor, "*b 2"]) -> Float[Tensor, "*b 2"]:
-    """Directions of vectors; along x for those of no length."""
+    """Unit vectors; along x for zero vectors."""
     length = vectors.norm(dim=-1, keepdim=True)
     along_x = torch.zeros_like(vectors)
     along_x[..., 0] = 1.0

@@ -1,1 +1,1 @@
-"""What both stages are fed: scenes as tensors, trajectories as latents."""
+"""Inputs of both stages: scenes as tensors, trajectories as latents."""

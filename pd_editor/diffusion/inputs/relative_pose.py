@@ -1,6 +1,6 @@
-"""Relative poses: all that the trajectory network knows of positions.
+"""Relative poses, the only positional input of the trajectory network.
 
-Nothing here changes when a whole scene is turned or moved.
+They are invariant to rotations and translations of the scene.
 """
 
 from typing import Final
@@ -34,11 +34,11 @@ def relative_pose(
 
 
 def pose_features(relative: Float[Tensor, "*shape 4"]) -> Float[Tensor, "*shape 10"]:
-    """A relative pose in numbers of about one, fine where it is near.
+    """Features of a relative pose, of about unit scale and finer at short distances.
 
-    Place as seen from the viewer, near and far; closeness; direction; and the
-    viewer's own place as seen from the other, which for a lane is how far along and
-    how far beside it one is.
+    They are the position in the viewer's frame at two scales, closeness, direction, and
+    the viewer's position in the other frame, which for a lane is the offset along and
+    beside it.
     """
     x, y, cos, sin = relative.unbind(-1)
     distance = torch.sqrt(x.square() + y.square() + 1e-6)
@@ -65,7 +65,7 @@ def pose_features(relative: Float[Tensor, "*shape 4"]) -> Float[Tensor, "*shape 
 def gathered(
     values: Shaped[Tensor, "B N *feature"], index: Int[Tensor, "B A K"]
 ) -> Shaped[Tensor, "B A K *feature"]:
-    """Rows of each scene by index; any row where the index is -1."""
+    """Gather rows of each scene by index; an arbitrary row where the index is -1."""
     num_scenes, num_rows = values.shape[:2]
     first = torch.arange(num_scenes, device=values.device) * num_rows
     return selected(values.flatten(0, 1), index.clamp_min(0) + first[:, None, None])

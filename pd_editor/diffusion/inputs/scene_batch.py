@@ -21,7 +21,7 @@ from pd_editor.features.scene_fields import (
 )
 
 _SIZE_STEP: Final = 8
-"""Padded sizes are multiples of it, so that few distinct shapes occur."""
+"""Padded sizes are multiples of this, so that there are few distinct shapes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +62,7 @@ class SceneTensors:
     def to(
         self, device: torch.device | str, dtype: torch.dtype | None = None
     ) -> "SceneTensors":
-        """On another device; ``dtype`` is that of the floating-point tensors."""
+        """Move to a device; ``dtype`` is that of the floating-point tensors."""
         return self._mapped(
             lambda tensor: tensor.to(
                 device, dtype if tensor.is_floating_point() else None
@@ -70,9 +70,9 @@ class SceneTensors:
         )
 
     def mirrored(self) -> "SceneTensors":
-        """Left and right exchanged."""
+        """Mirror the scenes, exchanging left and right."""
         shape_signs = self.piece_shape.new_tensor(MIRRORED_SHAPE_SIGNS)
-        # The ground stays on the left: pieces of the boundary run the other way.
+        # The drivable area stays on the left, so boundary pieces are reversed.
         boundary = self.boundary_pose * self.boundary_pose.new_tensor([1.0, -1.0, -1.0])
         boundary[..., 2] += torch.pi * self.has_boundary
         latent_signs = self.future.new_tensor(MIRRORED_LATENT_SIGNS)
@@ -89,7 +89,7 @@ class SceneTensors:
         )
 
     def rotated(self, angle_rad: Float[Tensor, "B"]) -> "SceneTensors":
-        """Each scene turned about its middle, to the left."""
+        """Rotate each scene about its centre, to the left."""
         return replace(
             self,
             piece_pose=_turned(self.piece_pose, self.has_piece, angle_rad),
@@ -104,7 +104,7 @@ class SceneTensors:
 
 
 def batch_of(scenes: Sequence[PackedScene]) -> SceneTensors:
-    """Scenes side by side, padded to the largest of them."""
+    """Batch scenes, padded to the largest of them."""
     assert scenes, "a batch holds at least one scene"
     counts: dict[Axis, list[int]] = {
         "piece": [len(scene.piece_pose) for scene in scenes],

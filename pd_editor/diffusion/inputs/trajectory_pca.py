@@ -13,27 +13,27 @@ from pd_editor.geometry.angles import wrap_angle
 NUM_ALONG: Final = 5
 NUM_ACROSS: Final = LATENT_SIZE - NUM_ALONG
 MIRRORED_LATENT_SIGNS: Final = (1.0,) * NUM_ALONG + (-1.0,) * NUM_ACROSS
-"""Signs of the latent of the mirrored future."""
+"""Signs of the latents of a mirrored trajectory."""
 
 _LEAST_SCALE_M: Final = 0.05
 _CHORD_STEPS: Final = 2
 _TURNS_FROM_M: Final = 0.25
-"""A chord that is shorter does not tell where an agent points."""
+"""Least length of a chord that defines a heading."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectoryBasis:
-    """H future points, in the frame of the agent's current pose, as D latent numbers.
+    """Basis that maps H future points, in the agent's frame, to D latents.
 
-    The residual to constant speed straight ahead is projected on orthonormal
-    components and divided by their standard deviations. Components are along the
-    heading or across it, never both, so mirroring a future flips signs. The current
-    point is not encoded, so it is exact.
+    The residual to constant velocity straight ahead is projected on orthonormal
+    components and divided by their standard deviations. Each component is along the
+    heading or across it, so that mirroring a trajectory flips signs. The current point
+    is not encoded, so it is exact.
     """
 
     step_s: float
     mean_m: Float[np.ndarray, "H"]
-    """Mean residual along the heading; across it is zero, by symmetry."""
+    """Mean residual along the heading; across it is zero by symmetry."""
     along: Float[np.ndarray, "5 H"]
     across: Float[np.ndarray, "5 H"]
     scale_m: Float[np.ndarray, "10"]
@@ -46,7 +46,7 @@ class TrajectoryBasis:
         speed_mps: Float[np.ndarray, "N"],
         step_s: float = 0.1,
     ) -> "TrajectoryBasis":
-        """Principal components of futures and of their mirror images."""
+        """Fit the principal components of trajectories and of their mirror images."""
         residual = future_m - _straight_on(speed_mps, future_m.shape[1], step_s)
         mean = residual[..., 0].mean(0)
         count = max(len(residual), 1)
@@ -69,7 +69,7 @@ class TrajectoryBasis:
     def encode(
         self, future_m: Float[np.ndarray, "*shape H 2"], speed_mps: np.ndarray
     ) -> Float[np.ndarray, "*shape 10"]:
-        """Latents of futures; speeds are broadcast against their leading axes."""
+        """Encode trajectories as latents; speeds are broadcast against leading axes."""
         time = self.step_s * np.arange(1, self.num_steps + 1)
         offset = self.mean_m @ self.along.T
         pace = time @ self.along.T
@@ -81,7 +81,7 @@ class TrajectoryBasis:
     def decode(
         self, latent: Float[np.ndarray, "*shape 10"], speed_mps: np.ndarray
     ) -> Float[np.ndarray, "*shape H 2"]:
-        """Futures of latents; speeds are broadcast against the leading axes."""
+        """Decode latents to trajectories; speeds are broadcast against leading axes."""
         scaled = latent * self.scale_m
         residual = np.stack(
             [
@@ -98,7 +98,7 @@ class TrajectoryBasis:
         is_valid: Bool[np.ndarray, "N H"],
         speed_mps: Float[np.ndarray, "N"],
     ) -> Float[np.ndarray, "N 10"]:
-        """Most probable latents of futures known in part, under N(0, I) and 0.1 m."""
+        """Most probable latents of partly known trajectories, under N(0, I) and 0.1 m."""
         noise_m = 0.1
         mean = self.decode(np.zeros((len(future_m), LATENT_SIZE)), speed_mps)
         known = is_valid.astype(float)[..., None]
@@ -118,7 +118,7 @@ class TrajectoryBasis:
         return latent
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All there is to store, by name; ``of_arrays`` is the inverse."""
+        """Arrays to store, by name; ``of_arrays`` is the inverse."""
         return {
             "step_s": np.array([self.step_s]),
             "mean_m": self.mean_m,
@@ -129,7 +129,7 @@ class TrajectoryBasis:
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "TrajectoryBasis":
-        """The basis that ``arrays`` were taken from."""
+        """Make the basis from its arrays."""
         return cls(
             step_s=float(arrays["step_s"][0]),
             mean_m=np.asarray(arrays["mean_m"], float),
@@ -143,9 +143,9 @@ def heading_along(
     position_m: Float[np.ndarray, "*shape S 2"],
     first_rad: Float[np.ndarray, "*shape"],
 ) -> Float[np.ndarray, "*shape S"]:
-    """Headings of agents on their paths: where they go, held while they stand.
+    """Headings of agents along their paths, constant while they are stationary.
 
-    The first one is given. A path that goes backwards keeps the nose in front.
+    The first one is given. On a path that starts backwards, headings oppose the motion.
     """
     steps = position_m.shape[-2]
     early = np.maximum(np.arange(steps) - _CHORD_STEPS, 0)
@@ -161,7 +161,7 @@ def heading_along(
     course = np.where(backs & reverses[..., None], course + np.pi, course)
     last = np.maximum.accumulate(np.where(tells, np.arange(steps), 0), axis=-1)
     held = wrap_angle(np.take_along_axis(course, last, axis=-1))
-    # The given heading is kept to the last bit.
+    # The given heading is preserved exactly.
     return np.where(last == 0, first_rad[..., None], held)
 
 
@@ -179,6 +179,6 @@ def _components(
     values, vectors = np.linalg.eigh(residual.T @ residual / num_samples)
     order = np.argsort(values)[::-1][:count]
     components = vectors[:, order].T
-    # eigh leaves signs open: the end of each component is made positive.
+    # eigh does not determine signs: the end of each component is made positive.
     components *= np.where(components[:, -1:] < 0, -1.0, 1.0)
     return components, np.sqrt(np.maximum(values[order], 0.0))

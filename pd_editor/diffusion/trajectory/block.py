@@ -1,4 +1,4 @@
-"""One block of the trajectory network: attention of agents, then a feed-forward part."""
+"""Block of the trajectory network: attention of agents, then a feed-forward part."""
 
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -14,7 +14,7 @@ from pd_editor.diffusion.trajectory.interaction_features import (
 from pd_editor.features.encoded_scene import LATENT_SIZE
 
 NUM_TOKEN_SETS: Final = 2
-"""Map tokens and candidates, each with heads of its own."""
+"""Number of token sets with separate heads: map tokens and candidates."""
 
 
 class Tokens(NamedTuple):
@@ -23,41 +23,41 @@ class Tokens(NamedTuple):
     keys: Float[Tensor, "HG M D"]
     values: Float[Tensor, "HG M D"]
     mask: Float[Tensor, "HG 1 M"]
-    """Added to logits: minus infinity where there is no token."""
+    """Term for logits: minus infinity where there is no token."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockContext:
-    """What one block attends to; G agents of all scenes in a row."""
+    """Keys, values and edges of one block; G agents of all scenes, concatenated."""
 
     tokens: tuple[Tokens, Tokens]
     """Map tokens and candidates."""
     boundary: Float[Tensor, "B A E"] | None
-    """What each agent sees of the drivable area's boundary, added to its hidden state;
-    None for a network that does not see it."""
+    """Encoding of the drivable area's boundary near each agent, added to its hidden
+    state; None for a network without it."""
     edge: Float[Tensor, "R F"]
-    """Of the K neighbours of all G agents in a row, before interaction features."""
+    """Edges to the K neighbours of all G agents, before interaction features."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Masks:
-    """Which neighbours there are; the same for all blocks."""
+    """Masks and rows of neighbours, shared by all blocks."""
 
     neighbors: Float[Tensor, "B 1 A K"]
-    """Added to logits: minus infinity where there is no neighbour."""
+    """Term for logits: minus infinity where there is no neighbour."""
     neighbor: Int[Tensor, "B 1 A K"]
     """Row of each neighbour in its scene."""
 
 
 class AgentBlock(nn.Module):
-    """Attention to map tokens, candidates and neighbours side by side.
+    """Parallel attention to map tokens, candidates and neighbours.
 
-    All projections of the attentions are one linear layer before and one after
-    them. Edges have no keys and values of their own: queries look at their embeddings,
-    and the result takes the weighted sum of those embeddings.
+    All projections are one linear layer before and one after the attentions. Edges have
+    no separate keys and values: queries are compared with their embeddings, and the
+    result is the weighted sum of those embeddings.
 
-    Interaction features after those of waypoints begin without effect: weights of a
-    network without them can be copied.
+    Interaction features after those of waypoints are initialised without effect, so that
+    weights of a network without them can be copied.
     """
 
     def __init__(
@@ -98,13 +98,13 @@ class AgentBlock(nn.Module):
         context: BlockContext,
         masks: Masks,
     ) -> tuple[Float[Tensor, "S B A E"], Float[Tensor, "S B A 10"]]:
-        """Hidden states after the block, and the network output read from them.
+        """Hidden states after the block, and the output of the network at this block.
 
         Args:
-            hidden: of S samples of B scenes of A agents.
-            interactions: of the neighbours of all agents in a row.
-            context: what the block attends to.
-            masks: which neighbours there are.
+            hidden: hidden states of S samples of B scenes of A agents.
+            interactions: interaction features of the neighbours of all agents.
+            context: keys, values and edges of the block.
+            masks: masks and rows of neighbours.
         """
         if context.boundary is not None:
             hidden = hidden + context.boundary

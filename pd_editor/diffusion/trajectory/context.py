@@ -1,4 +1,4 @@
-"""The trajectory network's encoded scene and noise levels, for all denoising steps."""
+"""Encoded scene and noise levels of the trajectory network, for all denoising steps."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,27 +13,27 @@ from pd_editor.diffusion.trajectory.interaction_features import InteractionGeome
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectoryContext:
-    """All that does not depend on noisy trajectories, of B scenes of A agents."""
+    """Values that do not depend on noisy trajectories, for B scenes of A agents."""
 
     agent: Float[Tensor, "B A E"]
     blocks: tuple[BlockContext, ...]
     masks: Masks
     neighbors: Neighbors
     interactions: InteractionGeometry | None
-    """None for a network without interaction features."""
+    """Geometry of interaction features; None for a network without them."""
 
 
-class EncodedLevel(NamedTuple):
-    """All that depends on noise levels only; of agents, or of all of them alike."""
+class EncodedTrajectoryLevel(NamedTuple):
+    """Values that depend on noise levels only, per agent or for all agents."""
 
     hidden: Float[Tensor, "*b NE"]
-    """Added in the first layer and before each block."""
+    """Terms of the first layer and of the input of each block."""
     alpha: Float[Tensor, "*b 1"]
     noisy_share: Float[Tensor, "*b 1"]
-    """Of the noisy latents in the predicted clean ones."""
+    """Factor of the noisy latents in the predicted clean ones."""
     output_share: Float[Tensor, "*b 1"]
-    """Of the network's output in them."""
+    """Factor of the network's output in the predicted clean latents."""
 
-    def at(self, index: int) -> "EncodedLevel":
-        """One of several levels along the first axis."""
-        return EncodedLevel(*(one[index] for one in self))
+    def at(self, index: int) -> "EncodedTrajectoryLevel":
+        """Select one of several levels along the first axis."""
+        return EncodedTrajectoryLevel(*(one[index] for one in self))

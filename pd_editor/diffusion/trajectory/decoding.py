@@ -1,4 +1,4 @@
-"""From latents of trajectories to positions, headings and velocities."""
+"""Decoding of latents to positions, headings and velocities."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -20,14 +20,14 @@ from pd_editor.scene.time_axis import TimeAxis
 
 _STANDS_MPS: Final = 0.3
 _STAYS_M: Final = 0.5
-"""A standing agent that would not even move this far stays exactly where it is."""
+"""A stationary agent that would move less than this stays exactly at its position."""
 
 
 class TrajectoryDecoder(nn.Module):
     """A trajectory basis as tensors, stored with the weights."""
 
     def __init__(self, basis: TrajectoryBasis | None, num_steps: int) -> None:
-        """Without a basis, one is expected to be loaded with the weights."""
+        """Make a decoder; without a basis, one must be loaded with the weights."""
         super().__init__()
         arrays = _empty(num_steps) if basis is None else basis.arrays()
         for name, values in arrays.items():
@@ -40,7 +40,7 @@ class TrajectoryDecoder(nn.Module):
 
     @property
     def basis(self) -> TrajectoryBasis:
-        """The basis in NumPy."""
+        """The basis as NumPy arrays."""
         return TrajectoryBasis.of_arrays(
             {
                 name: values.double().cpu().numpy()
@@ -67,7 +67,7 @@ class TrajectoryDecoder(nn.Module):
         return matrix, torch.cat([mean, still]), torch.cat([times, still])
 
     def still(self, speed: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape 10"]:
-        """Latents of not moving at all."""
+        """Latents of a stationary trajectory."""
         buffers = dict(self.named_buffers())
         along = buffers["along"] / buffers["scale_m"][:NUM_ALONG, None]
         steps = torch.arange(1, self.num_steps + 1, device=speed.device)
@@ -81,7 +81,7 @@ class TrajectoryDecoder(nn.Module):
         speed: Float[Tensor, "*#shape"],
         steps: Tensor,
     ) -> tuple[Float[Tensor, "*shape T"], Float[Tensor, "*shape T"]]:
-        """Places at some steps, x and y, in each agent's own frame."""
+        """Positions x and y at some steps, in each agent's own frame."""
         matrix, mean, times = self.matrix(steps)
         points = latent.to(matrix) @ matrix + mean + speed[..., None] * times
         x, y = points.chunk(2, dim=-1)
@@ -90,7 +90,7 @@ class TrajectoryDecoder(nn.Module):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """S samples of A agents at the current step and F later ones."""
+    """Motion of A agents in S samples, at the current step and F later ones."""
 
     position_m: Float[np.ndarray, "S A F_plus_1 2"]
     heading_rad: Float[np.ndarray, "S A F_plus_1"]
@@ -105,9 +105,9 @@ def motion_of(
     velocity_mps: Float[np.ndarray, "A 2"],
     axis: TimeAxis,
 ) -> Motion:
-    """Trajectories that begin exactly at the given states.
+    """Decode trajectories that begin exactly at the given states.
 
-    Beyond the basis' last step agents keep their last velocity.
+    Beyond the last step of the basis, agents keep their last velocity.
     """
     speed = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1])
     local = np.pad(basis.decode(latent, speed), [(0, 0), (0, 0), (1, 0), (0, 0)])
@@ -130,7 +130,7 @@ def motion_of(
 def _at_steps(
     local: Float[np.ndarray, "S A H 2"], step_s: float, axis: TimeAxis
 ) -> Float[np.ndarray, "S A F_plus_1 2"]:
-    """Points at the steps of a time axis, between those of the basis or beyond."""
+    """Interpolate or extrapolate points to the steps of a time axis."""
     place = np.arange(axis.num_future_steps + 1) * (axis.step_s / step_s)
     before = np.minimum(place.astype(int), local.shape[-2] - 2)
     fraction = (place - before)[:, None]

@@ -1,9 +1,9 @@
-"""The trajectory network: from noisy latents of all agents to clean ones.
+"""The trajectory network, which predicts clean latents of all agents from noisy ones.
 
 Each agent attends to the map tokens around it, to its Frenet candidates and to its
 neighbours (heterogeneous message passing, Path Diffuser section III-E). All poses are
-relative, so results do not change when a scene is turned or moved. Neighbours are also
-seen at the waypoints that were predicted last, which are new in each block.
+relative, so results are invariant to rotations and translations. Interaction features
+describe neighbours at the waypoints that the previous block has predicted.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,10 @@ from pd_editor.diffusion.trajectory.block import (
     Masks,
     Tokens,
 )
-from pd_editor.diffusion.trajectory.context import EncodedLevel, TrajectoryContext
+from pd_editor.diffusion.trajectory.context import (
+    EncodedTrajectoryLevel,
+    TrajectoryContext,
+)
 from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
 from pd_editor.diffusion.trajectory.features import (
     NUM_AGENT_FEATURES,
@@ -58,13 +61,13 @@ from pd_editor.scene.activity import Activity
 
 
 def _added(value: Any, *, before: Any) -> Any:
-    """A field that older model folders do not have, and what it was."""
+    """Field that older model folders do not have, with its value for them."""
     return field(default=value, metadata={"when_absent": before})
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryConfig:
-    """What decides the shapes of the weights, and what they mean."""
+    """Size and switches of the network."""
 
     width: int = 128
     num_heads: int = 4
@@ -72,15 +75,15 @@ class TrajectoryConfig:
     edge_width: int = 64
     """Width of the embedding of a neighbour's pose and waypoints."""
     sees_way_points: bool = True
-    """Whether neighbours are seen at their predicted waypoints."""
+    """Whether there are interaction features of neighbours at predicted waypoints."""
     num_near_agents: int = _added(16, before=8)
     sees_gaps: bool = _added(True, before=False)
-    """Whether each block but the first sees the gaps between boxes at the waypoints
-    that the block before predicted; waypoints must be seen."""
+    """Whether interaction features of each block but the first include the gaps between
+    boxes; requires ``sees_way_points``."""
     sees_boundary: bool = _added(True, before=False)
-    """Whether each agent sees the nearest pieces of the drivable area's boundary."""
+    """Whether the nearest pieces of the drivable area's boundary are an input."""
     sees_activity: bool = _added(True, before=False)
-    """Whether it is told which agents are parked, wait or drive, where it is known."""
+    """Whether known activities (parked, waiting, driving) are an input."""
     knows_leaders: bool = _added(True, before=False)
     """Whether some candidates follow the agent ahead of them."""
     schedule: ScheduleKind = "cosine"
@@ -96,7 +99,7 @@ class TrajectoryDenoiser(nn.Module):
     def __init__(
         self, config: TrajectoryConfig, basis: TrajectoryBasis | None = None
     ) -> None:
-        """Without a basis, one is expected to be loaded with the weights."""
+        """Make a network; without a basis, one must be loaded with the weights."""
         super().__init__()
         self.config = config
         self.schedule = VariancePreserving(
@@ -107,7 +110,7 @@ class TrajectoryDenoiser(nn.Module):
         self.agent_in = nn.Linear(NUM_AGENT_FEATURES, width)
         self.noisy_in = nn.Linear(LATENT_SIZE, width, bias=False)
         self.level_in = nn.Linear(NUM_LEVEL_FEATURES, (1 + blocks) * width)
-        """For the first layer and for each block."""
+        """Embedding of noise levels for the first layer and for each block."""
         self.embed = nn.Linear(width, width)
         self.map_tokens = TokenEncoder(NUM_PIECE_FEATURES, width, blocks, heads)
         self.candidate_tokens = TokenEncoder(LATENT_SIZE, width, blocks, heads)
@@ -136,7 +139,7 @@ class TrajectoryDenoiser(nn.Module):
             self.neighbor_activity_in = _without_effect(blocks * config.edge_width)
 
     def encode_context(self, scene: SceneTensors) -> TrajectoryContext:
-        """All that does not depend on noisy trajectories."""
+        """Compute the values that do not depend on noisy trajectories."""
         config, features = self.config, agent_features(scene)
         neighbors = Neighbors.of(scene, config.num_near_agents)
         agent = self.agent_in(features)
@@ -167,8 +170,8 @@ class TrajectoryDenoiser(nn.Module):
             interactions=interactions,
         )
 
-    def encode_level(self, level: Float[Tensor, "*b"]) -> EncodedLevel:
-        """All that depends on noise levels only; given agents are at level 0."""
+    def encode_level(self, level: Float[Tensor, "*b"]) -> EncodedTrajectoryLevel:
+        """Compute the values that depend on noise levels; given agents are at level 0."""
         level = level[..., None]
         alpha, sigma = self.schedule.alpha(level), self.schedule.sigma(level)
         by_level = self.level_in(level_features(level, alpha, sigma))
@@ -177,7 +180,7 @@ class TrajectoryDenoiser(nn.Module):
         # The clean sample is linear in the noisy one and in the network's output.
         noisy_share = self.schedule.clean_of(zero, one, level)
         output_share = self.schedule.clean_of(one, zero, level)
-        return EncodedLevel(
+        return EncodedTrajectoryLevel(
             hidden=by_level,
             alpha=alpha,
             noisy_share=torch.where(is_noisy, noisy_share, 1.0),
@@ -187,19 +190,19 @@ class TrajectoryDenoiser(nn.Module):
     def denoise(
         self,
         noisy: Float[Tensor, "S B A 10"],
-        level: EncodedLevel,
+        level: EncodedTrajectoryLevel,
         context: TrajectoryContext,
     ) -> Float[Tensor, "S B A 10"]:
-        """Predicted clean latents; given agents come out as they go in."""
+        """Predict clean latents; those of given agents are unchanged."""
         return self.predictions(noisy, level, context)[-1]
 
     def predictions(
         self,
         noisy: Float[Tensor, "S B A 10"],
-        level: EncodedLevel,
+        level: EncodedTrajectoryLevel,
         context: TrajectoryContext,
     ) -> list[Float[Tensor, "S B A 10"]]:
-        """Clean latents predicted by each block; the last one is the result."""
+        """Clean latents predicted by each block; the last prediction is the result."""
         first, *biases = level.hidden.chunk(1 + len(self.blocks), dim=-1)
         hidden = self.noisy_in(noisy) + (context.agent + first)
         hidden = self.embed(hidden.relu())
@@ -221,13 +224,13 @@ class TrajectoryDenoiser(nn.Module):
         return predictions
 
     def _sees_gaps(self, block: int) -> bool:
-        """The first block has no prediction before it, only noise."""
+        """Whether a block has gap features; the first one has no earlier prediction."""
         return self.config.sees_gaps and self.config.sees_way_points and block > 0
 
     def _boundary(self, scene: SceneTensors) -> Sequence[Float[Tensor, "B A E"] | None]:
-        """What each agent sees of the drivable area's boundary, for each block.
+        """Encoding of the drivable area's boundary near each agent, for each block.
 
-        The largest of each number over the pieces near it; 0 where there are none.
+        Maximum of each feature over the nearest pieces; 0 without any.
         """
         if not self.config.sees_boundary:
             return [None] * len(self.blocks)
@@ -247,7 +250,7 @@ class TrajectoryDenoiser(nn.Module):
 
 
 def _without_effect(width: int) -> nn.Embedding:
-    """An embedding of activities that begins as zero."""
+    """Embedding of activities, initialised as zero."""
     embedding = nn.Embedding(len(Activity), width)
     nn.init.zeros_(embedding.weight)
     return embedding

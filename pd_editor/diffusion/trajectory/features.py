@@ -34,10 +34,10 @@ class Neighbors:
     """The K neighbours of each agent in its scene, the first being itself."""
 
     row: Int[Tensor, "B A K"]
-    """Any row where there is none."""
+    """Row of each neighbour; arbitrary where there is none."""
     exists: Bool[Tensor, "B A K"]
     pose: Float[Tensor, "B A K 4"]
-    """As the agent sees them."""
+    """Poses of neighbours in the agent's frame."""
 
     @classmethod
     def of(cls, scene: SceneTensors, num_near: int) -> "Neighbors":
@@ -69,25 +69,25 @@ class Neighbors:
 
 
 def seen_pieces(scene: SceneTensors) -> Bool[Tensor, "B A M"]:
-    """Which of the nearest pieces there are."""
+    """Mask of the nearest lane pieces."""
     return (scene.near_pieces >= 0) & gathered(scene.has_piece, scene.near_pieces)
 
 
 def seen_boundary(scene: SceneTensors) -> Bool[Tensor, "B A N"]:
-    """Which of the nearest pieces of the drivable area's boundary there are."""
+    """Mask of the nearest boundary pieces."""
     near = scene.near_boundary
     return (near >= 0) & gathered(scene.has_boundary, near)
 
 
 def piece_features(scene: SceneTensors) -> Float[Tensor, "B A M E"]:
-    """The lane pieces near each agent, as it sees them."""
+    """Features of the lane pieces near each agent, in its frame."""
     kind = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
     shape = torch.cat([scene.piece_shape, kind.to(scene.piece_shape)], dim=-1)
     return _as_seen(scene, scene.piece_pose, shape, scene.near_pieces)
 
 
 def boundary_features(scene: SceneTensors) -> Float[Tensor, "B A N E"]:
-    """The pieces of the boundary near each agent, as it sees them."""
+    """Features of the boundary pieces near each agent, in its frame."""
     return _as_seen(
         scene, scene.boundary_pose, scene.boundary_shape, scene.near_boundary
     )
@@ -126,7 +126,7 @@ def level_features(
     alpha: Float[Tensor, "*shape 1"],
     sigma: Float[Tensor, "*shape 1"],
 ) -> Float[Tensor, "*shape 7"]:
-    """A noise level in numbers of about one."""
+    """Features of a noise level, of about unit scale."""
     return torch.cat(
         [
             level,

@@ -1,8 +1,8 @@
 """Guidance of predicted clean trajectories to the nearest Frenet candidates.
 
-At each step of the later part of sampling, each agent's prediction goes a part of the
-way to the candidate nearest to it (Path Diffuser, section III-F, which leaves cost and
-strength open). No gradient is needed: distances are those of latents in metres.
+At low noise levels, each step moves each agent's prediction towards its nearest candidate
+(Path Diffuser, section III-F, which does not specify cost and strength). No gradient is
+needed: distances are those of latents in metres.
 """
 
 from dataclasses import dataclass, field
@@ -26,25 +26,24 @@ from pd_editor.diffusion.trajectory.features import STANDING_MPS
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryGuidance:
-    """How strongly predicted clean trajectories are changed, and from which level on."""
+    """Strengths and noise levels of the guidance of predicted clean trajectories."""
 
     weight: float = DEFAULT_WEIGHT
-    """Share of the way to the candidate, unless a request says otherwise."""
+    """Default share of the distance to the candidate that each step moves."""
     warped_weight: float = DEFAULT_WARPED_WEIGHT
-    """The same where the road is warped."""
+    """The same on warped roads."""
     is_last_step_guided: bool = field(default=False, metadata={"when_absent": True})
-    """Whether the prediction of the last step, which is the result, is pulled too."""
+    """Whether the prediction of the last step, which is the result, is guided too."""
     first_level: float = 0.7
-    """Above this noise level nothing is changed."""
+    """There is no guidance above this noise level."""
     standing_first_level: float = 0.35
-    """The same of standing agents: few of them start, and pulled early on none would."""
+    """The same for stationary agents: few of them start, and with early guidance none."""
     stays_m: float = 0.4
-    """A trajectory as close to standing still as this counts as standing."""
+    """A trajectory within this distance of standstill counts as stationary."""
     starting_share: float = 0.2
-    """Of the pull on standing agents that are predicted to start: the nearest candidate
-    that starts may be far. Pulled all the way, 6.1 instead of 4.9 % of the trajectories
-    overlap, and their error is 0.93 instead of 0.89 of constant velocity's
-    (``train``)."""
+    """Factor of the guidance of stationary agents that are predicted to start, whose
+    nearest moving candidate may be far. With 1, 6.1 instead of 4.9 % of the trajectories
+    overlap, and their error is 0.93 instead of 0.89 of constant velocity's (``train``)."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -52,25 +51,25 @@ class TrajectoryGuidance:
 
 @dataclass(kw_only=True, eq=False)
 class NearestCandidateGuide:
-    """Pulls the agents of B scenes to their nearest candidates.
+    """Guides the agents of B scenes to their nearest candidates.
 
-    Standing agents that are predicted to stay are pulled to standing candidates only;
-    those predicted to start are pulled a little, and only to moving candidates; both
-    late. Agents without candidates are left alone.
+    Stationary agents that are predicted to stay are guided to stationary candidates only;
+    those predicted to start are guided weakly, and only to moving candidates; both at low
+    noise. Agents without candidates are not guided.
     """
 
     config: TrajectoryGuidance = field(default_factory=TrajectoryGuidance)
 
     weight: Float[Tensor, "B A"]
-    """Share of the way to the candidate that each step goes."""
+    """Share of the distance to the candidate that each step moves."""
     candidates: Float[Tensor, "B A C 10"]
-    """In metres: latents times the scales of the basis."""
+    """Candidates in metres: latents times the scales of the basis."""
     allowed: Bool[Tensor, "B A C"]
     is_standing: Bool[Tensor, "B A"]
     stays: Bool[Tensor, "B A C"]
-    """Candidates that stand still."""
+    """Stationary candidates."""
     still: Float[Tensor, "B A 10"]
-    """Standing still, in metres."""
+    """Latents of standstill, in metres."""
     scale: Float[Tensor, "10"]
     """Metres of root mean square distance per unit of each latent."""
     last_level: float = 0.0
@@ -78,7 +77,7 @@ class NearestCandidateGuide:
     _last: tuple[Float[Tensor, "S B A 10"], Float[Tensor, "S B A"]] | None = field(
         default=None, init=False
     )
-    """The ways to the candidates in metres, and which part of each the last pull went."""
+    """Vectors to the candidates in metres, and the share that the last step moved."""
 
     @classmethod
     def of(
@@ -89,7 +88,7 @@ class NearestCandidateGuide:
         config: TrajectoryGuidance | None = None,
         num_steps: int = NUM_STEPS,
     ) -> "NearestCandidateGuide":
-        """A guide for the agents of a scene; the weight is 0 of those left alone."""
+        """Make a guide for the agents of a scene; weight 0 means no guidance."""
         config = TrajectoryGuidance() if config is None else config
         decoder = model.decoder
         scale = decoder.get_buffer("scale_m") / decoder.num_steps**0.5
@@ -111,7 +110,7 @@ class NearestCandidateGuide:
     def __call__(
         self, clean: Float[Tensor, "S B A 10"], level: float
     ) -> Float[Tensor, "S B A 10"]:
-        """Predicted clean latents, nearer to candidates."""
+        """Move predicted clean latents towards candidates."""
         if level > self.config.first_level:
             return clean
         if level <= self.last_level and not self.config.is_last_step_guided:
@@ -133,7 +132,7 @@ class NearestCandidateGuide:
         return torch.addcmul(clean, way, pull[..., None] / self.scale)
 
     def cost_m(self) -> tuple[float, float]:
-        """Mean distance of guided agents to candidates before and after the last pull."""
+        """Mean distance of guided agents to candidates before and after the last step."""
         if self._last is None:
             return 0.0, 0.0
         way, pull = self._last
@@ -151,7 +150,7 @@ class NearestCandidateGuide:
         if self._is_any_agent_stationary:
             cost = torch.where(stays[..., None], self._of_staying[0], cost)
             exists = torch.where(stays, self._of_staying[1], exists)
-        # The square of the distance, but for what is the same for all candidates.
+        # Squared distance without the term that is equal for all candidates.
         product = (self.candidates @ predicted[..., None])[..., 0]
         best = torch.sub(cost, product, alpha=2).argmin(dim=-1)
         index = best[..., None, None].expand(*best.shape, 1, predicted.shape[-1])
@@ -175,6 +174,6 @@ class NearestCandidateGuide:
     def _allowing(
         self, some: Bool[Tensor, "B A C"]
     ) -> tuple[Float[Tensor, "B A C"], Bool[Tensor, "B A"]]:
-        """Squares of their lengths, infinite of others; who has one of them at all."""
+        """Squared lengths of allowed candidates (others infinite); agents with any."""
         squares = self.candidates.square().sum(dim=-1)
         return squares.masked_fill(~some, torch.inf), some.any(dim=-1)

@@ -1,4 +1,4 @@
-"""Interaction features: where neighbours are predicted to go, as each agent sees it."""
+"""Interaction features: neighbours at predicted waypoints, in each agent's frame."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -18,14 +18,14 @@ _NEAR_M: Final = 4.0
 """Distance at which closeness is one half."""
 _LEAST_SQUARE: Final = 1e-6 / _NEAR_M**2
 _HELD: Final = 0.2 / _NEAR_M
-"""An agent that moves less between two waypoints points where it pointed."""
+"""An agent that moves less between two waypoints keeps its heading."""
 _GAP_SCALE: Final = 2.0
-"""Gaps of 2 m are as good as large ones."""
+"""Gaps are clamped to this: 2 m in units of 4 m scaled features."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InteractionGeometry:
-    """All that waypoints of G agents against their K neighbours need but latents.
+    """Geometry of the waypoints of G agents and their K neighbours, without latents.
 
     Lengths are in units of 4 m; W = 2 * 8 coordinates, all x before all y.
     """
@@ -38,9 +38,9 @@ class InteractionGeometry:
     """Row of each neighbour among all agents."""
     cos: Float[Tensor, "R 1"]
     sin: Float[Tensor, "R 1"]
-    """Of the neighbour's heading in the agent's frame."""
+    """Sine of the neighbour's heading in the agent's frame."""
     position: Float[Tensor, "R W"]
-    """Of the neighbour in the agent's frame."""
+    """Position of the neighbour in the agent's frame."""
     half_size: Float[Tensor, "G 1 1 2"]
     """Half the length and half the width of each agent."""
     near_half_size: Float[Tensor, "G K 1 2"]
@@ -54,7 +54,7 @@ class InteractionGeometry:
         size_m: Float[Tensor, "B A 2"],
         neighbors: Neighbors,
     ) -> "InteractionGeometry":
-        """Waypoints are spread evenly over the trajectory, to its end."""
+        """Make the geometry; waypoints are evenly spaced up to the end."""
         ends = torch.linspace(
             0, decoder.num_steps, NUM_WAYPOINTS + 1, device=speed_mps.device
         )
@@ -85,8 +85,8 @@ class InteractionGeometry:
     ) -> Float[Tensor, "S R F"]:
         """Offsets dampened with distance, and closeness, at each waypoint.
 
-        With gaps, also the gap between the boxes, and how far ahead the neighbour is
-        on the agent's own path.
+        With gaps, also the gap between the boxes, and the distance to the neighbour along
+        the agent's own path.
         """
         found = latent.flatten(1, 2) @ self.matrix + self.offset
         sizes = [4 * NUM_WAYPOINTS, 2 * NUM_WAYPOINTS]
@@ -94,7 +94,7 @@ class InteractionGeometry:
         own, turned = points.chunk(2, dim=-1)
         position, direction = self.position, None
         if with_gaps:
-            # Directions are turned along with points.
+            # Directions are rotated together with points.
             direction = _directions(way)
             ahead = _with_quarter_turn(direction).chunk(2, dim=-1)
             points = torch.cat([own, ahead[0], turned, ahead[1]], dim=-1)
@@ -116,10 +116,10 @@ class InteractionGeometry:
         x: Float[Tensor, "S G K N"],
         y: Float[Tensor, "S G K N"],
     ) -> tuple[Float[Tensor, "S G K N"], Float[Tensor, "S G K N"]]:
-        """Gaps along the axes of the agent's box, the larger one; distance ahead.
+        """Larger gap along the axes of the agent's box, and distance ahead.
 
-        The gap is negative where boxes overlap. Axes of the neighbour's box are looked
-        at where the agent is the neighbour.
+        The gap is negative where boxes overlap. The axes of the neighbour's box are covered
+        by the reverse pair.
         """
         cos, sin = direction[:, :, None].chunk(2, dim=-1)
         their_cos, their_sin = their_direction.chunk(2, dim=-1)
@@ -159,6 +159,6 @@ def _directions(ways: Float[Tensor, "S G W"]) -> Float[Tensor, "S G W"]:
 
 
 def _with_quarter_turn(points: Float[Tensor, "*N W"]) -> Float[Tensor, "*N W2"]:
-    """All x, all y, then both turned by 90 degrees to the left."""
+    """All x, all y, then both rotated by 90 degrees to the left."""
     x, y = points.chunk(2, dim=-1)
     return torch.cat([points, -y, x], dim=-1)

@@ -1,4 +1,4 @@
-"""Joint selection: among several trajectories of each agent, those that collide least."""
+"""Joint selection of trajectories: the combination of modes with the fewest collisions."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -9,13 +9,13 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
 
 _STRIDE: Final = 2
-"""Every how many steps boxes are compared."""
+"""Stride of the steps at which boxes are compared."""
 _MAX_ROUNDS: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectoryChoices:
-    """K trajectories of A agents at F + 1 steps; the first is the current state.
+    """K trajectories of A agents at F + 1 steps, the first one the current step.
 
     Agents with a fixed trajectory have K equal ones.
     """
@@ -27,22 +27,22 @@ class TrajectoryChoices:
 
 
 def select_jointly(
-    choices: TrajectoryChoices, is_drawn: Bool[np.ndarray, "A"]
+    choices: TrajectoryChoices, is_sampled: Bool[np.ndarray, "A"]
 ) -> Int[np.ndarray, "A"]:
-    """Index of the trajectory selected for each agent, so that few boxes collide.
+    """Select one trajectory per agent such that few boxes collide; returns indices.
 
-    Starts from the first one of every agent; then agents in conflict take, one after
-    another, the trajectory that conflicts least with those of the others. Agents
-    without conflicts keep their first one, so samples differ as much as their noise.
+    The selection starts from the first trajectory of every agent; then agents in conflict
+    switch, one after another, to the trajectory with the fewest conflicts. Agents without
+    conflicts keep their first one, which preserves the diversity of samples.
     """
     num_choices = len(choices.position_m)
-    pairs, conflicts = _conflicts(choices, is_drawn)
-    choice = np.zeros(len(is_drawn), int)
+    pairs, conflicts = _conflicts(choices, is_sampled)
+    choice = np.zeros(len(is_sampled), int)
     for _ in range(_MAX_ROUNDS):
         now = conflicts[np.arange(len(pairs)), choice[pairs[:, 0]], choice[pairs[:, 1]]]
         changed = False
         for row in np.unique(pairs[now > 0]):
-            if not is_drawn[row]:
+            if not is_sampled[row]:
                 continue
             cost = np.zeros(num_choices)
             first, second = pairs[:, 0] == row, pairs[:, 1] == row
@@ -57,21 +57,21 @@ def select_jointly(
 
 
 def _conflicts(
-    choices: TrajectoryChoices, is_drawn: Bool[np.ndarray, "A"]
+    choices: TrajectoryChoices, is_sampled: Bool[np.ndarray, "A"]
 ) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P K K"]]:
-    """Pairs of agents that can meet, and at how many steps each of their trajectories do.
+    """Pairs of agents that can meet, and the number of colliding steps by trajectories.
 
-    Pairs that overlap at the current step already are left out.
+    Pairs that overlap at the current step are left out.
     """
     position = choices.position_m[:, :, ::_STRIDE]
     exists = choices.exists[:, ::_STRIDE]
     radius = 0.5 * np.hypot(choices.size_m[:, 0], choices.size_m[:, 1])
-    one, two = np.triu_indices(len(is_drawn), 1)
+    one, two = np.triu_indices(len(is_sampled), 1)
     low = np.where(exists[..., None], position, np.inf).min(axis=(0, 2))
     high = np.where(exists[..., None], position, -np.inf).max(axis=(0, 2))
     reach = (radius[one] + radius[two])[:, None]
     meets = (low[one] - high[two] < reach) & (low[two] - high[one] < reach)
-    meets = meets.all(axis=1) & (is_drawn[one] | is_drawn[two])
+    meets = meets.all(axis=1) & (is_sampled[one] | is_sampled[two])
     one, two = one[meets], two[meets]
     both = exists[one] & exists[two]
     gap = position[:, None, one] - position[None, :, two]

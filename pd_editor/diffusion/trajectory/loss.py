@@ -1,4 +1,4 @@
-"""Training loss of trajectories: clean latents at every noise level."""
+"""Training loss of the trajectory network."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -9,39 +9,39 @@ from torch import Tensor
 
 from pd_editor.diffusion.core.noise_schedule import noised
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.box_overlap import overlap_depth_m
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.features import STANDING_MPS
+from pd_editor.diffusion.trajectory.trajectory_overlap import overlap_depth_m
 from pd_editor.scene.activity import Activity
 
 _LEAST_VARIANCE: Final = 0.2
-"""Of the noise, when errors are weighed by it: near level 0 all errors are small."""
+"""Least noise variance by which errors are weighted: near level 0 all errors are small."""
 _MOST_OVERLAP_LEVEL: Final = 0.5
-"""Above it predicted trajectories are blurred means, which may well overlap."""
+"""Above this level predictions are means over modes, which may overlap."""
 _MOST_ERROR_M: Final = 1.5
-"""Futures further off the truth are not yet asked to avoid others: at the beginning of
-training that would keep them from being learnt at all."""
+"""Overlap does not count for trajectories with larger errors: early in the training it
+would prevent learning."""
 _STARTED_M: Final = 2.0
-"""A standing agent that is so far away at the end has started."""
+"""Least final displacement of a stationary agent that starts."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryLossConfig:
-    """What each training step samples, and the weights of the loss."""
+    """Sampling of training tasks, and the weights of the loss."""
 
     num_levels: int = 4
     """Noise levels per scene; they share the scene's context."""
     given_scenes: float = 0.3
     """Share of scenes with a random part of the agents given clean."""
     metre_share: float = 0.5
-    """Weight of errors in metres against errors of the latent numbers."""
+    """Weight of errors in metres relative to errors of latents."""
     early_prediction_weight: float = 0.2
-    """Of the predictions of the blocks before the last one."""
+    """Weight of the predictions of all blocks but the last one."""
     overlap_weight: float = 2.0
     starting_weight: float = 1.0
-    """Of standing agents that start, which makes them as much likelier."""
+    """Weight of stationary agents that start, which makes starts more likely."""
     unknown_scenes: float = 0.4
-    """Share of scenes in which the activity of no agent is known."""
+    """Share of scenes without known activities."""
     unknown_agents: float = 0.2
     """Share of agents whose activity is unknown in the other scenes."""
 
@@ -52,9 +52,9 @@ def trajectory_loss(
     random: torch.Generator,
     config: TrajectoryLossConfig | None = None,
 ) -> tuple[Float[Tensor, ""], dict[str, Float[Tensor, ""]]]:
-    """Mean squared error of clean futures at random levels, and its parts.
+    """Mean squared error of clean trajectories at random levels, and its parts.
 
-    Agents without a full future are in the scene, at level 1, and not in the loss.
+    Agents without a complete trajectory are in the scene, at level 1, but not in the loss.
 
     Returns:
         The loss, and terms before weighting: latent, metres (mean square distance of
@@ -62,7 +62,7 @@ def trajectory_loss(
     """
     config = TrajectoryLossConfig() if config is None else config
     scene = _with_unknown_activity(scene, random, config)
-    level, is_drawn = _levels(scene, random, config)
+    level, is_sampled = _levels(scene, random, config)
     clean = scene.future
     shape = (config.num_levels, *clean.shape)
     noise = torch.randn(shape, generator=random).to(clean)
@@ -73,8 +73,10 @@ def trajectory_loss(
     )
     context = model.encode_context(scene)
     predictions = model.predictions(noisy, model.encode_level(level), context)
-    weight = is_drawn / model.schedule.sigma(level).square().clamp_min(_LEAST_VARIANCE)
-    weight = weight / (is_drawn.sum() * config.num_levels).clamp_min(1)
+    weight = is_sampled / model.schedule.sigma(level).square().clamp_min(
+        _LEAST_VARIANCE
+    )
+    weight = weight / (is_sampled.sum() * config.num_levels).clamp_min(1)
     weight = torch.where(starts(model, scene), config.starting_weight * weight, weight)
     scale = model.decoder.get_buffer("scale_m")
     mixed = _component_weights(scale, config.metre_share)
@@ -101,18 +103,18 @@ def trajectory_loss(
         )
         there = overlap_depth_m(model.decoder, clean[None], context.neighbors, scene)
         is_near = (level[:few] < _MOST_OVERLAP_LEVEL) & (error_m < _MOST_ERROR_M)
-        # Both of a pair: one who is far off must not push others away.
+        # Both agents of a pair: one with a large error must not push others away.
         others = context.neighbors.row_of_all()[:, :, 1:]
         both = is_near.flatten(1)[:, others]
         squared = ((depth - there).clamp_min(0).square() * both).sum(-1)
-        counts = is_drawn * is_near
+        counts = is_sampled * is_near
         parts["overlap"] = (squared * counts).sum() / counts.sum().clamp_min(1)
         loss = loss + config.overlap_weight * parts["overlap"]
     return loss, {name: part.detach() for name, part in parts.items()}
 
 
 def starts(model: TrajectoryDenoiser, scene: SceneTensors) -> Bool[Tensor, "B A"]:
-    """Agents that stand now, and are elsewhere when their trajectory ends."""
+    """Stationary agents that are displaced at the end of their trajectory."""
     last = torch.tensor([model.decoder.num_steps - 1], device=scene.future.device)
     x, y = model.decoder.points(scene.future, scene.agent_speed, last)
     has_left = torch.hypot(x, y)[..., 0] > _STARTED_M
@@ -122,9 +124,9 @@ def starts(model: TrajectoryDenoiser, scene: SceneTensors) -> Bool[Tensor, "B A"
 def _levels(
     scene: SceneTensors, random: torch.Generator, config: TrajectoryLossConfig
 ) -> tuple[Float[Tensor, "S B A"], Bool[Tensor, "B A"]]:
-    """Noise level of each agent, and which agents are to be denoised.
+    """Sample the noise level of each agent, and which agents are denoised.
 
-    Levels are spread evenly over the versions of a scene; given agents are at 0.
+    Levels are stratified over the versions of a scene; given agents are at 0.
     """
     device = scene.has_agent.device
 
@@ -148,7 +150,7 @@ def _levels(
 def _with_unknown_activity(
     scene: SceneTensors, random: torch.Generator, config: TrajectoryLossConfig
 ) -> SceneTensors:
-    """The scene with some activities unknown, as those of recorded agents are."""
+    """Make some activities unknown, as those of recorded agents are."""
     activity = scene.agent_activity
     unknown = torch.rand(len(activity), 1, generator=random) < config.unknown_scenes
     unknown = unknown | (
@@ -163,6 +165,6 @@ def _with_unknown_activity(
 def _component_weights(
     scale_m: Float[Tensor, "10"], metre_share: float
 ) -> Float[Tensor, "10"]:
-    # Weights by scale, not by its square, which would leave the first one alone.
+    # Weighted by scale, not by its square, with which only the first would count.
     by_scale = scale_m / scale_m.sum()
     return metre_share * by_scale + (1 - metre_share) / len(scale_m)

@@ -1,4 +1,4 @@
-"""The trajectory stage on a scenario: some agents are sampled around the others."""
+"""Pipeline of the second stage: samples trajectories of agents on a scenario."""
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
@@ -31,7 +31,7 @@ from pd_editor.scene.scenario import Scenario
 _LEAST_KNOWN_STEPS: Final = 10
 """A context agent with fewer future steps is sampled like the others, and kept."""
 _MOST_AT_ONCE: Final = 24
-"""Futures of a scene that are denoised together."""
+"""Largest number of trajectories of an agent that are denoised together."""
 
 
 _Progress = TypeVar("_Progress")
@@ -39,14 +39,14 @@ _Progress = TypeVar("_Progress")
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryOptions:
-    """How trajectories are sampled."""
+    """Options of the sampling of trajectories."""
 
     sampler: TrajectorySamplerConfig = field(default_factory=TrajectorySamplerConfig)
     guidance: TrajectoryGuidance = field(default_factory=TrajectoryGuidance)
     lane_agent_ids: tuple[str, ...] = ()
     """Agents that are guided to their candidates; empty means all."""
     num_tries: int = 1
-    """Trajectories sampled for each sample, of which those that collide least are taken."""
+    """Trajectories sampled per sample, from which the least colliding ones are selected."""
     seed: int = 0
 
 
@@ -58,7 +58,7 @@ class TrajectoryTask:
     features: SceneFeatures
     scene: SceneTensors
     is_given: Bool[np.ndarray, "A"]
-    is_drawn: Bool[np.ndarray, "A"]
+    is_sampled: Bool[np.ndarray, "A"]
 
     @classmethod
     def of(
@@ -69,15 +69,16 @@ class TrajectoryTask:
         *,
         knows_leaders: bool = True,
     ) -> "TrajectoryTask":
-        """All road users that are there now; those not sampled are given if known.
+        """Make a task of all road users at the current step.
 
-        With ``knows_leaders`` some candidates follow the agent ahead.
+        Agents that are not sampled are given if their trajectories are known. With
+        ``knows_leaders`` some candidates follow the agent ahead.
         """
         features = scene_features(scenario, knows_leaders=knows_leaders)
         scene = _without_gaps(batch_of([packed(features, basis.encode)]))
-        is_drawn = np.isin(features.agent_row, rows)
-        is_given = ~is_drawn & features.has_future
-        partly = np.flatnonzero(~is_drawn & ~is_given)
+        is_sampled = np.isin(features.agent_row, rows)
+        is_given = ~is_sampled & features.has_future
+        partly = np.flatnonzero(~is_sampled & ~is_given)
         latent, is_known = _completed(scenario, features, partly, basis)
         scene.future[0, partly[is_known]] = torch.from_numpy(latent).float()
         is_given[partly[is_known]] = True
@@ -86,15 +87,15 @@ class TrajectoryTask:
             features=features,
             scene=scene,
             is_given=is_given,
-            is_drawn=is_drawn,
+            is_sampled=is_sampled,
         )
 
     def to(self, device: torch.device) -> "TrajectoryTask":
-        """With the tensors on a device."""
+        """Move the tensors to a device."""
         return replace(self, scene=self.scene.to(device))
 
     def no_motion(self, num_samples: int) -> Motion:
-        """Zeros, where no agent is sampled."""
+        """Zero motion, if no agent is sampled."""
         steps = self.scenario.time_axis.num_future_steps + 1
         shape = (num_samples, len(self.features.agent_row), steps)
         return Motion(
@@ -106,7 +107,7 @@ class TrajectoryTask:
     def motion(
         self, basis: TrajectoryBasis, latent: Float[torch.Tensor, "S 1 A 10"]
     ) -> Motion:
-        """Motion of all A agents of the features."""
+        """Decode the motion of all A agents of the features."""
         agents, now = self.scenario.agents, self.scenario.current_step
         rows = self.features.agent_row
         return motion_of(
@@ -121,11 +122,11 @@ class TrajectoryTask:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SampledTrajectories:
-    """Motion of all A agents of the task, of which the sampled ones count."""
+    """Motion of all A agents of the task; only that of sampled agents is meaningful."""
 
     motion: Motion
     lane_cost_m: tuple[float, float]
-    """Mean distance to the nearest candidate before and after the last pull."""
+    """Mean distance to the nearest candidate before and after the last guided step."""
 
 
 def sample_task(
@@ -140,7 +141,7 @@ def sample_task(
     Yields ``progress`` of the share that is done and of a function that returns the
     trajectories predicted so far.
     """
-    if not task.is_drawn.any():
+    if not task.is_sampled.any():
         return SampledTrajectories(
             motion=task.no_motion(len(samples)), lane_cost_m=(0.0, 0.0)
         )
@@ -176,10 +177,10 @@ def sample_task(
                 lambda predicted=predicted: task.motion(basis, predicted),
             )
         assert latent is not None, "there is at least one step"
-        drawn = task.motion(basis, latent)
+        sampled = task.motion(basis, latent)
         for index in range(len(chunk)):
             part = slice(index * tries, (index + 1) * tries)
-            motions.append(_chosen(task, drawn, part))
+            motions.append(_chosen(task, sampled, part))
     return SampledTrajectories(
         motion=Motion(
             position_m=np.stack([one.position_m[0] for one in motions]),
@@ -191,7 +192,7 @@ def sample_task(
 
 
 def _without_gaps(scene: SceneTensors) -> SceneTensors:
-    """Places for candidates that no agent has are left out."""
+    """Remove candidate slots that no agent uses."""
     most = int(scene.has_candidate.sum(dim=-1).max()) if scene.has_agent.any() else 0
     return replace(
         scene,
@@ -203,7 +204,7 @@ def _without_gaps(scene: SceneTensors) -> SceneTensors:
 def _pull(
     task: TrajectoryTask, options: TrajectoryOptions
 ) -> Float[torch.Tensor, "1 A"]:
-    wanted = task.is_drawn.copy()
+    wanted = task.is_sampled.copy()
     if options.lane_agent_ids:
         rows = task.scenario.agents.rows(options.lane_agent_ids)
         wanted &= np.isin(task.features.agent_row, rows)
@@ -213,14 +214,14 @@ def _pull(
     return weight.to(task.scene.agent_speed)
 
 
-def _chosen(task: TrajectoryTask, drawn: Motion, part: slice) -> Motion:
-    """One of several tries, mixed so that few agents collide."""
-    position, heading = drawn.position_m[part], drawn.heading_rad[part]
-    velocity = drawn.velocity_mps[part]
+def _chosen(task: TrajectoryTask, sampled: Motion, part: slice) -> Motion:
+    """Joint selection among several tries, so that few agents collide."""
+    position, heading = sampled.position_m[part], sampled.heading_rad[part]
+    velocity = sampled.velocity_mps[part]
     choice = np.zeros(position.shape[1], int)
     if len(position) > 1:
-        choices, is_drawn = _with_the_rest(task, position, heading)
-        choice = select_jointly(choices, is_drawn)[: len(choice)]
+        choices, is_sampled = _with_the_rest(task, position, heading)
+        choice = select_jointly(choices, is_sampled)[: len(choice)]
     agent = np.arange(len(choice))
     return Motion(
         position_m=position[choice, agent][None],
@@ -234,10 +235,10 @@ def _with_the_rest(
     position: Float[np.ndarray, "K A S 2"],
     heading: Float[np.ndarray, "K A S"],
 ) -> tuple[TrajectoryChoices, Bool[np.ndarray, "B"]]:
-    """Sampled agents, then everything else in the scenario as it is recorded."""
+    """Choices of sampled agents, then all other agents as recorded."""
     agents, now = task.scenario.agents, task.scenario.current_step
-    rows, is_drawn = task.features.agent_row, task.is_drawn
-    rest = np.setdiff1d(np.arange(len(agents)), rows[is_drawn])
+    rows, is_sampled = task.features.agent_row, task.is_sampled
+    rest = np.setdiff1d(np.arange(len(agents)), rows[is_sampled])
     rest = rest[agents.is_valid[rest, now:].any(axis=1)]
     shape = (len(position), len(rest), *position.shape[2:])
     return TrajectoryChoices(
@@ -250,12 +251,12 @@ def _with_the_rest(
         ),
         exists=np.concatenate(
             [
-                np.broadcast_to(is_drawn[:, None], position.shape[1:3]),
+                np.broadcast_to(is_sampled[:, None], position.shape[1:3]),
                 agents.is_valid[rest, now:],
             ]
         ),
         size_m=np.concatenate([agents.size_m[rows], agents.size_m[rest]]),
-    ), np.concatenate([is_drawn, np.zeros(len(rest), bool)])
+    ), np.concatenate([is_sampled, np.zeros(len(rest), bool)])
 
 
 def _completed(
@@ -264,7 +265,7 @@ def _completed(
     partly: Int[np.ndarray, "N"],
     basis: TrajectoryBasis,
 ) -> tuple[Float[np.ndarray, "M 10"], Bool[np.ndarray, "N"]]:
-    """Latents of context agents whose future is known in part, and which they are."""
+    """Latents of context agents with partly known trajectories, and their mask."""
     agents, axis = scenario.agents, scenario.time_axis
     is_known = np.zeros(len(partly), bool)
     if abs(axis.step_s - basis.step_s) > 1e-6 or not len(partly):

@@ -1,4 +1,4 @@
-"""Sampling of trajectories: from noise to latents of the trajectory basis."""
+"""Sampler of trajectory latents."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,18 +22,18 @@ from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.features import STANDING_MPS
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
-"""From predicted clean latents [S B A 10] and their noise level to better ones."""
+"""Changes predicted clean latents [S B A 10] at a noise level."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectorySamplerConfig:
-    """How trajectories are sampled."""
+    """Settings of the sampling of trajectories."""
 
     num_steps: int = NUM_STEPS
     eta: float = 0.0
     """Stochasticity: 0 adds no fresh noise (DDIM), 1 is ancestral sampling."""
     standing_noise: float = 1.0
-    """Factor of the first noise of standing agents: with more of them start."""
+    """Factor of the initial noise of stationary agents: a larger one makes more start."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -52,18 +52,18 @@ def sample_trajectories(
 ) -> Iterator[SamplerStep]:
     """Sample trajectories of all agents of B scenes that are not given.
 
-    Yields after each step; a caller cancels by not asking for the next one. The last
-    step holds the result: latents [S, B, A, 10], those of given agents bit-identical.
-    Sample k of a seed is the same alone and among others, but for float rounding.
+    Yields after each step; a caller cancels by not requesting the next one. The last step
+    holds the result: latents [S, B, A, 10], those of given agents bit-identical. Sample k
+    of a seed does not depend on the other samples, apart from rounding.
 
     Args:
-        model: In evaluation mode.
-        scene: Futures are read of given agents only.
+        model: Network in evaluation mode.
+        scene: Scenes; only the trajectories of given agents are used.
         samples: Indices of the S samples.
-        seed: Of all samples.
-        num_tries: So many consecutive samples are tries of one.
-        is_given: Agents whose latents stay as they are; None: no agent.
-        config: Steps and noise.
+        seed: Seed of all samples.
+        num_tries: Number of consecutive samples that are tries of one.
+        is_given: Given agents, whose latents are fixed; None: no agent.
+        config: Settings of the sampler.
         guide: Changes the predicted clean latents of each step.
     """
     config = TrajectorySamplerConfig() if config is None else config
@@ -101,7 +101,7 @@ def sample_trajectories(
 def starting_latents(
     scene: SceneTensors, streams: RandomStreams, num_tries: int, standing_noise: float
 ) -> Float[Tensor, "S B A 10"]:
-    """The noise that sampling begins with."""
+    """Sample the initial noise."""
     noise = streams.spread_normal(*scene.future.shape, num_tries=num_tries)
     stands = (scene.agent_speed < STANDING_MPS)[..., None]
     return noise.to(scene.future) * torch.where(stands, standing_noise, 1.0)

@@ -1,4 +1,4 @@
-"""Keys and values of the tokens that agents attend to, for all blocks at once."""
+"""Encoder of the tokens that agents attend to, for all blocks."""
 
 from collections.abc import Sequence
 

@@ -65,7 +65,7 @@ def test_drawn_numbers_are_like_those_of_roads_alike():
     counts = AgentCounts.from_tensor(torch.from_numpy(rows))
     random = np.random.default_rng(0)
     for lane_m, side, expected in ((500, 62, 5), (2500, 62, 25), (625, 31, 6.25)):
-        drawn = [counts.draw(lane_m, side, random) for _ in range(300)]
+        drawn = [counts.sample(lane_m, side, random) for _ in range(300)]
         vehicles = [one.get(AgentKind.VEHICLE, 0) for one in drawn]
         assert abs(np.mean(vehicles) - expected) < 1
         assert all(set(one) <= set(AGENT_KINDS) for one in drawn)
@@ -117,9 +117,9 @@ def test_those_present_are_taken_off():
 
 def test_on_the_road_only_means_fewer_where_many_park_beside_it():
     squares, random = crowded_and_empty_squares(), np.random.default_rng(0)
-    drawn = [squares.draw(1000, 62, random, only_on_road=True) for _ in range(99)]
+    drawn = [squares.sample(1000, 62, random, only_on_road=True) for _ in range(99)]
     assert {one[AgentKind.VEHICLE] for one in drawn} == {10}
-    drawn = [squares.draw(1000, 62, random) for _ in range(99)]
+    drawn = [squares.sample(1000, 62, random) for _ in range(99)]
     assert {one[AgentKind.VEHICLE] for one in drawn} == {10, 40}
 
 

@@ -186,7 +186,9 @@ def test_a_road_that_is_full_gets_nobody_more(
         num_samples=2,
     )
     assert [sample.ids for sample in traffic.samples] == [(), ()]
-    assert any("Nobody was placed in 2 of 2 samples" in note for note in traffic.notes)
+    assert any(
+        "No agent was placed in 2 of 2 samples" in note for note in traffic.notes
+    )
 
 
 def test_agents_that_are_not_there_take_no_room(diffuser: PathDiffuser) -> None:

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from pd_editor.diffusion.core.noise_schedule import centered_levels
-from pd_editor.diffusion.initial_state.box_overlap import overlap_depth_m
 from pd_editor.diffusion.initial_state.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
@@ -29,6 +28,7 @@ from pd_editor.diffusion.initial_state.state_encoding import (
     decode_states,
     encode_states,
 )
+from pd_editor.diffusion.initial_state.state_overlap import overlap_depth_m
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.features.lane_tokens import PIECE_SHAPE
 from pd_editor.scene.activity import Activity

@@ -9,7 +9,7 @@ import pytest
 
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.pipeline import Placing, place_in_squares
+from pd_editor.diffusion.initial_state.pipeline import SquarePlacement, place_in_squares
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.initial_state.squares import (
     Placement,
@@ -60,7 +60,7 @@ def model(diffuser: PathDiffuser) -> InitialStateDenoiser:
 
 def placed(
     model: InitialStateDenoiser, scenario: Scenario, seed: int = 0, **asked: object
-) -> tuple[Placing, ...]:
+) -> tuple[SquarePlacement, ...]:
     given: dict = {"num_new_agents": {}, "attributes": AttributeRequest(), **asked}
     return placings_of(model, scenario, Placement(**given), np.random.default_rng(seed))
 

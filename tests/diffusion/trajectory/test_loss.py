@@ -4,7 +4,6 @@ import pytest
 import torch
 
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.box_overlap import overlap_depth_m
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.features import Neighbors
 from pd_editor.diffusion.trajectory.loss import (
@@ -16,6 +15,7 @@ from pd_editor.diffusion.trajectory.sampler import (
     TrajectorySamplerConfig,
     sample_trajectories,
 )
+from pd_editor.diffusion.trajectory.trajectory_overlap import overlap_depth_m
 from tests.diffusion.trajectory.scenes import scene_batch, small_model
 
 

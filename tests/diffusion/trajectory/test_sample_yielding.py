@@ -2,7 +2,7 @@ import numpy as np
 import shapely
 from hypothesis import given, settings
 
-from pd_editor.diffusion.trajectory.yielding import with_yielding
+from pd_editor.diffusion.trajectory.sample_yielding import with_yielding
 from pd_editor.generation import TrafficSample
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario

@@ -1,6 +1,6 @@
-"""Overlap depth of the boxes of neighbours along their trajectories.
+"""Differentiable overlap depth of neighbours' boxes along their trajectories.
 
-Boxes are rows of discs, so that the depth can be differentiated.
+Boxes are approximated by rows of discs.
 """
 
 from typing import Final
@@ -16,7 +16,7 @@ from pd_editor.diffusion.trajectory.features import Neighbors
 _NUM_TIMES: Final = 12
 _DISCS: Final = (-1.0, 0.0, 1.0)
 _HELD_M: Final = 0.2
-"""An agent that moves less between two times points where it pointed."""
+"""An agent that moves less between two steps keeps its heading."""
 
 
 def overlap_depth_m(
@@ -25,7 +25,7 @@ def overlap_depth_m(
     neighbors: Neighbors,
     scene: SceneTensors,
 ) -> Float[Tensor, "S B A K"]:
-    """Largest depth over time of each agent into each of its K neighbours."""
+    """Largest overlap depth over time of each agent with each of its K neighbours."""
     flat = latent.flatten(1, 2)
     x, y = _disc_centers(
         decoder, flat, scene.agent_speed.flatten(), scene.agent_size.flatten(0, 1)
@@ -56,7 +56,7 @@ def _disc_centers(
     speed: Float[Tensor, "G"],
     size: Float[Tensor, "G 2"],
 ) -> tuple[Float[Tensor, "S G T D"], Float[Tensor, "S G T D"]]:
-    """Centres of the discs along each box, in the frame of its agent's pose now."""
+    """Centres of the discs along each box, in the frame of its agent's current pose."""
     steps = torch.linspace(0, decoder.num_steps, _NUM_TIMES + 1, device=latent.device)
     x, y = decoder.points(latent, speed, steps[1:].long() - 1)
     ahead_x = torch.diff(x, dim=-1, prepend=torch.zeros_like(x[..., :1])) + _HELD_M

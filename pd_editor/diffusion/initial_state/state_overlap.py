@@ -1,4 +1,4 @@
-"""How deep boxes overlap, as a smooth number: three discs for each box."""
+"""Differentiable overlap depth of boxes, each approximated by three discs."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -22,10 +22,10 @@ def overlap_depth_m(
 ) -> Float[Tensor, "*b A A"]:
     """Depth in metres by which each pair of boxes overlaps, 0 where it does not.
 
-    A box counts as three discs of its width along its length. Two pedestrians never
-    overlap: they walk in groups.
+    A box is approximated by three discs of its width along its length. Pairs of
+    pedestrians do not count, since they walk in groups.
     """
-    # The square root of 0 has no slope.
+    # The square root has no gradient at 0.
     distance = (_offsets_m(states, scene).square().sum(dim=-1) + 1e-6).sqrt()
     depth = _radii_m(scene) - distance.amin(dim=-1)
     return depth.clamp_min(0) * _counts(scene)
@@ -33,21 +33,21 @@ def overlap_depth_m(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OverlapVectors:
-    """How agents of B scenes have to move so that their boxes do not overlap.
+    """Displacements of agents in B scenes that resolve overlaps of their boxes.
 
-    Corners stick out of the discs: a gap of 0.4 m keeps those of cars apart.
+    Corners exceed the discs: a gap of 0.4 m separates those of cars.
     """
 
     reach_m: Float[Tensor, "B A 3"]
-    """Of the discs, ahead of the middle."""
+    """Position of each disc along the heading, relative to the centre."""
     least_m: Float[Tensor, "B A A"]
-    """Distance between discs; below 0 for pairs that may overlap."""
+    """Least distance between discs; below 0 for pairs that may overlap."""
     nudge_m: Float[Tensor, "A A"]
-    """Of two in one place, the first in the list goes ahead."""
+    """Displacement of agents at the same position: the first one moves ahead."""
 
     @classmethod
     def of(cls, scene: SceneTensors, *, gap_m: float = 0.0) -> "OverlapVectors":
-        """Agents that count, with a gap between them."""
+        """Geometry of the agents of a scene, with a gap between them."""
         places = torch.tensor(_PLACES, device=scene.agent_size.device)
         radii = _radii_m(scene)
         nudge = torch.ones_like(radii[0]).triu() * 2 - 1
@@ -60,11 +60,11 @@ class OverlapVectors:
     def __call__(
         self, place_m: Complex[Tensor, "*b A"], axis: Complex[Tensor, "*b A"]
     ) -> Complex[Tensor, "*b A A"]:
-        """How the first of each pair has to move; 0 where they do not overlap.
+        """Displacement of the first agent of each pair; 0 if they do not overlap.
 
         Args:
-            place_m: x and y as complex numbers.
-            axis: headings as numbers of length one.
+            place_m: positions as complex numbers.
+            axis: headings as complex numbers of length one.
         """
         discs = place_m[..., None] + axis[..., None] * self.reach_m
         offset = discs[..., :, None, :, None] - discs[..., None, :, None, :]
@@ -79,7 +79,7 @@ class OverlapVectors:
 def _offsets_m(
     states: Float[Tensor, "*b A P"], scene: SceneTensors
 ) -> Float[Tensor, "*b A A 9 2"]:
-    """From each disc of the second of a pair to each of the first."""
+    """Vectors from each disc of the second agent of a pair to each of the first."""
     position_m = states[..., :2] * POSITION_UNIT_M
     axis = unit_vectors(states[..., 2:4])
     reach = _reach_m(scene)[..., None, None]
@@ -90,7 +90,7 @@ def _offsets_m(
 
 
 def _reach_m(scene: SceneTensors) -> Float[Tensor, "B A"]:
-    """From the middle of each agent to that of its outer discs."""
+    """Distance between the centre of each agent and its outer discs."""
     length, width = scene.agent_size.unbind(-1)
     return ((length - width) / 2).clamp_min(0)
 

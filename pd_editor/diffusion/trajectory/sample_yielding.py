@@ -13,10 +13,10 @@ from pd_editor.scene.scenario import Scenario
 def with_yielding(
     scenario: Scenario, rows: Int[np.ndarray, "G"], sample: TrafficSample
 ) -> tuple[TrafficSample, tuple[str, ...]]:
-    """The sample with agents that collide later slowed on their own paths.
+    """Slow agents of a sample that would collide later along their own paths.
 
-    ``rows`` are the sample's agents in the scenario; the others go on as recorded.
-    States at the current step stay. Also returns the ids of the agents that yield.
+    ``rows`` are the sample's agents in the scenario; others move as recorded. Current
+    states stay. Also returns the ids of the agents that yield.
     """
     now, agents = scenario.current_step, scenario.agents
     driven = agents.with_rows(
@@ -43,6 +43,6 @@ def with_yielding(
 
 
 def _from_now(
-    recorded: np.ndarray, rows: np.ndarray, now: int, drawn: np.ndarray
+    recorded: np.ndarray, rows: np.ndarray, now: int, sampled: np.ndarray
 ) -> np.ndarray:
-    return np.concatenate([recorded[rows, :now], drawn], axis=1)
+    return np.concatenate([recorded[rows, :now], sampled], axis=1)

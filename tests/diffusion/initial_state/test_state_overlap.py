@@ -2,11 +2,11 @@ from dataclasses import replace
 
 import torch
 
-from pd_editor.diffusion.initial_state.box_overlap import (
+from pd_editor.diffusion.initial_state.state_encoding import encode_states
+from pd_editor.diffusion.initial_state.state_overlap import (
     OverlapVectors,
     overlap_depth_m,
 )
-from pd_editor.diffusion.initial_state.state_encoding import encode_states
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from tests.diffusion.initial_state.scenes import scene_batch
 
