@@ -21,9 +21,9 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.features.scene_features import scene_center
 from pd_editor.geometry.oriented_box import box_corners
 from pd_editor.installed_files import demo_folder, demo_names
-from pd_editor.scene.activity import STANDING_SPEED_MPS
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 
 HALF_SIDE_M = 70.0
 AHEAD_STEPS = 30
@@ -72,7 +72,7 @@ def top_view(scenario: Scenario, center: np.ndarray, size_px: int) -> Image.Imag
         ahead = now + np.flatnonzero(agents.is_valid[row, now : now + AHEAD_STEPS])
         if len(ahead) > 1:
             draw.line(pixels(agents.position_m[row, ahead]), fill=color, width=FINER)
-        edge = "#20262d" if mps < STANDING_SPEED_MPS else color
+        edge = "#20262d" if mps < MOVING_MPS else color
         draw.polygon(pixels(box), fill=color, outline=edge, width=FINER)
         # A light windscreen tells the front.
         front, back = box[[0, 3]], box[[1, 2]]

@@ -17,9 +17,9 @@ from pd_editor.features.scene_features import scene_center
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.metrics.road.surroundings import askew
 from pd_editor.metrics.traffic_view import recorded_traffic
-from pd_editor.scene.activity import STANDING_SPEED_MPS
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 
 HALF_SIDE_M = 62.0
 WAYS = ("square", "redrawn", "fit")
@@ -60,7 +60,7 @@ def vehicle_rows(scenario: Scenario) -> np.ndarray:
     path = np.linalg.norm(np.diff(agents.position_m, axis=1), axis=-1).sum(axis=1)
     columns = [
         speed,
-        speed < STANDING_SPEED_MPS,
+        speed < MOVING_MPS,
         is_off_road(scenario, agents.position_m[:, 0]),
         np.where(agents.is_valid.all(axis=1), path, np.nan),
         *(np.where(one.is_valid, one.value, np.nan) for one in askew(view)),

@@ -17,9 +17,8 @@ from pd_editor.paths.driving_paths import (
 from pd_editor.paths.route_choice import RouteChoice, choose_routes
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 
-STANDING_MPS: Final = 0.5
-"""Slower agents count as standing."""
 PARKED_OFFSET_M: Final = 1.2
 PARKED_TURN_RAD: Final = np.radians(30)
 """Stationary agents further from their lane, or at a larger angle, are parked."""
@@ -108,7 +107,7 @@ def sample_intentions(
     offset, turn = np.zeros(count), np.zeros(count)
     offset[on_lane] = choice.offset_m[route[on_lane]]
     turn[on_lane] = choice.turn_rad[route[on_lane]]
-    stands = drivers.speed_mps < STANDING_MPS
+    stands = drivers.speed_mps < MOVING_MPS
     is_parked = stands & (
         ~on_lane | (np.abs(offset) > PARKED_OFFSET_M) | (np.abs(turn) > PARKED_TURN_RAD)
     )

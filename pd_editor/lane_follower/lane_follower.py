@@ -15,13 +15,13 @@ from pd_editor.generation import (
     TrafficSample,
 )
 from pd_editor.lane_follower.intentions import (
-    STANDING_MPS,
     Drivers,
     drivers_at,
     sample_intentions,
 )
 from pd_editor.lane_follower.simulated_traffic import Traffic, initial_traffic, simulate
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.thresholds import MOVING_MPS
 
 STEPS_PER_REPORT: Final = 10
 
@@ -120,7 +120,7 @@ def _sample(
 def _notes(request: GenerationRequest, drivers: Drivers) -> tuple[str, ...]:
     notes: list[str] = []
     off_lane = np.setdiff1d(np.arange(len(drivers.kinds)), drivers.choice.agent)
-    off_lane = off_lane[drivers.speed_mps[off_lane] > STANDING_MPS]
+    off_lane = off_lane[drivers.speed_mps[off_lane] > MOVING_MPS]
     if len(off_lane):
         ids = ", ".join(
             request.scenario.agents.ids[row] for row in drivers.row[off_lane]

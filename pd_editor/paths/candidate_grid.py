@@ -21,6 +21,7 @@ from pd_editor.paths.speed_profiles import MAX_ACCELERATION_MPS2, MAX_BRAKING_MP
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 
 MAX_SPEED_MPS: Final = 30.0
 """Highest target speed of candidates that accelerate."""
@@ -29,8 +30,6 @@ MAX_LATERAL_OFFSET_M: Final = 1.25
 LATERAL_SHIFT_M: Final = 1.0
 ARC_CURVATURES_1PM: Final = (0.03, -0.03, 0.1, -0.1)
 _LEAST_SHIFT_M: Final = 0.3
-_MOVES_MPS: Final = 0.5
-"""Slower velocities are too noisy to define a direction."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +158,7 @@ def plan_paths(road_map: RoadMap, start: Start, duration_s: float) -> PlannedPat
         num_points,
     )
     agent, free_role, curvature = _free_grid(start, choice)
-    moving = start.speed_mps > _MOVES_MPS
+    moving = start.speed_mps > MOVING_MPS
     direction = np.where(moving, heading_of(start.velocity_mps), start.heading_rad)
     free = free_paths(
         start.position_m[agent],
@@ -218,7 +217,7 @@ def _free_grid(
     forward = (start.velocity_mps * unit_vector(start.heading_rad)).sum(-1)
     drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in start.kinds], bool)
     without = ~np.isin(np.arange(count), choice.agent)
-    backwards = drives & (forward < -_MOVES_MPS)
+    backwards = drives & (forward < -MOVING_MPS)
     straight = np.flatnonzero(without | backwards)
     turning = np.flatnonzero(without & drives & ~backwards)
     num_arcs = len(ARC_CURVATURES_1PM)

@@ -9,11 +9,11 @@ from jaxtyping import Float
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.paths.motion_primitives import CandidateSet
 from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.thresholds import STANDING_MPS
 
 STRAIGHT_RAD: Final = np.radians(20.0)
 """A smaller change of heading counts as straight on."""
 U_TURN_RAD: Final = np.radians(150.0)
-STANDS_MPS: Final = 0.3
 SAME_SPEED_MPS: Final = 0.4
 SHIFT_M: Final = 0.2
 """Smaller changes of the offset from the lane are not mentioned."""
@@ -90,7 +90,7 @@ def _speed(found: CandidateSet, index: int) -> str:
     speed: Float[np.ndarray, "H"] = np.hypot(*found.velocity_mps[0, index].T)
     start, end = float(speed[0]), float(speed[-1])
     if found.is_standstill[0, index]:
-        return "standing" if start < STANDS_MPS else "slowing to stop"
+        return "standing" if start < STANDING_MPS else "slowing to stop"
     if end > start + SAME_SPEED_MPS:
         return f"speeding up to {end:.1f} m/s"
     if end < start - SAME_SPEED_MPS:

@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import heading_of, unit_vector, wrap_angle
+from pd_editor.scene.thresholds import MOVING_MPS
 
-STANDING_SPEED_MPS: Final = 0.5
-"""Slower agents are stationary; their speeds cannot be scaled."""
 STANDING_EXTENT_M: Final = 1.0
 """A curve that stays closer to its first point is tracking noise, not a path."""
 
@@ -133,7 +132,7 @@ def with_new_speed(
     curve = fill_gaps(position_m, is_valid)
     old_speed = np.hypot(velocity_mps[..., 0], velocity_mps[..., 1]) * is_valid
     new_speed = new_speed_mps[:, None]
-    stands = old_speed[:, :1] < STANDING_SPEED_MPS
+    stands = old_speed[:, :1] < MOVING_MPS
     factor = new_speed / np.where(stands, 1.0, old_speed[:, :1])
     fastest = np.maximum(new_speed, old_speed.max(axis=1, keepdims=True))
     step_m = np.diff(travelled_m(curve), axis=1)

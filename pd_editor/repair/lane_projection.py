@@ -7,7 +7,6 @@ import numpy as np
 
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.paths.lane_graph import LaneGraph, lane_graph
-from pd_editor.paths.retiming import STANDING_SPEED_MPS
 from pd_editor.paths.route_choice import MAX_TURN_RAD
 from pd_editor.repair.current_states import States
 from pd_editor.repair.repair_report import (
@@ -26,6 +25,7 @@ from pd_editor.repair.sliding import (
 )
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 
 MAX_OFFSET_M: Final = 2.0
 """A moving agent within this distance of a centre line is on its lane.
@@ -60,7 +60,7 @@ def project_to_lanes(
     agents, step = scenario.agents, scenario.current_step
     is_meant = repairable(scenario, agent_ids, keep_ids)
     if not moves_stationary:
-        is_meant &= agents.speed_mps()[:, step] >= STANDING_SPEED_MPS
+        is_meant &= agents.speed_mps()[:, step] >= MOVING_MPS
     rows = np.flatnonzero(is_meant)
     states, graph = States.of(scenario), lane_graph(scenario.road_map)
     choice = lanes_of(

@@ -1,13 +1,11 @@
 """Activity of an agent at the current step: parked, waiting in traffic, or driving."""
 
 from enum import IntEnum
-from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-STANDING_SPEED_MPS: Final = 0.5
-"""Agents slower than this are stationary."""
+from pd_editor.scene.thresholds import MOVING_MPS
 
 
 class Activity(IntEnum):
@@ -29,7 +27,7 @@ class Activity(IntEnum):
 
 def stands(speed_mps: Float[np.ndarray, "*s"]) -> Bool[np.ndarray, "*s"]:
     """Whether agents of these speeds stand."""
-    return speed_mps < STANDING_SPEED_MPS
+    return speed_mps < MOVING_MPS
 
 
 def activity_at(

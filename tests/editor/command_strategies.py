@@ -32,10 +32,11 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.generation import GuidanceTerm, TrafficSample
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.activity import STANDING_SPEED_MPS, Activity
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind, default_sizes_m
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 from tests.builders import scenario_with, straight_drivers
 
 ABSENT_ID = "105"
@@ -189,7 +190,7 @@ def activities(draw: st.DrawFn, scenario: Scenario) -> SetAgentActivity:
     now = scenario.current_step
     speed = scenario.agents.speed_mps()[scenario.agents.rows(ids), now]
     standing = (Activity.UNKNOWN, Activity.PARKED, Activity.WAITING)
-    suits = standing if (speed < STANDING_SPEED_MPS).any() else (Activity.DRIVING,)
+    suits = standing if (speed < MOVING_MPS).any() else (Activity.DRIVING,)
     return SetAgentActivity(agent_ids=ids, activity=draw(st.sampled_from(suits)))
 
 

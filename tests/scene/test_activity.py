@@ -2,12 +2,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.scene.activity import (
-    STANDING_SPEED_MPS,
-    Activity,
-    activity_at,
-    true_activity,
-)
+from pd_editor.scene.activity import Activity, activity_at, true_activity
+from pd_editor.scene.thresholds import MOVING_MPS
 from tests.builders import straight_drivers
 
 agents = st.lists(st.tuples(st.sampled_from(Activity), st.floats(0, 40)), max_size=8)
@@ -21,7 +17,7 @@ def test_activities_agree_with_speeds_and_unknown_ones_stay_unknown(table):
     assert ((found == Activity.UNKNOWN) == (activity == Activity.UNKNOWN)).all()
     known = found != Activity.UNKNOWN
     drives = found == Activity.DRIVING
-    assert (drives == (known & (speed >= STANDING_SPEED_MPS))).all()
+    assert (drives == (known & (speed >= MOVING_MPS))).all()
     assert (activity_at(found, speed) == found).all()
     is_parked = activity == Activity.PARKED
     assert (true_activity(is_parked, speed) != Activity.UNKNOWN).all()

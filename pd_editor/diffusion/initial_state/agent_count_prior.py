@@ -12,12 +12,12 @@ import torch
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.diffusion.initial_state.lane_distance import follows_lanes, is_on_road
-from pd_editor.diffusion.initial_state.state_encoding import STANDING_SPEED_MPS
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.features.encoded_scene import PackedScene
 from pd_editor.features.lane_tokens import PIECE_LENGTH_M
 from pd_editor.features.scene_features import AGENT_KINDS
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.thresholds import MOVING_MPS
 
 HALF_SIDES_M: Final = (31.0, 44.0, 62.0)
 """Half sides of the squares that are counted around the centre of each scene."""
@@ -191,7 +191,7 @@ def cells_of(
 ) -> Int[np.ndarray, "K 2 2"]:
     """Numbers of some agents of one scene (B = 1), as in ``AgentCounts.counts``."""
     on_road = (is_on_road(scene) | ~follows_lanes(scene))[0].cpu().numpy()
-    moves = scene.agent_speed[0].cpu().numpy() >= STANDING_SPEED_MPS
+    moves = scene.agent_speed[0].cpu().numpy() >= MOVING_MPS
     cell = 4 * scene.agent_kind[0].cpu().numpy() + 2 * moves + on_road
     return np.bincount(cell[counts], minlength=_NUM_CELLS).reshape(_CELLS)
 

@@ -17,12 +17,12 @@ from pd_editor.diffusion.initial_state.conditioning import (
     Conditioning,
 )
 from pd_editor.diffusion.initial_state.lane_distance import follows_lanes
-from pd_editor.diffusion.initial_state.state_encoding import STANDING_SPEED_MPS
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.errors import GenerationError
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +117,7 @@ def attribute_notes(
 def _num_moving(scenario: Scenario, ids: tuple[str, ...]) -> int:
     agents = scenario.agents
     velocity = agents.velocity_mps[agents.rows(ids), scenario.current_step]
-    return int((np.linalg.norm(velocity, axis=-1) >= STANDING_SPEED_MPS).sum())
+    return int((np.linalg.norm(velocity, axis=-1) >= MOVING_MPS).sum())
 
 
 def _num_off_road(scenario: Scenario, ids: tuple[str, ...]) -> int:

@@ -22,10 +22,10 @@ from pd_editor.diffusion.initial_state.lane_distance import follows_lanes, is_on
 from pd_editor.diffusion.initial_state.state_encoding import (
     NUM_MOTION_PARTS,
     POSITION_UNIT_M,
-    STANDING_SPEED_MPS,
 )
 from pd_editor.diffusion.initial_state.state_overlap import overlap_depth_m
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.scene.thresholds import MOVING_MPS
 
 _MIN_HALF_SIDE_M: Final = 25.0
 _PARTS: Final = {"position": (0, 1), "heading": (2, 3), "speed": (4,)}
@@ -168,9 +168,7 @@ def training_task(
     return scene, Conditioning(
         is_given=is_given,
         order=order_by(scene.agent_pose[..., 0], scene, is_given),
-        moves=attribute_codes(
-            scene.agent_speed >= STANDING_SPEED_MPS, sampled & some()
-        ),
+        moves=attribute_codes(scene.agent_speed >= MOVING_MPS, sampled & some()),
         on_road=attribute_codes(
             is_on_road(scene), sampled & some() & follows_lanes(scene)
         ),

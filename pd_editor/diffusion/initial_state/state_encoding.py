@@ -6,7 +6,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from pd_editor.scene.activity import STANDING_SPEED_MPS, Activity
+from pd_editor.scene.activity import Activity
+from pd_editor.scene.thresholds import MOVING_MPS
 
 POSITION_UNIT_M: Final = 62.0
 """Half side of the training square, the unit of encoded positions."""
@@ -18,7 +19,7 @@ _MOTION_SPREAD: Final = (0.5, 0.5, 0.7, 0.7, 0.8)
 _ACTIVITY_SPREAD: Final = 0.5
 _STANDING_CODE: Final = -0.5
 _MOVING_UNIT: Final = 2.0
-_SLOWEST_CODE: Final = STANDING_SPEED_MPS**0.5 / _MOVING_UNIT
+_SLOWEST_CODE: Final = MOVING_MPS**0.5 / _MOVING_UNIT
 """Code of the slowest moving agents."""
 
 
@@ -40,8 +41,8 @@ def encode_states(
     of speeds, so that both the atom and the tail can be sampled. Activities are one part
     for each of ``ACTIVITIES``, 0.5 or -0.5; all 0 if unknown.
     """
-    code = (speed.clamp_min(STANDING_SPEED_MPS)).sqrt() / _MOVING_UNIT
-    code = torch.where(speed < STANDING_SPEED_MPS, _STANDING_CODE, code)
+    code = (speed.clamp_min(MOVING_MPS)).sqrt() / _MOVING_UNIT
+    code = torch.where(speed < MOVING_MPS, _STANDING_CODE, code)
     heading = pose[..., 2]
     parts = [
         pose[..., :2] / POSITION_UNIT_M,

@@ -20,8 +20,8 @@ from pd_editor.features.scene_features import (
     NUM_PIECE_KINDS,
     PIECE_SHAPE,
 )
+from pd_editor.scene.thresholds import STANDING_MPS
 
-STANDING_MPS: Final = 0.3
 NUM_LEVEL_FEATURES: Final = 7
 NUM_AGENT_FEATURES: Final = 6 + len(AGENT_KINDS)
 NUM_PIECE_FEATURES: Final = NUM_POSE_FEATURES + len(PIECE_SHAPE) + NUM_PIECE_KINDS

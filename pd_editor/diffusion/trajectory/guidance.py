@@ -21,7 +21,7 @@ from pd_editor.diffusion.defaults import (
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory.features import STANDING_MPS
+from pd_editor.scene.thresholds import STANDING_MPS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,9 +10,9 @@ from torch import Tensor
 from pd_editor.diffusion.core.noise_schedule import noised
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory.features import STANDING_MPS
 from pd_editor.diffusion.trajectory.trajectory_overlap import overlap_depth_m
 from pd_editor.scene.activity import Activity
+from pd_editor.scene.thresholds import STANDING_MPS
 
 _LEAST_VARIANCE: Final = 0.2
 """Least noise variance by which errors are weighted: near level 0 all errors are small."""

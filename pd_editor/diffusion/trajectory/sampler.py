@@ -19,7 +19,7 @@ from pd_editor.diffusion.core.sampler import (
 from pd_editor.diffusion.defaults import NUM_STEPS
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory.features import STANDING_MPS
+from pd_editor.scene.thresholds import STANDING_MPS
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
 """Changes predicted clean latents [S B A 10] at a noise level."""

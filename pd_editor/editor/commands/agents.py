@@ -16,7 +16,7 @@ from pd_editor.editor.commands.edit_limits import (
     rows_of,
 )
 from pd_editor.errors import EditError
-from pd_editor.scene.activity import STANDING_SPEED_MPS, Activity, stands
+from pd_editor.scene.activity import Activity, stands
 from pd_editor.scene.agent_kind import (
     DEFAULT_SIZE_M,
     AgentCategory,
@@ -24,6 +24,7 @@ from pd_editor.scene.agent_kind import (
 )
 from pd_editor.scene.focal_agent import with_focal_category
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +128,7 @@ class SetAgentActivity(Command):
             raise EditError(
                 f"{subject[:1].upper()}{subject[1:]} cannot be {self.activity.in_words} at"
                 f" {agents.speed_mps()[rows, scenario.current_step].max():.1f} m/s:"
-                f" what is slower than {STANDING_SPEED_MPS:g} m/s is parked or waiting,"
+                f" what is slower than {MOVING_MPS:g} m/s is parked or waiting,"
                 " the rest is driving."
             )
         if (agents.activity[rows[suits]] == self.activity).all():

@@ -16,11 +16,12 @@ from pd_editor.editor.commands.edit_limits import (
 )
 from pd_editor.errors import EditError
 from pd_editor.geometry.angles import unit_vector, wrap_angle
-from pd_editor.paths.retiming import STANDING_SPEED_MPS, with_new_speed
+from pd_editor.paths.retiming import with_new_speed
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.problems.friction import slowed_to_limit
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 
 MAX_START_GAP_M: Final = 1.0
 """Largest distance between an agent and the start of an adopted trajectory."""
@@ -204,7 +205,7 @@ def agents_with_trajectory(
 def _rolls_back(agents: AgentTracks, now: int) -> np.ndarray:
     """Whether each agent moves against its heading."""
     ahead = unit_vector(agents.heading_rad[:, now])
-    return (agents.velocity_mps[:, now] * ahead).sum(-1) < -STANDING_SPEED_MPS
+    return (agents.velocity_mps[:, now] * ahead).sum(-1) < -MOVING_MPS
 
 
 def _retimed(

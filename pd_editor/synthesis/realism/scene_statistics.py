@@ -26,8 +26,8 @@ from pd_editor.metrics.values import MaskedValues
 from pd_editor.paths.nearest_lane import LaneMatch, nearest_lanes
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 
-MOVING_MPS: Final = 0.5
 TURNING_DEG: Final = 30.0
 """Change of heading in the window beyond which an agent turns."""
 TURNING_PATH_M: Final = 5.0

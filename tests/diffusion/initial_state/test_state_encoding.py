@@ -7,20 +7,20 @@ from hypothesis import strategies as st
 from pd_editor.diffusion.initial_state.state_encoding import (
     NUM_MOTION_PARTS,
     POSITION_UNIT_M,
-    STANDING_SPEED_MPS,
     decode_activity,
     decode_states,
     encode_states,
     unit_vectors,
 )
 from pd_editor.scene.activity import Activity
+from pd_editor.scene.thresholds import MOVING_MPS
 
 
 @given(
     st.floats(-62, 62),
     st.floats(-62, 62),
     st.floats(-math.pi, math.pi),
-    st.floats(STANDING_SPEED_MPS, 40),
+    st.floats(MOVING_MPS, 40),
 )
 def test_moving_states_there_and_back(x: float, y: float, heading: float, speed: float):
     pose = torch.tensor([x, y, heading], dtype=torch.float64)
