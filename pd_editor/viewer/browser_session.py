@@ -1,4 +1,4 @@
-"""One browser tab: its views, panels and pointer, kept true to its workspace."""
+"""Session of one browser tab: keeps views, panels and pointer in step with its workspace."""
 
 import threading
 import time
@@ -17,7 +17,7 @@ from pd_editor.viewer.interaction.context_menu import ContextMenu
 from pd_editor.viewer.interaction.framing import FreePart
 from pd_editor.viewer.interaction.hover import Hover
 from pd_editor.viewer.interaction.picking import point_of
-from pd_editor.viewer.interaction.placing import Placing
+from pd_editor.viewer.interaction.placing import PlacingMode
 from pd_editor.viewer.interaction.pointer import Pointer
 from pd_editor.viewer.interaction.region_drawing import RegionDrawing
 from pd_editor.viewer.interaction.selecting import Selecting
@@ -63,14 +63,14 @@ from pd_editor.viewer.views.view_scale import ViewScale
 TIMELINE_REFRESH_S: Final = 0.25
 SEARCH_PAUSE_S: Final = 0.02
 FUTURE_CHECK_DELAY_S: Final = 0.4
-"""An edit's consequences for the future are looked at when edits pause."""
+"""Pause after an edit before the future is checked for problems."""
 SEND_PAUSE_S: Final = 1e-3
 JOURNAL_RETRY_S: Final = 3.0
-"""Edits that could not be kept on disk are tried again this often."""
+"""Interval of attempts to write edits that could not be stored on disk."""
 
 
 class BrowserSession:
-    """Everything of one connection; a reload makes a new one for the same workspace."""
+    """State of one connection; a reload makes a new one for the same workspace."""
 
     def __init__(
         self,
@@ -80,7 +80,7 @@ class BrowserSession:
         *,
         is_debug: bool = False,
     ) -> None:
-        """Prepare; ``start`` builds the page on the session's own thread.
+        """Prepare the session; ``start`` builds the page on the session's own thread.
 
         Args:
             client: the connection.
@@ -105,14 +105,14 @@ class BrowserSession:
         self._closing = threading.Lock()
 
     def start(self) -> None:
-        """Build the page and begin to work."""
+        """Build the page and start the worker."""
         self._inbox.post(self._build)
         self._inbox.start()
 
     def close(self) -> None:
-        """Stop working; the workspace lives on.
+        """Stop the worker; the workspace remains.
 
-        Safe to call twice, from any thread: whoever comes second waits for the first.
+        Safe to call twice, from any thread: the second call waits for the first.
         """
         with self._closing:
             if self._is_closed:
@@ -148,7 +148,7 @@ class BrowserSession:
             self._pointer = Pointer(
                 self._desk, lambda: self._agents, self._ground_clicked
             )
-            self._placing = Placing(self._desk, self._overlay, self._banner)
+            self._placing = PlacingMode(self._desk, self._overlay, self._banner)
             self._placing.on_change(self._placing_changed)
             self._region = RegionDrawing(self._desk, self._overlay, self._banner)
             self._region.on_change(self._region_changed)
@@ -204,8 +204,8 @@ class BrowserSession:
         client.gui.set_panel_label("Path Diffuser Editor")
         client.gui.main_panel.dock_right()
         client.gui.main_panel.set_width(372)
-        # No environment map: the page would prepare it for seconds without a fast GPU,
-        # and keep the picture all but transparent meanwhile. Sky and ground do instead.
+        # No environment map: without a fast GPU the page would prepare it for seconds,
+        # with an almost transparent picture meanwhile. Sky and ground replace it.
         client.scene.configure_environment_map(None)
         client.scene.configure_default_lights(enabled=True, cast_shadow=False)
         client.scene.add_light_hemisphere(
@@ -268,7 +268,7 @@ class BrowserSession:
                 on_ribbons=self._ribbons.set_visible,
                 on_compare=self._comparison.keep,
             )
-        # A search that an earlier connection has ended tells of nothing new.
+        # A search that finished under an earlier connection gives no new event.
         self._dataset_panel.show()
 
     def _build_menu(self) -> None:
@@ -456,7 +456,7 @@ class BrowserSession:
         key("Previous scenario", lambda: self._dataset_panel.go(-1), "pageup")
 
     def _changed(self, before: SessionState, after: SessionState) -> None:
-        """Show a change; a fault in drawing is told, and the change stays."""
+        """Show a change; an error in drawing is reported, and the change stays."""
         try:
             self._show_change(before, after)
         except Exception as error:  # noqa: BLE001  (the session has changed already)
@@ -475,7 +475,7 @@ class BrowserSession:
                 self._viewpoint.hold_picture(self._map.road_nodes)
                 self._viewpoint.frame_opened()
             self._draw()
-        # The picture goes out before the words: a slider is judged by it.
+        # The picture is sent before texts, because it determines a slider's latency.
         self._send_now()
         if after.scenario is not before.scenario:
             self._problems.check(with_future=False)
@@ -485,7 +485,7 @@ class BrowserSession:
             if is_other_scene:
                 self._dataset_panel.follow(after.scenario.scenario_id)
                 self._desk.post(self._unfinished_panel.refresh)
-        # A gesture's end leaves the scenario as the last preview made it.
+        # The end of a gesture does not change the scenario of the last preview.
         is_edited = after.scenario is not before.scenario or before.is_previewing
         if is_edited and not after.is_previewing:
             self._request_check()
@@ -496,7 +496,7 @@ class BrowserSession:
         self._basket_panel.star()
 
     def _tell_of_focal(self, before: Scenario, after: Scenario) -> None:
-        """Say which agent is the focal one where the former was removed."""
+        """Notify the user of the new focal agent if the former one was removed."""
         if before.focal_id == after.focal_id or before.focal_id in after.agents.row_of:
             return
         if after.focal_id:
@@ -510,7 +510,7 @@ class BrowserSession:
             )
 
     def _send_now(self) -> None:
-        """Send what is queued; viser's thread needs the interpreter for that."""
+        """Let viser's thread send queued messages; it needs the interpreter lock."""
         self._client.flush()
         time.sleep(SEND_PAUSE_S)
 
@@ -551,7 +551,7 @@ class BrowserSession:
         self._legend.show(scenario, palette, has_original=has_original)
 
     def _follow_camera(self) -> None:
-        """Keep what has a least size on the screen at that size."""
+        """Keep elements with a least size on the screen at that size."""
 
         @self._client.camera.on_update
         async def _(_camera: viser.CameraHandle) -> None:
@@ -569,7 +569,7 @@ class BrowserSession:
             view.set_view(self._view)
 
     def _show_page(self) -> None:
-        """Title and theme of the page; a star marks a scenario with edits in force."""
+        """Set title and theme of the page; a star marks a scenario with edits in force."""
         session = self._workspace.session
         mark = "*" if session.state.position else ""
         self._overlay.show(
@@ -599,7 +599,7 @@ class BrowserSession:
         self._hints.show(self._workspace.session)
 
     def _fan_changed(self, is_shown: bool) -> None:
-        """Step back behind possible trajectories, and say what a click does."""
+        """Mute other elements while possible trajectories are shown, and explain clicks."""
         self._ribbons.set_muted(is_shown)
         self._overlay.show("fan", {"isShown": is_shown})
         session = self._workspace.session
@@ -624,7 +624,7 @@ class BrowserSession:
         if not self._is_built:
             return None
         if self._desk.tick():
-            # A refused value is still in its input: nothing changed that shows panels.
+            # A refused value is still in its input, because no change updates panels.
             self._show_panels(self._workspace.session.state)
         now = time.monotonic()
         if self._checks_future_at is not None and now >= self._checks_future_at:
@@ -712,7 +712,7 @@ class BrowserSession:
         self._toolbar.show()
 
     def _escape(self) -> None:
-        """Leave what is under way; with nothing under way, clear the selection."""
+        """Leave the active mode or gesture; without one, clear the selection."""
         if self._desk.gesture is not None:
             self._desk.abort_gesture()
         elif self._measure.is_active:

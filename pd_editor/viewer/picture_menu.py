@@ -1,4 +1,4 @@
-"""What a right click on the picture offers, by what was clicked."""
+"""Context menus of the picture, by the clicked element."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from pd_editor.paths.suggested_state import suggested_heading
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.interaction.context_menu import Menu, MenuItem
 from pd_editor.viewer.interaction.picking import PointerRay, agent_under
-from pd_editor.viewer.interaction.placing import Placing
+from pd_editor.viewer.interaction.placing import PlacingMode
 from pd_editor.viewer.interaction.selecting import Selecting
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.measure import Measure
@@ -23,11 +23,11 @@ from pd_editor.viewer.state.desk import Desk
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PictureMenu:
-    """Menus made of what the panels and modes can do."""
+    """Makes menus of the actions of panels and modes."""
 
     desk: Desk
     poses: Callable[[], AgentPoses | None]
-    placing: Placing
+    placing: PlacingMode
     selecting: Selecting
     agent_panel: AgentPanel
     candidates_panel: CandidatesPanel

@@ -274,8 +274,8 @@ def test_an_upload_over_the_limit_is_refused_before_it_is_taken_in(tab):
 def test_themes_layers_and_views_switch(tab):
     tab.run(lambda: tab.tab._theme_chosen(True))
     assert tab.tab._workspace.is_dark
-    tab.run(lambda: tab.tab._map.set_layer_visible("paint", False))
-    assert not tab.tab._map._handles["paint"].visible
+    tab.run(lambda: tab.tab._map.set_layer_visible("markings", False))
+    assert not tab.tab._map._handles["markings"].visible
     tab.run(tab.tab._switch_view)
     assert tab.desk.client.camera.fov < 0.2
     tab.run(tab.tab._switch_view)

@@ -1,4 +1,4 @@
-"""Agents dragged by the pointer: moved, or turned with Shift."""
+"""Dragging of agents by the pointer: moves them, or rotates them with Shift."""
 
 import math
 from collections import deque
@@ -22,7 +22,7 @@ from pd_editor.viewer.views.agents_view import AgentsView
 
 ROTATE_MODIFIER: Final = "shift"
 SAME_PRESS: Final = 1e-4
-"""Share of the picture within which two events tell of the same press."""
+"""Share of the picture within which two events belong to the same press."""
 SAME_VIEW: Final = 0.03
 """Share of the picture by which a view that comes to rest may still move in a drag."""
 
@@ -31,7 +31,7 @@ ScreenPosition = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DragEvent:
-    """One message of a drag, with the camera that was in force in the browser."""
+    """One message of a drag, with the browser's camera at that time."""
 
     kind: AgentKind
     instance: int | None
@@ -63,12 +63,12 @@ class _Grab:
 
 
 class AgentDrag:
-    """The only owner of a press on an agent, until its release is handled.
+    """Handles a press on an agent until its release.
 
-    viser reports such a press also as a rectangle where a plain drag draws one, before
-    or after the end of the drag; ``owns_box`` recognises it by the place of the press.
-    A drag is over as soon as something else takes its gesture away (Escape, undo, a
-    command of a panel): what the pointer does from then on until the release is ignored.
+    viser reports such a press also as a rectangle where a plain drag draws one, before or
+    after the end of the drag; ``owns_box`` recognises it by the position of the press. A
+    drag ends when its gesture is ended elsewhere (Escape, undo, a command of a panel):
+    pointer events until the release are ignored.
     """
 
     def __init__(
@@ -77,13 +77,13 @@ class AgentDrag:
         agents_view: Callable[[], AgentsView],
         seen_camera: SeenCamera,
     ) -> None:
-        """Hold nothing yet."""
+        """Make a handler without an active drag."""
         self._desk = desk
         self._agents_view = agents_view
         self._seen_camera = seen_camera
         self._grab: _Grab | None = None
         self._is_pressed = False
-        # A modifier that changes on the way makes viser begin the drag anew.
+        # If a modifier changes during a drag, viser starts the drag again.
         self._presses: deque[ScreenPosition] = deque(maxlen=4)
         self._numbers = count()
 
@@ -132,7 +132,7 @@ class AgentDrag:
                     self._desk.commit_gesture()
 
     def _follow(self, event: DragEvent) -> None:
-        """Move what is held to the pointer."""
+        """Move the held agents to the pointer."""
         grab = self._grab
         if grab is None:
             return
@@ -213,8 +213,8 @@ def _offset(event: DragEvent) -> ScreenPosition:
 def _is_meant(grab: _Grab, event: DragEvent) -> bool:
     """Whether the event's points belong to its camera and to the view of the press.
 
-    A view that changes under a drag (a key, a request of the server on its way to the
-    browser) must not move agents: ground points of two cameras have nothing in common.
+    A view that changes during a drag (by a key, or by a request of the server) must not
+    move agents: ground points of two cameras are not comparable.
     """
     camera = event.camera
     return camera.sees(event.end_m, event.end_screen) and camera.sees(

@@ -21,7 +21,7 @@ class AnchorGizmo:
 
         Args:
             desk: the tab's session and inbox.
-            on_moved: told the phase of a drag: start, update or end.
+            on_moved: called with the phase of a drag: start, update or end.
         """
         self._desk = desk
         self._on_moved = on_moved
@@ -29,7 +29,7 @@ class AnchorGizmo:
 
     @property
     def pose(self) -> RigidMotion | None:
-        """Where it is; None while it is not shown."""
+        """Pose of the gizmo; None while it is not shown."""
         if self._handle is None:
             return None
         w, _, _, z = self._handle.wxyz
@@ -66,7 +66,7 @@ class AnchorGizmo:
             )
 
     def remove(self) -> None:
-        """Take it away."""
+        """Remove the gizmo."""
         if self._handle is not None:
             self._handle.remove()
             self._handle = None

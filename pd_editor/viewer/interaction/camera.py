@@ -1,4 +1,4 @@
-"""The way from pixels to the ground and back."""
+"""Projection between screen positions and the ground."""
 
 from typing import Protocol, runtime_checkable
 
@@ -10,7 +10,7 @@ Vector = tuple[float, float, float]
 
 @runtime_checkable
 class Perspective(Protocol):
-    """What projecting needs to know of a camera."""
+    """Interface of a camera for projections."""
 
     @property
     def position(self) -> Float[np.ndarray, "3"]: ...  # noqa: D102
@@ -25,7 +25,7 @@ class Perspective(Protocol):
 def ground_point(
     origin: Vector | np.ndarray, direction: Vector | np.ndarray, height_m: float = 0.0
 ) -> Float[np.ndarray, "2"] | None:
-    """Where a ray meets the ground; None if it looks at the sky."""
+    """Intersection of a ray with the ground; None for the sky."""
     start, along = np.asarray(origin, float), np.asarray(direction, float)
     if along[2] > -1e-6:
         return None

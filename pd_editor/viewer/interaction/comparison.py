@@ -1,4 +1,4 @@
-"""Comparing with the scenario as it was opened: while O is held, or for longer."""
+"""Comparison with the original scenario, while O is held or permanently."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from pd_editor.viewer.views.original_view import OriginalView, difference_notes
 
 
 class Comparison:
-    """Whether the original is shown, and what is said about it."""
+    """Shows the original scenario and texts about its differences."""
 
     def __init__(
         self,
@@ -67,7 +67,7 @@ class Comparison:
         self._overlay.show("compare", {"text": self._summary()})
 
     def notes(self) -> dict[str, str]:
-        """What to say about each selected agent."""
+        """Note on each selected agent."""
         if not self.is_on:
             return {}
         session = self._desk.session
@@ -79,7 +79,7 @@ class Comparison:
         added = sum(agent not in original for agent in session.scenario.agents.ids)
         parts = []
         if session.scenario.applied_warp != session.base.applied_warp:
-            parts.append("the road is bent")
+            parts.append("the road is warped")
         if count:
             parts.append(
                 f"{count} {'agent differs' if count == 1 else 'agents differ'}"

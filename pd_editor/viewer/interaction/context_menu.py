@@ -21,7 +21,7 @@ class MenuItem:
 
 @dataclass(frozen=True, kw_only=True)
 class Menu:
-    """What there is to do with the thing that was clicked."""
+    """Title and items of a menu for the clicked element."""
 
     title: str
     items: tuple[MenuItem, ...]

@@ -1,4 +1,4 @@
-"""What the tooltip says about the agent or the lane under a pointer at rest."""
+"""Tooltip of the agent or lane under a resting pointer."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -22,7 +22,7 @@ from pd_editor.viewer.state.desk import Desk
 
 
 class Hover:
-    """Answers the page, which asks once each time that the pointer comes to rest."""
+    """Answers requests of the page, one each time that the pointer comes to rest."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class Hover:
         overlay.on("tooltip", self._heard)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
-        """Say what is there; nothing while the picture runs away under the pointer."""
+        """Send the tooltip; none during playback."""
         ray, ask = PointerRay.of_event(event), number_of(event.get("ask"))
         playback = self._desk.workspace.playback
         if ray is None or ask is None or playback.is_playing or self._is_quiet():
@@ -82,7 +82,7 @@ class Hover:
 
 
 def agent_lines(scenario: Scenario, base: Scenario, row: int, step: float) -> list[str]:
-    """Name and speed of an agent, its lane, and what is special about it."""
+    """Lines of an agent's tooltip: name, speed, lane, and special properties."""
     agents, agent_id = scenario.agents, scenario.agents.ids[row]
     nearest = int(np.clip(np.round(step), 0, agents.num_steps - 1))
     speed = float(np.hypot(*agents.velocity_mps[row, nearest]))
@@ -115,7 +115,7 @@ def agent_lines(scenario: Scenario, base: Scenario, row: int, step: float) -> li
 
 
 def lane_lines(lane: Lane) -> list[str]:
-    """Id, kind and paint of a lane."""
+    """Lines of a lane's tooltip: id, kind and lane markings."""
     kind = lane.kind.lower()
     place = " in an intersection" if lane.is_intersection else ""
     left, right = (

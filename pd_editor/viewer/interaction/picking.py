@@ -1,4 +1,4 @@
-"""What of the scene lies under the pointer."""
+"""Picking: the agent or lane under the pointer."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from pd_editor.viewer.interaction.camera import ground_point
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 
 REACH: Final = 0.005
-"""By how much of its distance an agent is larger for the pointer: some pixels."""
+"""Share of the distance by which an agent is enlarged for the pointer: some pixels."""
 MAX_COORDINATE_M: Final = 1e7
 
 
@@ -31,7 +31,7 @@ class PointerRay:
 
     @classmethod
     def of_event(cls, event: Mapping[str, Any]) -> "PointerRay | None":
-        """The ray of a page's event; None if it has none that makes sense."""
+        """Ray of a page's event; None if the event has no valid one."""
         at, ray = event.get("at"), event.get("ray")
         if not (isinstance(ray, list) and len(ray) == 2):
             return None
@@ -55,12 +55,12 @@ class PointerRay:
 
     @property
     def ground_m(self) -> Float[np.ndarray, "2"] | None:
-        """Where it meets the ground; None for the sky."""
+        """Intersection with the ground; None for the sky."""
         return ground_point(self.origin_m, self.direction)
 
 
 def point_of(value: Any) -> Float[np.ndarray, "2"] | None:
-    """A point of the ground that a page sent; None if it makes no sense."""
+    """Point of the ground that a page sent; None if it is not valid."""
     return _numbers(value, 2)
 
 
@@ -119,7 +119,7 @@ _trees: WeakKeyDictionary[RoadMap, shapely.STRtree] = WeakKeyDictionary()
 
 
 def lane_under(road_map: RoadMap, point_m: Float[np.ndarray, "2"]) -> Lane | None:
-    """The lane whose area holds a point; of several the one with the nearest middle."""
+    """Lane that contains a point; of several the one with the nearest centre line."""
     tree = _trees.get(road_map)
     if tree is None:
         areas = [shapely.Polygon(lane.outline_m()) for lane in road_map.lanes]

@@ -19,18 +19,18 @@ from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.desk import Desk
 
 KEY_KINDS: Final = tuple(SUGGESTED_SPEED_MPS)
-"""Kinds that the keys 1, 2, ... choose: those that move by themselves."""
+"""Kinds that the keys 1, 2, ... choose: the road users."""
 
 
-class Placing:
-    """Whether clicks place agents, of which kind, and the ghost under the pointer.
+class PlacingMode:
+    """Mode in which clicks place agents: state, kind, and ghost under the pointer.
 
-    The page draws the ghost where the pointer is, and asks here for the heading that
-    the road suggests there; a press that is dragged gives the heading itself.
+    The page draws the ghost at the pointer, and requests the heading that the road
+    suggests there; a dragged press sets the heading.
     """
 
     def __init__(self, desk: Desk, overlay: Overlay, banner: Banner) -> None:
-        """Be off."""
+        """Make the mode, switched off."""
         self._desk = desk
         self._overlay = overlay
         self._banner = banner
@@ -46,7 +46,7 @@ class Placing:
         self._listeners.append(listener)
 
     def toggle(self) -> None:
-        """Begin, at t = 0 where new agents appear, or end."""
+        """Start the mode, at t = 0 where new agents appear, or end it."""
         self.is_active = not self.is_active
         if self.is_active:
             self._desk.show_current_step()
@@ -103,7 +103,7 @@ class Placing:
         )
 
     def _heard(self, event: Mapping[str, Any]) -> None:
-        """What the pointer does in this mode; an event of another mode is late."""
+        """Handle a pointer event; late events of another mode are ignored."""
         if not self.is_active:
             return
         what, point = event.get("kind"), point_of(event.get("point"))

@@ -31,8 +31,8 @@ class Pointer:
         Args:
             desk: the tab's session and inbox.
             agents_view: where agents are drawn now.
-            on_ground: offered every click that meets the ground; answers whether it
-                took it (placing an agent, choosing a candidate).
+            on_ground: called for every click on the ground; returns whether it handled
+                it (placing an agent, choosing a candidate).
         """
         self._desk = desk
         self._agents_view = agents_view
@@ -46,11 +46,11 @@ class Pointer:
         self._listen_to_box(scene, BOX_MODIFIER)
 
     def set_takes_ground_first(self, takes: bool) -> None:
-        """While placing, a click means the ground even if an agent is there."""
+        """Set whether a click means the ground even if an agent is there (placing)."""
         self._takes_ground_first = takes
 
     def set_plain_drag_selects(self, selects: bool) -> None:
-        """In the top view a plain drag draws a box instead of turning the camera."""
+        """Set whether a plain drag draws a selection box (top view) or moves the camera."""
         scene = self._desk.client.scene
         scene.remove_rect_select_callback("all")
         self._listen_to_box(scene, BOX_MODIFIER)

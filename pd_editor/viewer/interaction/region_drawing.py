@@ -13,7 +13,7 @@ from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.desk import Desk
 
 LEAST_SIDE_M: Final = 10.0
-"""A smaller square has no room for an agent and what it follows."""
+"""Least side; a smaller square has no room for an agent and its leader."""
 
 
 class RegionDrawing:
@@ -25,7 +25,7 @@ class RegionDrawing:
     """
 
     def __init__(self, desk: Desk, overlay: Overlay, banner: Banner) -> None:
-        """Have no region yet."""
+        """Make the mode, without a region."""
         self._desk = desk
         self._overlay = overlay
         self._banner = banner
@@ -45,12 +45,12 @@ class RegionDrawing:
         self._changed()
 
     def stop(self) -> None:
-        """End the mode, if it is under way; a region stays."""
+        """End the mode, if it is active; a region stays."""
         if self.is_active:
             self.toggle()
 
     def clear(self) -> None:
-        """Forget the region and end the mode."""
+        """Remove the region and end the mode."""
         if self.region is None and not self.is_active:
             return
         self.region, self.is_active = None, False
@@ -91,7 +91,7 @@ class RegionDrawing:
         )
 
     def _heard(self, event: Mapping[str, Any]) -> None:
-        """What the pointer does in this mode; an event of another mode is late."""
+        """Handle a pointer event; late events of another mode are ignored."""
         if event.get("kind") == "clear":
             self.clear()
             return

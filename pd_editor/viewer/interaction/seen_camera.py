@@ -15,7 +15,7 @@ SAME_PIXEL: Final = 0.004
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraPose:
-    """Where a camera is and what it sees."""
+    """Pose and field of view of a camera."""
 
     position: Float[np.ndarray, "3"]
     wxyz: Float[np.ndarray, "4"]
@@ -37,14 +37,13 @@ class CameraPose:
 class SeenCamera:
     """Follows the camera that the browser reports.
 
-    ``client.camera`` tells what the server asked for as soon as it has asked; the
-    browser shows the former view until the request arrives. What a pointer event means
-    depends on what the browser showed, which is what the browser reported last: its
-    messages keep their order.
+    ``client.camera`` has the pose that the server requested, although the browser shows
+    the former view until the request arrives. Pointer events refer to what the browser
+    showed, which is the pose that it reported last: its messages keep their order.
     """
 
     def __init__(self, client: viser.ClientHandle) -> None:
-        """Take what is known, then listen."""
+        """Take the known pose, then follow the browser's reports."""
         self.pose = _pose_of(client.camera)
 
         @client.camera.on_update

@@ -13,7 +13,7 @@ class Selecting:
     """Selects among the agents that the picture shows at the playhead."""
 
     def __init__(self, desk: Desk, poses: Callable[[], AgentPoses | None]) -> None:
-        """Remember where to look."""
+        """Make the actions on a session's selection."""
         self._desk = desk
         self._poses = poses
 

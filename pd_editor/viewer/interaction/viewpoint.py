@@ -1,4 +1,4 @@
-"""From where a browser tab looks at its scene."""
+"""Camera views of a browser tab."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -31,12 +31,12 @@ from pd_editor.viewer.state.view_memory import Vector, ViewPose, vector
 
 NORTH_RAD: Final = float(np.pi / 2)
 AHEAD_M: Final = 70.0
-"""How much of the road ahead of a pose is framed with it."""
+"""Length of road ahead of a pose that is framed with it."""
 PLACE_HALF_SIDE_M: Final = 13.0
-"""Of what is shown around a place."""
+"""Half side of the area that is shown around a position."""
 UP: Final = (0.0, 0.0, 1.0)
 TOP_TO_3D: Final = TOP_VIEW_HALF_HEIGHT_M / from_behind(np.zeros(2), 0.0).half_height_m
-"""The top view shows so much more than a 3-D view of the same place, which has depth."""
+"""Ratio of the heights that the top view and a 3-D view of the same position show."""
 
 
 class Viewpoint:
@@ -47,7 +47,7 @@ class Viewpoint:
     """
 
     def __init__(self, desk: Desk, overlay: Overlay) -> None:
-        """Take up the view that the workspace remembers."""
+        """Start with the view that the workspace stores."""
         self._desk = desk
         self._overlay = overlay
         self._camera = desk.client.camera
@@ -73,15 +73,15 @@ class Viewpoint:
             self._look(pose)
 
     def remember(self) -> None:
-        """Keep the pose for the next connection."""
+        """Store the pose for the next connection."""
         workspace = self._desk.workspace
         workspace.view = replace(workspace.view, pose=ViewPose.of(self._camera))
 
     def hold_picture(self, nodes: tuple[str, ...]) -> None:
-        """Keep the picture as it is in the page until these nodes have changed.
+        """Freeze the picture in the page until these nodes have changed.
 
-        The page changes its camera and agents at once, and takes a few frames for a
-        road: without this it would show the former road from the new camera.
+        The page changes its camera and agents at once, but needs a few frames for a road:
+        it would show the former road from the new camera.
         """
         self._num_looks += 1
         self._overlay.show("curtain", {"number": self._num_looks, "nodes": nodes})
@@ -124,17 +124,17 @@ class Viewpoint:
         self._fit(square, free=free)
 
     def show_3d(self) -> None:
-        """Go to the 3-D view, framed anew."""
+        """Switch to the 3-D view and frame it."""
         self._set_top(False)
         self._frame_work()
 
     def show_top(self) -> None:
-        """Go to the top view, framed anew."""
+        """Switch to the top view and frame it."""
         self._set_top(True)
         self._frame_work()
 
     def switch(self) -> None:
-        """Go from one view to the other, and stay where one is."""
+        """Switch between both views at the same position."""
         former = ViewPose.of(self._camera)
         self._set_top(not self.is_top)
         center_m = np.array(former.look_at_m[:2])
@@ -213,7 +213,7 @@ class Viewpoint:
     def _look(self, pose: ViewPose) -> None:
         self._num_looks += 1
         with self._desk.client.atomic():
-            # First, so that the page takes its limits off for the way there.
+            # First, so that the page removes its limits during the transition.
             self._overlay.show("view", {"isTop": self.is_top, "look": self._num_looks})
             pose.apply_to(self._camera)
             self._show_compass()
@@ -222,7 +222,7 @@ class Viewpoint:
         return self._focal_pose()[1] if self.is_heading_up else NORTH_RAD
 
     def _focal_pose(self) -> tuple[np.ndarray, float]:
-        """Where the focal agent is at the current step; else the middle of the map."""
+        """Position of the focal agent at the current step; else the centre of the map."""
         agents, step = self._scenario.agents, self._scenario.current_step
         row = agents.row_of.get(self._scenario.focal_id)
         if row is None or not agents.is_valid[row, step]:

@@ -21,7 +21,7 @@ class AgentPoses:
 def poses_at(agents: AgentTracks, step: float) -> AgentPoses:
     """Poses at a fractional step, interpolated between its two neighbours.
 
-    Where only one neighbour exists an agent stands there for its half of the interval.
+    If only one neighbour exists, an agent has its pose for that half of the interval.
     """
     before = int(np.clip(np.floor(step), 0, agents.num_steps - 1))
     after = min(before + 1, agents.num_steps - 1)

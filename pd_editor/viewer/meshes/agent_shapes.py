@@ -153,7 +153,7 @@ def _two_wheeler(frame_height: float, *, has_rider: bool) -> AgentShape:
 
 
 def _tick(x: float, length: float, width: float) -> trimesh.Trimesh:
-    """A flat arrowhead on the ground ahead: where a small glyph is going, from above."""
+    """Flat arrowhead on the ground that shows the direction of a small glyph."""
     corners = [(x, -width / 2), (x + length, 0.0), (x, width / 2)]
     return trimesh.creation.extrude_polygon(
         shapely.Polygon(corners), height=0.03, engine="earcut"

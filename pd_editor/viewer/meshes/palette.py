@@ -8,7 +8,7 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.meshes.colors import Rgb
 
 MIN_CONTRAST: Final = 3.0
-"""WCAG 2.2 asks for it of graphics: agents and marks against what they stand on."""
+"""Least contrast of graphics by WCAG 2.2: agents and marks against their background."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,8 +23,8 @@ class Palette:
     bus_lane: Rgb
     lane_edge: Rgb
     centerline: Rgb
-    white_paint: Rgb
-    yellow_paint: Rgb
+    white_marking: Rgb
+    yellow_marking: Rgb
     crosswalk: Rgb
     ghost: Rgb
     past: Rgb
@@ -51,8 +51,8 @@ LIGHT: Final = Palette(
     bus_lane=(219, 207, 203),
     lane_edge=(190, 195, 203),
     centerline=(120, 140, 170),
-    white_paint=(255, 255, 255),
-    yellow_paint=(236, 184, 52),
+    white_marking=(255, 255, 255),
+    yellow_marking=(236, 184, 52),
     crosswalk=(245, 246, 248),
     ghost=(112, 84, 190),
     past=(110, 118, 130),
@@ -87,8 +87,8 @@ DARK: Final = Palette(
     bus_lane=(66, 51, 52),
     lane_edge=(64, 71, 84),
     centerline=(110, 135, 175),
-    white_paint=(222, 226, 232),
-    yellow_paint=(226, 176, 60),
+    white_marking=(222, 226, 232),
+    yellow_marking=(226, 176, 60),
     crosswalk=(170, 176, 186),
     ghost=(168, 148, 240),
     past=(140, 148, 160),

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, facing_up
 
 PATH_HEIGHT_STEP_M: Final = 5e-4
-"""Paths lie above each other in this distance, so that none flickers through another."""
+"""Vertical distance between paths, which prevents flickering."""
 MIN_MOTION_M: Final = 1.0
 """Less motion than this is noise of the recording."""
 MOTION_WINDOW: Final = 5
@@ -37,8 +37,8 @@ def path_ribbons(
     vertices = np.stack([points_m + offset, points_m - offset], axis=2)
     first = 2 * np.arange(num_paths * num_points).reshape(num_paths, num_points)
     near, far = first[:, :-1][has_segment], first[:, 1:][has_segment]
-    # Both triangles of a segment follow each other: were they apart, half of each
-    # segment would be covered by the paths between.
+    # Both triangles of a segment are consecutive; otherwise, half of each segment would
+    # be covered by paths in between.
     faces = np.stack([near, near + 1, far, far, near + 1, far + 1], axis=-1)
     # In tight curves a path folds over itself; both sides of the fold are drawn.
     mesh = facing_up(
@@ -98,7 +98,7 @@ def dotted(
 def motion_m(
     points_m: Float[np.ndarray, "P H 2"], is_valid: Bool[np.ndarray, "P H"]
 ) -> Float[np.ndarray, "P"]:
-    """How far each path's averaged points lie apart: the diagonal of their box."""
+    """Extent of each path: the diagonal of the box around its averaged points."""
     weight = np.concatenate([np.zeros((len(points_m), 1)), is_valid], axis=1)
     total = np.concatenate(
         [np.zeros((len(points_m), 1, 2)), np.where(is_valid[..., None], points_m, 0.0)],
@@ -117,7 +117,7 @@ def motion_m(
 def _normals(
     points_m: Float[np.ndarray, "P H 2"], has_segment: Bool[np.ndarray, "P H-1"]
 ) -> Float[np.ndarray, "P H 2"]:
-    """Unit normals at points; where nothing moves the last direction is kept."""
+    """Unit normals at points; without motion the last direction is used."""
     step = np.diff(points_m, axis=1) * has_segment[..., None]
     around = np.zeros_like(points_m)
     around[:, :-1] += step

@@ -1,4 +1,4 @@
-"""The road as flat meshes: surface, lanes, paint, crosswalks, centre lines.
+"""The road as flat meshes: surface, lanes, lane markings, crosswalks, centre lines.
 
 Meshes are made once per original map, finely enough to follow any warp; a warp then
 moves their vertices.
@@ -32,18 +32,18 @@ from pd_editor.viewer.meshes.flat_mesh import (
     triangulated,
 )
 
-Layer = Literal["road", "lanes", "crosswalks", "paint", "centerlines"]
+Layer = Literal["road", "lanes", "crosswalks", "markings", "centerlines"]
 LAYERS: Final[tuple[Layer, ...]] = (
     "road",
     "lanes",
     "crosswalks",
-    "paint",
+    "markings",
     "centerlines",
 )
 SPACING_M: Final = 2.0
 CELL_M: Final = 8.0
 """Areas are cut into cells of this size, so that they bend with a warp."""
-PAINT_WIDTH_M: Final = 0.17
+MARKING_WIDTH_M: Final = 0.17
 EDGE_WIDTH_M: Final = 0.08
 DASH_M: Final = 3.0
 GAP_M: Final = 6.0
@@ -79,20 +79,27 @@ def road_parts(road_map: RoadMap) -> tuple[RoadPart, ...]:
             if lane.kind in kinds and lane.is_intersection is is_inside:
                 yield _lane_surface(lane)
 
-    paint = list(_painted_lines(road_map))
+    markings = list(_marked_lines(road_map))
     return (
         part("road", "road", 0.0, _area_meshes(road_map)),
-        # Connectors cross a junction from everywhere to everywhere; tinted, they would
-        # paint all of it.
+        # Connectors cover a junction from all sides; tinted, they would fill all of it.
         part("lanes", "intersection", 0.01, lanes_where(*LaneKind, is_inside=True)),
         part("lanes", "lane", 0.012, lanes_where(LaneKind.VEHICLE)),
         part("lanes", "bus_lane", 0.014, lanes_where(LaneKind.BUS)),
         part("lanes", "bike_lane", 0.016, lanes_where(LaneKind.BIKE)),
-        part("lanes", "lane_edge", 0.02, (m for c, m in paint if c == "lane_edge")),
+        part("lanes", "lane_edge", 0.02, (m for c, m in markings if c == "lane_edge")),
         part("crosswalks", "crosswalk", 0.03, crosswalk_stripes(road_map)),
-        part("paint", "white_paint", 0.04, (m for c, m in paint if c == "white_paint")),
         part(
-            "paint", "yellow_paint", 0.045, (m for c, m in paint if c == "yellow_paint")
+            "markings",
+            "white_marking",
+            0.04,
+            (m for c, m in markings if c == "white_marking"),
+        ),
+        part(
+            "markings",
+            "yellow_marking",
+            0.045,
+            (m for c, m in markings if c == "yellow_marking"),
         ),
         part("centerlines", "centerline", 0.05, _centerline_arrows(road_map)),
     )
@@ -147,7 +154,7 @@ def _square_cells(corner_m: Float[np.ndarray, "N 2"]) -> FlatMesh:
 
 
 def _boundaries(road_map: RoadMap) -> Iterator[tuple[LaneMark, bool, np.ndarray]]:
-    """Each boundary once, though two lanes share it; painted versions win."""
+    """Each boundary once, even if two lanes share it; marked versions take precedence."""
     seen: dict[tuple, tuple[LaneMark, bool, np.ndarray]] = {}
     for lane in road_map.lanes:
         for mark, line in (
@@ -156,13 +163,13 @@ def _boundaries(road_map: RoadMap) -> Iterator[tuple[LaneMark, bool, np.ndarray]
         ):
             ends = sorted(map(tuple, np.round(line[[0, -1]] * 2).astype(int).tolist()))
             key = (*ends, round(float(arc_length(line)[-1])))
-            is_painted = mark not in (LaneMark.NONE, LaneMark.UNKNOWN)
-            if key not in seen or (is_painted and seen[key][0] is LaneMark.NONE):
+            is_marked = mark not in (LaneMark.NONE, LaneMark.UNKNOWN)
+            if key not in seen or (is_marked and seen[key][0] is LaneMark.NONE):
                 seen[key] = (mark, lane.is_intersection, line)
     yield from seen.values()
 
 
-def _painted_lines(road_map: RoadMap) -> Iterator[tuple[str, FlatMesh]]:
+def _marked_lines(road_map: RoadMap) -> Iterator[tuple[str, FlatMesh]]:
     for mark, is_intersection, boundary in _boundaries(road_map):
         line = without_repeats(boundary)
         if len(line) < 2:
@@ -172,7 +179,7 @@ def _painted_lines(road_map: RoadMap) -> Iterator[tuple[str, FlatMesh]]:
             if not is_intersection:
                 yield "lane_edge", ribbon(dense, EDGE_WIDTH_M)
             continue
-        color = "yellow_paint" if "YELLOW" in mark else "white_paint"
+        color = "yellow_marking" if "YELLOW" in mark else "white_marking"
         styles = _line_styles(mark)
         offsets = (
             (0.0,)
@@ -182,13 +189,13 @@ def _painted_lines(road_map: RoadMap) -> Iterator[tuple[str, FlatMesh]]:
         for style, offset in zip(styles, offsets, strict=True):
             shifted = offset_line(dense, offset) if offset else dense
             if style == "solid":
-                yield color, ribbon(shifted, PAINT_WIDTH_M)
+                yield color, ribbon(shifted, MARKING_WIDTH_M)
             else:
                 yield from ((color, dash) for dash in _dashes(shifted))
 
 
 def _line_styles(mark: LaneMark) -> tuple[str, ...]:
-    """Style of each painted line, from left to right."""
+    """Style of each marked line, from left to right."""
     if mark.startswith("DOUBLE_SOLID"):
         return ("solid", "solid")
     if mark.startswith("DOUBLE_DASH"):
@@ -204,7 +211,7 @@ def _dashes(line_m: np.ndarray) -> Iterator[FlatMesh]:
     length = arc_length(line_m)[-1]
     for start in np.arange(GAP_M / 2, length - DASH_M / 2, DASH_M + GAP_M):
         end = min(start + DASH_M, length)
-        yield ribbon(point_at(line_m, np.linspace(start, end, 3)), PAINT_WIDTH_M)
+        yield ribbon(point_at(line_m, np.linspace(start, end, 3)), MARKING_WIDTH_M)
 
 
 def _centerline_arrows(road_map: RoadMap) -> Iterator[FlatMesh]:

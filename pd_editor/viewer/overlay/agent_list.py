@@ -46,8 +46,8 @@ class AgentList:
             desk: the session and its page.
             overlay: where the list is shown.
             problems: agents with a problem at any time, and those with one later.
-            on_pointed: told the agent whose row is under the pointer, or None.
-            on_opened: told that the list was opened or closed.
+            on_pointed: called with the agent whose row is under the pointer, or None.
+            on_opened: called when the list was opened or closed.
         """
         self._desk = desk
         self._overlay = overlay
@@ -65,12 +65,12 @@ class AgentList:
         self._set_open(not self.is_open)
 
     def stale_ids(self) -> frozenset[str]:
-        """Agents whose trajectory an edit carried to where it no longer fits."""
+        """Agents whose trajectory was moved by an edit and no longer fits the road."""
         carried = carried_agent_ids(self._desk.session.commands_in_force)
         return carried & frozenset(self._problems()[1]) if carried else carried
 
     def show(self) -> None:
-        """Bring the page's list up to the session."""
+        """Update the page's list."""
         session = self._desk.session
         if not self.is_open or (session.state.is_previewing and self._ids):
             return

@@ -11,7 +11,7 @@ MODE: Final = 20
 OFFER: Final = 10
 """Priority of something shown that can be clicked, such as candidates."""
 STATE: Final = 0
-"""Priority of what is so anyway, such as the time of the picture."""
+"""Priority of states, such as the time of the picture."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +23,7 @@ class _Claim:
 
 
 class Banner:
-    """Shows the most important of what its owners have to say."""
+    """Shows the text of the owner with the highest priority."""
 
     def __init__(self, overlay: Overlay) -> None:
         """Show nothing yet."""
@@ -34,7 +34,7 @@ class Banner:
 
     @property
     def text(self) -> str | None:
-        """What it says; None while nobody has anything to say."""
+        """Text of the banner; None while it is hidden."""
         owner = self._shown_owner()
         return None if owner is None else self._claims[owner].text
 
@@ -47,14 +47,14 @@ class Banner:
         on_press: Callable[[], None] | None = None,
         priority: int = MODE,
     ) -> None:
-        """Say something until ``hide``, in place of what the owner said before.
+        """Show a text until ``hide``; replaces the owner's earlier text.
 
         Args:
-            owner: whose line it is.
+            owner: owner of the text.
             text: one sentence.
             button: label of a button after the text.
-            on_press: what the button does, on the session's worker.
-            priority: among several owners the highest is shown, the latest of equals.
+            on_press: action of the button, run on the session's worker.
+            priority: the text with the highest priority is shown, the latest of equals.
         """
         former = self._claims.get(owner)
         if former is None or former.priority != priority:
@@ -65,7 +65,7 @@ class Banner:
         self._draw()
 
     def hide(self, owner: str) -> None:
-        """Take the owner's line away."""
+        """Remove the owner's text."""
         if self._claims.pop(owner, None) is not None:
             self._draw()
 
@@ -84,7 +84,7 @@ class Banner:
         )
 
     def _heard(self, event: Mapping[str, Any]) -> None:
-        """Do what the button of an owner's line does."""
+        """Run the action of an owner's button."""
         claim = self._claims.get(str(event.get("owner")))
         if claim is not None and claim.on_press is not None:
             claim.on_press()

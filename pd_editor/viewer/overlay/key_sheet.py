@@ -62,7 +62,7 @@ PAGE_KEYS: Final[tuple[Row, ...]] = (
     Row(keys="?, F1", does="This sheet"),
     Row(keys="Ctrl+K", does="All commands, to search"),
 )
-"""Keys that the page's script hears itself, because they are held or not letters."""
+"""Keys that the page's script handles itself, because they are held or not letters."""
 
 
 class KeySheet:
@@ -75,7 +75,7 @@ class KeySheet:
         self._groups: list[dict[str, Any]] = []
 
     def tell(self, hotkeys: Sequence[Hotkey]) -> None:
-        """List the keys that were registered, and what the page hears itself."""
+        """Set the registered keys; those of the page are added."""
         self._groups = [
             {"title": "Keys", "rows": _rows([*_of_hotkeys(hotkeys), *PAGE_KEYS])},
             {"title": "Mouse", "rows": _rows(MOUSE)},

@@ -9,11 +9,11 @@ from pd_editor.viewer.overlay.banner import MODE, Banner
 from pd_editor.viewer.overlay.overlay import Overlay
 
 SLOWEST_MPS = 0.3
-"""An agent that hardly moves needs no time for a way."""
+"""Slower agents give no travel time for a measured distance."""
 
 
 class Measure:
-    """Whether distances are measured; points and labels are the page's business."""
+    """Mode in which distances are measured; the page manages points and labels."""
 
     def __init__(
         self,
@@ -22,7 +22,7 @@ class Measure:
         session: EditorSession,
         on_change: Callable[[bool], None],
     ) -> None:
-        """Do not measure yet; ``on_change`` is told when that begins and ends."""
+        """Make the mode, switched off; ``on_change`` is called when it starts and ends."""
         self._overlay = overlay
         self._banner = banner
         self._session = session
@@ -52,7 +52,7 @@ class Measure:
             self._set_active(False)
 
     def show(self) -> None:
-        """Tell the page the speed of the selected agent, by which it tells seconds."""
+        """Send the speed of the selected agent, by which the page computes seconds."""
         speed_mps, agent = self._selected_speed() if self._is_active else (None, "")
         self._overlay.show(
             "measure",

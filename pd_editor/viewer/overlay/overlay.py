@@ -1,4 +1,4 @@
-"""The Python side of the elements that stand on top of the picture."""
+"""Python side of the elements over the picture."""
 
 import json
 import logging
@@ -21,12 +21,12 @@ Handler = Callable[[Mapping[str, Any]], None]
 
 
 class Overlay:
-    """Shows elements over one tab's picture, and hears what the user does with them.
+    """Shows elements over one tab's picture, and receives their events.
 
-    viser has no elements over its picture, so a script of our own adds them to the page:
-    it is sent by the message that viser itself uses for Plotly, and answers through a
-    hidden input. viser's client is not changed. Whatever an element offers can also be
-    done by a key or in the panel, so that a page without the script stays usable.
+    viser has no elements over its picture, so a script adds them to the page: it is sent
+    by the message that viser uses for Plotly, and answers through a hidden input. viser's
+    client is not changed. All actions of elements are also available by keys or in the
+    panel, so that a page without the script stays usable.
     """
 
     def __init__(self, desk: Desk) -> None:
@@ -67,7 +67,7 @@ class Overlay:
         )
 
     def _heard(self, text: str) -> None:
-        """Pass an event on; what no element of ours would send is dropped."""
+        """Dispatch an event; invalid events are dropped."""
         if len(text) > MAX_EVENT_CHARACTERS:
             return
         try:

@@ -1,4 +1,4 @@
-"""The chip that tells problems and progress, and the list that it opens."""
+"""The status chip with problems and progress, and the list that it opens."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ _ICON: Final[dict[ProblemKind, str]] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChipActions:
-    """What the chip does by others."""
+    """Actions of the chip."""
 
     apply: Callable[[Command], None]
     regenerate: Callable[[tuple[str, ...]], None]
@@ -55,7 +55,7 @@ class StatusChip:
         run: Callable[[], RunState | None],
         actions: ChipActions,
     ) -> None:
-        """Show it; ``run`` tells what a generation says at the moment."""
+        """Show the chip; ``run`` returns the state of a generation."""
         self._desk = desk
         self._overlay = overlay
         self._timeline = timeline
@@ -103,7 +103,7 @@ class StatusChip:
         )
 
     def after_check(self) -> None:
-        """Offer again what helps against the chosen problem, and show it all."""
+        """Update the cures of the chosen problem, and show all."""
         self._follow_active(self._groups())
         self._find_cures()
         self.show()
@@ -250,7 +250,7 @@ def _share(value: object) -> float:
 
 
 def _step_to_show(problem: SceneProblem, desk: Desk) -> int:
-    """When to look at a problem; a road is looked at where edits act."""
+    """Step at which a problem is shown; the current step for problems of the road."""
     return (
         problem.first_step if problem.agent_ids else desk.session.scenario.current_step
     )

@@ -14,7 +14,7 @@ MIN_TOLD_S: Final = 0.005
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """A place on the track where something is wrong."""
+    """A mark of a problem on the track."""
 
     step: int
     text: str
@@ -24,8 +24,8 @@ class Mark:
 class Timeline:
     """The element ``timeline``, whose axis and marks change seldom, and its playhead.
 
-    The page moves the playhead by itself between two calls of ``show``, so that it
-    runs smoothly; what ``Playback`` says is what counts.
+    The page moves the playhead by itself between two calls of ``show``, so that it runs
+    smoothly; the time of ``Playback`` is authoritative.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Timeline:
 
         Args:
             overlay: the elements over the picture.
-            banner: says so while the picture stands at another time than t = 0.
+            banner: shows the time of the picture while it differs from t = 0.
             playback: the playhead.
             on_seek: called when the user has moved the playhead.
         """
@@ -111,7 +111,7 @@ class Timeline:
         self._show_banner()
 
     def _show_banner(self) -> None:
-        """Say that edits act at another time than the picture shows."""
+        """Show in the banner that edits act at another time than the picture's."""
         playback = self._playback
         time_s = (playback.step - playback.axis.current_step) * playback.axis.step_s
         if playback.is_playing or abs(time_s) < MIN_TOLD_S:

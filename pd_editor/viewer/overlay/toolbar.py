@@ -23,14 +23,14 @@ Icon = Literal[
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tool:
-    """One button; what it shows is asked for whenever the bar is shown."""
+    """A button; its state is evaluated whenever the bar is shown."""
 
     icon: Icon
     press: Callable[[], None]
     hint: Callable[[], str]
     """What it does and its key; also its name for a screen reader."""
     release: Callable[[], None] | None = None
-    """Called when the button is let go, for what lasts while it is held."""
+    """Called when the button is released, for actions that last while it is held."""
     is_active: Callable[[], bool] = lambda: False
     is_enabled: Callable[[], bool] = lambda: True
     starts_group: bool = False

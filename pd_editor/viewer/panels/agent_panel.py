@@ -27,7 +27,7 @@ from pd_editor.errors import EditError
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.interaction.placing import Placing
+from pd_editor.viewer.interaction.placing import PlacingMode
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
 
@@ -50,7 +50,7 @@ class AgentPanel:
     """Numbers, kind and actions of the selected agents, and placing new ones."""
 
     def __init__(
-        self, desk: Desk, placing: Placing, on_list: Callable[[], None]
+        self, desk: Desk, placing: PlacingMode, on_list: Callable[[], None]
     ) -> None:
         """Build it into the current tab.
 
@@ -132,9 +132,9 @@ class AgentPanel:
         selection: tuple[str, ...],
         stale: Collection[str] = (),
     ) -> None:
-        """Show the numbers of the selection; what differs among agents is empty.
+        """Show the values of the selection; a value that differs among agents is empty.
 
-        ``stale`` are agents whose trajectory no longer fits.
+        ``stale`` are agents whose trajectory no longer fits the road.
         """
         agents, step = scenario.agents, scenario.current_step
         rows = agents.rows(selection)
@@ -281,7 +281,7 @@ class AgentPanel:
 
 
 def common(values: Float[np.ndarray, "G"], digits: int) -> float:
-    """The value that all share when rounded, else NaN, which a field shows as empty."""
+    """Common value of all agents after rounding; else NaN, which a field shows as empty."""
     rounded = np.round(values, digits)
     is_shared = len(rounded) and (rounded == rounded[0]).all()
     return float(rounded[0]) if is_shared else math.nan
@@ -319,7 +319,7 @@ def summary(scenario: Scenario, rows: Int[np.ndarray, "G"]) -> tuple[str, ...]:
 def stale_in_words(
     selection: tuple[str, ...], stale: Collection[str]
 ) -> tuple[str, ...]:
-    """A line about selected agents whose trajectory no longer fits, if any."""
+    """Line on selected agents whose trajectory no longer fits the road, if any."""
     count = sum(agent_id in stale for agent_id in selection)
     if not count:
         return ()
@@ -337,7 +337,7 @@ def _time_seen(is_valid: Bool[np.ndarray, "T"], step_s: float) -> str:
 
 
 def kind_name(kind: AgentKind) -> str:
-    """A kind in words."""
+    """Name of a kind."""
     return kind.value.replace("_", " ")
 
 

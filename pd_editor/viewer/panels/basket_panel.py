@@ -18,7 +18,7 @@ class BasketPanel:
     def __init__(self, desk: Desk, on_removed: Callable[[], None]) -> None:
         """Build it into the current container, as the last thing in it.
 
-        ``on_removed`` is told that scenarios were taken out.
+        ``on_removed`` is called when scenarios were removed.
         """
         self._on_removed = on_removed
         self._desk = desk
@@ -44,7 +44,7 @@ class BasketPanel:
         self.refresh()
 
     def star(self) -> None:
-        """Put the state at hand into the basket; again takes nothing twice."""
+        """Add the current state to the basket, unless it is there already."""
         self._desk.commit_gesture()
         if self._workspace.is_starred():
             self._desk.notify("This state is in the basket already")

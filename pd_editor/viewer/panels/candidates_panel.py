@@ -24,7 +24,7 @@ SELECT_ONE: Final = "Select one agent to see its possible trajectories."
 
 
 class CandidatesPanel:
-    """Shows an agent's candidates and has one of them adopted."""
+    """Shows an agent's candidates, one of which can be adopted."""
 
     def __init__(self, desk: Desk, view: CandidatesView) -> None:
         """Build it into the current tab."""
@@ -55,7 +55,7 @@ class CandidatesPanel:
         return self._view.shown is not None
 
     def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
-        """Follow the session: a fan of an agent that changed or left is put away."""
+        """Follow the session: hide the fan of an agent that changed or was removed."""
         set_property(self._show, "disabled", len(selection) != 1)
         palette = DARK if self._desk.workspace.is_dark else LIGHT
         set_property(self._legend, "content", _legend(palette))
@@ -69,7 +69,7 @@ class CandidatesPanel:
             self._draw_candidates(scenario)
 
     def toggle_candidates(self) -> None:
-        """Show where the selected agent could go, or put the fan away.
+        """Show the possible trajectories of the selected agent, or hide them.
 
         Raises:
             EditError: not exactly one agent is selected, or it is not there now.
@@ -84,7 +84,7 @@ class CandidatesPanel:
         self._draw_candidates(self._desk.session.scenario)
 
     def hide_candidates(self) -> None:
-        """Put the fan away."""
+        """Hide the fan of candidates."""
         self._agent_id, self._base, self._pointed = None, None, None
         self._view.show(None)
         set_property(self._show, "label", SHOW)
@@ -147,7 +147,7 @@ class CandidatesPanel:
         return int(np.flatnonzero(shown.is_valid[0])[place])
 
     def _highlight(self) -> None:
-        """Draw the one under the pointer, else the chosen one, on top of the fan."""
+        """Highlight the candidate under the pointer, or else the chosen one."""
         shown = self._view.shown
         if shown is None:
             return
@@ -159,9 +159,9 @@ class CandidatesPanel:
             self._note.show("", "Choose one here, or click one on the road.")
             return
         place = int(shown.is_valid[0, :index].sum()) + 1
-        self._note.show("", self._choice.options[place], self._told_collision(index))
+        self._note.show("", self._choice.options[place], self._collision_text(index))
 
-    def _told_collision(self, index: int) -> str:
+    def _collision_text(self, index: int) -> str:
         scenario = self._desk.session.scenario
         return collision_in_words(scenario, self._collisions[index])
 
@@ -197,7 +197,7 @@ def candidate_labels(found: CandidateSet, scenario: Scenario) -> tuple[str, ...]
 
 
 def collision_in_words(scenario: Scenario, collision: PathCollision | None) -> str:
-    """What a trajectory hits first, if anything."""
+    """Describe the first collision of a trajectory, if any."""
     if collision is None:
         return "No collision with the other agents as they move now."
     kind = scenario.agents.kinds[scenario.agents.row_of[collision.agent_id]]
@@ -207,7 +207,7 @@ def collision_in_words(scenario: Scenario, collision: PathCollision | None) -> s
 
 
 def _legend(palette: Palette) -> str:
-    """What the colours of the fan mean."""
+    """Legend of the fan's colours."""
     colors = ",".join(f"rgb{color}" for color in palette.candidate_speeds)
     return (
         '<div style="display:flex;align-items:center;gap:0.5em;height:20px;'

@@ -15,7 +15,7 @@ from pd_editor.viewer.state.desk import Desk, set_value
 
 
 class ExportPanel:
-    """Names the scenario at hand, tells what it lacks, and writes it."""
+    """Names and writes the current scenario, and shows what it lacks."""
 
     def __init__(
         self, desk: Desk, num_problems: Callable[[], int], on_star: Callable[[], None]
@@ -25,7 +25,7 @@ class ExportPanel:
         Args:
             desk: the session and its page.
             num_problems: how many problems edits have caused.
-            on_star: puts the state at hand into the basket.
+            on_star: adds the current state to the basket.
         """
         self._desk = desk
         self._workspace = desk.workspace
@@ -69,7 +69,7 @@ class ExportPanel:
             desk.on_change(handle, lambda _text: self._describe(), merge_key="variant")
 
     def show(self, scenario: Scenario) -> None:
-        """Show what is called how, and what the result lacks."""
+        """Show name, tags, note, and what the result lacks."""
         session = self._desk.session
         variant = session.variant
         if self._typed is None or name_from_text(self._typed) != variant.name:
@@ -95,7 +95,7 @@ class ExportPanel:
         self._preflight.show(*(("", line) if is_good else (line,)))
 
     def download(self) -> None:
-        """Hand the scenario to the browser as a zip."""
+        """Send the scenario to the browser as a zip."""
         self._desk.commit_gesture()
         name, content = self._workspace.exported_zip()
         self._desk.client.send_file_download(name, content, save_immediately=True)

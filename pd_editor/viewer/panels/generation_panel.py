@@ -1,4 +1,4 @@
-"""The generation panel: trajectories regenerated, agents resampled by a generator."""
+"""The generation panel: regenerates trajectories and resamples agents."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -25,7 +25,7 @@ from pd_editor.scene.traffic_choice import (
     road_user_ids,
 )
 from pd_editor.viewer.interaction.region_drawing import RegionDrawing
-from pd_editor.viewer.panels.generation_run import Draw, GenerationRun
+from pd_editor.viewer.panels.generation_run import GenerationInput, GenerationRun
 from pd_editor.viewer.state.desk import Desk, set_property, set_value
 from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.run_state import RunState
@@ -196,16 +196,16 @@ class GenerationPanel:
             self._count_present(scenario)
 
     def close(self) -> None:
-        """Stop what runs."""
+        """Stop a running generation."""
         self._result.close()
 
     @property
     def run_state(self) -> RunState | None:
-        """What a generation has to say at the moment."""
+        """State of a running generation or a waiting result."""
         return self._result.state
 
     def cancel(self) -> None:
-        """Stop what runs; nothing changes."""
+        """Cancel a running generation; nothing changes."""
         self._result.cancel()
 
     def use_result(self) -> None:
@@ -216,7 +216,7 @@ class GenerationPanel:
         """Regenerate the trajectories of the selection or of all agents.
 
         Raises:
-            GenerationError: there is no agent to draw for, or a run is under way.
+            GenerationError: there is no agent to generate, or a run is active.
         """
         wanted = None
         if self._scope.value == SCOPE_SELECTION:
@@ -228,10 +228,10 @@ class GenerationPanel:
         self.regenerate_agents(wanted)
 
     def regenerate_agents(self, wanted: tuple[str, ...] | None) -> None:
-        """Regenerate the trajectories of some agents, or of all that are there.
+        """Regenerate the trajectories of some agents, or of all agents.
 
         Raises:
-            GenerationError: there is no agent to draw for, or a run is under way.
+            GenerationError: there is no agent to generate, or a run is active.
         """
         self._desk.commit_gesture()
         scenario = self._desk.session.scenario
@@ -242,7 +242,7 @@ class GenerationPanel:
         self._start(scenario, agent_ids=drivable_agent_ids(scenario, wanted))
 
     def resample(self) -> None:
-        """Sample initial states and trajectories: of all agents, of some, or of more.
+        """Sample initial states and trajectories of all, some, or additional agents.
 
         Raises:
             GenerationError: no agent is to be placed.
@@ -301,10 +301,10 @@ class GenerationPanel:
         self._show_counts()
 
     def _region(self) -> Region | None:
-        """Where states are to be sampled.
+        """Region in which states are sampled.
 
         Raises:
-            GenerationError: a region is to be drawn, and there is none.
+            GenerationError: the drawn region is chosen, and there is none.
         """
         if self._where.value == IN_REGION:
             if self._drawing.region is None:
@@ -354,13 +354,13 @@ class GenerationPanel:
             guidance=guidance,
             seed=int(self._seed.value),
         )
-        draw = Draw(base=base, request=request, removed_ids=removed_ids)
-        self._result.start(self._model.value, offer.make, draw)
+        task = GenerationInput(base=base, request=request, removed_ids=removed_ids)
+        self._result.start(self._model.value, offer.make, task)
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)
 
     def _lane_weight(self, offer: GeneratorSpec) -> float | None:
-        """Strength of the guidance; None leaves it to the model."""
+        """Weight of the guidance; None for the model's default."""
         usual, asked = offer.default_guidance, float(self._guidance.value)
         return None if usual is None or abs(asked - usual) < _SAME else asked
 
@@ -374,7 +374,7 @@ class GenerationPanel:
         # One line whatever it is, so that nothing below moves.
         origin = one_line(offer.origin, MAX_ORIGIN_CHARACTERS)
         set_property(self._origin, "content", plain(origin))
-        # Disabled, not hidden: what stands below must not move.
+        # Disabled, not hidden, so that elements below do not move.
         set_property(self._steps, "disabled", offer.default_num_steps is None)
         set_property(self._guidance, "disabled", offer.default_guidance is None)
         set_property(self._tries, "disabled", offer.default_num_tries is None)

@@ -1,4 +1,4 @@
-"""One generation at a time: its progress, its samples, what becomes of them."""
+"""Runs one generation at a time: progress, samples, and their application."""
 
 import time
 from collections.abc import Callable, Generator, Mapping
@@ -25,18 +25,18 @@ REPORT_LINES: Final = 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Draw:
-    """What is asked of a generator, and of which state of the session."""
+class GenerationInput:
+    """Input of a generation: the request and the state of the session."""
 
     base: Scenario
-    """The session's scenario, which still holds the agents to be removed."""
+    """The session's scenario, which still contains the agents to be removed."""
     request: GenerationRequest
     removed_ids: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
-class MadeWhenAsked:
-    """A generator that is made by the thread that lets it draw."""
+class LazyGenerator:
+    """A generator that is made in the thread that runs it."""
 
     name: str
     make: Callable[[], ScenarioGenerator]
@@ -44,21 +44,21 @@ class MadeWhenAsked:
     def generate(
         self, request: GenerationRequest
     ) -> Generator[GenerationProgress, None, GeneratedTraffic]:
-        """Make it, then let it draw.
+        """Make the generator, then run it.
 
         Raises:
-            PdEditorError: it cannot be made, or refuses the request.
+            PdEditorError: the generator cannot be made, or refuses the request.
         """
         yield GenerationProgress(fraction=0.0, message=f"Preparing {self.name}")
         return (yield from self.make().generate(request))
 
 
 class GenerationRun:
-    """Runs a generator off the session's thread and applies what it draws.
+    """Runs a generator in a background thread and applies its samples.
 
-    Its controls are always there and only enabled and disabled; the report stands
-    below all of them, in room of constant height: a panel that is scrolled to its end
-    would move by whatever its last text loses.
+    Its controls always exist and are only enabled and disabled. The report is below all
+    of them, with a constant height: a panel that is scrolled to its end would move with
+    the length of the text.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class GenerationRun:
 
         Args:
             desk: the session and its page.
-            on_running: told when a run begins and ends.
+            on_running: called when a run begins and ends.
             on_change: called when ``state`` has changed.
         """
         self._desk = desk
@@ -79,7 +79,7 @@ class GenerationRun:
         self._on_change = on_change
         self._job: GenerationJob | None = None
         self._state: RunState | None = None
-        self._drawn: tuple[Draw, GeneratedTraffic] | None = None
+        self._generated: tuple[GenerationInput, GeneratedTraffic] | None = None
         self._waits = False
         self._applied: Scenario | None = None
         self._took_s = 0.0
@@ -107,12 +107,12 @@ class GenerationRun:
 
     @property
     def is_running(self) -> bool:
-        """Whether a generator is at work."""
+        """Whether a generation is running."""
         return self._job is not None
 
     @property
     def state(self) -> RunState | None:
-        """What the page should say about it; None if there is nothing to say."""
+        """State for the page; None without a run and a waiting result."""
         if self._state is not None:
             return self._state
         use = self._use()
@@ -121,12 +121,12 @@ class GenerationRun:
         return RunState(action="Use result" if use == "here" else "Go back, use result")
 
     def start(
-        self, name: str, make: Callable[[], ScenarioGenerator], draw: Draw
+        self, name: str, make: Callable[[], ScenarioGenerator], task: GenerationInput
     ) -> None:
-        """Let a generator draw; it is made, and loaded, off this thread.
+        """Start a generation; the generator is made and loaded in the background.
 
         Raises:
-            GenerationError: one is at work already.
+            GenerationError: a generation is running already.
         """
         if self._job is not None:
             raise GenerationError("A generation is running already; cancel it first.")
@@ -139,26 +139,26 @@ class GenerationRun:
             return lambda: action() if self._job is job else None
 
         job = GenerationJob(
-            generator=MadeWhenAsked(name=name, make=make),
-            request=draw.request,
+            generator=LazyGenerator(name=name, make=make),
+            request=task.request,
             on_progress=lambda p: post(
-                only_if_current(lambda: self._progressed(draw, p)), "progress"
+                only_if_current(lambda: self._progressed(task, p)), "progress"
             ),
             on_done=lambda t: post(
-                only_if_current(lambda: self._finished(draw, t, started))
+                only_if_current(lambda: self._finished(task, t, started))
             ),
             on_error=lambda e: post(only_if_current(lambda: self._failed(e))),
         )
         self._job = job
-        self._progressed(draw, GenerationProgress(fraction=0.0, message=""))
+        self._progressed(task, GenerationProgress(fraction=0.0, message=""))
         job.start()
 
     def show(self) -> None:
-        """Follow the session: what was said about another state is taken back."""
+        """Follow the session: remove texts about another state."""
         is_shown = (
             self._applied is not None and self._desk.session.scenario is self._applied
         )
-        count = 0 if self._drawn is None else len(self._drawn[1].samples)
+        count = 0 if self._generated is None else len(self._generated[1].samples)
         set_property(self._sample, "disabled", not (is_shown and count > 1))
         if self._applied is not None and not is_shown:
             self._say("")
@@ -168,7 +168,7 @@ class GenerationRun:
         set_property(self._take, "disabled", use is None)
 
     def close(self) -> None:
-        """Stop what runs; its page is gone."""
+        """Stop a running generation, because its page is gone."""
         if self._job is not None:
             self._job.cancel()
 
@@ -181,15 +181,15 @@ class GenerationRun:
             self._say("Cancelled.")
 
     def use_result(self) -> None:
-        """Apply a result that came after an edit, at the state that it was made for.
+        """Apply a result that came after an edit.
 
-        Where the road and the agents' states are still the same it is applied to the
-        scenario as it is; otherwise later edits are undone first.
+        If the road and the agents' states are still the same, it is applied to the
+        current scenario; otherwise later edits are undone first.
         """
         use = self._use()
-        if use is None or self._drawn is None:
+        if use is None or self._generated is None:
             return
-        base = self._drawn[0].base
+        base = self._generated[0].base
         self._waits = False
         if use == "back":
             position = self._position_of(base)
@@ -199,24 +199,24 @@ class GenerationRun:
         self._apply(0)
 
     def forget(self) -> None:
-        """Take back what was said about the last run, and its samples."""
-        self._drawn, self._applied, self._waits = None, None, False
+        """Remove the report of the last run and its samples."""
+        self._generated, self._applied, self._waits = None, None, False
         self._say("")
         self.show()
 
     def _use(self) -> Literal["here", "back"] | None:
-        """Where a result that waits can be applied; None if none waits or nowhere."""
-        if self._drawn is None or not self._waits:
+        """How a waiting result can be applied; None without one, or if it cannot."""
+        if self._generated is None or not self._waits:
             return None
-        base, now = self._drawn[0].base, self._desk.session.scenario
+        base, now = self._generated[0].base, self._desk.session.scenario
         if now.road_map is base.road_map and _same_states(base, now):
             return "here"
         return None if self._position_of(base) is None else "back"
 
     def _position_of(self, scenario: Scenario) -> int | None:
-        """How many edits were in force when the session had a scenario.
+        """Number of edits in force when the session had a scenario.
 
-        None if it never had, or if that is too long ago to go back to.
+        None if it never had, or if that state cannot be restored any more.
         """
         for index, entry in enumerate(self._desk.session.entries):
             for snapshot, position in ((entry.before, index), (entry.after, index + 1)):
@@ -224,8 +224,8 @@ class GenerationRun:
                     return position
         return None
 
-    def _progressed(self, draw: Draw, progress: GenerationProgress) -> None:
-        request = draw.request
+    def _progressed(self, task: GenerationInput, progress: GenerationProgress) -> None:
+        request = task.request
         verb = "Resampling" if request.samples_states else "Regenerating"
         text = f"{verb} ..."
         if progress.fraction == 0 and progress.message:
@@ -237,12 +237,14 @@ class GenerationRun:
         self._set_state(RunState(text=text, fraction=round(progress.fraction, 3)))
         self._say(f"{text}.")
 
-    def _finished(self, draw: Draw, traffic: GeneratedTraffic, started: float) -> None:
+    def _finished(
+        self, task: GenerationInput, traffic: GeneratedTraffic, started: float
+    ) -> None:
         self._job = None
         self._set_running(False)
-        self._drawn = draw, traffic
+        self._generated = task, traffic
         self._took_s = time.monotonic() - started
-        if self._desk.session.scenario is draw.base:
+        if self._desk.session.scenario is task.base:
             self._apply(0)
         else:
             self._waits = True
@@ -250,11 +252,11 @@ class GenerationRun:
         self._on_change()
 
     def _apply(self, index: int) -> None:
-        assert self._drawn is not None
-        draw, traffic = self._drawn
+        assert self._generated is not None
+        task, traffic = self._generated
         self._applied = None
         self._desk.apply(
-            traffic_command(draw.request, traffic, index, removed_ids=draw.removed_ids)
+            traffic_command(task.request, traffic, index, removed_ids=task.removed_ids)
         )
         self._applied = self._desk.session.scenario
         if len(traffic.samples) > 1:
@@ -263,13 +265,13 @@ class GenerationRun:
         count = len(traffic.samples[index].ids)
         self._say(
             f"{count} agent{'s' if count != 1 else ''} in {self._took_s:.1f} s, seed"
-            f" {draw.request.seed}. {' '.join(traffic.notes)}"
+            f" {task.request.seed}. {' '.join(traffic.notes)}"
         )
         self.show()
 
     def _sample_chosen(self, number: float) -> None:
-        """Put another sample in the place of the one that was just applied."""
-        if self._drawn is None or self._desk.session.scenario is not self._applied:
+        """Replace the sample that was just applied by another one."""
+        if self._generated is None or self._desk.session.scenario is not self._applied:
             self.show()
             return
         self._desk.session.undo()
@@ -307,7 +309,7 @@ _WORDS_OF_USE: Final[Mapping[str | None, str]] = {
 
 
 def _same_states(one: Scenario, other: Scenario) -> bool:
-    """Whether the same agents stand alike at the current step."""
+    """Whether the same agents have equal states at the current step."""
     step = one.current_step
     return one.agents.ids == other.agents.ids and all(
         np.array_equal(

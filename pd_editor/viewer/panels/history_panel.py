@@ -42,13 +42,13 @@ class HistoryPanel:
         desk.on_option(self._pages, self._turn_page)
 
     def undo(self) -> None:
-        """Take back the last edit, if any."""
+        """Undo the last edit, if any."""
         self._desk.commit_gesture()
         if self._desk.session.can_undo:
             self._desk.session.undo()
 
     def redo(self) -> None:
-        """Do again what was taken back, if anything."""
+        """Redo the last undone edit, if any."""
         self._desk.commit_gesture()
         if self._desk.session.can_redo:
             self._desk.session.redo()

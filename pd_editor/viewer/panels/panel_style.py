@@ -54,10 +54,10 @@ class PanelStyle:
 
 
 class FixedText:
-    """Lines of text in a space of constant height, so that nothing below ever moves.
+    """Lines of text in a space of constant height, so that elements below do not move.
 
-    Texts are shown as they are, never as HTML. What does not fit is cut off; the whole
-    text stands in the tooltip.
+    Texts are never interpreted as HTML. Long texts are cut off; the tooltip has the whole
+    text.
     """
 
     def __init__(self, gui: viser.GuiApi, num_lines: int) -> None:

@@ -1,4 +1,4 @@
-"""The road panel: bend the road ahead of an anchor, live."""
+"""The road panel: warps the road ahead of an anchor, live."""
 
 import contextlib
 from collections.abc import Callable, Sequence
@@ -58,14 +58,14 @@ DEFAULT_EXPONENT: Final = 3.0
 MAX_SLOWED_NAMED: Final = 3
 NOT_SLOWED: Final = "Off: speeds stay as they are."
 _NOT_OWN: Final = object()
-"""Equal to no warp: inputs are to be set anew."""
+"""Different from all warps: inputs must be updated."""
 
 
 class RoadPanel:
-    """Sliders of a warp; what they show is the scenario's warp, never their own.
+    """Sliders of a warp, which show the scenario's warp.
 
-    Shape sliders may be set while the road is straight: then they wait for a bend.
-    Undo, redo and another scenario set them all anew.
+    Shape sliders may be set while the road is straight; they then apply to the next warp.
+    Undo, redo and another scenario update all of them.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class RoadPanel:
             desk: the session and its page.
             style: looks that viser's options do not reach.
             view: marks the anchor in the picture.
-            on_ghost: told whether the original road is to be outlined.
+            on_ghost: called with whether the original road is outlined.
             on_frame: looks at a pose.
         """
         self._desk = desk
@@ -93,7 +93,7 @@ class RoadPanel:
         self._length: dict[WarpKind, Any] = {}
         self._own_pose: RigidMotion | None = None
         self._own_warp: object = (None, None)
-        """Warp and friction coefficient that the inputs stand for."""
+        """Warp and friction coefficient that the inputs show."""
         self._slowed_of: AppliedWarp | None = None
         gui = desk.client.gui
         for kind in WARP_KINDS:
@@ -200,7 +200,7 @@ class RoadPanel:
         desk.on_click(self._frame, self._look_at_anchor, failure="No anchor to look at")
 
     def reset(self) -> None:
-        """Take the warp back; the original road returns exactly, inputs as at first."""
+        """Remove the warp and reset the inputs; the original road is restored exactly."""
         self._desk.commit_gesture()
         self._show_defaults()
         self._own_warp = (None, None)
@@ -232,7 +232,7 @@ class RoadPanel:
             self._show_slowed(scenario)
 
     def _show_values(self, scenario: Scenario, is_other_base: bool) -> None:
-        """Set all inputs, unless the warp is what this panel asked for last."""
+        """Set all inputs, unless the warp is the one that this panel set last."""
         applied = scenario.applied_warp
         in_force = (None, None)
         if applied is not None:
@@ -306,7 +306,7 @@ class RoadPanel:
         )
 
     def _show_slowed(self, scenario: Scenario) -> None:
-        """Say which agents the friction limit has slowed, and by how much."""
+        """Show which agents the friction limit has slowed, and by how much."""
         applied = scenario.applied_warp
         if applied is self._slowed_of and applied is not None:
             return
@@ -363,7 +363,7 @@ class RoadPanel:
         self._show_resets(self._desk.session.scenario)
 
     def bend_from(self, pose: RigidMotion) -> None:
-        """Bend ahead of a pose of the road as it is shown from now on."""
+        """Use a pose on the shown road as the anchor of the warp."""
         self._offer((*self._anchor.options, POINT))
         set_value(self._anchor, POINT)
         self._take_anchor(POINT, pose)
@@ -381,7 +381,7 @@ class RoadPanel:
         self._take_anchor(self._anchor.value, pose)
 
     def _take_anchor(self, choice: Anchor, pose: RigidMotion) -> None:
-        """Bend ahead of a pose from now on, and mark it in the picture."""
+        """Use a pose as the anchor of the warp, and mark it in the picture."""
         self._anchor_taken = choice
         self._own_pose = pose
         if choice == POINT:
@@ -413,7 +413,7 @@ class RoadPanel:
         """Pose that the warp bends ahead of, on the original road.
 
         Raises:
-            EditError: the chosen agent is not there.
+            EditError: the chosen agent does not exist at the current step.
         """
         scenario, choice = self._desk.session.scenario, self._anchor.value
         if choice == POINT:
@@ -474,7 +474,7 @@ class RoadPanel:
             self._gizmo.remove()
 
     def _show_gizmo(self, scenario: Scenario, is_other_base: bool) -> None:
-        """Keep the gizmo at the anchor in force, or away from a scene just opened."""
+        """Keep the gizmo at the applied anchor; remove it for a newly opened scene."""
         pose, applied = self._gizmo.pose, scenario.applied_warp
         if pose is None or self._desk.gesture == "anchor":
             return
@@ -484,7 +484,7 @@ class RoadPanel:
             self._gizmo.remove()
 
     def _show_choices(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
-        """Offer the anchors that can be, and say why others cannot."""
+        """Offer the available anchors, and explain why others are not available."""
         offered, missing = _choices(scenario, selection)
         if scenario.applied_warp is None and self._anchor.value not in offered:
             set_value(self._anchor, offered[0])
@@ -521,7 +521,7 @@ class RoadPanel:
 
 
 def recorded_road_in_words(base: Scenario) -> str:
-    """What a road without a warp of this session is."""
+    """Describe a road without a warp of this session."""
     if base.provenance.is_bent:
         return "This scenario was exported bent (see its recipe)."
     return "The road is as recorded."
@@ -545,7 +545,7 @@ def slowed_in_words(slowed: Sequence[SlowedAgent], *, most: int) -> tuple[str, s
 def _choices(
     scenario: Scenario, selection: tuple[str, ...]
 ) -> tuple[list[Anchor], list[str]]:
-    """Anchors that can be chosen, and why the others cannot."""
+    """Available anchors, and reasons why others are not available."""
     agents, step = scenario.agents, scenario.current_step
 
     def is_there(agent_id: str) -> bool:
@@ -567,7 +567,7 @@ def _choices(
 
 
 def _starting_pose(scenario: Scenario) -> RigidMotion:
-    """Where an anchor starts to be dragged: in force, at the focal agent, anywhere."""
+    """Initial pose of a dragged anchor: the applied one, the focal agent, or any pose."""
     if scenario.applied_warp is not None:
         return scenario.applied_warp.warp.anchor
     try:

@@ -1,4 +1,4 @@
-"""The scenario panel: what is open; open a demo, a folder, an upload."""
+"""The scenario panel: shows the open scenario, and opens demos, folders and uploads."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +21,7 @@ UPLOAD_TYPES: Final = ".zip,.parquet,.json,application/zip,application/json"
 
 
 class ScenarioPanel:
-    """What is open, and what else could be."""
+    """Shows the open scenario, and opens others."""
 
     def __init__(self, desk: Desk) -> None:
         """Build it into the current tab."""
@@ -62,7 +62,7 @@ class ScenarioPanel:
             )
 
     def show(self, scenario: Scenario) -> None:
-        """Show what is open; the menu of demos follows it."""
+        """Show the open scenario; the menu of demos follows it."""
         if self._base is not self._desk.session.base:
             self._base = self._desk.session.base
             name = self._base.provenance.source.removeprefix(DEMO_PREFIX)
@@ -75,13 +75,13 @@ class ScenarioPanel:
         size = f"{scenario.city} · {len(agents)} agents · {len(road.lanes)} lanes"
         if not has_future:
             size += " · no logged future"
-        # The newest first: what there is no room for stands in the tooltip.
+        # The newest first; the tooltip has the rest.
         notes = list(reversed(scenario.provenance.notes))
         card = (scenario.scenario_id, size, *notes)
         self._card.show(card[0], size, " ".join(notes), tooltip="\n".join(card))
 
     def _offer_continuation(self) -> None:
-        """Where an export was opened whose base is here, let the user choose."""
+        """If an opened export's base is available, let the user choose between both."""
         offered = self._workspace.continuation
         if self._dialog is not None:
             self._dialog.close()
@@ -162,6 +162,6 @@ class ScenarioPanel:
 
 
 def _shows(name: str) -> str:
-    """What a demo shows, to be read before it is opened."""
+    """Description of a demo."""
     sentence = demo_sentence(name)
     return f"{sentence[:1].upper() + sentence[1:]}." if sentence else ""

@@ -1,4 +1,4 @@
-"""Unfinished work of any scenario: a button that tells how much, and a dialog."""
+"""Unfinished work of all scenarios: a button with its amount, and a dialog."""
 
 import datetime
 from typing import Any, Final
@@ -37,11 +37,11 @@ class UnfinishedPanel:
             )
 
     def refresh(self) -> None:
-        """Count what is left unfinished."""
+        """Update the count of unfinished work."""
         self._show_count(len(self._workspace.unfinished_work()))
 
     def open_dialog(self) -> None:
-        """List it over the page."""
+        """Show the list in a dialog."""
         self._desk.commit_gesture()
         self._close_dialog()
         found = self._workspace.unfinished_work()

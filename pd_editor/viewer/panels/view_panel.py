@@ -12,13 +12,13 @@ _LAYER_TITLE: Final[dict[Layer, str]] = {
     "road": "Road surface",
     "lanes": "Lanes",
     "crosswalks": "Crosswalks",
-    "paint": "Lane marks",
+    "markings": "Lane marks",
     "centerlines": "Centre lines",
 }
 
 
 class ViewPanel:
-    """What is drawn, and from where."""
+    """Controls of camera, theme and layers."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What every panel and pointer handler of one browser tab works with."""
+"""User interface context of one browser tab, shared by panels and pointer handlers."""
 
 import logging
 import time
@@ -17,13 +17,13 @@ from pd_editor.viewer.state.workspace import Workspace
 
 _LOG = logging.getLogger(__name__)
 GESTURE_PAUSE_S: Final = 1.0
-"""An input that rests this long has finished its gesture (viser tells no end)."""
+"""Pause after which an input's gesture is finished (viser reports no end)."""
 LONGEST_REST_S: Final = 60.0
-"""A slider that the pointer holds may rest this long, should its end never be told."""
+"""Longest pause of a slider that the pointer holds, if its end is never reported."""
 LAST_VALUE_S: Final = 0.3
-"""The last value of a slider may come so long after the pointer has let go of it."""
+"""Time in which the last value of a slider may arrive after the pointer is released."""
 NOTICE_S: Final = 5.0
-"""How long a notice stays that leaves by itself."""
+"""Duration of a notice that closes by itself."""
 _NOT_DONE: Final = "Not done"
 
 Tone = Literal["info", "success", "warning", "error"]
@@ -45,12 +45,12 @@ class Hotkey:
 
 
 class Desk:
-    """A browser's session, its inbox, and how to speak to its user."""
+    """Session, message queue and notifications of a browser tab."""
 
     def __init__(
         self, client: viser.ClientHandle, workspace: Workspace, inbox: Inbox
     ) -> None:
-        """Join the three."""
+        """Make the context of a tab."""
         self.client = client
         self.workspace = workspace
         self.session: EditorSession = workspace.session
@@ -58,7 +58,7 @@ class Desk:
         self.on_playhead_moved: Callable[[], None] = lambda: None
         """Called when an edit has moved the playhead; the tab shows it."""
         self.hotkeys: list[Hotkey] = []
-        """All that ``hotkey`` has registered, in that order."""
+        """Registered hot keys, in order of registration."""
         self._gesture: str | None = None
         self._gesture_deadline: float | None = None
         self._is_slider_held = False
@@ -73,10 +73,10 @@ class Desk:
     ) -> None:
         """Run an action on the session's worker.
 
-        ``failure`` says what did not happen if the action is refused.
+        ``failure`` is the title of the notice if the action raises an error.
         """
         if failure is not None:
-            action = self._told(failure, action)
+            action = self._reporting(failure, action)
         self.inbox.post(action, merge_key)
 
     def on_click(
@@ -88,12 +88,14 @@ class Desk:
     ) -> None:
         """Run an action when a button is clicked.
 
-        ``failure`` says what did not happen if the action is refused.
+        ``failure`` is the title of the notice if the action raises an error.
         """
 
         @button.on_click
         async def _(_event: viser.GuiEvent[Any]) -> None:
-            self.post(self._told(failure or f"{_NOT_DONE}: {button.label}", action))
+            self.post(
+                self._reporting(failure or f"{_NOT_DONE}: {button.label}", action)
+            )
 
     def on_option(
         self, group: viser.GuiButtonGroupHandle, action: Callable[[str], None]
@@ -103,7 +105,7 @@ class Desk:
         @group.on_click
         async def _(event: viser.GuiEvent[Any]) -> None:
             option = str(event.target.value)
-            self.post(self._told(f"{_NOT_DONE}: {option}", lambda: action(option)))
+            self.post(self._reporting(f"{_NOT_DONE}: {option}", lambda: action(option)))
 
     def on_change(
         self,
@@ -115,7 +117,7 @@ class Desk:
     ) -> None:
         """Run an action with the new value when the user changes an input.
 
-        ``merge_key`` lets only the newest of several values in a row count.
+        With ``merge_key`` only the newest of consecutive values is processed.
         """
 
         def take(change: object, value: Any) -> None:
@@ -123,7 +125,7 @@ class Desk:
                 del _waiting[id(handle)]
             action(value)
 
-        # Of one input only: another one's value must not drop out of the queue.
+        # Per input, so that values of another input are not dropped from the queue.
         key = None if merge_key is None else f"{merge_key} of {id(handle)}"
 
         @handle.on_update
@@ -132,8 +134,8 @@ class Desk:
                 return
             value, change = event.target.value, object()
             _waiting[id(handle)] = ref(handle), change
-            told = failure or f"{_NOT_DONE}: {handle.label}"
-            self.post(self._told(told, lambda: take(change, value)), key)
+            title = failure or f"{_NOT_DONE}: {handle.label}"
+            self.post(self._reporting(title, lambda: take(change, value)), key)
 
     def hotkey(
         self,
@@ -150,17 +152,19 @@ class Desk:
 
         @command.on_trigger
         async def _(_event: Any) -> None:
-            self.post(self._told(failure or f"{_NOT_DONE}: {label}", action))
+            self.post(self._reporting(failure or f"{_NOT_DONE}: {label}", action))
 
-    def _told(self, failure: str, action: Callable[[], None]) -> Callable[[], None]:
-        """The action; if it raises, ``report`` says what did not happen."""
+    def _reporting(
+        self, failure: str, action: Callable[[], None]
+    ) -> Callable[[], None]:
+        """Wrap an action so that its errors are reported with a title."""
 
-        def told() -> None:
+        def reporting() -> None:
             self._failure = failure
             action()
             self._failure = _NOT_DONE
 
-        return told
+        return reporting
 
     def apply(self, command: Command) -> None:
         """Apply one command as one undo step."""
@@ -170,10 +174,9 @@ class Desk:
         self.session.apply(command)
 
     def show_current_step(self) -> bool:
-        """Stop the picture at t = 0, where edits of states act; whether it moved.
+        """Move the playhead to t = 0, where edits of states act; returns whether it moved.
 
-        Whoever edits sees what is edited: neither playback nor the playhead shows
-        another time meanwhile.
+        The user therefore sees the states that are edited: playback stops as well.
         """
         playback = self.workspace.playback
         current = float(playback.axis.current_step)
@@ -189,10 +192,9 @@ class Desk:
         """Show a command as part of a gesture.
 
         Args:
-            owner: who makes the gesture; another owner's gesture is committed first.
-            command: the gesture so far, applied to the state it started from.
-            has_end: whether the owner will say when the gesture is over; otherwise
-                it is over when it rests.
+            owner: owner of the gesture; another owner's gesture is committed first.
+            command: the gesture so far, applied to the state at its start.
+            has_end: whether the owner ends the gesture; otherwise a pause ends it.
         """
         if self._gesture != owner:
             self.commit_gesture()
@@ -218,21 +220,21 @@ class Desk:
 
     @property
     def gesture(self) -> str | None:
-        """Who makes the gesture under way; inputs that do must not be set meanwhile."""
+        """Owner of the active gesture, whose inputs must not be set meanwhile."""
         return self._gesture
 
     def commit_gesture(self) -> None:
-        """End the gesture under way, if any, as one undo step."""
+        """Commit the active gesture, if any, as one undo step."""
         self._gesture, self._gesture_deadline = None, None
         self.session.commit_gesture()
 
     def abort_gesture(self) -> None:
-        """End the gesture under way and take back what it showed."""
+        """Abort the active gesture and restore the state at its start."""
         self._gesture, self._gesture_deadline = None, None
         self.session.abort_gesture()
 
     def tick(self) -> bool:
-        """Commit a gesture that has come to rest; whether one has."""
+        """Commit a gesture after its pause; returns whether it was committed."""
         deadline = self._gesture_deadline
         if deadline is None or time.monotonic() < deadline:
             return False
@@ -242,13 +244,13 @@ class Desk:
     def notify(
         self, title: str, body: str = "", tone: Tone = "info", *, stays: bool = False
     ) -> None:
-        """Tell the user something; the page shows texts as they are, never as HTML.
+        """Show a notice; its texts are never interpreted as HTML.
 
         Args:
-            title: a few words.
+            title: short title.
             body: a sentence.
-            tone: its colour.
-            stays: whether it waits to be closed; otherwise it leaves by itself.
+            tone: colour of the notice.
+            stays: whether the user closes it; otherwise it closes by itself.
         """
         self.client.add_notification(
             title,
@@ -258,7 +260,7 @@ class Desk:
         )
 
     def report(self, error: Exception) -> None:
-        """Show an error: as it is if the user caused it, else as a bug with a log."""
+        """Show an error: its message if the user caused it, else a bug with a log entry."""
         failure, self._failure = self._failure, _NOT_DONE
         if isinstance(error, PdEditorError):
             self.notify(failure, str(error), "error")
@@ -272,7 +274,7 @@ class Desk:
 
 
 _waiting: dict[int, tuple["ref[Any]", object]] = {}
-"""Inputs that the user has changed, by id, and the change that a session has yet to take.
+"""Inputs that the user has changed, by id, with the change that is not processed yet.
 
 viser's handles cannot be hashed; a closed tab leaves at most a dead reference here.
 """
@@ -281,8 +283,7 @@ viser's handles cannot be hashed; a closed tab leaves at most a dead reference h
 def set_value(handle: Any, value: Any) -> None:
     """Set an input's value unless it shows it already; NaN shows an empty field.
 
-    A value that the user has just typed, and that the session has not taken yet, stays:
-    its turn comes.
+    A value that the user has just typed, and that is not processed yet, is kept.
     """
     waiting = _waiting.get(id(handle))
     is_waiting = waiting is not None and waiting[0]() is handle

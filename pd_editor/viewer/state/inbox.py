@@ -1,7 +1,7 @@
-"""One queue of messages per browser session, and the one thread that works on it.
+"""Message queue of a browser session, with one worker thread.
 
-viser calls back on many threads, in any order. Every callback therefore only posts a
-message here; the session's worker alone touches the session and its views.
+viser calls back on many threads, in any order. Callbacks therefore only post messages;
+only the session's worker accesses the session and its views.
 """
 
 import logging
@@ -18,7 +18,7 @@ _LONGEST_MESSAGE_S = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Message:
-    """Something to do on the worker thread."""
+    """An action for the worker thread."""
 
     action: Callable[[], None]
     merge_key: str | None
@@ -37,9 +37,9 @@ class Inbox:
         """Create the queue; ``start`` runs its worker.
 
         Args:
-            tick: called after messages and when its time has come; returns the
-                seconds until it wants to be called again, None for no hurry.
-            on_error: told of every exception a message raised.
+            tick: called after messages and when due; returns the seconds until the next
+                call, or None.
+            on_error: called with every exception that a message raised.
         """
         self._tick = tick
         self._on_error = on_error

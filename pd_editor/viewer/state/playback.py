@@ -1,4 +1,4 @@
-"""The playhead: where in time the picture is, and how it moves."""
+"""The playhead: time of the picture, and playback."""
 
 import math
 import time
@@ -15,13 +15,13 @@ class Playback:
     """A fractional step that runs with a clock; knows nothing of drawing."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """Stand at step 0."""
+        """Start at step 0."""
         self._clock = clock
         self._last_time: float | None = None
         self._next_frame = 0.0
         self.axis = TimeAxis()
         self.last_step = self.axis.num_steps - 1
-        """Where playback ends: no agent exists later."""
+        """Last step of playback; no agent exists later."""
         self.step = 0.0
         self.speed = 1.0
         self.loops = True
@@ -44,7 +44,7 @@ class Playback:
         self._last_time = self._next_frame = self._clock()
 
     def pause(self) -> None:
-        """Stand still."""
+        """Pause playback."""
         self._last_time = None
 
     def seek(self, step: float) -> None:

@@ -1,4 +1,4 @@
-"""The problems of the scenario at hand: new ones, ignored ones, the recording's own."""
+"""Problems of the current scenario: new, ignored and recorded ones."""
 
 from pd_editor.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.problems.check import SceneCheck, checked, scene_problems
@@ -8,20 +8,20 @@ from pd_editor.viewer.state.workspace import Workspace
 
 
 class ProblemWatch:
-    """Looks for problems, and remembers which of them the user ignores."""
+    """Checks for problems, and stores which of them the user ignores."""
 
     def __init__(self, workspace: Workspace) -> None:
-        """Know nothing yet."""
+        """Make a watch without results."""
         self._workspace = workspace
         self._base: Scenario | None = None
         self._recorded: tuple[SceneProblem, ...] = ()
         self._check = SceneCheck()
 
     def check(self, *, with_future: bool) -> None:
-        """Look at the scenario.
+        """Check the scenario.
 
-        Without the future, what was found last about it is kept until the next look,
-        so that counts do not jump while something is being dragged.
+        Without the future, earlier results about the future are kept, so that counts do
+        not jump during a drag.
         """
         session = self._workspace.session
         if self._base is not session.base:
@@ -47,13 +47,13 @@ class ProblemWatch:
 
     @property
     def ignored(self) -> tuple[SceneProblem, ...]:
-        """Those that the user ignores."""
+        """Problems that the user ignores."""
         ignored = self._ignored
         return tuple(p for p in self._check.new if p.key in ignored)
 
     @property
     def recorded(self) -> tuple[SceneProblem, ...]:
-        """Those that the recording has by itself."""
+        """Problems of the recording itself."""
         return self._check.recorded
 
     def ignore(self, problem: SceneProblem, is_ignored: bool) -> None:
@@ -80,7 +80,7 @@ class ProblemWatch:
         return everywhere, later
 
     def untouched(self) -> frozenset[str]:
-        """Agents that move as in the recording."""
+        """Ids of agents that move as recorded."""
         session = self._workspace.session
         return untouched_agent_ids(session.scenario, session.base)
 
@@ -96,7 +96,7 @@ def _kept(
     former: tuple[SceneProblem, ...],
     there: dict[str, int],
 ) -> tuple[SceneProblem, ...]:
-    """What was found about the present, and the former about the future."""
+    """New results on the current step, with former results on the future."""
     known = {problem.key for problem in found}
     return found + tuple(
         problem

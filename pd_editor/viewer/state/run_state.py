@@ -1,15 +1,15 @@
-"""What a generation has to say at the moment."""
+"""State of a generation for the page."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunState:
-    """One under way, or a result that waits."""
+    """State of a running generation, or of a waiting result."""
 
     text: str = ""
-    """A few words; empty where the problems should be told as ever."""
+    """Short text; empty to show problems instead."""
     fraction: float | None = None
-    """How much is done; None when nothing runs."""
+    """Fraction that is done; None without a running generation."""
     action: str = ""
-    """Text of a button that uses a result that waits."""
+    """Label of a button that applies a waiting result."""

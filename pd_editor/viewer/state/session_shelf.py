@@ -1,4 +1,4 @@
-"""The edited scenarios of one workspace that are not open at the moment."""
+"""Sessions of one workspace that are not open at the moment."""
 
 import contextlib
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from pd_editor.errors import RecipeError
 from pd_editor.scene.scenario import Scenario
 
 MAX_LIVE: Final = 4
-"""Sessions kept in memory; older ones go on from their journals."""
+"""Number of sessions in memory; older ones are restored from their journals."""
 
 Key = tuple[str, str]
 
@@ -24,18 +24,18 @@ class ExportedState:
 
     scenario: Scenario
     starred_as: str | None = None
-    """Its name in the basket where that is the only copy; None if it was exported."""
+    """Its name in the basket if that is the only copy; None if it was exported."""
 
 
 @dataclass(kw_only=True, eq=False)
 class ShelvedSession:
-    """A session that was left, with what of it was exported last."""
+    """A session that is not open, with its last exported state."""
 
     session: EditorSession
     exported: ExportedState | None
 
     def is_exported(self, basket: Basket) -> bool:
-        """Whether the scenario as it was left was exported, or is in the basket."""
+        """Whether the last state was exported, or is in the basket."""
         exported = self.exported
         if exported is None or exported.scenario is not self.session.scenario:
             return False
@@ -84,11 +84,11 @@ class SessionShelf:
 
     @property
     def live(self) -> tuple[ShelvedSession, ...]:
-        """Sessions in memory, the one that was left last at the end."""
+        """Sessions in memory, the most recent one last."""
         return tuple(self._live)
 
     def put(self, left: ShelvedSession) -> None:
-        """Keep a session that is left; one without edits ends."""
+        """Store a session; one without edits is closed."""
         if not left.session.entries:
             left.session.close(discard=True)
             return
@@ -96,7 +96,7 @@ class SessionShelf:
         for old in tuple(self._live[:-MAX_LIVE]):
             path = old.session.journal_path
             if path is None or old.session.journal_problem is not None:
-                # It is nowhere but here.
+                # This is the only copy.
                 continue
             self._live.remove(old)
             self._stored[path] = _StoredSession(
@@ -106,7 +106,7 @@ class SessionShelf:
             old.session.close()
 
     def take(self, base: Scenario) -> ShelvedSession | None:
-        """The session that was left last on a scenario, taken from the shelf."""
+        """Remove and return the most recent session on a scenario."""
         wanted = _key_of(base)
         for left in reversed(self._live):
             if _key_of(left.session.base) == wanted:
@@ -121,7 +121,7 @@ class SessionShelf:
                 try:
                     session = restore(work, base)
                 except RecipeError:
-                    # It stays in the list of unfinished work, which says why.
+                    # It stays in the list of unfinished work, with the reason.
                     return None
                 return ShelvedSession(
                     session=session, exported=self._exported_again(stored, session)
@@ -142,11 +142,11 @@ class SessionShelf:
         return stored is not None and stored.is_exported(self._basket)
 
     def remove(self, left: ShelvedSession) -> None:
-        """Take a session out; the caller goes on with it or ends it."""
+        """Remove a session; the caller continues or closes it."""
         self._live.remove(left)
 
     def retry_journals(self) -> None:
-        """Keep on disk what could not be kept there so far."""
+        """Write edits to disk that could not be written before."""
         for left in self._live:
             left.session.retry_journal()
 

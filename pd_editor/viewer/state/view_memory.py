@@ -1,4 +1,4 @@
-"""How a browser tab looked at its scene; it outlives the tab's connection."""
+"""View of a browser tab, which is kept for the next connection."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ import viser
 
 NEAR_M: Final = 0.5
 FAR_M: Final = 20_000.0
-"""Until the page's script narrows them to what the view holds."""
+"""Initial far plane, until the page's script narrows it to the visible content."""
 
 Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ViewPose:
-    """Where a camera stands, what it looks at, and what is up in its picture."""
+    """Position, target and up direction of a camera."""
 
     position_m: Vector
     look_at_m: Vector
@@ -51,15 +51,15 @@ class ViewPose:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewMemory:
-    """What a reloaded page shows again."""
+    """View state that a reloaded page restores."""
 
     is_top: bool = False
     is_heading_up: bool = False
     """Whether the top view has the focal agent's heading up instead of north."""
     pose: ViewPose | None = None
-    """Where the camera was; None for the view of a scenario just opened."""
+    """Camera pose; None for the view of a newly opened scenario."""
     panel_tab: str | None = None
-    """Title of the panel's tab that was open; None for the first one."""
+    """Title of the open tab of the panel; None for the first one."""
 
 
 def vector(values: Iterable[float]) -> Vector:

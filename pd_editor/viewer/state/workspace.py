@@ -1,4 +1,4 @@
-"""What one browser tab works on; it outlives the tab's connection."""
+"""Workspace of a browser tab, which is kept for the next connection."""
 
 import os
 import time
@@ -48,16 +48,16 @@ from pd_editor.viewer.state.session_shelf import (
 from pd_editor.viewer.state.view_memory import ViewMemory
 
 SEARCH_STEP: Final = 4
-"""Scenario folders looked at before the clock is looked at again."""
+"""Number of scenario folders searched between two looks at the clock."""
 SEARCH_TURN_S: Final = 0.008
-"""How long a search goes on between two messages of the user or frames."""
+"""Duration of a search between two messages or frames."""
 
 
 class DatasetSearch:
-    """A filter on its way through a dataset."""
+    """A search through a dataset, done in steps."""
 
     def __init__(self, dataset: DatasetIndex, wanted: CardFilter) -> None:
-        """Begin at the first folder."""
+        """Start at the first folder."""
         self._dataset = dataset
         self.wanted = wanted
         self.cards: list[ScenarioCard] = []
@@ -65,7 +65,7 @@ class DatasetSearch:
         self.is_complete = False
 
     def go_on(self) -> None:
-        """Look at some more folders."""
+        """Search some more folders."""
         end = time.monotonic() + SEARCH_TURN_S
         while not self.is_complete and time.monotonic() < end:
             step = self._dataset.search(self.wanted, self.num_seen, SEARCH_STEP)
@@ -74,34 +74,34 @@ class DatasetSearch:
             self.is_complete = step.is_complete
 
     def cities(self) -> tuple[str, ...]:
-        """Cities seen so far."""
+        """Cities found so far."""
         return self._dataset.cities()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeptWork:
-    """Unfinished work of one scenario, to go on with or to discard."""
+    """Unfinished work of one scenario, to continue or to discard."""
 
     scenario_id: str
     name: str
     """The name that the user gave, or a proposed one; empty if there is none."""
     num_edits: int
     last_time: float
-    """When the last edit was made, in seconds since 1970."""
+    """Time of the last edit, in seconds since 1970."""
     place: ShelvedSession | UnfinishedWork
-    """Where it is: in this workspace, or in a journal on disk."""
+    """The session in this workspace, or the journal on disk."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Continuation:
-    """The edits of an export, and where their base is."""
+    """Edits of an opened export, with the source of their base."""
 
     recipe: Recipe
     source: str
 
 
 class Workspace:
-    """An editing session, its playhead, and where scenarios come from and go to."""
+    """An editing session with playhead, dataset, basket and exports."""
 
     def __init__(
         self,
@@ -111,20 +111,20 @@ class Workspace:
         journals: Path,
         is_local: bool = True,
     ) -> None:
-        """Work on a scenario; edits are journaled in the folder ``journals``."""
+        """Open a scenario; edits are journaled in the folder ``journals``."""
         self.is_local = is_local
         self._journals = journals
         self._exported: ExportedState | None = None
         self.tell: Callable[[str, str], None] = lambda _title, _body: None
-        """Shows the user a few words and a sentence; set by the tab that is open."""
+        """Shows a title and a sentence to the user; set by the connected tab."""
         self.basket = Basket(journals.parent / "basket")
         self._shelf = SessionShelf(journals, self.basket, self._restored)
         self._given: dict[str, Scenario] = {}
-        """States that were exported or starred, by the names they got."""
+        """Exported or starred states by their names."""
         self.unticked: set[str] = set()
-        """Scenarios of the basket that are not to be downloaded."""
+        """Scenarios of the basket that are not selected for download."""
         self.continuation: Continuation | None = None
-        """Edits to go on with, where what is open is an export of the editor."""
+        """Edits that can be continued, if the open scenario is an export of the editor."""
         self.session = EditorSession(scenario, journal=Journal(journals))
         self.playback = Playback()
         self.playback.open(scenario.time_axis)
@@ -135,12 +135,12 @@ class Workspace:
         self.ignored_problems: WeakKeyDictionary[Scenario, set[ProblemKey]] = (
             WeakKeyDictionary()
         )
-        """By the base of a session."""
+        """Ignored problems by the base of a session."""
         self.dataset = dataset
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 
     def refuse_remote(self) -> None:
-        """Keep this machine's folders from browsers of other machines.
+        """Raise if browsers of other machines could access this machine's folders.
 
         Raises:
             InputError: the editor listens to other machines.
@@ -175,7 +175,7 @@ class Workspace:
         self._offer(recipe)
 
     def _offer(self, recipe: Recipe | None) -> None:
-        """Offer to go on with the edits of an export that was opened as it is."""
+        """Offer to continue the edits of an opened export."""
         self.continuation = None
         if recipe is None or not recipe.commands or self.session.entries:
             return
@@ -184,7 +184,7 @@ class Workspace:
             self.continuation = Continuation(recipe=recipe, source=source)
 
     def _base_source(self, recipe: Recipe) -> str | None:
-        """How to open a recipe's base; None if it is not to be found here."""
+        """Source of a recipe's base; None if it is not available."""
         source = recipe.base.source
         if source.removeprefix(DEMO_PREFIX) in demo_names():
             return source
@@ -196,11 +196,11 @@ class Workspace:
         return None
 
     def continue_export(self) -> None:
-        """Replay the edits of the export that is open, as a history of its base.
+        """Replay the edits of the open export as a history of its base.
 
         Raises:
             InputError: the base cannot be opened.
-            RecipeError: the base is another one by now, or an edit does not apply.
+            RecipeError: the base has changed, or an edit does not apply.
         """
         offered, self.continuation = self.continuation, None
         if offered is None:
@@ -224,7 +224,7 @@ class Workspace:
     def _open(
         self, scenario: Scenario, base_files: Mapping[str, bytes] | None = None
     ) -> None:
-        """Open a scenario, or go on where it was left; what was open is kept."""
+        """Open a scenario or resume its session; the open session is shelved."""
         self.session.commit_gesture()
         if self.session.entries and is_same_base(scenario, self.session.base):
             self.tell(
@@ -242,7 +242,7 @@ class Workspace:
         self._exchange(kept)
 
     def _exchange(self, taken: ShelvedSession) -> None:
-        """Go on with a session; the one that was open goes to the shelf."""
+        """Switch to a session; the open one is shelved."""
         left = ShelvedSession(session=taken.session, exported=self._exported)
         self._exported = taken.exported
         self.session.exchange(taken.session)
@@ -262,7 +262,7 @@ class Workspace:
 
     @property
     def _is_exported(self) -> bool:
-        """Whether the scenario as it is now was exported, or is in the basket."""
+        """Whether the current state was exported, or is in the basket."""
         open_one = ShelvedSession(session=self.session, exported=self._exported)
         return open_one.is_exported(self.basket)
 
@@ -272,7 +272,7 @@ class Workspace:
             self.search = DatasetSearch(self.dataset, wanted)
 
     def search_on(self) -> bool:
-        """Let the search go on a little; whether it found out more."""
+        """Continue the search for a short time; returns whether it made progress."""
         if self.search is None or self.search.is_complete:
             return False
         self.search.go_on()
@@ -300,7 +300,7 @@ class Workspace:
             step = self.dataset.after if direction > 0 else self.dataset.before
             card = step(base.scenario_id, wanted)
         else:
-            # What is open is no member of the dataset: begin at its start.
+            # The open scenario is not in the dataset: start at the beginning.
             card = next(iter(self.search.cards), None)
         if card is None:
             raise InputError("There is no further scenario under this filter.")
@@ -309,7 +309,7 @@ class Workspace:
     def exported_zip(self) -> tuple[str, bytes]:
         """Name and bytes of a zip with the scenario and its recipe.
 
-        Its id is one that nothing else of this workspace was given.
+        Its id is unique in this workspace.
         """
         recipe = self._named_recipe(self._is_given)
         files = exported_files(self.session.scenario, recipe)
@@ -323,7 +323,7 @@ class Workspace:
         return f"{recipe.result_id}.recipe.json", recipe.to_text().encode()
 
     def earlier_export(self, out: Path) -> float | None:
-        """When an export of the present name was written there; None if never."""
+        """Time of an earlier export of the present name to a folder; None without one."""
         try:
             return (out / self.session.name / RECIPE_NAME).stat().st_mtime
         except (OSError, ValueError):
@@ -351,10 +351,10 @@ class Workspace:
         self._exported = ExportedState(scenario=self.session.scenario)
 
     def star(self) -> BasketEntry:
-        """Put the state at hand into the basket.
+        """Add the current state to the basket.
 
         Raises:
-            ExportError: it cannot be written.
+            ExportError: the state cannot be written.
         """
         recipe = self._named_recipe(
             lambda name: self.basket.has(name) or self._is_given(name)
@@ -374,7 +374,7 @@ class Workspace:
         return entry
 
     def is_starred(self) -> bool:
-        """Whether the state at hand is in the basket, under whatever name."""
+        """Whether the current state is in the basket, under any name."""
         scenario = self.session.scenario
         return any(
             given is scenario and self.basket.has(name)
@@ -395,7 +395,7 @@ class Workspace:
         return given is not self.session.scenario
 
     def _named_recipe(self, is_taken: Callable[[str], bool]) -> Recipe:
-        """The recipe of the state at hand, under a name that is free."""
+        """Recipe of the current state, with an unused name."""
         self.session.commit_gesture()
         recipe = self.session.recipe()
         if not is_taken(recipe.result_id):
@@ -430,10 +430,10 @@ class Workspace:
         return sorted(here + stored, key=lambda one: one.last_time, reverse=True)
 
     def resume(self, work: KeptWork) -> None:
-        """Go on with unfinished work; what was open is kept.
+        """Resume unfinished work; the open session is shelved.
 
         Raises:
-            InputError: its base scenario is gone.
+            InputError: its base scenario does not exist any more.
             RecipeError: the journal cannot be replayed, or is open elsewhere.
         """
         if isinstance(work.place, UnfinishedWork):
@@ -443,7 +443,7 @@ class Workspace:
             self._exchange(work.place)
 
     def discard(self, work: KeptWork) -> None:
-        """Forget unfinished work for good.
+        """Delete unfinished work permanently.
 
         Raises:
             RecipeError: it is open in another session.
@@ -455,15 +455,15 @@ class Workspace:
             work.place.session.close(discard=True)
 
     def retry_journals(self) -> None:
-        """Keep on disk what could not be kept there so far, if anything."""
+        """Write edits to disk that could not be written before, if any."""
         self.session.retry_journal()
         self._shelf.retry_journals()
 
     def restore(self, work: UnfinishedWork) -> None:
-        """Take up unfinished work; what was open here stays in its own journal.
+        """Restore unfinished work; the open session stays in its own journal.
 
         Raises:
-            InputError: its base scenario is gone.
+            InputError: its base scenario does not exist any more.
             RecipeError: the journal cannot be replayed.
         """
         if work.base_files:
@@ -480,7 +480,7 @@ class Workspace:
         self._exchange(ShelvedSession(session=session, exported=None))
 
     def close(self) -> None:
-        """End; edits that were not exported stay in their journal to be offered."""
+        """Close the workspace; edits that were not exported stay in their journals."""
         self.session.commit_gesture()
         self.session.close(discard=self._is_exported)
         self._shelf.close()

@@ -53,7 +53,7 @@ class AgentsView:
         Args:
             client: the browser.
             palette: colours of the theme.
-            on_new_body: told of every new node, to attach its pointer callbacks.
+            on_new_body: called with every new node, to attach its pointer callbacks.
         """
         self._client = client
         self._palette = palette
@@ -206,7 +206,7 @@ class AgentsView:
     def _resized(
         self, old: _Batch, rows: np.ndarray, colors: np.ndarray, agents: AgentTracks
     ) -> _Batch:
-        """The same nodes with other instances, so that their callbacks live on."""
+        """Update the instances of nodes, which keep their callbacks."""
         part_colors = (colors, self._dark_colors(len(rows)))
         for node, colored in zip(old.nodes, part_colors, strict=False):
             node.batched_positions = np.zeros((len(rows), 3), np.float32)

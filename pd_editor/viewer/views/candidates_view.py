@@ -1,4 +1,4 @@
-"""Draws where a selected agent could go, as a fan to choose from."""
+"""Draws the candidates of a selected agent as a fan."""
 
 from collections.abc import Callable
 from typing import Final
@@ -45,7 +45,7 @@ class CandidatesView:
         Args:
             client: the browser.
             palette: colours of the theme.
-            on_shown: told whether the fan is shown, so that others can step back.
+            on_shown: called with whether the fan is shown, so that others are muted.
         """
         self._client = client
         self._palette = palette
@@ -91,7 +91,7 @@ class CandidatesView:
             self.show(self.shown, self._road_map, self._highlighted)
 
     def candidate_near(self, point_m: Float[np.ndarray, "2"]) -> int | None:
-        """Index of the candidate whose path lies nearest to a point on the ground."""
+        """Index of the candidate whose path is nearest to a point on the ground."""
         if self.shown is None:
             return None
         gap = np.linalg.norm(self.shown.position_m[0] - point_m, axis=-1).min(axis=-1)
@@ -126,7 +126,7 @@ def _reference_lanes(
 def _fan(
     candidates: CandidateSet, highlighted: int | None, palette: Palette
 ) -> Primitive:
-    """All paths; shorter ones lie on longer ones, so that each can be followed."""
+    """Mesh of all paths; shorter ones are drawn over longer ones."""
     position = candidates.position_m[0]
     count, num_points = position.shape[:2]
     length = np.linalg.norm(np.diff(position, axis=1), axis=-1).sum(axis=1)

@@ -56,7 +56,7 @@ class MapView:
         )
 
     def show(self, scenario: Scenario) -> None:
-        """Bring the picture up to a scenario; what did not change is left alone."""
+        """Show the road of a scenario; unchanged parts are not sent."""
         warp = None if scenario.applied_warp is None else scenario.applied_warp.warp
         is_new_map = scenario.original_road_map is not self._map
         if not is_new_map and warp == self._warp:
@@ -120,7 +120,7 @@ class MapView:
         )
 
     def _make_ghost(self) -> None:
-        """Outline the original lanes where the warp has moved them away."""
+        """Outline the original lanes where the warp has moved them."""
         if self._map is None or self._warp is None:
             return
         reach = min((term.border_m for term in self._warp.terms), default=0.0)

@@ -1,4 +1,4 @@
-"""Draws the scenario as it was opened, as a ghost behind what was made of it."""
+"""Draws the original scenario as a ghost behind the edited one."""
 
 from typing import Final
 
@@ -45,7 +45,7 @@ class OriginalView:
 
     @property
     def num_changed(self) -> int:
-        """Agents of the original that are gone, or whose tracks are others now."""
+        """Number of the original's agents that were deleted or have other tracks now."""
         return len(self._rows)
 
     def set_palette(self, palette: Palette) -> None:
@@ -123,7 +123,7 @@ class OriginalView:
 
 
 def changed_rows(original: AgentTracks, now: AgentTracks) -> Int[np.ndarray, "N"]:
-    """Rows of the original whose agents are gone or have other tracks."""
+    """Rows of the original whose agents were deleted or have other tracks."""
     row_now = _rows_now(original, now)
     is_there = row_now >= 0
     differs = ~is_there
@@ -139,7 +139,7 @@ def changed_rows(original: AgentTracks, now: AgentTracks) -> Int[np.ndarray, "N"
         original.position_m[then, :steps] - now.position_m[after, :steps], axis=-1
     )
     moved = (gap > SAME_M) & valid_then & valid_now
-    # What was extended beyond the recording is no change of what was recorded.
+    # An extension beyond the recording does not change recorded states.
     differs[then] = (moved | (valid_then & ~valid_now)).any(axis=1)
     return np.flatnonzero(differs)
 
@@ -225,7 +225,7 @@ def _paths(
 def _connectors(
     original: Scenario, scenario: Scenario, rows: np.ndarray
 ) -> list[Float[np.ndarray, "2 2"]]:
-    """From where agents stood at the current step to where they stand."""
+    """Lines from the original to the present positions at the current step."""
     step = scenario.current_step
     old, new = original.agents, scenario.agents
     row_now = _rows_now(old, new)

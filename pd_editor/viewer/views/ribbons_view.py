@@ -41,7 +41,7 @@ class RibbonsView:
         self._scenario: Scenario | None = None
 
     def show(self, scenario: Scenario) -> None:
-        """Bring the ribbons up to a scenario."""
+        """Show the ribbons of a scenario."""
         self._scenario = scenario
         wanted = (scenario.agents, scenario.focal_id, self._palette)
         is_current = self._drawn is not None and all(
@@ -65,7 +65,7 @@ class RibbonsView:
             self.show(self._scenario)
 
     def set_muted(self, is_muted: bool) -> None:
-        """Step back while something else is shown, whatever the user has chosen."""
+        """Mute the ribbons while other elements are shown."""
         self._is_muted = is_muted
         self._apply_visibility()
 
@@ -94,13 +94,13 @@ def ribbon_primitives(scenario: Scenario, palette: Palette) -> list[Primitive]:
     future = np.unique(np.r_[current : agents.num_steps : STRIDE, agents.num_steps - 1])
     is_there = agents.is_valid[:, current]
     order = _bottom_up(scenario)
-    # Tracks of things that cannot move are noise.
+    # Tracks of static objects are noise.
     order = order[agents.kind_mask(ROAD_USER_KINDS)[order]]
     height = path_heights(HEIGHT_M, np.arange(len(order)))
     own_color = _linear([agent_color(scenario, palette, int(row)) for row in order])
     past_color = np.broadcast_to(_linear([palette.past]), (len(order), 3))
     half_width = np.clip(agents.size_m[order, 1], 0.4, 1.4) * 0.5
-    # A path that ends within the agent's own box says nothing either.
+    # Paths that end within the agent's own box are left out.
     least = np.clip(agents.size_m[order, 0] / 2, MIN_MOTION_M, 2.5)
 
     def band(

@@ -27,7 +27,7 @@ def test_areas_of_the_two_lane_road():
     assert part_area(parts, "lane") == pytest.approx(300 * 7, rel=1e-6)
     # One solid edge, two dashed lines (3 m painted of 9), the shared one drawn once.
     solid, dashed = 300 * 0.17, 2 * 300 * 0.17 / 3
-    assert part_area(parts, "white_paint") == pytest.approx(solid + dashed, rel=0.05)
+    assert part_area(parts, "white_marking") == pytest.approx(solid + dashed, rel=0.05)
 
 
 @pytest.mark.parametrize("kind", [LaneKind.BIKE, LaneKind.BUS])
