@@ -1,1 +1,1 @@
-"""The application without a screen."""
+"""The editor without its view: commands, history, session, recipe and journal."""

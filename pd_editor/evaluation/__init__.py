@@ -1,1 +1,1 @@
-"""Judging generators on many scenes: rows per agent, tables, a report."""
+"""Evaluation of generators on many scenes: rows per agent, tables, a report."""

@@ -1,1 +1,1 @@
-"""Training of both stages."""
+"""Training of both stages of the model."""

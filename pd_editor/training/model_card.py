@@ -1,4 +1,4 @@
-"""What is told of a model beside its weights."""
+"""Model card of a trained model, and copies of its loss curves."""
 
 import shutil
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ _ABOUT: Final = {
 
 
 def card_of(name: str, stages: Mapping[str, TrainedStage]) -> str:
-    """The facts that are known from training, as Markdown."""
+    """Write the card of a model from its training records, as Markdown."""
     header = ("stage", "parameters", "data", *_ABOUT.values())
     rows = [
         (
@@ -44,7 +44,7 @@ def card_of(name: str, stages: Mapping[str, TrainedStage]) -> str:
 
 
 def copied_curves(run: Path, folder: Path, kind: StageKind) -> list[Path]:
-    """The picture of a run's losses, beside the weights; none if there is none."""
+    """Copy the plot of a run's losses beside the weights, if there is one."""
     source = run / CURVES_NAME
     if not source.is_file():
         return []

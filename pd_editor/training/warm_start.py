@@ -1,4 +1,4 @@
-"""A run that starts from the weights of a model instead of fresh ones."""
+"""Initialisation of a run with the weights of an earlier model."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,17 +15,17 @@ from pd_editor.training.loop.run_folder import MODEL_NAME
 
 
 def starting_model(folder: Path) -> TrainedModel:
-    """The model of a folder, which may be that of a run.
+    """Load the model of a folder, which may be that of a run.
 
     Raises:
-        ModelError: it holds no model.
+        ModelError: the folder holds no model.
     """
     inner = folder / MODEL_NAME
     return load_model(inner if inner.is_dir() else folder, STAGE_KINDS)
 
 
 def basis_of(model: TrainedModel) -> TrajectoryBasis | None:
-    """The trajectory basis of a model; None without the stage of trajectories."""
+    """Trajectory basis of a model; None without the trajectory stage."""
     stage = model.stages.get(TRAJECTORIES.name)
     if stage is None:
         return None
@@ -34,14 +34,14 @@ def basis_of(model: TrainedModel) -> TrajectoryBasis | None:
 
 
 def start_from(model: nn.Module, earlier: Mapping[str, Tensor], source: object) -> None:
-    """Give a network the weights of an earlier one that it has outgrown.
+    """Initialise a network with the weights of an earlier, possibly smaller one.
 
-    Tensors of the same name and shape are copied. Of one that has grown, the earlier
-    part is copied; new columns, which are new inputs, are zero, so that they change
-    nothing at first; new rows, which are new outputs, stay fresh.
+    Tensors of the same name and shape are copied. Of larger tensors, the earlier part is
+    copied; new columns (inputs) are zero, so that they have no effect at first; new rows
+    (outputs) keep their random initialisation.
 
     Raises:
-        TrainingError: a tensor has shrunk, or has other axes.
+        TrainingError: a tensor is smaller than before, or has other axes.
     """
     own = model.state_dict()
     with torch.no_grad():

@@ -1,1 +1,1 @@
-"""The browser view; viser is used only here."""
+"""The browser view, the only package that uses viser."""

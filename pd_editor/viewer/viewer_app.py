@@ -23,13 +23,13 @@ _LOG = logging.getLogger(__name__)
 STORAGE_KEY: Final = "pd-editor-sessions"
 STORAGE_TIMEOUT_S: Final = 2.0
 MAX_KEPT_WORKSPACES: Final = 16
-"""Workspaces without a browser that are kept for a reload; older ones are let go."""
+"""Number of workspaces without a browser that are kept; older ones are closed."""
 WARM_UP_AFTER_S: Final = 3.0
-"""By then the first picture has been sent; loading a model must not delay it."""
+"""Delay before models are loaded, so that loading does not delay the first picture."""
 
 
 def default_library() -> Path:
-    """Where the editor keeps its own files (XDG base directories)."""
+    """Folder of the editor's own files (XDG base directories)."""
     state = os.environ.get("XDG_STATE_HOME")
     return (Path(state) if state else Path.home() / ".local" / "state") / "pd-editor"
 
@@ -136,13 +136,13 @@ class ViewerApp:
         with self._lock:
             _, tab = self._tabs.get(client.client_id, ("", None))
         if tab is not None:
-            # The key stays in use until the worker has ended: one writer.
+            # The key stays in use until the worker has ended, so that there is one writer.
             tab.close()
         with self._lock:
             self._tabs.pop(client.client_id, None)
 
     def _warm_up_generators(self) -> None:
-        """Load what the first generation would wait for; it says itself what is wrong."""
+        """Load models ahead of the first generation, which reports their errors."""
         for name, offer in self._generators.offers.items():
             if offer.warm_up is None:
                 continue
@@ -158,7 +158,7 @@ class ViewerApp:
 
 
 def _stored_keys(client: viser.ClientHandle) -> list[str]:
-    """Keys of sessions that this browser has had; whatever else is stored is ignored."""
+    """Keys of the browser's earlier sessions; other stored values are ignored."""
     text = client.local_storage.get_item(STORAGE_KEY, timeout=STORAGE_TIMEOUT_S)
     try:
         keys = json.loads(text or "[]")

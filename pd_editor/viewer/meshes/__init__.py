@@ -1,1 +1,1 @@
-"""Geometry and colours of what is drawn: pure functions from arrays to meshes."""
+"""Geometry and colours of the picture: pure functions from arrays to meshes."""

@@ -13,7 +13,7 @@ class Hints:
         self._overlay = overlay
 
     def show(self, session: EditorSession) -> None:
-        """Tell the page which of the four the session has seen."""
+        """Send which of the four hints the session has fulfilled."""
         commands = [entry.command for entry in session.entries]
         self._overlay.show(
             "hints",

@@ -1,4 +1,4 @@
-"""What the colours and lines of the picture mean."""
+"""Legend of the picture's colours and lines."""
 
 from typing import Final
 

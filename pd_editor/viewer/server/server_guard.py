@@ -1,6 +1,6 @@
-"""Which requests the editor answers, and what of viser is taken away.
+"""Admission of requests, and removal of unwanted parts of viser.
 
-Foreign origins and hosts are refused; the public share tunnel and the banner go.
+Foreign origins and hosts are refused; the public share tunnel and the banner are removed.
 """
 
 import functools
@@ -18,7 +18,7 @@ LOOPBACK_HOSTS = frozenset({"127.0.0.1", "localhost", "::1"})
 
 
 def is_host_allowed(host_header: str | None, bound_host: str) -> bool:
-    """Whether a request that names this host is meant for this server.
+    """Whether a request with this host header is meant for this server.
 
     Bound to loopback, only loopback names are: a foreign name that resolves to this
     machine (DNS rebinding) is refused, for pages and connections alike.
@@ -31,9 +31,8 @@ def is_host_allowed(host_header: str | None, bound_host: str) -> bool:
 def is_origin_allowed(origin: str | None, host_header: str, bound_host: str) -> bool:
     """Whether a page from ``origin`` may open a connection.
 
-    A browser always sends the origin. It must be the page that this server itself
-    served; bound to loopback, it must also be a loopback name. Programs that are no
-    browser send none and are let in.
+    A browser always sends the origin. It must be a page of this server; bound to loopback,
+    it must also be a loopback name. Other programs send none and are admitted.
     """
     if origin is None:
         return True
@@ -57,7 +56,7 @@ def guarded_server(host: str, port: int) -> viser.ViserServer:
 
 
 def _refusal(bound_host: str, request: Request) -> str | None:
-    """Why a request is refused; None if it is not."""
+    """Reason why a request is refused; None if it is admitted."""
     hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
     if len(hosts) > 1 or len(origins) > 1:
         return "A request names one host and one origin."
@@ -82,14 +81,14 @@ def limit_uploads(
     max_bytes: int,
     on_refused: Callable[[str, int], None],
 ) -> None:
-    """Refuse uploads of more than ``max_bytes`` before they are taken in.
+    """Refuse uploads of more than ``max_bytes`` before they are stored.
 
-    What a browser announces is checked at the start, what it really sends on the way.
+    The announced size is checked at the start, the actual size during the upload.
 
     Args:
         client: the browser.
         max_bytes: largest size of one file.
-        on_refused: told the name and size of a refused file.
+        on_refused: called with the name and size of a refused file.
     """
     connection, accept = (
         client._websock_connection,

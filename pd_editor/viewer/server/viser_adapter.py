@@ -1,8 +1,8 @@
 """viser's server with guards where it has no options for them.
 
-viser makes its websocket server itself and reads what browsers send without checks. The
-classes here run viser's own code with some names standing for guarded versions; viser's
-modules stay as they are. They fit the versions named in ``KNOWN_VERSIONS`` only.
+viser makes its websocket server itself and reads messages of browsers without checks. The
+classes here run viser's own code with some names bound to guarded versions; viser's
+modules are not changed. They support the versions in ``KNOWN_VERSIONS`` only.
 """
 
 import contextlib
@@ -28,14 +28,14 @@ MAX_FRAME_BYTES: Final = 8 * 2**20
 """Largest message of a browser; parts of uploads have 1 MiB."""
 
 Admission = Callable[[Request], str | None]
-"""Why a request is refused, in a sentence; None lets it in."""
+"""Returns the reason why a request is refused, in a sentence; None admits it."""
 
 _LOG: Final = logging.getLogger(__name__)
 _HANDSHAKE_NOISE: Final = ("opening handshake failed", "connection rejected")
 
 
 class GuardedServer(viser.ViserServer):
-    """A viser server that admits requests by a rule and drops what it cannot read."""
+    """A viser server that admits requests by a rule and drops invalid messages."""
 
     def __init__(self, *, host: str, port: int, admission: Admission) -> None:
         """Start it.
@@ -105,7 +105,7 @@ class _GuardedWebsockServer(WebsockServer):
 
 
 def _with_names(function: Any, **names: Any) -> Callable[..., Any]:
-    """The same function, in which some global names stand for other things."""
+    """Copy of a function in which some global names have other values."""
     assert isinstance(function, types.FunctionType)
     missing = names.keys() - function.__globals__.keys()
     assert not missing, f"viser has no {missing} any more"
@@ -133,7 +133,7 @@ def _admitting(
         try:
             answer = None if inner is None else inner(connection, request)
             return await answer if isinstance(answer, Awaitable) else answer
-        # A path with NUL, for example: whatever the address is, it is not there.
+        # A path with NUL, for example: there is no file at any such address.
         except (OSError, ValueError):
             return connection.respond(http.HTTPStatus.NOT_FOUND, "NOT FOUND\n")
 
@@ -145,7 +145,7 @@ async def _consume(
     handle_message: Callable[[Message], None],
     message_class: type[Message],
 ) -> None:
-    """Hand over each message of a connection; what is no message is dropped."""
+    """Pass on each message of a connection; invalid messages are dropped."""
     while True:
         raw = await connection.recv()
         if not isinstance(raw, bytes):
@@ -164,7 +164,7 @@ async def _quietly(handling: Awaitable[None], message: Message) -> None:
     """Drop a message on which a handler of viser fails."""
     try:
         await handling
-    # Handlers of ours only post to a queue, so this is about what the message holds.
+    # Our handlers only post to a queue, so errors are due to the message's contents.
     except Exception as error:  # noqa: BLE001
         _LOG.info("A %s was dropped: %r", type(message).__name__, error)
 

@@ -1,1 +1,1 @@
-"""What a browser tab works on and with: workspace, playhead, queue, context."""
+"""State of a browser tab: workspace, playhead, message queue, user interface context."""

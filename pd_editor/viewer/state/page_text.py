@@ -1,4 +1,4 @@
-"""Texts from files, made safe for the page's Markdown."""
+"""Escapes texts from files for the page's Markdown."""
 
 import html
 import re

@@ -1,4 +1,4 @@
-"""How large things appear on the screen."""
+"""Scale of the picture: sizes on the screen."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -25,7 +25,7 @@ _FROM_ABOVE: Final = np.cos(np.radians(20.0))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ViewScale:
-    """The camera, as far as it decides about sizes on the screen."""
+    """Parameters of the camera that determine sizes on the screen."""
 
     position_m: Float[np.ndarray, "3"]
     ahead: Float[np.ndarray, "3"]
@@ -34,7 +34,7 @@ class ViewScale:
     """Unit vector up the picture."""
     focal_px: float
     distance_m: float
-    """To the point that the camera looks at."""
+    """Distance to the point that the camera looks at."""
 
     @classmethod
     def of(cls, camera: viser.CameraHandle) -> "ViewScale":
@@ -83,7 +83,7 @@ class ViewScale:
         return self.focal_px / np.maximum(depth, 1.0)
 
     def differs_from(self, other: "ViewScale") -> bool:
-        """Whether things sized for the other scale should be sized again."""
+        """Whether elements sized for the other scale must be resized."""
         if self.is_from_above != other.is_from_above:
             return True
         if self.is_from_above and self.up @ other.up < np.cos(0.1):
