@@ -23,6 +23,7 @@ from pd_editor.metrics.collisions.box_tests import (
 from pd_editor.paths.retiming import fill_gaps, fill_heading_gaps
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.thresholds import STANDING_MPS
 
 MAX_BRAKING_MPS2: Final = 4.5
 """An agent that yields brakes at most so hard, unless its own future does."""
@@ -50,7 +51,6 @@ _SLACK_M: Final = 0.01
 """For rounding, where paths are compared roughly."""
 _LEAST_WAY_M: Final = 0.5
 """Agents with a shorter future cannot yield."""
-_STANDS_MPS: Final = 0.3
 _MOST_CHECKED: Final = 16
 """Clocks of an agent whose braking is looked at closely."""
 _TOLERANCE_MPS2: Final = 0.2
@@ -258,7 +258,7 @@ class _Scene:
                 last = np.minimum(lasts, num_steps - 1 - first)
                 fastest[:, index] = so_far[:, last]
         fastest = fastest.reshape(len(rows), -1)
-        stands = speed[:, :1] < _STANDS_MPS
+        stands = speed[:, :1] < STANDING_MPS
         braking = fastest[:, self.clocks.window] * self.clocks.slope_1ps
         waiting = np.where(stands, 0.0, np.inf)
         return np.where(self.clocks.window < 0, waiting, braking)
@@ -341,7 +341,7 @@ class _Plans:
     def _let_try(self, scene: _Scene, pair: Int[np.ndarray, "C"]) -> None:
         """Let both of each pair try to yield, unless they cannot or it is too late."""
         both = scene.pairs[pair]
-        moves = scene.speed_mps[both, 0] >= _STANDS_MPS
+        moves = scene.speed_mps[both, 0] >= STANDING_MPS
         early = self.first_step[pair] * scene.step_s <= _TOO_LATE_S
         is_late = (self.first_step[pair] >= 0) & early
         self.tried[pair] = ~scene.may_yield[both] | (moves & is_late[:, None])

@@ -8,6 +8,7 @@ import numpy as np
 from pd_editor.editor.commands.carried_trajectories import carried_agent_ids
 from pd_editor.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.desk import Desk
@@ -20,7 +21,6 @@ LATER: Final = 16
 GONE: Final = 32
 PROBLEM: Final = 64
 STALE: Final = 128
-MOVING_MPS: Final = 0.3
 
 Ids = Collection[str]
 
@@ -191,7 +191,7 @@ def listed_agents(
                 float(speed[row]) if there else None,
                 float(distance[row]) if there and has_focal else None,
                 mark,
-                there and bool(speed[row] >= MOVING_MPS),
+                there and bool(speed[row] >= STANDING_MPS),
             ]
         )
     return {
