@@ -124,10 +124,10 @@ def generate(
     """
     generator, opened = make_generator(model, device=device), open_scenario(scenario)
     activities = _activities(parked, waiting)
-    told = EditorSession(opened)
+    session = EditorSession(opened)
     for command in activities:
-        told.apply(command)
-    base = told.scenario
+        session.apply(command)
+    base = session.scenario
     asked_region = None if region is None else _region(opened, *region)
     wanted, (counts, fits) = tuple(dict.fromkeys(agents)), _wanted_counts(num_agents)
     _refuse_contradictions(

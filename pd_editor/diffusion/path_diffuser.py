@@ -293,7 +293,7 @@ def _placings(
     """Agents to place in a sample; each sample may have another number of agents."""
     assert isinstance(stage.model, InitialStateDenoiser)
     placement = Placement(
-        redrawn_ids=request.redrawn_state_ids,
+        resampled_ids=request.redrawn_state_ids,
         num_new_agents=request.num_new_agents,
         draws_num_agents=request.draws_num_agents,
         density=stage.sampling["sampler"].fit_density,

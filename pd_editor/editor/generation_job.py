@@ -62,7 +62,7 @@ class GenerationJob:
 
     @property
     def is_cancelled(self) -> bool:
-        """Whether it was told to stop."""
+        """Whether cancellation was requested."""
         return self._cancelled.is_set()
 
     def wait(self, timeout_s: float | None = None) -> None:

@@ -30,7 +30,7 @@ class PackedScene(SceneTokens):
     has_future: Bool[np.ndarray, "A"]
 
     def with_agents(self, count: int, **known: np.ndarray) -> "PackedScene":
-        """Followed by agents of whom no more is known than some fields.
+        """Append agents of which only some fields are known.
 
         Args:
             count: how many.

@@ -171,7 +171,7 @@ def _holds_generator(folder: Path) -> bool:
 
 
 def _damage(folder: Path) -> str:
-    """What is wrong with a folder, as far as can be told without loading its weights."""
+    """Defect of a model folder that is found without loading its weights."""
     config = folder / MODEL_CONFIG
     if not config.is_file():
         return ""

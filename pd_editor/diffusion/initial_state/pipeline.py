@@ -60,7 +60,7 @@ _ATTRIBUTES_KEY: Final = 1
 class SquarePlacement:
     """Agents to place in one square, and how."""
 
-    redrawn_ids: tuple[str, ...]
+    resampled_ids: tuple[str, ...]
     """Agents of the scenario whose states are resampled."""
     new_kinds: tuple[AgentKind, ...]
     new_ids: tuple[str, ...]
@@ -75,7 +75,7 @@ class SquarePlacement:
     @property
     def ids(self) -> tuple[str, ...]:
         """Ids of all agents that are placed."""
-        return self.redrawn_ids + self.new_ids
+        return self.resampled_ids + self.new_ids
 
 
 def new_agent_kinds(numbers: Mapping[AgentKind, int]) -> tuple[AgentKind, ...]:
@@ -168,8 +168,8 @@ def place_in_squares(
     Raises:
         GenerationError: there is no road where agents are to be placed.
     """
-    redrawn = [name for placing in placings for name in placing.redrawn_ids]
-    placed = scenario.without_agents(redrawn)
+    resampled = [name for placing in placings for name in placing.resampled_ids]
+    placed = scenario.without_agents(resampled)
     for index, placing in enumerate(placings):
         placed = yield from place_agents(
             model,
@@ -350,7 +350,7 @@ def no_lanes(scenario: Scenario, place_m: Float[np.ndarray, "2"]) -> str:
 def _agents_to_place(scenario: Scenario, placing: SquarePlacement) -> AgentTracks:
     """Tracks of the agents to place, without any state."""
     agents, steps = scenario.agents, scenario.time_axis.num_steps
-    old = agents.taken(agents.rows(placing.redrawn_ids))
+    old = agents.taken(agents.rows(placing.resampled_ids))
     strange = [kind for kind in old.kinds if kind not in ROAD_USER_KINDS]
     if strange:
         raise GenerationError(

@@ -53,7 +53,7 @@ class Square:
 class Placement:
     """Agents to place in a scene."""
 
-    redrawn_ids: tuple[str, ...] = ()
+    resampled_ids: tuple[str, ...] = ()
     num_new_agents: Mapping[AgentKind, int]
     draws_num_agents: bool = False
     """Whether the model samples the number of agents, which is at least that requested."""
@@ -128,7 +128,7 @@ def placings_of(
         GenerationError: there are no lanes, or the model has no counts of agents.
     """
     squares = squares_of(scenario, placement.region)
-    redrawn = _squares_of_resampled(scenario, placement, squares, random)
+    resampled = _squares_of_resampled(scenario, placement, squares, random)
     kinds = _kinds_by_square(model, scenario, placement, squares, random)
     ids = new_agent_ids(scenario, sum(map(len, kinds)))
     placings: list[SquarePlacement] = []
@@ -137,7 +137,7 @@ def placings_of(
         count = len(kinds[index])
         placings.append(
             SquarePlacement(
-                redrawn_ids=redrawn[index],
+                resampled_ids=resampled[index],
                 new_ids=ids[first : first + count],
                 new_kinds=kinds[index],
                 region=square.region,
@@ -156,7 +156,7 @@ def _squares_of_resampled(
     random: np.random.Generator,
 ) -> list[tuple[str, ...]]:
     """Ids of resampled agents by square: their own, or else one along the lanes."""
-    ids = placement.redrawn_ids
+    ids = placement.resampled_ids
     if len(squares) == 1 or not ids:
         return [ids, *[()] * (len(squares) - 1)]
     agents, step = scenario.agents, scenario.current_step
@@ -166,7 +166,7 @@ def _squares_of_resampled(
     offset = agents.position_m[rows, step][:, None] - center
     outside = np.abs(offset).max(axis=2) - half
     found = outside.argmin(axis=1)
-    # In the nearest square, those of other streets would crowd the edges of the map.
+    # In the nearest square, agents of other streets would be at the edges of the map.
     is_inside = agents.is_valid[rows, step] & (outside.min(axis=1) <= 0)
     anywhere = _spread(len(ids), squares, random)
     found = np.where(is_inside, found, anywhere)

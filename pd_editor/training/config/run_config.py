@@ -86,9 +86,9 @@ class Augmentation:
     """How often and how much scenarios are changed; shares are of scenarios."""
 
     warp_share: float = 0.3
-    """Bent ahead of the focal agent, as Scene-Attack does."""
+    """Share of roads that are warped ahead of the focal agent, as in Scene-Attack."""
     jitter_m: float = 0.1
-    """Standard deviation of how far a map is shifted and bent under its agents."""
+    """Standard deviation of the random displacement of a map under its agents."""
     jitter_wave_m: tuple[float, float] = (40.0, 160.0)
     lanes_dropped_share: float = 0.15
     lane_dropped: float = 0.12

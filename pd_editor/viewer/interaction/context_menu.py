@@ -16,7 +16,7 @@ class MenuItem:
     act: Callable[[], None]
     is_enabled: bool = True
     key: str = ""
-    """The key that does the same, told at the right."""
+    """Key of the same action, shown at the right."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -59,8 +59,8 @@ class _StoredSession:
 class SessionShelf:
     """Keeps sessions that were left, so that opening their scenario resumes them.
 
-    Journals of exported work stay on disk as long as the shelf: who comes back to such
-    a scenario finds its edits, as with any other.
+    Journals of exported work stay on disk as long as the shelf exists: opening such
+    a scenario again restores its edits.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class SessionShelf:
         Args:
             journals: the folder where sessions go on that are no longer in memory.
             basket: holds starred states.
-            on_restored: told of an exported state and of its equal after a restoration.
+            on_restored: called with an exported state and with its equal after restoration.
         """
         self._journals = journals
         self._basket = basket

@@ -141,8 +141,8 @@ def test_only_on_the_road_leaves_no_vehicle_beside_the_drivable_area() -> None:
     now = scenario.current_step
 
     def is_off(traits: AttributeRequest) -> bool:
-        placing = pipeline.Placing(
-            redrawn_ids=("101",),
+        placing = pipeline.SquarePlacement(
+            resampled_ids=("101",),
             new_kinds=(),
             new_ids=(),
             region=Region(center_m=(30.0, 0.0), half_side_m=40.0),

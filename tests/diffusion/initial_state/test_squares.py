@@ -126,8 +126,8 @@ def test_agents_that_get_another_state_stay_in_their_square(
 ):
     """All recorded agents used to be crowded into 124 m around the focal agent."""
     ids = wide.agents.ids
-    placings = placed(model, wide, redrawn_ids=ids)
-    assert [one.redrawn_ids for one in placings] == [ids[:2], ids[2:3], ids[3:]]
+    placings = placed(model, wide, resampled_ids=ids)
+    assert [one.resampled_ids for one in placings] == [ids[:2], ids[2:3], ids[3:]]
     assert len({one.square for one in placings}) == 3
 
 
@@ -142,8 +142,8 @@ def test_agents_from_beyond_all_squares_go_anywhere_on_the_road(
     found = Counter(
         placing.square
         for seed in range(30)
-        for placing in placed(model, moved, seed, redrawn_ids=ids)
-        if ids[4] in placing.redrawn_ids
+        for placing in placed(model, moved, seed, resampled_ids=ids)
+        if ids[4] in placing.resampled_ids
     )
     assert found.total() == 30
     assert len(found) == 3
@@ -157,7 +157,7 @@ def test_agents_from_elsewhere_go_anywhere_in_a_region(
         placing.region.center_m[0]
         for seed in range(30)
         for placing in placed(
-            model, wide, seed, redrawn_ids=wide.agents.ids[4:], region=region
+            model, wide, seed, resampled_ids=wide.agents.ids[4:], region=region
         )
     )
     assert len(found) == 2
@@ -256,7 +256,7 @@ def test_placed_agents_are_parked_wait_or_drive(
     scenario = wide.with_agents(replace(wide.agents, activity=known))
     ids, found = wide.agents.ids[2:], set()
     for seed in range(4):
-        placings = placed(model, scenario, redrawn_ids=ids)
+        placings = placed(model, scenario, resampled_ids=ids)
         steps = place_in_squares(model, scenario, placings, sample=0, seed=seed)
         try:
             while True:
