@@ -55,9 +55,9 @@ class Method:
     @property
     def _parts(self) -> tuple[str, str]:
         """Name and options; ``package.module:attribute`` has a colon of its own."""
-        if is_reference(self.name):
-            return self.name, ""
         name, _, options = self.name.rpartition(":")
+        if is_reference(self.name) and options not in _OPTIONS:
+            return self.name, ""
         if is_reference(name):
             return name, options
         name, _, options = self.name.partition(":")
