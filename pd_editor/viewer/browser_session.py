@@ -47,9 +47,9 @@ from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
 from pd_editor.viewer.panels.unfinished_panel import UnfinishedPanel
 from pd_editor.viewer.panels.view_panel import ViewPanel
 from pd_editor.viewer.picture_menu import PictureMenu
-from pd_editor.viewer.state.desk import Desk
 from pd_editor.viewer.state.inbox import Inbox
 from pd_editor.viewer.state.problem_watch import ProblemWatch
+from pd_editor.viewer.state.ui_context import UiContext
 from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.views.agents_view import AgentsView
 from pd_editor.viewer.views.anchor_view import AnchorView
@@ -93,7 +93,7 @@ class BrowserSession:
         self._workspace = workspace
         self._generators = generators
         self._inbox = Inbox(tick=self._tick, on_error=self._report)
-        self._desk = Desk(client, workspace, self._inbox)
+        self._ui = UiContext(client, workspace, self._inbox)
         self._problems = ProblemWatch(workspace)
         self._checks_future_at: float | None = None
         self._timeline_shown_at = 0.0
@@ -130,14 +130,14 @@ class BrowserSession:
         palette = DARK if workspace.is_dark else LIGHT
         with client.atomic():
             self._configure_page()
-            self._overlay = Overlay(self._desk)
+            self._overlay = Overlay(self._ui)
             self._banner = Banner(self._overlay)
             self._timeline = Timeline(
                 self._overlay, self._banner, workspace.playback, self._request_frame
             )
-            self._viewpoint = Viewpoint(self._desk, self._overlay)
-            self._desk.on_playhead_moved = self._playhead_moved
-            SidePanel(self._overlay, self._desk, is_debug=self._is_debug)
+            self._viewpoint = Viewpoint(self._ui, self._overlay)
+            self._ui.on_playhead_moved = self._playhead_moved
+            SidePanel(self._overlay, self._ui, is_debug=self._is_debug)
             self._measure = Measure(
                 self._overlay,
                 self._banner,
@@ -146,16 +146,16 @@ class BrowserSession:
             )
             self._map = MapView(client, palette)
             self._pointer = Pointer(
-                self._desk, lambda: self._agents, self._ground_clicked
+                self._ui, lambda: self._agents, self._ground_clicked
             )
-            self._placing = PlacingMode(self._desk, self._overlay, self._banner)
+            self._placing = PlacingMode(self._ui, self._overlay, self._banner)
             self._placing.on_change(self._placing_changed)
-            self._region = RegionDrawing(self._desk, self._overlay, self._banner)
+            self._region = RegionDrawing(self._ui, self._overlay, self._banner)
             self._region.on_change(self._region_changed)
             self._agents = AgentsView(client, palette, self._pointer.attach)
-            self._selecting = Selecting(self._desk, lambda: self._agents.poses)
+            self._selecting = Selecting(self._ui, lambda: self._agents.poses)
             Hover(
-                self._desk,
+                self._ui,
                 self._overlay,
                 lambda: self._agents.poses,
                 lambda: (
@@ -171,7 +171,7 @@ class BrowserSession:
             self._legend, self._hints = Legend(self._overlay), Hints(self._overlay)
             self._key_sheet = KeySheet(self._overlay)
             self._comparison = Comparison(
-                self._desk, self._overlay, palette, self._comparison_changed
+                self._ui, self._overlay, palette, self._comparison_changed
             )
             self._candidates = CandidatesView(client, palette, self._fan_changed)
             self._pointer.set_plain_drag_selects(self._viewpoint.is_top)
@@ -185,10 +185,10 @@ class BrowserSession:
             self._build_status_chip()
             self._build_menu()
             self._add_hotkeys()
-            self._key_sheet.tell(self._desk.hotkeys)
+            self._key_sheet.tell(self._ui.hotkeys)
             self._show_panels(workspace.session.state)
         workspace.session.add_listener(self._changed)
-        workspace.tell = self._desk.notify
+        workspace.tell = self._ui.notify
         self._is_built = True
         self._follow_camera()
         self._request_check()
@@ -217,10 +217,10 @@ class BrowserSession:
         )
 
     def _build_panels(self) -> None:
-        gui, desk, workspace = self._client.gui, self._desk, self._workspace
+        gui, ui, workspace = self._client.gui, self._ui, self._workspace
         style = PanelStyle(gui)
         self._agent_list = AgentList(
-            desk,
+            ui,
             self._overlay,
             problems=self._problems.problem_ids,
             on_pointed=self._agent_pointed,
@@ -228,39 +228,39 @@ class BrowserSession:
         )
         tabs = gui.add_tab_group()
         with tabs.add_tab("Scene"):
-            self._scenario_panel = ScenarioPanel(desk)
+            self._scenario_panel = ScenarioPanel(ui)
             self._export_panel = ExportPanel(
-                desk,
+                ui,
                 lambda: len(self._problems.new),
                 self._star,
             )
-            self._unfinished_panel = UnfinishedPanel(desk)
-            self._dataset_panel = DatasetPanel(desk)
-            self._basket_panel = BasketPanel(desk, self._unfinished_panel.refresh)
+            self._unfinished_panel = UnfinishedPanel(ui)
+            self._dataset_panel = DatasetPanel(ui)
+            self._basket_panel = BasketPanel(ui, self._unfinished_panel.refresh)
         with tabs.add_tab("Road"):
             self._road_panel = RoadPanel(
-                desk,
+                ui,
                 style,
                 AnchorView(self._client),
                 on_ghost=self._map.set_ghost_wanted,
                 on_frame=self._viewpoint.frame_pose,
             )
         with tabs.add_tab("Agents"):
-            self._agent_panel = AgentPanel(desk, self._placing, self._agent_list.toggle)
+            self._agent_panel = AgentPanel(ui, self._placing, self._agent_list.toggle)
         with tabs.add_tab("Drive"):
-            self._candidates_panel = CandidatesPanel(desk, self._candidates)
+            self._candidates_panel = CandidatesPanel(ui, self._candidates)
             self._generation_panel = GenerationPanel(
-                desk,
+                ui,
                 self._generators,
                 lambda: np.asarray(self._client.camera.look_at)[:2],
                 self._region,
                 self._run_changed,
             )
         with tabs.add_tab("History"):
-            self._history_panel = HistoryPanel(desk, style)
+            self._history_panel = HistoryPanel(ui, style)
         with tabs.add_tab("View"):
             ViewPanel(
-                desk,
+                ui,
                 is_dark=workspace.is_dark,
                 on_camera=self._camera_chosen,
                 on_theme=self._theme_chosen,
@@ -275,7 +275,7 @@ class BrowserSession:
         self._menu = ContextMenu(
             self._overlay,
             PictureMenu(
-                desk=self._desk,
+                ui=self._ui,
                 poses=lambda: self._agents.poses,
                 placing=self._placing,
                 selecting=self._selecting,
@@ -379,13 +379,13 @@ class BrowserSession:
     def _build_status_chip(self) -> None:
         generation = self._generation_panel
         self._chip = StatusChip(
-            self._desk,
+            self._ui,
             self._overlay,
             self._timeline,
             self._problems,
             lambda: generation.run_state,
             ChipActions(
-                apply=self._desk.apply,
+                apply=self._ui.apply,
                 regenerate=generation.regenerate_agents,
                 cancel=generation.cancel,
                 use_result=generation.use_result,
@@ -402,7 +402,7 @@ class BrowserSession:
             self._chip.show()
 
     def _add_hotkeys(self) -> None:
-        key = self._desk.hotkey
+        key = self._ui.hotkey
         key("Play or pause", self._timeline.toggle_play, "space")
         key("Go to t = 0", self._timeline.go_to_current)
         key("Next frame (right arrow)", lambda: self._timeline.step_by(1))
@@ -484,7 +484,7 @@ class BrowserSession:
             self._show_panels(after)
             if is_other_scene:
                 self._dataset_panel.follow(after.scenario.scenario_id)
-                self._desk.post(self._unfinished_panel.refresh)
+                self._ui.post(self._unfinished_panel.refresh)
         # The end of a gesture does not change the scenario of the last preview.
         is_edited = after.scenario is not before.scenario or before.is_previewing
         if is_edited and not after.is_previewing:
@@ -501,9 +501,9 @@ class BrowserSession:
             return
         if after.focal_id:
             title = f"Agent {after.focal_id} is the focal agent now"
-            self._desk.notify(title, f"Agent {before.focal_id or '-'} was removed.")
+            self._ui.notify(title, f"Agent {before.focal_id or '-'} was removed.")
         else:
-            self._desk.notify(
+            self._ui.notify(
                 "No focal agent",
                 "It was removed; the next agent on this road becomes the focal one.",
                 "warning",
@@ -623,7 +623,7 @@ class BrowserSession:
     def _tick(self) -> float | None:
         if not self._is_built:
             return None
-        if self._desk.tick():
+        if self._ui.tick():
             # A refused value is still in its input, because no change updates panels.
             self._show_panels(self._workspace.session.state)
         now = time.monotonic()
@@ -658,7 +658,7 @@ class BrowserSession:
 
     def _request_frame(self) -> None:
         """Draw the playhead's time soon; once for several requests in a row."""
-        self._desk.post(self._draw_moved_frame, "frame")
+        self._ui.post(self._draw_moved_frame, "frame")
 
     def _playhead_moved(self) -> None:
         self._request_frame()
@@ -674,11 +674,11 @@ class BrowserSession:
         self._checks_future_at = time.monotonic() + FUTURE_CHECK_DELAY_S
 
     def _report(self, error: Exception) -> None:
-        self._desk.report(error)
+        self._ui.report(error)
         if (
             isinstance(error, PdEditorError)
             and self._is_built
-            and self._desk.gesture is None
+            and self._ui.gesture is None
         ):
             self._show_panels(self._workspace.session.state)
 
@@ -713,8 +713,8 @@ class BrowserSession:
 
     def _escape(self) -> None:
         """Leave the active mode or gesture; without one, clear the selection."""
-        if self._desk.gesture is not None:
-            self._desk.abort_gesture()
+        if self._ui.gesture is not None:
+            self._ui.abort_gesture()
         elif self._measure.is_active:
             self._measure.stop()
         elif self._region.is_active:

@@ -18,14 +18,14 @@ from pd_editor.viewer.panels.agent_panel import AgentPanel
 from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
 from pd_editor.viewer.panels.generation_panel import GenerationPanel
 from pd_editor.viewer.panels.road_panel import RoadPanel
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PictureMenu:
     """Makes menus of the actions of panels and modes."""
 
-    desk: Desk
+    ui: UiContext
     poses: Callable[[], AgentPoses | None]
     placing: PlacingMode
     selecting: Selecting
@@ -40,7 +40,7 @@ class PictureMenu:
         poses = self.poses()
         if self.placing.is_active or self.measure.is_active or poses is None:
             return None
-        row = agent_under(self.desk.session.scenario.agents, poses, ray)
+        row = agent_under(self.ui.session.scenario.agents, poses, ray)
         if row is not None:
             return self._of_agent(row)
         point = ray.ground_m
@@ -48,7 +48,7 @@ class PictureMenu:
 
     def _of_agent(self, row: int) -> Menu:
         """Acts on the selection if the agent is one of it, else on the agent alone."""
-        session = self.desk.session
+        session = self.ui.session
         scenario = session.scenario
         agents, agent_id = scenario.agents, scenario.agents.ids[row]
         if agent_id not in session.selection:
@@ -105,7 +105,7 @@ class PictureMenu:
         return Menu(title=title, items=items)
 
     def _of_road(self, point_m: np.ndarray) -> Menu:
-        road_map = self.desk.session.scenario.road_map
+        road_map = self.ui.session.scenario.road_map
         pose = RigidMotion(
             x_m=float(point_m[0]),
             y_m=float(point_m[1]),

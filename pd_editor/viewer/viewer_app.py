@@ -66,7 +66,8 @@ class ViewerApp:
         self._is_local = host in LOOPBACK_HOSTS
         self._lock = threading.Lock()
         self._warm_up = threading.Timer(WARM_UP_AFTER_S, self._warm_up_generators)
-        self._warm_up.daemon = True
+        # No daemon: a thread that is ended inside torch aborts the process at its exit.
+        self._warm_up.daemon = False
         self._warms_up = False
         self.server = guarded_server(host, port)
         shown_host = "localhost" if host in ("0.0.0.0", "::") else host

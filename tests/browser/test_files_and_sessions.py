@@ -90,7 +90,7 @@ def test_a_reload_finds_its_session_and_a_second_tab_gets_its_own(open_editor):
     focal = editor.session.scenario.focal_id
     session = editor.session
     editor.workspace.playback.pause()
-    editor._tab()._desk.post(
+    editor._tab()._ui.post(
         lambda: session.apply(SetAgentSpeed(agent_ids=(focal,), speed_mps=3.0))
     )
     editor.until(lambda: len(session.entries) == 1, "an edit")
@@ -104,7 +104,7 @@ def test_a_reload_finds_its_session_and_a_second_tab_gets_its_own(open_editor):
 
 def test_a_raising_callback_is_shown_and_the_editor_lives(open_editor, caplog):
     editor = open_editor()
-    editor._tab()._desk.post(lambda: 1 / 0)
+    editor._tab()._ui.post(lambda: 1 / 0)
     notice(editor, "A bug in the editor")
     assert "ZeroDivisionError" in caplog.text
     editor.pause()
@@ -150,7 +150,7 @@ def test_another_scenario_keeps_the_edits_and_coming_back_resumes_them(open_edit
     editor = open_editor()
     session = editor.session
     focal, other = session.scenario.agents.ids[:2]
-    editor._tab()._desk.post(
+    editor._tab()._ui.post(
         lambda: (
             [
                 session.apply(SetAgentSpeed(agent_ids=(focal,), speed_mps=speed))
@@ -185,7 +185,7 @@ def test_unfinished_work_is_discarded_when_asked_twice(open_editor):
     editor = open_editor()
     session = editor.session
     focal = session.scenario.focal_id
-    editor._tab()._desk.post(
+    editor._tab()._ui.post(
         lambda: session.apply(SetAgentSpeed(agent_ids=(focal,), speed_mps=3.0))
     )
     editor.until(lambda: session.entries, "an edit")

@@ -27,7 +27,7 @@ def row_of(editor, agent_id: str):
 
 
 def select(editor, *agent_ids: str) -> None:
-    editor._tab()._desk.post(lambda: editor.session.select(agent_ids))
+    editor._tab()._ui.post(lambda: editor.session.select(agent_ids))
     editor.until(lambda: editor.session.selection == agent_ids, "a selection")
 
 

@@ -126,7 +126,7 @@ def test_holding_o_shows_the_original(editor):
     session, focal = editor.session, editor.session.scenario.focal_id
     x, y = centre(editor, focal)
     session.select((focal,))
-    editor._tab()._desk.post(
+    editor._tab()._ui.post(
         lambda: session.apply(
             TransformAgents(agent_ids=(focal,), dx_m=6.0, dy_m=0.0, rotation_rad=0.0)
         )
@@ -162,7 +162,7 @@ def test_the_sheet_lists_every_registered_key_and_escape_only_closes_it(editor):
     text = sheet.inner_text()
     missing = [
         hotkey.label
-        for hotkey in editor._tab()._desk.hotkeys
+        for hotkey in editor._tab()._ui.hotkeys
         if hotkey.key and hotkey.label.split(" (")[0] not in text
     ]
     assert not missing

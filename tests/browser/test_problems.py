@@ -28,7 +28,7 @@ def bend(editor, power: float = 10.0) -> None:
     scenario = editor.session.scenario
     term = WarpTerm(kind="double-turn", power=power, length_m=10.0)
     warp = RoadWarp(anchor=pose_of_anchor(scenario, "focal"), terms=(term,))
-    editor._tab()._desk.post(lambda: editor.session.apply(SetRoadWarp(warp=warp)))
+    editor._tab()._ui.post(lambda: editor.session.apply(SetRoadWarp(warp=warp)))
     editor.until(
         lambda: any(p.kind == "friction" for p in editor._tab()._problems.new),
         "agents over the friction limit",
@@ -157,7 +157,7 @@ def test_what_cannot_help_is_not_offered(editor):
     )
     name = scenario.agents.ids[other]
     move = TransformAgents(agent_ids=(name,), dx_m=float(dx), dy_m=float(dy))
-    editor._tab()._desk.post(lambda: session.apply(move))
+    editor._tab()._ui.post(lambda: session.apply(move))
     editor.until(lambda: any(p.kind == "collision" for p in watch.new), "a collision")
     editor.page.locator(".pd-chip-main").click()
     editor.page.locator(".pd-problem-row", has_text="collide").first.click()
@@ -247,7 +247,7 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
         "Remove 131326",
         "Remove 131600",
     ]
-    editor._tab()._desk.post(lambda: overlay.show("status", state))
+    editor._tab()._ui.post(lambda: overlay.show("status", state))
     page.get_by_role("button", name="Remove 131600").wait_for()
     box = page.locator(".pd-problems").bounding_box()
     for name in (*state["active"]["cures"], "Ignore"):
@@ -280,11 +280,11 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
         new_ids=tuple(f"copy-{name}" for name in copied),
         dx_m=0.4,
     )
-    tab._desk.post(lambda: session.apply(copy))
+    tab._ui.post(lambda: session.apply(copy))
     watch = tab._problems
     editor.until(lambda: len(watch.new) >= 20, "twenty problems")
     editor.until(lambda: tab._checks_future_at is None, "those of the future")
-    tab._desk.post(lambda: session.select(()))
+    tab._ui.post(lambda: session.select(()))
     page.locator(".pd-chip-main").click()
     places = [page.locator(name) for name in (".pd-problems", ".pd-problem-detail")]
     still = [place.bounding_box() for place in places]
@@ -353,7 +353,7 @@ def test_edits_that_are_not_saved_are_told_as_long_as_they_are(editor, monkeypat
     monkeypatch.setattr(
         EditorSession, "journal_problem", property(lambda _: "the disk is full.")
     )
-    editor._tab()._desk.post(editor._tab()._chip.show)
+    editor._tab()._ui.post(editor._tab()._chip.show)
     alert = editor.page.get_by_role("alert").filter(has_text="Edits are not saved")
     alert.wait_for()
     assert "the disk is full" in alert.inner_text()
@@ -361,5 +361,5 @@ def test_edits_that_are_not_saved_are_told_as_long_as_they_are(editor, monkeypat
         alert.get_by_role("button", name="Download").click()
     assert download.value.suggested_filename.endswith(".zip")
     monkeypatch.undo()
-    editor._tab()._desk.post(editor._tab()._chip.show)
+    editor._tab()._ui.post(editor._tab()._chip.show)
     alert.wait_for(state="hidden")

@@ -146,7 +146,7 @@ def test_f_frames_the_extent_of_the_selection_and_home_the_map(editor, view):
     present = np.flatnonzero(agents.is_valid[:, step])
     rows = present[np.linspace(0, len(present) - 1, 9).astype(int)]
     chosen = tuple(agents.ids[row] for row in rows)
-    editor._tab()._desk.post(lambda: editor.session.select(chosen))
+    editor._tab()._ui.post(lambda: editor.session.select(chosen))
     editor.until(lambda: editor.session.selection == chosen, "the selection")
     editor.key("f")
     camera_rests(editor)
@@ -156,7 +156,7 @@ def test_f_frames_the_extent_of_the_selection_and_home_the_map(editor, view):
             editor.pixel(agents.position_m[row, at])
     # A single agent is seen from nearer.
     far = distance_m(editor)
-    editor._tab()._desk.post(lambda: editor.session.select(chosen[:1]))
+    editor._tab()._ui.post(lambda: editor.session.select(chosen[:1]))
     tool(editor, "Frame the selection").click()
     camera_rests(editor)
     assert distance_m(editor) < 0.7 * far
@@ -174,7 +174,7 @@ def test_undo_and_redo_are_named_in_the_toolbar(editor):
     assert tool(editor, "Undo").get_attribute("aria-disabled") == "true"
     scenario = editor.session.scenario
     other = next(i for i in scenario.agents.ids if i != scenario.focal_id)
-    editor._tab()._desk.post(lambda: editor.session.select((other,)))
+    editor._tab()._ui.post(lambda: editor.session.select((other,)))
     editor.until(lambda: editor.session.selection, "the selection")
     editor.key("Delete")
     editor.until(lambda: len(editor.session.entries) == 1, "the edit")

@@ -97,7 +97,7 @@ def test_measuring_by_clicks(editor):
     agents, step = scenario.agents, scenario.current_step
     speed = np.where(agents.is_valid[:, step], agents.speed_mps()[:, step], 0)
     fast = agents.ids[int(speed.argmax())]
-    editor._tab()._desk.post(lambda: editor.session.select((fast,)))
+    editor._tab()._ui.post(lambda: editor.session.select((fast,)))
     editor.until(lambda: editor.session.selection, "the selection")
     tool(editor, "Top view").click()
     camera_rests(editor)
@@ -179,7 +179,7 @@ def test_a_reload_shows_the_same_tab_view_time_and_selection(editor):
     camera_rests(editor)
     editor.page.mouse.move(300, 300)
     editor.page.mouse.wheel(0, -300)
-    editor._tab()._desk.post(lambda: editor.session.select((focal,)))
+    editor._tab()._ui.post(lambda: editor.session.select((focal,)))
     editor.seek(2.0)
     editor.open_tab("Road")
     editor.until(
@@ -217,7 +217,7 @@ def test_another_scenario_comes_in_one_step_and_is_framed(editor):
     nodes = ["/map/road", "/map/lanes"]
     start = editor.client.camera.position.copy()
     page.evaluate(FRAMES, nodes)
-    editor._tab()._desk.post(lambda: editor.workspace.open_reference("roundabout"))
+    editor._tab()._ui.post(lambda: editor.workspace.open_reference("roundabout"))
     editor.until(
         lambda: editor.session.scenario.scenario_id == "roundabout", "the other scene"
     )
@@ -249,7 +249,7 @@ def test_another_scenario_comes_in_one_step_and_is_framed(editor):
     page.mouse.wheel(0, 400)
     camera_rests(editor)
     assert not np.allclose(editor.client.camera.position, framed, atol=1.0)
-    editor._tab()._desk.post(lambda: editor.workspace.open_reference("roundabout"))
+    editor._tab()._ui.post(lambda: editor.workspace.open_reference("roundabout"))
     editor.until(
         lambda: np.allclose(editor.client.camera.position, framed, atol=1e-2),
         "the scene framed anew",

@@ -62,7 +62,7 @@ class FakeTab:
     def __init__(self, tab: BrowserSession) -> None:
         self.tab = tab
         self.session = tab._workspace.session
-        self.desk = tab._desk
+        self.ui = tab._ui
 
     def run(self, action: Callable[[], Any]) -> Any:
         """Run on the session's worker, and wait; exceptions are raised here."""
@@ -77,7 +77,7 @@ class FakeTab:
             finally:
                 done.set()
 
-        self.desk.post(message)
+        self.ui.post(message)
         assert done.wait(20), "the worker is stuck"
         if "error" in result:
             raise result["error"]

@@ -10,7 +10,7 @@ from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, SetFocalAgent
 from pd_editor.errors import EditError, InputError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.viewer.state import desk as desk_module
+from pd_editor.viewer.state import ui_context as ui_module
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 from tests.viewer.interaction.drag_by_hand import DragByHand
@@ -44,7 +44,7 @@ def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab, monkeypatch)
     panel, opened = tab.tab._road_panel, tab.session.scenario
     # However slow the machine is, only the last rest is long enough.
     for power, pause_s in ((1.0, 60.0), (2.5, 60.0), (4.0, 0.1)):
-        monkeypatch.setattr(desk_module, "GESTURE_PAUSE_S", pause_s)
+        monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", pause_s)
         assert not labels(tab)
         panel._power["double-turn"].value = power
         tab.run(panel._changed)
@@ -103,7 +103,7 @@ def test_a_drag_ends_when_its_agent_goes(tab):
     x, y = tab.session.scenario.agents.position_m[1, 50]
     pointer = DragByHand(tab, agent_id)
     pointer.say("start", (x, y))
-    tab.run(lambda: tab.desk.apply(DeleteAgents(agent_ids=(agent_id,))))
+    tab.run(lambda: tab.ui.apply(DeleteAgents(agent_ids=(agent_id,))))
     for phase in ("update", "end"):
         pointer.say(phase, (x + 3.0, y))
     assert labels(tab) == [f"Delete agent {agent_id}"]
@@ -265,10 +265,10 @@ def test_an_upload_over_the_limit_is_refused_before_it_is_taken_in(tab):
         part_count=9,
         size_bytes=10**9,
     )
-    connection = tab.desk.client._websock_connection
+    connection = tab.ui.client._websock_connection
     for handler in connection._incoming_handlers[_messages.FileTransferStartUpload]:
         handler(0, message)
-    assert "y" not in tab.desk.client.gui._current_file_upload_states
+    assert "y" not in tab.ui.client.gui._current_file_upload_states
 
 
 def test_themes_layers_and_views_switch(tab):
@@ -277,20 +277,20 @@ def test_themes_layers_and_views_switch(tab):
     tab.run(lambda: tab.tab._map.set_layer_visible("markings", False))
     assert not tab.tab._map._handles["markings"].visible
     tab.run(tab.tab._switch_view)
-    assert tab.desk.client.camera.fov < 0.2
+    assert tab.ui.client.camera.fov < 0.2
     tab.run(tab.tab._switch_view)
-    assert tab.desk.client.camera.fov > 0.5
+    assert tab.ui.client.camera.fov > 0.5
 
 
 def test_switching_views_there_and_back_looks_at_the_same_place(tab):
-    before = np.array(tab.desk.client.camera.look_at)
+    before = np.array(tab.ui.client.camera.look_at)
     for _ in range(2):
         tab.run(tab.tab._switch_view)
-    assert np.allclose(tab.desk.client.camera.look_at, before)
+    assert np.allclose(tab.ui.client.camera.look_at, before)
 
 
 def test_inputs_of_a_refused_edit_return_to_the_agents_values(tab, monkeypatch):
-    monkeypatch.setattr(desk_module, "GESTURE_PAUSE_S", 0.1)
+    monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 0.1)
     panel = tab.tab._agent_panel
     tab.run(lambda: tab.session.select((tab.session.scenario.focal_id,)))
     shown = panel._size.value

@@ -17,7 +17,7 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.camera import ground_point, projected, ray_through
 from pd_editor.viewer.interaction.seen_camera import CameraPose, SeenCamera
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 from pd_editor.viewer.views.agents_view import AgentsView
 
 ROTATE_MODIFIER: Final = "shift"
@@ -73,12 +73,12 @@ class AgentDrag:
 
     def __init__(
         self,
-        desk: Desk,
+        ui: UiContext,
         agents_view: Callable[[], AgentsView],
         seen_camera: SeenCamera,
     ) -> None:
         """Make a handler without an active drag."""
-        self._desk = desk
+        self._ui = ui
         self._agents_view = agents_view
         self._seen_camera = seen_camera
         self._grab: _Grab | None = None
@@ -103,7 +103,7 @@ class AgentDrag:
                     end_m=event.end_position,
                     end_screen=event.end_screen_pos,
                 )
-                self._desk.post(
+                self._ui.post(
                     lambda: self.dragged(drag),
                     merge_key="drag" if drag.phase == "update" else None,
                 )
@@ -129,7 +129,7 @@ class AgentDrag:
                 self._is_pressed = False
                 if self._grab is not None:
                     self._grab = None
-                    self._desk.commit_gesture()
+                    self._ui.commit_gesture()
 
     def _follow(self, event: DragEvent) -> None:
         """Move the held agents to the pointer."""
@@ -147,15 +147,15 @@ class AgentDrag:
         )
         point = ground_point(event.camera.position, direction, grab.start_m[2])
         if point is not None:
-            self._desk.preview(grab.owner, _command_of(grab, point), has_end=True)
+            self._ui.preview(grab.owner, _command_of(grab, point), has_end=True)
             grab.has_moved = True
 
     def _still_holds(self, grab: _Grab) -> bool:
         """Whether nothing else has ended the drag's gesture or changed the scenario."""
-        session = self._desk.session
+        session = self._ui.session
         if not grab.has_moved:
             return session.scenario is grab.scenario
-        return self._desk.gesture == grab.owner and session.state.is_previewing
+        return self._ui.gesture == grab.owner and session.state.is_previewing
 
     def _grabbed(self, event: DragEvent) -> _Grab | None:
         agent_id = (
@@ -165,11 +165,11 @@ class AgentDrag:
         )
         if agent_id is None:
             return None
-        session = self._desk.session
+        session = self._ui.session
         if agent_id not in session.selection:
             session.select((agent_id,))
-        self._desk.commit_gesture()
-        if self._desk.show_current_step():
+        self._ui.commit_gesture()
+        if self._ui.show_current_step():
             # The agent is elsewhere at t = 0: this press is no longer on it.
             return None
         scenario = session.scenario

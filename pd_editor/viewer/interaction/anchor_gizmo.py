@@ -7,7 +7,7 @@ import numpy as np
 import viser
 
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 
 SIZE_M: Final = 6.0
 HEIGHT_M: Final = 0.3
@@ -16,14 +16,14 @@ HEIGHT_M: Final = 0.3
 class AnchorGizmo:
     """A pose on the map that the user can drag and turn."""
 
-    def __init__(self, desk: Desk, on_moved: Callable[[str], None]) -> None:
+    def __init__(self, ui: UiContext, on_moved: Callable[[str], None]) -> None:
         """Show nothing yet.
 
         Args:
-            desk: the tab's session and inbox.
+            ui: the tab's session and inbox.
             on_moved: called with the phase of a drag: start, update or end.
         """
-        self._desk = desk
+        self._ui = ui
         self._on_moved = on_moved
         self._handle: viser.TransformControlsHandle | None = None
 
@@ -48,7 +48,7 @@ class AnchorGizmo:
             self._handle.position = position
             self._handle.wxyz = wxyz
             return
-        self._handle = self._desk.client.scene.add_transform_controls(
+        self._handle = self._ui.client.scene.add_transform_controls(
             "/warp_anchor",
             scale=SIZE_M,
             active_axes=(True, True, False),
@@ -60,7 +60,7 @@ class AnchorGizmo:
         @self._handle.on_update
         async def _(event: Any) -> None:
             phase = event.phase
-            self._desk.post(
+            self._ui.post(
                 lambda: self._on_moved(phase),
                 merge_key="anchor" if phase == "update" else None,
             )

@@ -5,7 +5,7 @@ from typing import Any
 
 from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 from pd_editor.viewer.views.original_view import OriginalView, difference_notes
 
 
@@ -14,7 +14,7 @@ class Comparison:
 
     def __init__(
         self,
-        desk: Desk,
+        ui: UiContext,
         overlay: Overlay,
         palette: Palette,
         on_change: Callable[[], None],
@@ -22,14 +22,14 @@ class Comparison:
         """Show no original yet.
 
         Args:
-            desk: the tab's session.
+            ui: the tab's session.
             overlay: hears the key, and shows what differs.
             palette: colours of the theme.
             on_change: called when the original is shown or hidden, to draw a frame.
         """
-        self._desk = desk
+        self._ui = ui
         self._overlay = overlay
-        self._view = OriginalView(desk.client, palette)
+        self._view = OriginalView(ui.client, palette)
         self._on_change = on_change
         self._is_held = False
         self._is_kept = False
@@ -61,8 +61,8 @@ class Comparison:
         """Draw the original at the playhead."""
         if not self.is_on:
             return
-        session = self._desk.session
-        step = self._desk.workspace.playback.step
+        session = self._ui.session
+        step = self._ui.workspace.playback.step
         self._view.show(session.base, session.scenario, step)
         self._overlay.show("compare", {"text": self._summary()})
 
@@ -70,11 +70,11 @@ class Comparison:
         """Note on each selected agent."""
         if not self.is_on:
             return {}
-        session = self._desk.session
+        session = self._ui.session
         return difference_notes(session.base, session.scenario, session.selection)
 
     def _summary(self) -> str:
-        session, count = self._desk.session, self._view.num_changed
+        session, count = self._ui.session, self._view.num_changed
         original = set(session.base.agents.ids)
         added = sum(agent not in original for agent in session.scenario.agents.ids)
         parts = []

@@ -18,7 +18,7 @@ from pd_editor.viewer.interaction.picking import (
 )
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 
 
 class Hover:
@@ -26,7 +26,7 @@ class Hover:
 
     def __init__(
         self,
-        desk: Desk,
+        ui: UiContext,
         overlay: Overlay,
         poses: Callable[[], AgentPoses | None],
         is_quiet: Callable[[], bool],
@@ -34,12 +34,12 @@ class Hover:
         """Listen.
 
         Args:
-            desk: the tab's session.
+            ui: the tab's session.
             overlay: the elements over the picture.
             poses: agents as drawn now.
             is_quiet: whether the pointer is busy with something else.
         """
-        self._desk = desk
+        self._ui = ui
         self._overlay = overlay
         self._poses = poses
         self._is_quiet = is_quiet
@@ -48,10 +48,10 @@ class Hover:
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Send the tooltip; none during playback."""
         ray, ask = PointerRay.of_event(event), number_of(event.get("ask"))
-        playback = self._desk.workspace.playback
+        playback = self._ui.workspace.playback
         if ray is None or ask is None or playback.is_playing or self._is_quiet():
             return
-        poses, agents = self._poses(), self._desk.session.scenario.agents
+        poses, agents = self._poses(), self._ui.session.scenario.agents
         if poses is None:
             return
         row = agent_under(agents, poses, ray)
@@ -68,10 +68,10 @@ class Hover:
             )
 
     def _lines(self, ray: PointerRay, row: int | None) -> list[str]:
-        session = self._desk.session
+        session = self._ui.session
         scenario = session.scenario
         if row is not None:
-            step = self._desk.workspace.playback.step
+            step = self._ui.workspace.playback.step
             return agent_lines(scenario, session.base, row, step)
         lane = (
             None

@@ -16,7 +16,7 @@ from pd_editor.viewer.interaction.picking import number_of, point_of
 from pd_editor.viewer.meshes.palette import DARK, LIGHT
 from pd_editor.viewer.overlay.banner import MODE, Banner
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 
 KEY_KINDS: Final = tuple(SUGGESTED_SPEED_MPS)
 """Kinds that the keys 1, 2, ... choose: the road users."""
@@ -29,9 +29,9 @@ class PlacingMode:
     suggests there; a dragged press sets the heading.
     """
 
-    def __init__(self, desk: Desk, overlay: Overlay, banner: Banner) -> None:
+    def __init__(self, ui: UiContext, overlay: Overlay, banner: Banner) -> None:
         """Make the mode, switched off."""
-        self._desk = desk
+        self._ui = ui
         self._overlay = overlay
         self._banner = banner
         self._heading_rad = 0.0
@@ -49,7 +49,7 @@ class PlacingMode:
         """Start the mode, at t = 0 where new agents appear, or end it."""
         self.is_active = not self.is_active
         if self.is_active:
-            self._desk.show_current_step()
+            self._ui.show_current_step()
         self._changed()
 
     def choose(self, kind: AgentKind) -> None:
@@ -59,7 +59,7 @@ class PlacingMode:
 
     def place(self, point_m: np.ndarray, heading_rad: float | None = None) -> None:
         """Place an agent of the chosen kind; without a heading as its lane suggests."""
-        scenario = self._desk.session.scenario
+        scenario = self._ui.session.scenario
         state = suggested_state(scenario, point_m, self.kind, heading_rad)
         command = PlaceAgent(
             agent_id=new_agent_id(scenario),
@@ -70,7 +70,7 @@ class PlacingMode:
             speed_mps=state.speed_mps,
             back_cast=self.with_past,
         )
-        self._desk.apply(command)
+        self._ui.apply(command)
 
     def _changed(self) -> None:
         if self.is_active:
@@ -90,7 +90,7 @@ class PlacingMode:
 
     def _show_ghost(self) -> None:
         ((length, width),) = default_sizes_m((self.kind,))
-        palette = DARK if self._desk.workspace.is_dark else LIGHT
+        palette = DARK if self._ui.workspace.is_dark else LIGHT
         self._overlay.show(
             "placing",
             {
@@ -112,7 +112,7 @@ class PlacingMode:
             if isinstance(number, int) and 1 <= number <= len(KEY_KINDS):
                 self.choose(KEY_KINDS[number - 1])
         elif what == "point" and point is not None:
-            road_map = self._desk.session.scenario.road_map
+            road_map = self._ui.session.scenario.road_map
             self._heading_rad = suggested_heading(road_map, point, self.kind)
             self._show_ghost()
         elif what == "place" and point is not None:

@@ -11,7 +11,7 @@ from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.viewer.interaction.agent_drag import AgentDrag
 from pd_editor.viewer.interaction.camera import ground_point, projected
 from pd_editor.viewer.interaction.seen_camera import CameraPose, SeenCamera
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 from pd_editor.viewer.views.agents_view import AgentsView
 
 TOGGLE_MODIFIERS: Final = ("shift", "cmd/ctrl")
@@ -24,24 +24,27 @@ class Pointer:
     """Pointer gestures of one browser tab."""
 
     def __init__(
-        self, desk: Desk, agents_view: Callable[[], AgentsView], on_ground: GroundClick
+        self,
+        ui: UiContext,
+        agents_view: Callable[[], AgentsView],
+        on_ground: GroundClick,
     ) -> None:
         """Listen to the canvas.
 
         Args:
-            desk: the tab's session and inbox.
+            ui: the tab's session and inbox.
             agents_view: where agents are drawn now.
             on_ground: called for every click on the ground; returns whether it handled
                 it (placing an agent, choosing a candidate).
         """
-        self._desk = desk
+        self._ui = ui
         self._agents_view = agents_view
         self._on_ground = on_ground
-        self._seen_camera = SeenCamera(desk.client)
-        self._drag = AgentDrag(desk, agents_view, self._seen_camera)
+        self._seen_camera = SeenCamera(ui.client)
+        self._drag = AgentDrag(ui, agents_view, self._seen_camera)
         self._last_node_click: tuple[float, float] | None = None
         self._takes_ground_first = False
-        scene = desk.client.scene
+        scene = ui.client.scene
         self._listen_to_ground(scene, None)
         self._listen_to_box(scene, BOX_MODIFIER)
 
@@ -51,7 +54,7 @@ class Pointer:
 
     def set_plain_drag_selects(self, selects: bool) -> None:
         """Set whether a plain drag draws a selection box (top view) or moves the camera."""
-        scene = self._desk.client.scene
+        scene = self._ui.client.scene
         scene.remove_rect_select_callback("all")
         self._listen_to_box(scene, BOX_MODIFIER)
         if selects:
@@ -62,9 +65,7 @@ class Pointer:
 
         def clicked(event: Any, *, toggles: bool) -> None:
             position, instance = event.screen_pos, event.instance_index
-            self._desk.post(
-                lambda: self._node_clicked(kind, instance, position, toggles)
-            )
+            self._ui.post(lambda: self._node_clicked(kind, instance, position, toggles))
 
         @node.on_click
         async def _(event: Any) -> None:
@@ -83,14 +84,14 @@ class Pointer:
         async def _(event: Any) -> None:
             origin, direction = event.ray_origin, event.ray_direction
             position = event.screen_pos
-            self._desk.post(lambda: self._ground_clicked(origin, direction, position))
+            self._ui.post(lambda: self._ground_clicked(origin, direction, position))
 
     def _listen_to_box(self, scene: Any, modifier: Any) -> None:
         @scene.on_rect_select(modifier=modifier)
         async def _(event: Any) -> None:
             low, high = event.screen_min, event.screen_max
             camera = self._seen_camera.pose
-            self._desk.post(lambda: self._box_selected(low, high, camera))
+            self._ui.post(lambda: self._box_selected(low, high, camera))
 
     def _node_clicked(
         self,
@@ -105,14 +106,14 @@ class Pointer:
         agent_id = self._agents_view().agent_at(kind, instance)
         if agent_id is None:
             return
-        selection = self._desk.session.selection
+        selection = self._ui.session.selection
         if not toggles:
             selection = (agent_id,)
         elif agent_id in selection:
             selection = tuple(other for other in selection if other != agent_id)
         else:
             selection = (*selection, agent_id)
-        self._desk.session.select(selection)
+        self._ui.session.select(selection)
 
     def _ground_clicked(
         self, origin: Any, direction: Any, screen_position: tuple[float, float]
@@ -127,7 +128,7 @@ class Pointer:
             return
         if point is not None and self._on_ground(point):
             return
-        self._desk.session.select(())
+        self._ui.session.select(())
 
     def _box_selected(self, low: Any, high: Any, camera: CameraPose) -> None:
         if self._drag.owns_box(low, high):
@@ -136,10 +137,10 @@ class Pointer:
         poses = view.poses
         if poses is None:
             return
-        agents = self._desk.session.scenario.agents
+        agents = self._ui.session.scenario.agents
         heights = [DEFAULT_HEIGHT_M[kind] / 2 for kind in agents.kinds]
         centers = np.column_stack([poses.position_m, np.array(heights)])
         screen, is_ahead = projected(camera, centers.reshape(-1, 3))
         inside = ((screen >= np.array(low)) & (screen <= np.array(high))).all(axis=-1)
         chosen = np.flatnonzero(inside & is_ahead & poses.is_present)
-        self._desk.session.select(tuple(agents.ids[row] for row in chosen))
+        self._ui.session.select(tuple(agents.ids[row] for row in chosen))

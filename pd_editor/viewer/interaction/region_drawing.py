@@ -10,7 +10,7 @@ from pd_editor.generation import Region
 from pd_editor.viewer.interaction.picking import point_of
 from pd_editor.viewer.overlay.banner import MODE, Banner
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 
 LEAST_SIDE_M: Final = 10.0
 """Least side; a smaller square has no room for an agent and its leader."""
@@ -24,9 +24,9 @@ class RegionDrawing:
     picture.
     """
 
-    def __init__(self, desk: Desk, overlay: Overlay, banner: Banner) -> None:
+    def __init__(self, ui: UiContext, overlay: Overlay, banner: Banner) -> None:
         """Make the mode, without a region."""
-        self._desk = desk
+        self._ui = ui
         self._overlay = overlay
         self._banner = banner
         self._listeners: list[Callable[[], None]] = []

@@ -6,25 +6,25 @@ import numpy as np
 
 from pd_editor.errors import EditError
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 
 
 class Selecting:
     """Selects among the agents that the picture shows at the playhead."""
 
-    def __init__(self, desk: Desk, poses: Callable[[], AgentPoses | None]) -> None:
+    def __init__(self, ui: UiContext, poses: Callable[[], AgentPoses | None]) -> None:
         """Make the actions on a session's selection."""
-        self._desk = desk
+        self._ui = ui
         self._poses = poses
 
     def select_all(self) -> None:
         """Select every agent in the picture's time."""
-        self._desk.session.select(self._present())
+        self._ui.session.select(self._present())
 
     def invert(self) -> None:
         """Select exactly those in the picture's time that are not selected."""
-        selected = set(self._desk.session.selection)
-        self._desk.session.select(
+        selected = set(self._ui.session.selection)
+        self._ui.session.select(
             agent for agent in self._present() if agent not in selected
         )
 
@@ -34,7 +34,7 @@ class Selecting:
         Raises:
             EditError: nothing is selected.
         """
-        session = self._desk.session
+        session = self._ui.session
         agents = session.scenario.agents
         kinds = {agents.kinds[row] for row in agents.rows(session.selection)}
         if not kinds:
@@ -47,7 +47,7 @@ class Selecting:
 
     def _present(self) -> tuple[str, ...]:
         poses = self._poses()
-        ids = self._desk.session.scenario.agents.ids
+        ids = self._ui.session.scenario.agents.ids
         if poses is None or len(poses.is_present) != len(ids):
             return ()
         return tuple(ids[row] for row in np.flatnonzero(poses.is_present))

@@ -26,7 +26,7 @@ from pd_editor.viewer.interaction.framing import (
     map_extent,
 )
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 from pd_editor.viewer.state.view_memory import Vector, ViewPose, vector
 
 NORTH_RAD: Final = float(np.pi / 2)
@@ -46,27 +46,27 @@ class Viewpoint:
     above the ground; without it viser's own camera gestures remain.
     """
 
-    def __init__(self, desk: Desk, overlay: Overlay) -> None:
+    def __init__(self, ui: UiContext, overlay: Overlay) -> None:
         """Start with the view that the workspace stores."""
-        self._desk = desk
+        self._ui = ui
         self._overlay = overlay
-        self._camera = desk.client.camera
+        self._camera = ui.client.camera
         self._num_looks = 0
         overlay.on("compass", self._compass_clicked)
 
     @property
     def is_top(self) -> bool:
         """Whether the scene is seen from above, as a map."""
-        return self._desk.workspace.view.is_top
+        return self._ui.workspace.view.is_top
 
     @property
     def is_heading_up(self) -> bool:
         """Whether the top view has the focal agent's heading up instead of north."""
-        return self._desk.workspace.view.is_heading_up
+        return self._ui.workspace.view.is_heading_up
 
     def restore(self) -> None:
         """Show what was shown before the page was reloaded, else the focal agent."""
-        pose = self._desk.workspace.view.pose
+        pose = self._ui.workspace.view.pose
         if pose is None:
             self.frame_opened()
         else:
@@ -74,7 +74,7 @@ class Viewpoint:
 
     def remember(self) -> None:
         """Store the pose for the next connection."""
-        workspace = self._desk.workspace
+        workspace = self._ui.workspace
         workspace.view = replace(workspace.view, pose=ViewPose.of(self._camera))
 
     def hold_picture(self, nodes: tuple[str, ...]) -> None:
@@ -101,7 +101,7 @@ class Viewpoint:
 
     def frame_selection(self) -> None:
         """Show the selected agents with their trajectories, else the focal agent."""
-        self.frame_agents(self._desk.session.selection or (self._scenario.focal_id,))
+        self.frame_agents(self._ui.session.selection or (self._scenario.focal_id,))
 
     def frame_agents(self, agent_ids: Iterable[str]) -> None:
         """Show agents with their trajectories; nothing happens if none exists."""
@@ -151,7 +151,7 @@ class Viewpoint:
         """Top view: north up or heading up; 3-D view: look north."""
         pose = ViewPose.of(self._camera)
         if self.is_top:
-            workspace = self._desk.workspace
+            workspace = self._ui.workspace
             workspace.view = replace(
                 workspace.view, is_heading_up=not self.is_heading_up
             )
@@ -170,14 +170,14 @@ class Viewpoint:
 
     @property
     def _scenario(self) -> Scenario:
-        return self._desk.session.scenario
+        return self._ui.session.scenario
 
     def _set_top(self, is_top: bool) -> None:
-        workspace = self._desk.workspace
+        workspace = self._ui.workspace
         workspace.view = replace(workspace.view, is_top=is_top)
 
     def _frame_work(self) -> None:
-        if self._desk.session.selection:
+        if self._ui.session.selection:
             self.frame_selection()
         else:
             self.frame_opened()
@@ -212,7 +212,7 @@ class Viewpoint:
 
     def _look(self, pose: ViewPose) -> None:
         self._num_looks += 1
-        with self._desk.client.atomic():
+        with self._ui.client.atomic():
             # First, so that the page removes its limits during the transition.
             self._overlay.show("view", {"isTop": self.is_top, "look": self._num_looks})
             pose.apply_to(self._camera)

@@ -11,7 +11,7 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 
 FOCAL: Final = 1
 EGO: Final = 2
@@ -33,7 +33,7 @@ class AgentList:
 
     def __init__(
         self,
-        desk: Desk,
+        ui: UiContext,
         overlay: Overlay,
         *,
         problems: Callable[[], tuple[Ids, Ids]],
@@ -43,13 +43,13 @@ class AgentList:
         """Start closed.
 
         Args:
-            desk: the session and its page.
+            ui: the session and its page.
             overlay: where the list is shown.
             problems: agents with a problem at any time, and those with one later.
             on_pointed: called with the agent whose row is under the pointer, or None.
             on_opened: called when the list was opened or closed.
         """
-        self._desk = desk
+        self._ui = ui
         self._overlay = overlay
         self._problems = problems
         self._on_pointed = on_pointed
@@ -66,16 +66,16 @@ class AgentList:
 
     def stale_ids(self) -> frozenset[str]:
         """Agents whose trajectory was moved by an edit and no longer fits the road."""
-        carried = carried_agent_ids(self._desk.session.commands_in_force)
+        carried = carried_agent_ids(self._ui.session.commands_in_force)
         return carried & frozenset(self._problems()[1]) if carried else carried
 
     def show(self) -> None:
         """Update the page's list."""
-        session = self._desk.session
+        session = self._ui.session
         if not self.is_open or (session.state.is_previewing and self._ids):
             return
         scenario, (problems, later) = session.scenario, self._problems()
-        palette = DARK if self._desk.workspace.is_dark else LIGHT
+        palette = DARK if self._ui.workspace.is_dark else LIGHT
         listed = (
             scenario,
             session.base,
@@ -128,8 +128,8 @@ class AgentList:
             return
         elif kind == "select":
             ids = self._named(event.get("rows"))
-            self._desk.commit_gesture()
-            self._desk.session.select(ids)
+            self._ui.commit_gesture()
+            self._ui.session.select(ids)
         elif kind == "point":
             ids = self._named([event.get("row")])
             self._on_pointed(ids[0] if ids else None)
@@ -138,7 +138,7 @@ class AgentList:
         """Ids of rows; what is no row is left out."""
         if not isinstance(rows, list):
             return ()
-        there = self._desk.session.scenario.agents.row_of
+        there = self._ui.session.scenario.agents.row_of
         count = len(self._ids)
         found = [
             self._ids[row] for row in rows if type(row) is int and 0 <= row < count

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.desk import Hotkey
+from pd_editor.viewer.state.ui_context import Hotkey
 
 _NAME_OF_KEY: Final[Mapping[str, str]] = {
     "space": "Space",

@@ -10,7 +10,7 @@ from typing import Any, Final
 import viser
 from viser import _messages
 
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 
 _LOG = logging.getLogger(__name__)
 MAX_EVENT_CHARACTERS: Final = 65_536
@@ -29,19 +29,19 @@ class Overlay:
     panel, so that a page without the script stays usable.
     """
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, ui: UiContext) -> None:
         """Start the script in the tab's page."""
-        self._desk = desk
+        self._ui = ui
         self._handlers: dict[str, Handler] = {}
         self._shown: dict[str, str] = {}
         self.is_ready = False
-        self._answers = desk.client.gui.add_text("overlay", "", visible=False)
+        self._answers = ui.client.gui.add_text("overlay", "", visible=False)
 
         @self._answers.on_update
         async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is not None:
                 text = str(event.target.value)
-                desk.post(lambda: self._heard(text))
+                ui.post(lambda: self._heard(text))
 
         uuid = self._answers._impl.uuid
         self._run(f"{page_script()}\npdOverlay.start({json.dumps(uuid)});")
@@ -62,7 +62,7 @@ class Overlay:
         self._handlers[element] = handler
 
     def _run(self, source: str) -> None:
-        self._desk.client.gui._websock_interface.queue_message(
+        self._ui.client.gui._websock_interface.queue_message(
             _messages.RunJavascriptMessage(source=source)
         )
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 
 MAX_TITLE: Final = 60
 
@@ -17,19 +17,19 @@ class SidePanel:
     without the page's script a slider's gesture is over when it rests.
     """
 
-    def __init__(self, overlay: Overlay, desk: Desk, *, is_debug: bool) -> None:
+    def __init__(self, overlay: Overlay, ui: UiContext, *, is_debug: bool) -> None:
         """Open the tab that was open; viser's own settings are offered to debug only."""
-        self._desk = desk
-        workspace = desk.workspace
+        self._ui = ui
+        workspace = ui.workspace
         overlay.on("panel", self._heard)
         overlay.show("panel", {"tab": workspace.view.panel_tab, "isDebug": is_debug})
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         kind, title = event.get("kind"), event.get("title")
         if kind == "hold":
-            self._desk.hold_slider()
+            self._ui.hold_slider()
         elif kind == "release":
-            self._desk.release_slider()
+            self._ui.release_slider()
         elif kind == "tab" and isinstance(title, str):
-            workspace = self._desk.workspace
+            workspace = self._ui.workspace
             workspace.view = replace(workspace.view, panel_tab=title[:MAX_TITLE])

@@ -10,9 +10,9 @@ from pd_editor.editor.problem_cures import Cure, cures
 from pd_editor.problems.scene_problem import ProblemKind, SceneProblem
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.timeline import Mark, Timeline
-from pd_editor.viewer.state.desk import Desk
 from pd_editor.viewer.state.problem_watch import ProblemWatch
 from pd_editor.viewer.state.run_state import RunState
+from pd_editor.viewer.state.ui_context import UiContext
 
 MAX_ROWS: Final = 200
 MAX_MARK_LINES: Final = 4
@@ -48,7 +48,7 @@ class StatusChip:
 
     def __init__(
         self,
-        desk: Desk,
+        ui: UiContext,
         overlay: Overlay,
         timeline: Timeline,
         watch: ProblemWatch,
@@ -56,7 +56,7 @@ class StatusChip:
         actions: ChipActions,
     ) -> None:
         """Show the chip; ``run`` returns the state of a generation."""
-        self._desk = desk
+        self._ui = ui
         self._overlay = overlay
         self._timeline = timeline
         self._watch = watch
@@ -80,7 +80,7 @@ class StatusChip:
             text, tone = f"{count} problem{'s' if count > 1 else ''}", "warn"
         if run is not None and run.text:
             text, tone = run.text, "busy"
-        problem = self._desk.session.journal_problem
+        problem = self._ui.session.journal_problem
         self._overlay.show(
             "status",
             {
@@ -114,12 +114,12 @@ class StatusChip:
         What helps is found out afterwards, so that keys walk fast through the rows.
         """
         self._active, self._cures = (group, problem), None
-        self._timeline.seek(float(_step_to_show(problem, self._desk)))
-        there = self._desk.session.scenario.agents.row_of
-        self._desk.session.select(n for n in problem.agent_ids if n in there)
+        self._timeline.seek(float(_step_to_show(problem, self._ui)))
+        there = self._ui.session.scenario.agents.row_of
+        self._ui.session.select(n for n in problem.agent_ids if n in there)
         self._actions.frame(problem, self._free_share)
         self.show()
-        self._desk.post(self._offer_cures, "cures")
+        self._ui.post(self._offer_cures, "cures")
 
     def _offer_cures(self) -> None:
         self._find_cures()
@@ -145,7 +145,7 @@ class StatusChip:
         self._cures = ()
         if self._active is not None and self._active[0] == "new":
             self._cures = cures(
-                self._desk.session.scenario,
+                self._ui.session.scenario,
                 self._active[1],
                 self._watch.new,
                 self._watch.untouched(),
@@ -167,7 +167,7 @@ class StatusChip:
         }
 
     def _row(self, problem: SceneProblem) -> dict[str, Any]:
-        scenario = self._desk.session.scenario
+        scenario = self._ui.session.scenario
         later = problem.first_step - scenario.current_step
         return {
             "id": _id(problem),
@@ -249,11 +249,9 @@ def _share(value: object) -> float:
     return 1.0
 
 
-def _step_to_show(problem: SceneProblem, desk: Desk) -> int:
+def _step_to_show(problem: SceneProblem, ui: UiContext) -> int:
     """Step at which a problem is shown; the current step for problems of the road."""
-    return (
-        problem.first_step if problem.agent_ids else desk.session.scenario.current_step
-    )
+    return problem.first_step if problem.agent_ids else ui.session.scenario.current_step
 
 
 def _unsaved(problem: str) -> str:

@@ -29,7 +29,7 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.placing import PlacingMode
 from pd_editor.viewer.panels.panel_style import FixedText
-from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
 KINDS: Final = tuple(str(kind) for kind in AgentKind)
 MIXED: Final = "mixed"
@@ -50,19 +50,19 @@ class AgentPanel:
     """Numbers, kind and actions of the selected agents, and placing new ones."""
 
     def __init__(
-        self, desk: Desk, placing: PlacingMode, on_list: Callable[[], None]
+        self, ui: UiContext, placing: PlacingMode, on_list: Callable[[], None]
     ) -> None:
         """Build it into the current tab.
 
         Args:
-            desk: the session and its page.
+            ui: the session and its page.
             placing: the mode of placing, which the panel shows and steers.
             on_list: opens or closes the agent list.
         """
-        self._desk = desk
+        self._ui = ui
         self._placing = placing
         self._on_list = on_list
-        gui = desk.client.gui
+        gui = ui.client.gui
         self._list = gui.add_button(
             "Agent list", icon=viser.Icon.LIST_SEARCH, color="gray", hint="Ctrl+F"
         )
@@ -102,29 +102,25 @@ class AgentPanel:
         self._listen()
 
     def _listen(self) -> None:
-        desk = self._desk
+        ui = self._ui
         for name, action, failure in (
             ("Snap to lane", self.snap, "Not snapped to a lane"),
             ("Duplicate", self.duplicate, "Not duplicated"),
             ("Make focal", self.make_focal, "Focal agent not changed"),
             ("Delete", self.delete, "Not deleted"),
         ):
-            desk.on_click(self._actions[name], action, failure=failure)
-        desk.on_click(self._place, self._placing.toggle)
-        desk.on_change(
-            self._new_kind, lambda kind: self._placing.choose(AgentKind(kind))
-        )
-        desk.on_change(self._back_cast, self._set_with_past)
+            ui.on_click(self._actions[name], action, failure=failure)
+        ui.on_click(self._place, self._placing.toggle)
+        ui.on_change(self._new_kind, lambda kind: self._placing.choose(AgentKind(kind)))
+        ui.on_change(self._back_cast, self._set_with_past)
         self._placing.on_change(self._show_placing)
-        desk.on_click(self._list, self._on_list)
-        desk.on_change(self._kind, self._set_kind)
-        desk.on_change(
-            self._activity, self._set_activity, failure="Activity not changed"
-        )
-        desk.on_change(self._speed, self._set_speed, merge_key="speed")
-        desk.on_change(self._heading, self._set_heading, merge_key="heading")
-        desk.on_change(self._position, self._set_position, merge_key="position")
-        desk.on_change(self._size, self._set_size, merge_key="size")
+        ui.on_click(self._list, self._on_list)
+        ui.on_change(self._kind, self._set_kind)
+        ui.on_change(self._activity, self._set_activity, failure="Activity not changed")
+        ui.on_change(self._speed, self._set_speed, merge_key="speed")
+        ui.on_change(self._heading, self._set_heading, merge_key="heading")
+        ui.on_change(self._position, self._set_position, merge_key="position")
+        ui.on_change(self._size, self._set_size, merge_key="size")
 
     def show(
         self,
@@ -159,7 +155,7 @@ class AgentPanel:
         )
         is_assumed = is_there and not agents.has_known_size[rows].all()
         self._size_note.show("", SIZE_NOTE if is_assumed else "")
-        if not (self._desk.gesture or "").startswith(_OWN_GESTURE):
+        if not (self._ui.gesture or "").startswith(_OWN_GESTURE):
             self._show_numbers(scenario, rows if is_there else rows[:0])
 
     def _show_numbers(self, scenario: Scenario, rows: Int[np.ndarray, "G"]) -> None:
@@ -195,7 +191,7 @@ class AgentPanel:
     def duplicate(self) -> None:
         """Copy the selection, one car's length behind where it stands."""
         selection = self._selection()
-        scenario = self._desk.session.scenario
+        scenario = self._ui.session.scenario
         row = int(scenario.agents.rows(selection)[0])
         heading = float(scenario.agents.heading_rad[row, scenario.current_step])
         gap = float(scenario.agents.size_m[row, 0]) + 2.0
@@ -223,13 +219,13 @@ class AgentPanel:
         self._placing.with_past = with_past
 
     def _selection(self) -> tuple[str, ...]:
-        selection = self._desk.session.selection
+        selection = self._ui.session.selection
         if not selection:
             raise EditError("Nothing is selected. Select an agent first.")
         return tuple(selection)
 
     def _apply(self, make: Callable[..., Command], **fields: Any) -> None:
-        self._desk.apply(make(**fields))
+        self._ui.apply(make(**fields))
 
     def make_focal(self) -> None:
         """Make the selected agent the focal one."""
@@ -249,7 +245,7 @@ class AgentPanel:
                 activity=ACTIVITIES[name],
             )
         finally:
-            session = self._desk.session
+            session = self._ui.session
             self._show_activity(
                 session.scenario, session.scenario.agents.rows(session.selection)
             )
@@ -271,11 +267,11 @@ class AgentPanel:
         command = SetAgentPosition(
             agent_id=agent_id, x_m=float(position[0]), y_m=float(position[1])
         )
-        self._desk.preview(f"{_OWN_GESTURE} position of {agent_id}", command)
+        self._ui.preview(f"{_OWN_GESTURE} position of {agent_id}", command)
 
     def _preview(self, make: Callable[..., Command], what: str, **fields: Any) -> None:
         selection = self._selection()
-        self._desk.preview(
+        self._ui.preview(
             f"{_OWN_GESTURE} {what} of {selection}", make(agent_ids=selection, **fields)
         )
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import viser
 
 from pd_editor.basket.basket import BasketEntry
-from pd_editor.viewer.state.desk import Desk, set_property
+from pd_editor.viewer.state.ui_context import UiContext, set_property
 
 ZIP_NAME = "scenarios.zip"
 ROW_PX = 72
@@ -15,17 +15,17 @@ ROW_PX = 72
 class BasketPanel:
     """Buttons on top, which stay in place; below them the list, which grows."""
 
-    def __init__(self, desk: Desk, on_removed: Callable[[], None]) -> None:
+    def __init__(self, ui: UiContext, on_removed: Callable[[], None]) -> None:
         """Build it into the current container, as the last thing in it.
 
         ``on_removed`` is called when scenarios were removed.
         """
         self._on_removed = on_removed
-        self._desk = desk
-        self._workspace = desk.workspace
+        self._ui = ui
+        self._workspace = ui.workspace
         self._entries: list[BasketEntry] = []
         self._rows: dict[str, viser.GuiButtonHandle] = {}
-        gui = desk.client.gui
+        gui = ui.client.gui
         self._folder = gui.add_folder("Basket")
         with self._folder:
             self._download = gui.add_button(
@@ -39,19 +39,19 @@ class BasketPanel:
             )
             self._hint = gui.add_markdown("")
             self._style = gui.add_html("")
-        desk.on_click(self._download, self.download)
-        desk.on_click(self._remove, self._remove_ticked)
+        ui.on_click(self._download, self.download)
+        ui.on_click(self._remove, self._remove_ticked)
         self.refresh()
 
     def star(self) -> None:
         """Add the current state to the basket, unless it is there already."""
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         if self._workspace.is_starred():
-            self._desk.notify("This state is in the basket already")
+            self._ui.notify("This state is in the basket already")
             return
         entry = self._workspace.star()
         self.refresh()
-        self._desk.notify(
+        self._ui.notify(
             f"Starred: {entry.name}",
             f"With {entry.row.num_problems or 'no'} open problem"
             f"{'s' if entry.row.num_problems != 1 else ''}.",
@@ -83,18 +83,18 @@ class BasketPanel:
             InputError: none is ticked, or one cannot be read.
         """
         content = self._workspace.basket.zipped(self._ticked())
-        self._desk.client.send_file_download(ZIP_NAME, content, save_immediately=True)
+        self._ui.client.send_file_download(ZIP_NAME, content, save_immediately=True)
 
     def _add_row(self, entry: BasketEntry) -> None:
         count = entry.row.num_problems
         problems = f" ({count} problem{'s' if count != 1 else ''})" if count else ""
-        row = self._desk.client.gui.add_button(
+        row = self._ui.client.gui.add_button(
             f"{entry.name}{problems}",
             color="gray",
             hint="; ".join(entry.row.edits)[:500] or "without edits",
         )
         self._rows[entry.name] = row
-        self._desk.on_click(row, lambda: self._toggle(entry.name))
+        self._ui.on_click(row, lambda: self._toggle(entry.name))
 
     def _toggle(self, name: str) -> None:
         """Tick a scenario for the download, or take its tick away."""

@@ -13,7 +13,7 @@ from pd_editor.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
 from pd_editor.viewer.panels.panel_style import FixedText
-from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 from pd_editor.viewer.views.candidates_view import FAST_MPS, CandidatesView
 
 NO_CANDIDATE: Final[str] = "none"
@@ -26,15 +26,15 @@ SELECT_ONE: Final = "Select one agent to see its possible trajectories."
 class CandidatesPanel:
     """Shows an agent's candidates, one of which can be adopted."""
 
-    def __init__(self, desk: Desk, view: CandidatesView) -> None:
+    def __init__(self, ui: UiContext, view: CandidatesView) -> None:
         """Build it into the current tab."""
-        self._desk = desk
+        self._ui = ui
         self._view = view
         self._agent_id: str | None = None
         self._base: Scenario | None = None
         self._collisions: tuple[PathCollision | None, ...] = ()
         self._pointed: int | None = None
-        gui = desk.client.gui
+        gui = ui.client.gui
         with gui.add_folder("Possible trajectories"):
             self._show = gui.add_button(SHOW, color="gray", hint="G")
             self._choice: viser.GuiDropdownHandle[str] = gui.add_dropdown(
@@ -43,11 +43,11 @@ class CandidatesPanel:
             self._note = FixedText(gui, 2)
             self._legend = gui.add_html("")
             self._adopt = gui.add_button("Use this trajectory", disabled=True)
-        self._desk.on_click(self._show, self.toggle_candidates)
-        self._desk.on_click(
+        self._ui.on_click(self._show, self.toggle_candidates)
+        self._ui.on_click(
             self._adopt, self._adopt_chosen, failure="Trajectory not used"
         )
-        self._desk.on_change(self._choice, lambda _value: self._highlight())
+        self._ui.on_change(self._choice, lambda _value: self._highlight())
 
     @property
     def shows_candidates(self) -> bool:
@@ -57,7 +57,7 @@ class CandidatesPanel:
     def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
         """Follow the session: hide the fan of an agent that changed or was removed."""
         set_property(self._show, "disabled", len(selection) != 1)
-        palette = DARK if self._desk.workspace.is_dark else LIGHT
+        palette = DARK if self._ui.workspace.is_dark else LIGHT
         set_property(self._legend, "content", _legend(palette))
         if self._agent_id is None:
             self._note.show("", "" if len(selection) == 1 else SELECT_ONE)
@@ -77,11 +77,11 @@ class CandidatesPanel:
         if self.shows_candidates:
             self.hide_candidates()
             return
-        selection = self._desk.session.selection
+        selection = self._ui.session.selection
         if len(selection) != 1:
             raise EditError(SELECT_ONE)
         self._agent_id = selection[0]
-        self._draw_candidates(self._desk.session.scenario)
+        self._draw_candidates(self._ui.session.scenario)
 
     def hide_candidates(self) -> None:
         """Hide the fan of candidates."""
@@ -153,7 +153,7 @@ class CandidatesPanel:
             return
         chosen = self._chosen_index()
         index = chosen if self._pointed is None else self._pointed
-        self._view.show(shown, self._desk.session.scenario.road_map, index)
+        self._view.show(shown, self._ui.session.scenario.road_map, index)
         set_property(self._adopt, "disabled", chosen is None)
         if index is None:
             self._note.show("", "Choose one here, or click one on the road.")
@@ -162,7 +162,7 @@ class CandidatesPanel:
         self._note.show("", self._choice.options[place], self._collision_text(index))
 
     def _collision_text(self, index: int) -> str:
-        scenario = self._desk.session.scenario
+        scenario = self._ui.session.scenario
         return collision_in_words(scenario, self._collisions[index])
 
     def _adopt_chosen(self) -> None:
@@ -178,7 +178,7 @@ class CandidatesPanel:
         assert found is not None
         assert agent_id is not None
         self.hide_candidates()
-        self._desk.apply(
+        self._ui.apply(
             AdoptTrajectory.of_arrays(
                 agent_id=agent_id,
                 position_m=found.position_m[0, index],

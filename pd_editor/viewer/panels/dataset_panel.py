@@ -6,7 +6,7 @@ import viser
 
 from pd_editor.av2_io.dataset import CardFilter
 from pd_editor.errors import InputError
-from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
 ANY_CITY: Final[str] = "Any city"
 MAX_LISTED: Final = 200
@@ -17,12 +17,12 @@ NONE_FOUND: Final[str] = "-"
 class DatasetPanel:
     """Filters, the list they leave, previous and next."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, ui: UiContext) -> None:
         """Build it into the current container; hidden where no root was given."""
-        self._desk = desk
-        self._workspace = desk.workspace
-        dataset = desk.workspace.dataset
-        gui = desk.client.gui
+        self._ui = ui
+        self._workspace = ui.workspace
+        dataset = ui.workspace.dataset
+        gui = ui.client.gui
         self._folder = gui.add_folder("Dataset", visible=dataset is not None)
         with self._folder:
             self._count = gui.add_markdown("")
@@ -44,17 +44,17 @@ class DatasetPanel:
                 "Next", icon=viser.Icon.CHEVRON_RIGHT, color="gray", hint="Page down"
             )
         for handle in (self._city, self._text, self._agents):
-            desk.on_change(handle, lambda _value: self._filter(), merge_key="filter")
-        desk.on_click(self._open, self._open_chosen)
-        desk.on_click(self._previous, lambda: self.go(-1))
-        desk.on_click(self._next, lambda: self.go(+1))
+            ui.on_change(handle, lambda _value: self._filter(), merge_key="filter")
+        ui.on_click(self._open, self._open_chosen)
+        ui.on_click(self._previous, lambda: self.go(-1))
+        ui.on_click(self._next, lambda: self.go(+1))
         self._shown_seen = -1
 
     def go(self, direction: int) -> None:
         """Open the next (+1) or previous (-1) scenario under the filter."""
         if self._workspace.dataset is None:
             raise InputError("Start the editor with --data DIR to browse a dataset.")
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         self._workspace.open_neighbour(direction)
 
     def show(self) -> None:
@@ -104,7 +104,7 @@ class DatasetPanel:
         chosen = str(self._list.value)
         if chosen == NONE_FOUND:
             raise InputError("No scenario passes the filter; widen it.")
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         self._workspace.open_from_dataset(_id_of(chosen))
 
 

@@ -11,28 +11,31 @@ from pd_editor.editor.variant import Variant, name_from_text, tags_from_text
 from pd_editor.errors import InputError
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.panels.panel_style import FixedText
-from pd_editor.viewer.state.desk import Desk, set_value
+from pd_editor.viewer.state.ui_context import UiContext, set_value
 
 
 class ExportPanel:
     """Names and writes the current scenario, and shows what it lacks."""
 
     def __init__(
-        self, desk: Desk, num_problems: Callable[[], int], on_star: Callable[[], None]
+        self,
+        ui: UiContext,
+        num_problems: Callable[[], int],
+        on_star: Callable[[], None],
     ) -> None:
         """Build it into the current container.
 
         Args:
-            desk: the session and its page.
+            ui: the session and its page.
             num_problems: how many problems edits have caused.
             on_star: adds the current state to the basket.
         """
-        self._desk = desk
-        self._workspace = desk.workspace
+        self._ui = ui
+        self._workspace = ui.workspace
         self._num_problems = num_problems
         self._typed: str | None = None
         self._dialog: Any = None
-        gui = desk.client.gui
+        gui = ui.client.gui
         with gui.add_folder("Export"):
             self._preflight = FixedText(gui, 1)
             download = gui.add_button(
@@ -60,17 +63,17 @@ class ExportPanel:
                 color="gray",
                 hint="recipe.json, which pd-editor replay applies again",
             )
-        desk.on_click(download, self.download)
-        desk.on_click(self._star, on_star)
-        desk.on_click(write, self._write)
-        desk.on_click(edits, self._download_edits)
-        desk.on_change(self._name, self._name_typed, merge_key="variant name")
+        ui.on_click(download, self.download)
+        ui.on_click(self._star, on_star)
+        ui.on_click(write, self._write)
+        ui.on_click(edits, self._download_edits)
+        ui.on_change(self._name, self._name_typed, merge_key="variant name")
         for handle in (self._tags, self._note):
-            desk.on_change(handle, lambda _text: self._describe(), merge_key="variant")
+            ui.on_change(handle, lambda _text: self._describe(), merge_key="variant")
 
     def show(self, scenario: Scenario) -> None:
         """Show name, tags, note, and what the result lacks."""
-        session = self._desk.session
+        session = self._ui.session
         variant = session.variant
         if self._typed is None or name_from_text(self._typed) != variant.name:
             self._typed = None
@@ -96,21 +99,21 @@ class ExportPanel:
 
     def download(self) -> None:
         """Send the scenario to the browser as a zip."""
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         name, content = self._workspace.exported_zip()
-        self._desk.client.send_file_download(name, content, save_immediately=True)
+        self._ui.client.send_file_download(name, content, save_immediately=True)
 
     def _download_edits(self) -> None:
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         name, content = self._workspace.recipe_text()
-        self._desk.client.send_file_download(name, content, save_immediately=True)
+        self._ui.client.send_file_download(name, content, save_immediately=True)
 
     def _name_typed(self, text: str) -> None:
         self._typed = text
         self._describe()
 
     def _describe(self) -> None:
-        session = self._desk.session
+        session = self._ui.session
         typed = session.variant.name if self._typed is None else self._typed
         session.describe(
             Variant(
@@ -125,7 +128,7 @@ class ExportPanel:
         if not path:
             raise InputError("Type the folder to write into first.")
         self._workspace.refuse_remote()
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         out = Path(path).expanduser()
         earlier = self._workspace.earlier_export(out)
         if earlier is None:
@@ -137,7 +140,7 @@ class ExportPanel:
         """Let the user choose between a new name and replacing."""
         self._close_dialog()
         free = self._workspace.free_name_in(out)
-        gui = self._desk.client.gui
+        gui = self._ui.client.gui
         self._dialog = gui.add_modal("There is an export of this name")
         with self._dialog:
             beside = gui.add_button(f"Write as {free}")
@@ -145,15 +148,15 @@ class ExportPanel:
                 f"Replace the export of {_moment(earlier)}", color="red"
             )
             cancel = gui.add_button("Cancel", color="gray")
-        self._desk.on_click(beside, lambda: self._write_into(out))
-        self._desk.on_click(replace, lambda: self._write_into(out, replaces=True))
-        self._desk.on_click(cancel, self._close_dialog)
+        self._ui.on_click(beside, lambda: self._write_into(out))
+        self._ui.on_click(replace, lambda: self._write_into(out, replaces=True))
+        self._ui.on_click(cancel, self._close_dialog)
 
     def _write_into(self, out: Path, *, replaces: bool = False) -> None:
         self._close_dialog()
         written = self._workspace.export_into(out, replaces=replaces)
         title = "Replaced the earlier export" if replaces else "Exported"
-        self._desk.notify(title, str(written), "success")
+        self._ui.notify(title, str(written), "success")
 
     def _close_dialog(self) -> None:
         if self._dialog is not None:

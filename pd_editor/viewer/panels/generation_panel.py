@@ -26,9 +26,9 @@ from pd_editor.scene.traffic_choice import (
 )
 from pd_editor.viewer.interaction.region_drawing import RegionDrawing
 from pd_editor.viewer.panels.generation_run import GenerationInput, GenerationRun
-from pd_editor.viewer.state.desk import Desk, set_property, set_value
 from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.run_state import RunState
+from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
 SCOPE_ALL: Final = "All agents"
 SCOPE_SELECTION: Final = "The selection"
@@ -69,7 +69,7 @@ class GenerationPanel:
 
     def __init__(
         self,
-        desk: Desk,
+        ui: UiContext,
         catalogue: GeneratorCatalogue,
         looked_at_m: Callable[[], np.ndarray],
         drawing: RegionDrawing,
@@ -78,18 +78,18 @@ class GenerationPanel:
         """Build it into the current tab.
 
         Args:
-            desk: the session and its page.
+            ui: the session and its page.
             catalogue: what may be chosen, the default first, and what is broken.
             looked_at_m: the point of the ground in the middle of the view.
             drawing: the mode in which a region is drawn, and the region.
             on_run: called when ``run_state`` has changed.
         """
-        self._desk = desk
+        self._ui = ui
         self._generators = catalogue.offers
         self._looked_at_m = looked_at_m
         self._drawing = drawing
         self._counted: Scenario | None = None
-        gui = desk.client.gui
+        gui = ui.client.gui
         with gui.add_folder("Generator"):
             self._model = gui.add_dropdown("Model", tuple(catalogue.offers))
             self._origin = gui.add_markdown("")
@@ -137,9 +137,9 @@ class GenerationPanel:
         self._build_resample(gui)
         # Last, since its report is of any length.
         with gui.add_folder("Last run"):
-            self._result = GenerationRun(desk, self._set_running, on_run)
-        desk.on_click(self._run, self.regenerate)
-        desk.on_change(self._model, lambda _name: self._model_chosen())
+            self._result = GenerationRun(ui, self._set_running, on_run)
+        ui.on_click(self._run, self.regenerate)
+        ui.on_change(self._model, lambda _name: self._model_chosen())
         self._show_options()
 
     def _build_resample(self, gui: viser.GuiApi) -> None:
@@ -180,14 +180,14 @@ class GenerationPanel:
             )
             self._resample = gui.add_button("Resample", icon=viser.Icon.ARROWS_SHUFFLE)
             clear = gui.add_button("Clear the road", color="gray")
-        self._desk.on_click(self._resample, self.resample)
-        self._desk.on_click(self._draw_region, self._drawing.toggle)
-        self._desk.on_change(self._where, lambda _value: self._where_chosen())
+        self._ui.on_click(self._resample, self.resample)
+        self._ui.on_click(self._draw_region, self._drawing.toggle)
+        self._ui.on_change(self._where, lambda _value: self._where_chosen())
         self._drawing.on_change(self._region_changed)
-        self._desk.on_click(clear, lambda: self._desk.apply(RemoveAllAgents()))
-        self._desk.on_change(self._which, lambda _value: self._show_counts())
+        self._ui.on_click(clear, lambda: self._ui.apply(RemoveAllAgents()))
+        self._ui.on_change(self._which, lambda _value: self._show_counts())
         for handle in (self._fits, self._keeps_focal, self._keeps_ego):
-            self._desk.on_change(handle, lambda _value: self._show_counts())
+            self._ui.on_change(handle, lambda _value: self._show_counts())
 
     def show(self, scenario: Scenario) -> None:
         """Follow the session."""
@@ -220,7 +220,7 @@ class GenerationPanel:
         """
         wanted = None
         if self._scope.value == SCOPE_SELECTION:
-            wanted = self._desk.session.selection
+            wanted = self._ui.session.selection
             if not wanted:
                 raise GenerationError(
                     f"Nothing is selected. Select agents, or choose '{SCOPE_ALL}'."
@@ -233,8 +233,8 @@ class GenerationPanel:
         Raises:
             GenerationError: there is no agent to generate, or a run is active.
         """
-        self._desk.commit_gesture()
-        scenario = self._desk.session.scenario
+        self._ui.commit_gesture()
+        scenario = self._ui.session.scenario
         if not road_user_ids(scenario):
             raise GenerationError(
                 "There are no agents on this road. Add some under 'Resample agents'."
@@ -247,8 +247,8 @@ class GenerationPanel:
         Raises:
             GenerationError: no agent is to be placed.
         """
-        self._desk.commit_gesture()
-        session = self._desk.session
+        self._ui.commit_gesture()
+        session = self._ui.session
         scenario = session.scenario
         if self._which.value == REDRAW_SELECTION:
             if not session.selection:
@@ -404,7 +404,7 @@ class GenerationPanel:
             if self._which.value == ADD_AGENTS:
                 set_value(count, 0)
         if self._which.value == REPLACE_ALL:
-            self._count_present(self._desk.session.scenario)
+            self._count_present(self._ui.session.scenario)
 
     def _count_present(self, scenario: Scenario) -> None:
         """Propose as many of each kind as there are; a bare road keeps the numbers."""

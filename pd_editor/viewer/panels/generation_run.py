@@ -18,10 +18,12 @@ from pd_editor.generation import (
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.panels.panel_style import FixedText
-from pd_editor.viewer.state.desk import Desk, set_property, set_value
 from pd_editor.viewer.state.run_state import RunState
+from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
 REPORT_LINES: Final = 6
+CLOSE_WAIT_S: Final = 2.0
+"""Time in which a cancelled generator finishes its step when its page is gone."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,18 +65,18 @@ class GenerationRun:
 
     def __init__(
         self,
-        desk: Desk,
+        ui: UiContext,
         on_running: Callable[[bool], None],
         on_change: Callable[[], None],
     ) -> None:
         """Build cancel, the choice of a sample and the report.
 
         Args:
-            desk: the session and its page.
+            ui: the session and its page.
             on_running: called when a run begins and ends.
             on_change: called when ``state`` has changed.
         """
-        self._desk = desk
+        self._ui = ui
         self._on_running = on_running
         self._on_change = on_change
         self._job: GenerationJob | None = None
@@ -83,7 +85,7 @@ class GenerationRun:
         self._waits = False
         self._applied: Scenario | None = None
         self._took_s = 0.0
-        gui = desk.client.gui
+        gui = ui.client.gui
         self._sample = gui.add_slider(
             "Sample shown",
             1,
@@ -101,9 +103,9 @@ class GenerationRun:
         )
         self._cancel = gui.add_button("Cancel", color="gray", disabled=True)
         self._report = FixedText(gui, REPORT_LINES)
-        desk.on_click(self._cancel, self.cancel)
-        desk.on_click(self._take, self.use_result)
-        desk.on_change(self._sample, self._sample_chosen, merge_key="sample")
+        ui.on_click(self._cancel, self.cancel)
+        ui.on_click(self._take, self.use_result)
+        ui.on_change(self._sample, self._sample_chosen, merge_key="sample")
 
     @property
     def is_running(self) -> bool:
@@ -133,7 +135,7 @@ class GenerationRun:
         self.forget()
         self._set_running(True)
         started = time.monotonic()
-        post = self._desk.post
+        post = self._ui.post
 
         def only_if_current(action: Callable[[], None]) -> Callable[[], None]:
             return lambda: action() if self._job is job else None
@@ -156,7 +158,7 @@ class GenerationRun:
     def show(self) -> None:
         """Follow the session: remove texts about another state."""
         is_shown = (
-            self._applied is not None and self._desk.session.scenario is self._applied
+            self._applied is not None and self._ui.session.scenario is self._applied
         )
         count = 0 if self._generated is None else len(self._generated[1].samples)
         set_property(self._sample, "disabled", not (is_shown and count > 1))
@@ -171,6 +173,8 @@ class GenerationRun:
         """Stop a running generation, because its page is gone."""
         if self._job is not None:
             self._job.cancel()
+            # A thread that is ended inside torch aborts the process at its exit.
+            self._job.wait(CLOSE_WAIT_S)
 
     def cancel(self) -> None:
         """Stop the generator within one step; nothing changes."""
@@ -194,8 +198,8 @@ class GenerationRun:
         if use == "back":
             position = self._position_of(base)
             assert position is not None
-            self._desk.commit_gesture()
-            self._desk.session.jump_to(position)
+            self._ui.commit_gesture()
+            self._ui.session.jump_to(position)
         self._apply(0)
 
     def forget(self) -> None:
@@ -208,7 +212,7 @@ class GenerationRun:
         """How a waiting result can be applied; None without one, or if it cannot."""
         if self._generated is None or not self._waits:
             return None
-        base, now = self._generated[0].base, self._desk.session.scenario
+        base, now = self._generated[0].base, self._ui.session.scenario
         if now.road_map is base.road_map and _same_states(base, now):
             return "here"
         return None if self._position_of(base) is None else "back"
@@ -218,7 +222,7 @@ class GenerationRun:
 
         None if it never had, or if that state cannot be restored any more.
         """
-        for index, entry in enumerate(self._desk.session.entries):
+        for index, entry in enumerate(self._ui.session.entries):
             for snapshot, position in ((entry.before, index), (entry.after, index + 1)):
                 if snapshot is not None and snapshot.scenario is scenario:
                     return position
@@ -244,7 +248,7 @@ class GenerationRun:
         self._set_running(False)
         self._generated = task, traffic
         self._took_s = time.monotonic() - started
-        if self._desk.session.scenario is task.base:
+        if self._ui.session.scenario is task.base:
             self._apply(0)
         else:
             self._waits = True
@@ -255,10 +259,10 @@ class GenerationRun:
         assert self._generated is not None
         task, traffic = self._generated
         self._applied = None
-        self._desk.apply(
+        self._ui.apply(
             traffic_command(task.request, traffic, index, removed_ids=task.removed_ids)
         )
-        self._applied = self._desk.session.scenario
+        self._applied = self._ui.session.scenario
         if len(traffic.samples) > 1:
             set_property(self._sample, "max", len(traffic.samples))
             set_value(self._sample, index + 1)
@@ -271,17 +275,17 @@ class GenerationRun:
 
     def _sample_chosen(self, number: float) -> None:
         """Replace the sample that was just applied by another one."""
-        if self._generated is None or self._desk.session.scenario is not self._applied:
+        if self._generated is None or self._ui.session.scenario is not self._applied:
             self.show()
             return
-        self._desk.session.undo()
+        self._ui.session.undo()
         self._apply(int(number) - 1)
 
     def _failed(self, error: Exception) -> None:
         self._job = None
         self._set_running(False)
         self._say("")
-        self._desk.report(error)
+        self._ui.report(error)
 
     def _say(self, text: str) -> None:
         self._report.show("", text)

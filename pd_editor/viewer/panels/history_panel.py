@@ -6,7 +6,7 @@ import viser
 
 from pd_editor.editor.history import HistoryEntry
 from pd_editor.viewer.panels.panel_style import FixedText, PanelStyle
-from pd_editor.viewer.state.desk import Desk, set_property
+from pd_editor.viewer.state.ui_context import UiContext, set_property
 
 ROWS: Final = 12
 OPENED: Final = "Scenario opened"
@@ -19,10 +19,10 @@ _UNUSED: Final = "\N{EN DASH}"
 class HistoryPanel:
     """Undo, redo, and pages of edits with the newest on top."""
 
-    def __init__(self, desk: Desk, style: PanelStyle) -> None:
+    def __init__(self, ui: UiContext, style: PanelStyle) -> None:
         """Build it into the current tab."""
-        self._desk = desk
-        gui = desk.client.gui
+        self._ui = ui
+        gui = ui.client.gui
         self._undo = gui.add_button(
             "Undo", icon=viser.Icon.ARROW_BACK_UP, color="gray", hint="Ctrl+Z"
         )
@@ -36,26 +36,26 @@ class HistoryPanel:
         self._rows = [gui.add_button(_UNUSED, color="gray") for _ in range(ROWS)]
         style.as_list(self._rows)
         for index, row in enumerate(self._rows):
-            desk.on_click(row, lambda index=index: self._jump(index))
-        desk.on_click(self._undo, self.undo)
-        desk.on_click(self._redo, self.redo)
-        desk.on_option(self._pages, self._turn_page)
+            ui.on_click(row, lambda index=index: self._jump(index))
+        ui.on_click(self._undo, self.undo)
+        ui.on_click(self._redo, self.redo)
+        ui.on_option(self._pages, self._turn_page)
 
     def undo(self) -> None:
         """Undo the last edit, if any."""
-        self._desk.commit_gesture()
-        if self._desk.session.can_undo:
-            self._desk.session.undo()
+        self._ui.commit_gesture()
+        if self._ui.session.can_undo:
+            self._ui.session.undo()
 
     def redo(self) -> None:
         """Redo the last undone edit, if any."""
-        self._desk.commit_gesture()
-        if self._desk.session.can_redo:
-            self._desk.session.redo()
+        self._ui.commit_gesture()
+        if self._ui.session.can_redo:
+            self._ui.session.redo()
 
     def show(self) -> None:
         """Show the session's history; the page follows the present state."""
-        session = self._desk.session
+        session = self._ui.session
         entries, position = session.entries, session.state.position
         set_property(self._undo, "disabled", not session.can_undo)
         set_property(self._redo, "disabled", not session.can_redo)
@@ -76,7 +76,7 @@ class HistoryPanel:
 
     def _position(self, index: int) -> int | None:
         """Number of edits in force in the state of a row; None for an unused row."""
-        at = len(self._desk.session.entries) - self._page * ROWS - index
+        at = len(self._ui.session.entries) - self._page * ROWS - index
         return at if at >= 0 else None
 
     def _counted(self, count: int, position: int) -> tuple[str, str]:
@@ -91,7 +91,7 @@ class HistoryPanel:
         return title, f"Rows {newest} to {oldest} of {count}, newest first."
 
     def _turn_page(self, where: str) -> None:
-        session = self._desk.session
+        session = self._ui.session
         count = len(session.entries)
         page = {
             NEWER: self._page - 1,
@@ -103,9 +103,9 @@ class HistoryPanel:
 
     def _jump(self, index: int) -> None:
         position = self._position(index)
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         if position is not None:
-            self._desk.session.jump_to(position)
+            self._ui.session.jump_to(position)
 
 
 def _edits(count: int) -> str:

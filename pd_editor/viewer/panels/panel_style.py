@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import viser
 
-from pd_editor.viewer.state.desk import set_property
+from pd_editor.viewer.state.ui_context import set_property
 
 LINE_PX: Final = 20
 

@@ -24,7 +24,7 @@ from pd_editor.scene.road_warp import (
 from pd_editor.scene.scenario import EGO_ID, AppliedWarp, Scenario
 from pd_editor.viewer.interaction.anchor_gizmo import AnchorGizmo
 from pd_editor.viewer.panels.panel_style import FixedText, PanelStyle
-from pd_editor.viewer.state.desk import Desk, set_property, set_value
+from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 from pd_editor.viewer.views.anchor_view import AnchorView
 
 Anchor = Literal["Focal agent", "Ego", "Selected agent", "A point that I drag"]
@@ -70,7 +70,7 @@ class RoadPanel:
 
     def __init__(
         self,
-        desk: Desk,
+        ui: UiContext,
         style: PanelStyle,
         view: AnchorView,
         *,
@@ -80,13 +80,13 @@ class RoadPanel:
         """Build it into the current tab.
 
         Args:
-            desk: the session and its page.
+            ui: the session and its page.
             style: looks that viser's options do not reach.
             view: marks the anchor in the picture.
             on_ghost: called with whether the original road is outlined.
             on_frame: looks at a pose.
         """
-        self._desk = desk
+        self._ui = ui
         self._view = view
         self._on_frame = on_frame
         self._power: dict[WarpKind, Any] = {}
@@ -95,7 +95,7 @@ class RoadPanel:
         self._own_warp: object = (None, None)
         """Warp and friction coefficient that the inputs show."""
         self._slowed_of: AppliedWarp | None = None
-        gui = desk.client.gui
+        gui = ui.client.gui
         for kind in WARP_KINDS:
             self._power[kind] = gui.add_slider(
                 _TITLE[kind],
@@ -117,8 +117,8 @@ class RoadPanel:
             self._build_anchor(gui)
         with gui.add_folder("Shape", expand_by_default=False):
             self._build_shape(gui)
-        self._gizmo = AnchorGizmo(desk, self._gizmo_moved)
-        self._base = desk.session.base
+        self._gizmo = AnchorGizmo(ui, self._gizmo_moved)
+        self._base = ui.session.base
         self._listen(ghost, on_ghost)
 
     def _build_friction(self, gui: viser.GuiApi) -> None:
@@ -179,48 +179,48 @@ class RoadPanel:
         self._reset_shape = gui.add_button("Reset shape", color="gray", disabled=True)
 
     def _listen(self, ghost: Any, on_ghost: Callable[[bool], None]) -> None:
-        desk = self._desk
+        ui = self._ui
         sliders = [*self._power.values(), *self._length.values()]
         for handle in [*sliders, self._border, self._exponent]:
-            desk.on_change(handle, lambda _value: self._changed(), merge_key="warp")
+            ui.on_change(handle, lambda _value: self._changed(), merge_key="warp")
         for handle in (self._slows, self._friction):
-            desk.on_change(
+            ui.on_change(
                 handle, lambda _value: self._friction_changed(), merge_key="friction"
             )
         for handle in (self._anchor_at, self._anchor_heading):
-            desk.on_change(handle, lambda _value: self._pose_typed(), merge_key="pose")
-        desk.on_change(
+            ui.on_change(handle, lambda _value: self._pose_typed(), merge_key="pose")
+        ui.on_change(
             self._anchor,
             lambda _value: self._anchor_changed(),
             failure="Anchor not changed",
         )
-        desk.on_change(ghost, on_ghost)
-        desk.on_click(self._reset, self.reset)
-        desk.on_click(self._reset_shape, self.reset_shape)
-        desk.on_click(self._frame, self._look_at_anchor, failure="No anchor to look at")
+        ui.on_change(ghost, on_ghost)
+        ui.on_click(self._reset, self.reset)
+        ui.on_click(self._reset_shape, self.reset_shape)
+        ui.on_click(self._frame, self._look_at_anchor, failure="No anchor to look at")
 
     def reset(self) -> None:
         """Remove the warp and reset the inputs; the original road is restored exactly."""
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         self._show_defaults()
         self._own_warp = (None, None)
-        self._desk.apply(SetRoadWarp(warp=None, friction_coefficient=None))
-        self._show_resets(self._desk.session.scenario)
+        self._ui.apply(SetRoadWarp(warp=None, friction_coefficient=None))
+        self._show_resets(self._ui.session.scenario)
 
     def reset_shape(self) -> None:
         """Give lengths, start and sharpness their first values; powers stay."""
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         self._show_default_shape()
-        applied = self._desk.session.scenario.applied_warp
+        applied = self._ui.session.scenario.applied_warp
         if applied is not None:
-            self._desk.apply(self._command(applied.warp.anchor))
-        self._show_resets(self._desk.session.scenario)
+            self._ui.apply(self._command(applied.warp.anchor))
+        self._show_resets(self._ui.session.scenario)
 
     def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
         """Show the warp of a scenario."""
-        is_other_base = self._desk.session.base is not self._base
-        self._base = self._desk.session.base
-        if self._desk.gesture != "warp":
+        is_other_base = self._ui.session.base is not self._base
+        self._base = self._ui.session.base
+        if self._ui.gesture != "warp":
             self._show_values(scenario, is_other_base)
         self._show_anchor(scenario, is_other_base)
         self._show_gizmo(scenario, is_other_base)
@@ -228,7 +228,7 @@ class RoadPanel:
         self._show_pose(scenario)
         self._show_resets(scenario)
         self._show_readout(scenario)
-        if not self._desk.session.state.is_previewing:
+        if not self._ui.session.state.is_previewing:
             self._show_slowed(scenario)
 
     def _show_values(self, scenario: Scenario, is_other_base: bool) -> None:
@@ -290,7 +290,7 @@ class RoadPanel:
         applied = scenario.applied_warp
         if applied is None:
             self._readout.show(
-                recorded_road_in_words(self._desk.session.base),
+                recorded_road_in_words(self._ui.session.base),
                 "Move a slider to bend it.",
             )
             return
@@ -343,32 +343,32 @@ class RoadPanel:
 
     def _preview(self, owner: str, command: SetRoadWarp, *, has_end: bool) -> None:
         try:
-            self._desk.preview(owner, command, has_end=has_end)
+            self._ui.preview(owner, command, has_end=has_end)
         except EditError:
             self._own_warp = _NOT_OWN
             raise
 
     def _changed(self) -> None:
-        scenario = self._desk.session.scenario
+        scenario = self._ui.session.scenario
         applied = scenario.applied_warp
         anchor = applied.warp.anchor if applied is not None else self._anchor_pose()
         self._preview("warp", self._command(anchor), has_end=False)
-        self._show_resets(self._desk.session.scenario)
+        self._show_resets(self._ui.session.scenario)
 
     def _friction_changed(self) -> None:
-        applied = self._desk.session.scenario.applied_warp
+        applied = self._ui.session.scenario.applied_warp
         if applied is not None:
             self._preview("warp", self._command(applied.warp.anchor), has_end=False)
-            self._show_readout(self._desk.session.scenario)
-        self._show_resets(self._desk.session.scenario)
+            self._show_readout(self._ui.session.scenario)
+        self._show_resets(self._ui.session.scenario)
 
     def bend_from(self, pose: RigidMotion) -> None:
         """Use a pose on the shown road as the anchor of the warp."""
         self._offer((*self._anchor.options, POINT))
         set_value(self._anchor, POINT)
         self._take_anchor(POINT, pose)
-        if self._desk.session.scenario.applied_warp is None:
-            self._desk.notify(
+        if self._ui.session.scenario.applied_warp is None:
+            self._ui.notify(
                 "Bend from here", "Choose how in the Road tab: its sliders bend it."
             )
 
@@ -388,9 +388,9 @@ class RoadPanel:
             self._gizmo.place(pose)
         else:
             self._gizmo.remove()
-        if self._desk.session.scenario.applied_warp is not None:
-            self._desk.apply(self._command(pose))
-        self._show_pose(self._desk.session.scenario)
+        if self._ui.session.scenario.applied_warp is not None:
+            self._ui.apply(self._command(pose))
+        self._show_pose(self._ui.session.scenario)
 
     def _pose_typed(self) -> None:
         x, y = self._anchor_at.value
@@ -405,9 +405,9 @@ class RoadPanel:
         self._anchor_taken = POINT
         self._own_pose = pose
         self._gizmo.place(pose)
-        if self._desk.session.scenario.applied_warp is not None:
+        if self._ui.session.scenario.applied_warp is not None:
             self._preview("warp", self._command(pose), has_end=False)
-        self._show_pose(self._desk.session.scenario)
+        self._show_pose(self._ui.session.scenario)
 
     def _anchor_pose(self) -> RigidMotion:
         """Pose that the warp bends ahead of, on the original road.
@@ -415,11 +415,11 @@ class RoadPanel:
         Raises:
             EditError: the chosen agent does not exist at the current step.
         """
-        scenario, choice = self._desk.session.scenario, self._anchor.value
+        scenario, choice = self._ui.session.scenario, self._anchor.value
         if choice == POINT:
             return self._gizmo.pose or self._own_pose or _starting_pose(scenario)
         if choice == SELECTED:
-            selection = self._desk.session.selection
+            selection = self._ui.session.selection
             if len(selection) != 1:
                 raise EditError(
                     "Select the one agent that the road should bend ahead of."
@@ -428,7 +428,7 @@ class RoadPanel:
         return pose_of_anchor(scenario, "ego" if choice == EGO else "focal")
 
     def _look_at_anchor(self) -> None:
-        scenario = self._desk.session.scenario
+        scenario = self._ui.session.scenario
         applied = scenario.applied_warp
         pose = self._anchor_pose() if applied is None else applied.warp.anchor
         self._on_frame(pose)
@@ -437,15 +437,15 @@ class RoadPanel:
         pose = self._gizmo.pose
         if pose is None:
             return
-        if self._desk.session.scenario.applied_warp is None:
+        if self._ui.session.scenario.applied_warp is None:
             self._own_pose = pose
-            self._show_pose(self._desk.session.scenario)
+            self._show_pose(self._ui.session.scenario)
             return
         command = self._command(pose)
         if command.warp is not None:
             self._preview("anchor", command, has_end=True)
         if phase == "end":
-            self._desk.commit_gesture()
+            self._ui.commit_gesture()
 
     def _show_anchor(self, scenario: Scenario, is_other_base: bool) -> None:
         """After undo, redo or a reload, choose the anchor that is in force."""
@@ -476,7 +476,7 @@ class RoadPanel:
     def _show_gizmo(self, scenario: Scenario, is_other_base: bool) -> None:
         """Keep the gizmo at the applied anchor; remove it for a newly opened scene."""
         pose, applied = self._gizmo.pose, scenario.applied_warp
-        if pose is None or self._desk.gesture == "anchor":
+        if pose is None or self._ui.gesture == "anchor":
             return
         if applied is not None and applied.warp.anchor != pose:
             self._gizmo.place(applied.warp.anchor)

@@ -13,8 +13,8 @@ from pd_editor.scenario_store import DEMO_PREFIX
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.server.server_guard import limit_uploads
-from pd_editor.viewer.state.desk import Desk, set_value
 from pd_editor.viewer.state.page_text import plain
+from pd_editor.viewer.state.ui_context import UiContext, set_value
 
 CARD_LINES: Final = 4
 UPLOAD_TYPES: Final = ".zip,.parquet,.json,application/zip,application/json"
@@ -23,14 +23,14 @@ UPLOAD_TYPES: Final = ".zip,.parquet,.json,application/zip,application/json"
 class ScenarioPanel:
     """Shows the open scenario, and opens others."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, ui: UiContext) -> None:
         """Build it into the current tab."""
-        self._desk = desk
-        self._workspace = desk.workspace
+        self._ui = ui
+        self._workspace = ui.workspace
         self._uploads: dict[str, bytes] = {}
         self._base: Scenario | None = None
         self._dialog: Any = None
-        gui = desk.client.gui
+        gui = ui.client.gui
         self._card = FixedText(gui, CARD_LINES)
         with gui.add_folder("Open"):
             self._demo = gui.add_dropdown("Demo", demo_names() or ("-",))
@@ -47,29 +47,29 @@ class ScenarioPanel:
                 color="gray",
                 icon=viser.Icon.UPLOAD,
             )
-        desk.on_change(self._demo, self._tell_demo)
-        desk.on_click(open_demo, self._open_demo)
-        desk.on_click(open_folder, self._open_folder)
+        ui.on_change(self._demo, self._tell_demo)
+        ui.on_click(open_demo, self._open_demo)
+        ui.on_click(open_folder, self._open_folder)
 
-        limit_uploads(desk.client, MAX_UPLOAD_BYTES, self._upload_refused)
+        limit_uploads(ui.client, MAX_UPLOAD_BYTES, self._upload_refused)
 
         @upload.on_upload
         async def _(event: viser.GuiEvent[Any]) -> None:
             uploaded = event.target.value
-            desk.post(
+            ui.post(
                 lambda: self._uploaded(uploaded.name, uploaded.content),
                 failure=f"Not opened: {uploaded.name[:60]}",
             )
 
     def show(self, scenario: Scenario) -> None:
         """Show the open scenario; the menu of demos follows it."""
-        if self._base is not self._desk.session.base:
-            self._base = self._desk.session.base
+        if self._base is not self._ui.session.base:
+            self._base = self._ui.session.base
             name = self._base.provenance.source.removeprefix(DEMO_PREFIX)
             if name in self._demo.options:
                 set_value(self._demo, name)
                 self._tell_demo(name)
-            self._desk.post(self._offer_continuation)
+            self._ui.post(self._offer_continuation)
         agents, road = scenario.agents, scenario.road_map
         has_future = bool(agents.is_valid[:, scenario.current_step + 1 :].any())
         size = f"{scenario.city} · {len(agents)} agents · {len(road.lanes)} lanes"
@@ -88,7 +88,7 @@ class ScenarioPanel:
             self._dialog = None
         if offered is None:
             return
-        gui = self._desk.client.gui
+        gui = self._ui.client.gui
         count = len(offered.recipe.commands)
         edits = "its edit" if count == 1 else f"its {count} edits"
         self._dialog = gui.add_modal("This is an export of the editor")
@@ -99,10 +99,10 @@ class ScenarioPanel:
             )
             go_on = gui.add_button(f"Continue with {edits}")
             as_it_is = gui.add_button("Open as it is", color="gray")
-        self._desk.on_click(
+        self._ui.on_click(
             go_on, lambda: self._answered(self._workspace.continue_export)
         )
-        self._desk.on_click(as_it_is, lambda: self._answered(self._decline))
+        self._ui.on_click(as_it_is, lambda: self._answered(self._decline))
 
     def _answered(self, action: Callable[[], None]) -> None:
         if self._dialog is not None:
@@ -117,7 +117,7 @@ class ScenarioPanel:
         self._shows.show("", _shows(name))
 
     def _open_demo(self) -> None:
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         self._workspace.open_reference(str(self._demo.value))
 
     def _open_folder(self) -> None:
@@ -125,7 +125,7 @@ class ScenarioPanel:
         if not path:
             raise InputError("Type the path of a scenario folder first.")
         self._workspace.refuse_remote()
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         self._workspace.open_reference(path)
 
     def _uploaded(self, name: str, content: bytes) -> None:
@@ -145,12 +145,12 @@ class ScenarioPanel:
             if len(files) < 2:
                 self._uploads = files
                 missing = "map JSON" if suffix == ".parquet" else "parquet"
-                self._desk.notify(
+                self._ui.notify(
                     f"{name} received", f"Now upload the {missing} that belongs to it."
                 )
                 return
         self._uploads = {}
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         self._workspace.open_upload(files)
 
     def _upload_refused(self, name: str, size_bytes: int) -> None:
@@ -158,7 +158,7 @@ class ScenarioPanel:
         error = ArchiveError(
             f"{name} has {size:.0f} MiB; at most {limit} MiB are taken."
         )
-        self._desk.post(lambda: self._desk.report(error))
+        self._ui.post(lambda: self._ui.report(error))
 
 
 def _shows(name: str) -> str:

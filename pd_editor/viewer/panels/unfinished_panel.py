@@ -5,8 +5,8 @@ from typing import Any, Final
 
 import viser
 
-from pd_editor.viewer.state.desk import Desk, set_property
 from pd_editor.viewer.state.page_text import plain
+from pd_editor.viewer.state.ui_context import UiContext, set_property
 from pd_editor.viewer.state.workspace import KeptWork
 
 MAX_LISTED: Final = 20
@@ -15,22 +15,22 @@ MAX_LISTED: Final = 20
 class UnfinishedPanel:
     """Lists edited scenarios that are not open, to continue or to discard."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, ui: UiContext) -> None:
         """Build the button into the current container."""
-        self._desk = desk
-        self._workspace = desk.workspace
+        self._ui = ui
+        self._workspace = ui.workspace
         self._dialog: Any = None
         self._count = -1
-        self._button = desk.client.gui.add_button(
+        self._button = ui.client.gui.add_button(
             "Unfinished work",
             color="gray",
             icon=viser.Icon.HISTORY,
             hint="Edits of other scenarios, to continue or to discard",
         )
-        desk.on_click(self._button, self.open_dialog)
+        ui.on_click(self._button, self.open_dialog)
         self.refresh()
         if self._count:
-            desk.notify(
+            ui.notify(
                 "Unfinished work found",
                 "Edits that were not exported are kept. Continue them in the Scene tab.",
                 stays=True,
@@ -42,11 +42,11 @@ class UnfinishedPanel:
 
     def open_dialog(self) -> None:
         """Show the list in a dialog."""
-        self._desk.commit_gesture()
+        self._ui.commit_gesture()
         self._close_dialog()
         found = self._workspace.unfinished_work()
         self._show_count(len(found))
-        gui = self._desk.client.gui
+        gui = self._ui.client.gui
         self._dialog = gui.add_modal("Unfinished work")
         with self._dialog:
             if not found:
@@ -58,7 +58,7 @@ class UnfinishedPanel:
             if len(found) > MAX_LISTED:
                 gui.add_markdown(f"... and {len(found) - MAX_LISTED} older ones")
             close = gui.add_button("Close", color="gray")
-        self._desk.on_click(close, self._close_dialog)
+        self._ui.on_click(close, self._close_dialog)
 
     def _add_row(self, gui: viser.GuiApi, work: KeptWork) -> None:
         gui.add_markdown(_described(work))
@@ -75,8 +75,8 @@ class UnfinishedPanel:
             self._workspace.discard(work)
             self.open_dialog()
 
-        self._desk.on_click(resume, lambda: self._resume(work))
-        self._desk.on_click(discard, discarded)
+        self._ui.on_click(resume, lambda: self._resume(work))
+        self._ui.on_click(discard, discarded)
 
     def _resume(self, work: KeptWork) -> None:
         self._close_dialog()

@@ -6,7 +6,7 @@ from typing import Final
 import viser
 
 from pd_editor.viewer.meshes.road_mesh import Layer
-from pd_editor.viewer.state.desk import Desk
+from pd_editor.viewer.state.ui_context import UiContext
 
 _LAYER_TITLE: Final[dict[Layer, str]] = {
     "road": "Road surface",
@@ -22,7 +22,7 @@ class ViewPanel:
 
     def __init__(
         self,
-        desk: Desk,
+        ui: UiContext,
         *,
         is_dark: bool,
         on_camera: Callable[[str], None],
@@ -32,23 +32,23 @@ class ViewPanel:
         on_compare: Callable[[bool], None],
     ) -> None:
         """Build it into the current tab."""
-        gui = desk.client.gui
+        gui = ui.client.gui
         for label, icon, hint in (
             ("3-D view", viser.Icon.CUBE, "V switches"),
             ("Top view", viser.Icon.MAP, "V switches; drag draws a selection box"),
             ("Frame selection", viser.Icon.FOCUS_2, "F"),
         ):
             button = gui.add_button(label, icon=icon, color="gray", hint=hint)
-            desk.on_click(button, lambda label=label: on_camera(label))
+            ui.on_click(button, lambda label=label: on_camera(label))
         theme = gui.add_checkbox("Dark theme", is_dark)
-        desk.on_change(theme, on_theme)
+        ui.on_change(theme, on_theme)
         compare = gui.add_checkbox(
             "Compare with the original", False, hint="Hold O for a short look"
         )
-        desk.on_change(compare, on_compare)
+        ui.on_change(compare, on_compare)
         with gui.add_folder("Layers"):
             for layer, title in _LAYER_TITLE.items():
                 box = gui.add_checkbox(title, layer != "centerlines")
-                desk.on_change(box, lambda value, layer=layer: on_layer(layer, value))
+                ui.on_change(box, lambda value, layer=layer: on_layer(layer, value))
             ribbons = gui.add_checkbox("Past and future", True)
-            desk.on_change(ribbons, on_ribbons)
+            ui.on_change(ribbons, on_ribbons)

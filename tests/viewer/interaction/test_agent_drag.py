@@ -100,7 +100,7 @@ def test_a_drag_that_lost_its_gesture_does_nothing_more(tab, ends):
     else:
         other, _ = start_of(tab, 1)
         faster = SetAgentSpeed(agent_ids=(other,), speed_mps=3.0)
-        tab.run(lambda: tab.desk.apply(faster))
+        tab.run(lambda: tab.ui.apply(faster))
     shown, entries = tab.session.scenario, len(tab.session.entries)
     pointer.say("update", by(start, 9.0, 0.0))
     pointer.say("end", by(start, 9.0, 0.0))

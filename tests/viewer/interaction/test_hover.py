@@ -72,7 +72,7 @@ class FakeDesk:
 def test_answers_name_the_question_and_garbage_gets_none(monkeypatch):
     page = Page()
     hover = Hover.__new__(Hover)
-    hover._desk, hover._overlay = FakeDesk, page
+    hover._ui, hover._overlay = FakeDesk, page
     hover._is_quiet = lambda: False
     hover._poses = lambda: poses_at(FakeDesk.session.scenario.agents, 50.0)
     asked = {"at": [3, 4], "ray": [[0, 0, 50], [0, 0, 0]], "ask": 7}

@@ -1,5 +1,5 @@
 from pd_editor.viewer.overlay.key_sheet import _of_hotkeys, key_name
-from pd_editor.viewer.state.desk import Hotkey
+from pd_editor.viewer.state.ui_context import Hotkey
 
 
 def test_names_of_keys():

@@ -24,20 +24,20 @@ def select(tab: FakeTab, *agent_ids: str) -> None:
 def test_fields_that_differ_are_empty_and_apply_to_all(tab: FakeTab):
     """(D32)"""
     panel, ids = tab.tab._agent_panel, tab.session.scenario.agents.ids
-    tab.run(lambda: tab.desk.apply(SetAgentKind(agent_ids=ids[1:], kind=AgentKind.BUS)))
-    tab.run(lambda: tab.desk.apply(SetAgentSpeed(agent_ids=ids[1:], speed_mps=3.0)))
+    tab.run(lambda: tab.ui.apply(SetAgentKind(agent_ids=ids[1:], kind=AgentKind.BUS)))
+    tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[1:], speed_mps=3.0)))
     select(tab, *ids)
     assert panel._kind.value == MIXED
     assert math.isnan(panel._speed.value)
     assert all(map(math.isnan, panel._size.value))
     assert panel._summary.text.startswith("2 agents: 1 vehicle, 1 bus")
     tab.run(lambda: panel._set_size((5.0, math.nan)))
-    tab.run(tab.desk.commit_gesture)
+    tab.run(tab.ui.commit_gesture)
     agents = tab.session.scenario.agents
     assert agents.size_m[:, 0].tolist() == [5.0, 5.0]
     assert agents.size_m[0, 1] != agents.size_m[1, 1]
     tab.run(lambda: panel._set_speed(6.0))
-    tab.run(tab.desk.commit_gesture)
+    tab.run(tab.ui.commit_gesture)
     assert panel._speed.value == 6.0
     now = tab.session.scenario.current_step
     assert np.allclose(tab.session.scenario.agents.speed_mps()[:, now], 6.0)
@@ -45,8 +45,8 @@ def test_fields_that_differ_are_empty_and_apply_to_all(tab: FakeTab):
 
 def test_activities_are_shown_and_set(tab: FakeTab):
     panel, ids = tab.tab._agent_panel, tab.session.scenario.agents.ids
-    tab.run(lambda: tab.desk.apply(SetAgentSpeed(agent_ids=ids[:1], speed_mps=0.0)))
-    tab.run(lambda: tab.desk.apply(SetAgentSpeed(agent_ids=ids[1:2], speed_mps=5.0)))
+    tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[:1], speed_mps=0.0)))
+    tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[1:2], speed_mps=5.0)))
     select(tab, ids[0])
     assert panel._activity.value == "not known"
     tab.run(lambda: panel._set_activity("parked"))
@@ -90,7 +90,7 @@ def test_a_trajectory_that_no_longer_fits_is_told(tab: FakeTab):
     panel, agents = tab.tab._agent_panel, tab.tab._agent_list
     # Both have a problem later; only the second one's trajectory was carried along.
     agents._problems = lambda: ((first, second), (first, second))
-    tab.run(lambda: tab.desk.apply(moved))
+    tab.run(lambda: tab.ui.apply(moved))
     assert agents.stale_ids() == {second}
     select(tab, second)
     assert "Its trajectory no longer fits" in panel._summary.text

@@ -66,7 +66,7 @@ def test_what_is_typed_while_the_panel_is_shown_again_is_not_lost(tmp_path: Path
         def arrives(handle: Any, text: str) -> None:
             # As viser does when a browser's message comes: first the value, then this.
             handle._impl.value = text
-            event = viser.GuiEvent(tab.desk.client, tab.desk.client.client_id, handle)
+            event = viser.GuiEvent(tab.ui.client, tab.ui.client.client_id, handle)
             for callback in handle._impl.update_cb:
                 asyncio.run(callback(event))
 

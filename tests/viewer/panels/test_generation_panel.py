@@ -136,7 +136,7 @@ def test_the_focal_agent_and_the_ego_stay_unless_told_otherwise(tab, placing):
 
 def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
     panel = tab.tab._generation_panel
-    tab.run(lambda: tab.desk.apply(RemoveAllAgents()))
+    tab.run(lambda: tab.ui.apply(RemoveAllAgents()))
     tab.run(lambda: tab.tab._problems.check(with_future=True))
     panel._counts[AgentKind.VEHICLE].value = 0
     with pytest.raises(GenerationError, match="how many agents"):
@@ -216,7 +216,7 @@ def test_another_sample_takes_the_place_of_the_first(tab, placing):
         atol=1e-5,
     )
     # After any other edit the samples are not offered any more.
-    tab.run(lambda: tab.desk.apply(RemoveAllAgents()))
+    tab.run(lambda: tab.ui.apply(RemoveAllAgents()))
     tab.run(lambda: panel._result._sample_chosen(2))
     assert chooser.disabled
     assert labels(tab)[-1] == "Remove all agents"

@@ -9,7 +9,7 @@ def edit(tab: FakeTab, count: int) -> None:
     agent_id = tab.session.scenario.agents.ids[1]
     for number in range(1, count + 1):
         command = SetAgentSpeed(agent_ids=(agent_id,), speed_mps=number / 2)
-        tab.run(lambda command=command: tab.desk.apply(command))
+        tab.run(lambda command=command: tab.ui.apply(command))
 
 
 def texts(tab: FakeTab) -> list[str]:

@@ -16,7 +16,7 @@ from pd_editor.viewer.panels.road_panel import (
     SELECTED,
     slowed_in_words,
 )
-from pd_editor.viewer.state import desk as desk_module
+from pd_editor.viewer.state import ui_context as ui_module
 from tests.viewer.fake_browser import FakeTab, until
 
 
@@ -30,7 +30,7 @@ def bend(tab: FakeTab, panel, power: float = 4.0, length_m: float | None = None)
     if length_m is not None:
         panel._length["ripple-road"].value = length_m
     tab.run(panel._changed)
-    tab.run(tab.desk.commit_gesture)
+    tab.run(tab.ui.commit_gesture)
     tab.run(lambda: tab.tab._show_panels(tab.session.state))
 
 
@@ -59,8 +59,8 @@ def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
     power, session = panel._power["ripple-road"], tab.session
     side_panel = tab.tab._overlay._handlers["panel"]
     num_edits = len(session.entries)
-    monkeypatch.setattr(desk_module, "GESTURE_PAUSE_S", 0.1)
-    monkeypatch.setattr(desk_module, "LAST_VALUE_S", 60.0)
+    monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 0.1)
+    monkeypatch.setattr(ui_module, "LAST_VALUE_S", 60.0)
 
     def slide(value: float) -> None:
         def moved() -> None:
@@ -82,12 +82,12 @@ def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
     assert session.scenario.applied_warp.warp.terms[0].power == 4.0
 
     # The next drag ends the former gesture, however soon it comes.
-    monkeypatch.setattr(desk_module, "GESTURE_PAUSE_S", 60.0)
+    monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 60.0)
     slide(5.0)
     tab.run(lambda: side_panel({"kind": "hold"}))
     assert len(session.entries) == num_edits + 2
     slide(6.0)
-    monkeypatch.setattr(desk_module, "LAST_VALUE_S", 0.1)
+    monkeypatch.setattr(ui_module, "LAST_VALUE_S", 0.1)
     tab.run(lambda: side_panel({"kind": "release"}))
     until(lambda: len(session.entries) == num_edits + 3)
 
@@ -96,7 +96,7 @@ def test_shape_does_not_leak_into_another_scenario(tab: FakeTab, panel):
     """(D27)"""
     panel._length["ripple-road"].value = 5.0
     tab.run(panel._changed)
-    tab.run(tab.desk.commit_gesture)
+    tab.run(tab.ui.commit_gesture)
     # A shape that waits for a bend outlives a selection ...
     tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids[:1]))
     assert panel._length["ripple-road"].value == 5.0
@@ -153,7 +153,7 @@ def test_the_anchor_can_be_typed(tab: FakeTab, panel):
     bend(tab, panel)
     panel._anchor_at.value, panel._anchor_heading.value = (12.0, 3.0), 30.0
     tab.run(panel._pose_typed)
-    tab.run(tab.desk.commit_gesture)
+    tab.run(tab.ui.commit_gesture)
     anchor = tab.session.scenario.applied_warp.warp.anchor
     assert (anchor.x_m, anchor.y_m) == (12.0, 3.0)
     assert anchor.rotation_rad == pytest.approx(np.radians(30.0))
@@ -166,11 +166,11 @@ def test_the_anchor_can_be_typed(tab: FakeTab, panel):
 def test_agents_that_friction_slows_are_named_with_their_speeds(tab: FakeTab, panel):
     """(D10)"""
     ids = tab.session.scenario.agents.ids
-    tab.run(lambda: tab.desk.apply(SetAgentSpeed(agent_ids=ids, speed_mps=20.0)))
+    tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids, speed_mps=20.0)))
     panel._power["smooth-turn"].value = 10.0
     panel._slows.value = True
     tab.run(panel._changed)
-    tab.run(tab.desk.commit_gesture)
+    tab.run(tab.ui.commit_gesture)
     tab.run(lambda: tab.tab._show_panels(tab.session.state))
     applied = tab.session.scenario.applied_warp
     now = tab.session.scenario.current_step

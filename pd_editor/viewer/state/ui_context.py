@@ -44,7 +44,7 @@ class Hotkey:
     modifier: str | None
 
 
-class Desk:
+class UiContext:
     """Session, message queue and notifications of a browser tab."""
 
     def __init__(
