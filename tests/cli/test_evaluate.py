@@ -62,7 +62,7 @@ def test_states_can_be_drawn_too(shell: Shell, data: Path, tmp_path: Path):
     assert rows["method"].to_pylist() == ["ground-truth"] * 2 + ["path-diffuser"] * 2
     text = (out / "report.md").read_text()
     for words in (
-        "Agents are placed anew and driven: as many of each kind",
+        "Initial states and trajectories are sampled: as many",
         "| method | agents / scenes | collision 2 m, % | boxes overlap, % |",
         "--states drawn --agents all",
         "2 agents of the log at the current step",

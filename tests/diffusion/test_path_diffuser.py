@@ -121,7 +121,7 @@ def test_slowed_agents_are_named_where_states_are_sampled_too(
 
 def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:
     ids = scenario.agents.ids
-    yield {"agent_ids": ()}, "nobody"
+    yield {"agent_ids": ()}, "no agent to generate"
     yield {"agent_ids": (ids[0], ids[0])}, "twice"
     yield {"num_samples": 0}, "samples"
     yield {"num_denoising_steps": 0}, "denoising steps"

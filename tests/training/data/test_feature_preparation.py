@@ -176,5 +176,5 @@ def test_a_root_of_damaged_scenarios_only_is_refused(av2_copy, basis, tmp_path):
     shutil.copytree(damaged, root / damaged.name)
     with pytest.raises(TrainingError, match="None of 1 scenarios can be used"):
         prepare_features([root], tmp_path / "store", basis, workers=1)
-    with pytest.raises(TrainingError, match="whole future"):
+    with pytest.raises(TrainingError, match="complete trajectory"):
         fit_basis([root], workers=1)
