@@ -90,7 +90,8 @@ def _is_parked_off_road(scenario: Scenario) -> Bool[np.ndarray, "A"]:
 def _rounded_agents(agents: AgentTracks) -> AgentTracks:
     names = ("size_m", "position_m", "heading_rad", "velocity_mps")
     arrays = {name: _rounded(getattr(agents, name), _MOTION_UNIT) for name in names}
-    return replace(agents, **arrays)
+    # Demos are opened as recordings are, which do not tell the activity of an agent.
+    return replace(agents, **arrays, activity=np.zeros(len(agents), np.int8))
 
 
 def _rounded_map(road_map: RoadMap) -> RoadMap:
