@@ -43,11 +43,13 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
 
     # The other sample takes the place of the first, as one undo step.
     editor.fill("Sample shown", 2)
-    editor.until(lambda: session.scenario is not drawn, "the second sample")
-    assert [one.label.split(" (")[0] for one in session.entries] == [
-        "Remove all agents",
-        "Add 11 agents, sample 2 of 2",
-    ]
+    # The first is undone before the second is applied, so wait for the history.
+    swapped = ["Remove all agents", "Add 11 agents, sample 2 of 2"]
+    editor.until(
+        lambda: [one.label.split(" (")[0] for one in session.entries] == swapped,
+        "the second sample as one entry",
+    )
+    assert session.scenario is not drawn
 
     states = session.scenario.agents.position_m[:, now].copy()
     editor.press("Regenerate")
