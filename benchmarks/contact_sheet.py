@@ -38,7 +38,7 @@ COLORS = {
     AgentKind.CYCLIST: "#0e7c3f",
     AgentKind.PEDESTRIAN: "#cf1f67",
 }
-WAY = "redrawn"
+PLACEMENT = "resampled"
 
 
 def top_view(scenario: Scenario, center: np.ndarray, size_px: int) -> Image.Image:
@@ -132,7 +132,7 @@ def main() -> None:
         row = [read_scenario(folder)]
         for seed in range(options.samples):
             out = options.out / f"sample-{seed}"
-            generate(folder, WAY, options.model, seed, out)
+            generate(folder, PLACEMENT, options.model, seed, out)
             row.append(read_scenario(out / folder.name))
         rows.append(row)
     centers = [scene_center(row[0]) for row in rows]

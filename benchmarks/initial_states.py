@@ -297,7 +297,7 @@ def print_table(
     )
     recorded = [state_values(recorded_traffic(scene.scenario)) for scene in scenes]
     print(summary("recorded", recorded, recorded))
-    # What nobody whose boxes do not overlap can do better.
+    # The bound for states whose boxes do not overlap.
     apart = [separate_overlaps(scene.scenario, keep_ids=())[0] for scene in scenes]
     line = [state_values(recorded_traffic(one)) for one in apart]
     print(summary("recorded, slid apart", line, recorded))

@@ -1,7 +1,7 @@
 """Whole generated scenes beside recorded ones: where vehicles stand and how they move.
 
-Three ways: the agents of the square around the focal agent redrawn, all agents redrawn, as
-many agents as fit. The folders stay in ``--out`` for other programs.
+Three placements: the agents of the square around the focal agent resampled, all agents
+resampled, as many agents as fit. The folders stay in ``--out`` for other programs.
 Needs PD_EDITOR_AV2.
 """
 
@@ -22,7 +22,7 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 
 HALF_SIDE_M = 62.0
-WAYS = ("square", "redrawn", "fit")
+PLACEMENTS = ("square", "resampled", "fit")
 COLUMNS = (
     "speed, m/s",
     "standing, %",
@@ -33,18 +33,18 @@ COLUMNS = (
 )
 
 
-def generate(folder: Path, way: str, model: str, seed: int, out: Path) -> None:
-    """One scene, one way."""
+def generate(folder: Path, placement: str, model: str, seed: int, out: Path) -> None:
+    """One scene with one placement."""
     scenario = read_scenario(folder)
     agents, step = scenario.agents, scenario.current_step
     rows = np.flatnonzero(agents.is_valid[:, step] & agents.kind_mask(ROAD_USER_KINDS))
     center = scene_center(scenario)
     options = {"model": model, "seed": seed, "name": folder.name, "out": out}
-    if way == "fit":
+    if placement == "fit":
         pd_editor.generate(folder, num_agents="fit", **options)
         return
     region = None
-    if way == "square":
+    if placement == "square":
         away = np.abs(agents.position_m[rows, step] - center).max(axis=1)
         rows = rows[away <= HALF_SIDE_M]
         region = (float(center[0]), float(center[1]), HALF_SIDE_M)
@@ -78,7 +78,7 @@ def line(folders: list[Path]) -> str:
 
 
 def main() -> None:
-    """Print a line for the recordings and one for each way, over all seeds."""
+    """Print a line for the recordings and one for each placement, over all seeds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", default="path-diffuser")
     parser.add_argument("--split", default="val")
@@ -91,14 +91,14 @@ def main() -> None:
     )
     print(f"{'':10}{'vehicles':>12}" + "".join(f"{name:>20}" for name in COLUMNS))
     print(f"{'recorded':10}{line(folders)}")
-    for way in WAYS:
+    for placement in PLACEMENTS:
         made: list[Path] = []
         for seed in range(options.seeds):
-            out = options.out / f"{way}-{seed}"
+            out = options.out / f"{placement}-{seed}"
             for folder in folders:
-                generate(folder, way, options.model, seed, out)
+                generate(folder, placement, options.model, seed, out)
                 made.append(out / folder.name)
-        print(f"{way:10}{line(made)}", flush=True)
+        print(f"{placement:10}{line(made)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -179,8 +179,8 @@ def test_what_it_refuses():
     scenario = two_agents_that_pass()
     with pytest.raises(GenerationError, match="cannot place new agents"):
         drive(scenario, num_new_agents={AgentKind.VEHICLE: 2})
-    with pytest.raises(EditError, match="'nobody'"):
-        drive(scenario, "nobody")
+    with pytest.raises(EditError, match="'missing'"):
+        drive(scenario, "missing")
     with pytest.raises(GenerationError, match="twice"):
         drive(scenario, "100", "100")
     with pytest.raises(GenerationError, match="expected 1 to 1000"):

@@ -26,7 +26,7 @@ def test_nothing_after_the_current_step_is_seen():
 def test_agents_that_are_absent_or_unknown_are_refused():
     scenario = scenario_with(straight_drivers(DRIVERS[:2]))
     with pytest.raises(EditError):
-        prediction_request(scenario, ("nobody",), num_modes=1, seed=0)
+        prediction_request(scenario, ("missing",), num_modes=1, seed=0)
     is_valid = scenario.agents.is_valid.copy()
     is_valid[1, scenario.current_step] = False
     agents = scenario.agents.with_rows(np.array([0, 1]), is_valid=is_valid)

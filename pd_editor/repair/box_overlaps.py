@@ -5,8 +5,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.geometry.oriented_box import box_corners, overlap_area
-from pd_editor.metrics.collisions.box_tests import MIN_OVERLAP_M2
+from pd_editor.metrics.collisions.box_tests import Boxes, boxes_collide
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 
@@ -40,17 +39,16 @@ def box_overlaps(
     reach = (np.hypot(*size_m) + np.hypot(*other_size_m.T)) / 2
     pose, other = np.nonzero((gap**2).sum(-1) < reach**2)
     found = np.zeros(gap.shape[:2], bool)
-    if len(pose) == 0:
-        return found
-    area = overlap_area(
-        box_corners(
-            position_m[pose],
-            heading_rad[pose],
-            np.repeat(size_m[None], len(pose), axis=0),
+    found[pose, other] = boxes_collide(
+        Boxes(
+            position_m=position_m[pose],
+            heading_rad=heading_rad[pose],
+            size_m=np.broadcast_to(size_m, (len(pose), 2)),
         ),
-        box_corners(
-            other_position_m[other], other_heading_rad[other], other_size_m[other]
+        Boxes(
+            position_m=other_position_m[other],
+            heading_rad=other_heading_rad[other],
+            size_m=other_size_m[other],
         ),
     )
-    found[pose, other] = area > MIN_OVERLAP_M2
     return found

@@ -82,7 +82,7 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
         ("--samples 0", "The number of samples is 0; expected 1 to 1000."),
         ("--seed -1", "The seed is -1; expected 0 to"),
         ("--model crystal-ball", "There is no generator 'crystal-ball'"),
-        ("--agents nobody", "There is no agent 'nobody' here."),
+        ("--agents missing", "There is no agent 'missing' here."),
         ("--num-agents 3 --model lane-follower", "cannot place new agents"),
         ("--num-agents three", "neither a number, nor KIND=NUMBER"),
         ("--num-agents dragon=3", "a kind out of bus, cyclist, motorcyclist"),
@@ -279,7 +279,7 @@ def test_activities_are_known_to_the_model_and_kept(
     for options, sentence in (
         ((parked, "--waiting", parked), "named by --parked and by --waiting"),
         ((moving,), "cannot be parked at"),
-        (("nobody",), "There is no agent 'nobody' here."),
+        (("missing",), "There is no agent 'missing' here."),
     ):
         out = ("--model", "placing", "--out", tmp_path / "other")
         assert sentence in shell.refused(

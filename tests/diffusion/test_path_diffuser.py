@@ -164,8 +164,8 @@ def test_bad_requests_are_refused_in_words(
 def test_strangers_long_futures_and_missing_weights_are_refused(
     diffuser: PathDiffuser, scenario: Scenario, tmp_path: Path
 ) -> None:
-    with pytest.raises(EditError, match="nobody"):
-        generated(diffuser, scenario, ("nobody",))
+    with pytest.raises(EditError, match="missing"):
+        generated(diffuser, scenario, ("missing",))
     axis = replace(scenario.time_axis, step_s=0.5)
     assert isinstance(axis, TimeAxis)
     with pytest.raises(GenerationError, match="lasts"):

@@ -219,7 +219,7 @@ def test_a_failing_command_changes_nothing(data):
     command = data.draw(any_command(BASE))
     before, heard = session.state, []
     session.add_listener(lambda *states: heard.append(states))
-    bad = DeleteAgents(agent_ids=("100", "nobody"))
+    bad = DeleteAgents(agent_ids=("100", "missing"))
     for broken in (bad, command):
         try:
             broken.apply(before.scenario)
@@ -285,7 +285,7 @@ def test_a_failing_preview_leaves_the_last_one():
     session.preview(shift(3.0))
     shown = session.scenario
     with pytest.raises(EditError):
-        session.preview(shift(6.0, "nobody"))
+        session.preview(shift(6.0, "missing"))
     assert session.scenario is shown
     session.commit_gesture()
     assert session.scenario is shown

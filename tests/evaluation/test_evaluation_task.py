@@ -46,7 +46,7 @@ def test_by_default_all_keep_their_states(scenario: Scenario):
     assert (request.num_samples, request.seed) == (3, 7)
 
 
-def test_where_states_are_drawn_all_in_the_square_are_drawn_and_nobody_else_is_there(
+def test_sampled_states_replace_all_agents_of_the_square(
     scenario: Scenario,
 ):
     request = asked(PLACING, scenario)
@@ -92,7 +92,7 @@ def test_agents_are_chosen_by_the_recording_and_stand_on_the_bent_road(
     np.testing.assert_array_equal(request.scenario.agents.position_m, moved[:2])
 
 
-def test_nobody_left_is_said(scenario: Scenario):
+def test_a_scene_without_agents_is_reported(scenario: Scenario):
     walkers = (AgentKind.PEDESTRIAN,) * len(scenario.agents)
     scenario = replace(scenario, agents=replace(scenario.agents, kinds=walkers))
     with pytest.raises(GenerationError, match="None of the requested agents"):

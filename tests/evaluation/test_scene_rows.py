@@ -102,7 +102,7 @@ def test_drawn_states_are_told_of_themselves(tmp_path):
         assert [one["on_lane"] for one in drawn] == [True, True]
         assert [one["recorded"] for one in drawn] == [1.0, 1.0]
         assert [one["nearest_distance"] for one in drawn] == pytest.approx([8.0, 8.0])
-    # Whoever is drawn is nobody of the log, and nobody of another sample.
+    # No sampled agent is one of the log or of another sample.
     for name in ("ade", "fde", "missed", "min_ade", "end_spread"):
         assert set(rows.table[name].to_pylist()) == {None}
 
@@ -160,8 +160,8 @@ def test_the_log_is_bent_with_the_map(tmp_path):
 
 
 def test_scenes_that_cannot_be_used_say_why(tmp_path):
-    nobody = replace(scenario_with(straight_drivers(COLLIDING)), focal_id="")
-    folder = write_scenario(tmp_path, "train", "bbb", nobody)
+    no_focal = replace(scenario_with(straight_drivers(COLLIDING)), focal_id="")
+    folder = write_scenario(tmp_path, "train", "bbb", no_focal)
     bend = RoadCondition(kind="ripple-road", power=3.0)
     with pytest.raises(EditError, match="focal"):
         evaluate_scene(item(folder, "ground-truth", condition=bend))

@@ -204,8 +204,8 @@ def test_a_map_without_lanes():
         check_laws(scenario, found)
         assert (found.near_pieces == -1).all()
         assert found.piece_shape.shape[0] == 0
-    nobody = scenario_with(empty_tracks(110), RoadMap(lanes=()))
-    assert np.array_equal(scene_center(nobody), [0, 0])
+    empty = scenario_with(empty_tracks(110), RoadMap(lanes=()))
+    assert np.array_equal(scene_center(empty), [0, 0])
 
 
 def test_agents_off_every_lane_still_have_candidates():

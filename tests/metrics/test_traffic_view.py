@@ -41,7 +41,7 @@ def test_only_some_are_judged_among_the_others():
     assert view.context.ids == ("100", "101")
     assert len(view.only(np.array([True])).everyone) == 1
     with pytest.raises(EditError):
-        recorded_traffic(SCENARIO, ["nobody"])
+        recorded_traffic(SCENARIO, ["missing"])
 
 
 def test_agents_that_come_later_are_not_in_the_scene():
@@ -84,9 +84,9 @@ def agents_of_110():
     return straight_drivers(STATES[:2], kinds=KINDS[:2])
 
 
-def test_a_scene_of_nobody_and_a_map_of_nothing_have_metrics():
-    nobody = agent_values(recorded_traffic(scenario_with(empty_tracks(110))))
-    assert all(len(values) == 0 for values in nobody.values())
+def test_a_scene_of_empty_and_a_map_of_nothing_have_metrics():
+    empty = agent_values(recorded_traffic(scenario_with(empty_tracks(110))))
+    assert all(len(values) == 0 for values in empty.values())
     nowhere = scenario_with(straight_drivers(STATES, kinds=KINDS), RoadMap(lanes=()))
     values = agent_values(recorded_traffic(nowhere))
     assert not values["lateral_deviation_mean"].is_valid.any()

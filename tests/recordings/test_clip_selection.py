@@ -45,11 +45,11 @@ def test_windows_are_spread_in_time_and_over_agents():
     assert len({window.focal_id for window in windows}) >= 6
 
 
-def test_where_nobody_moves_there_is_no_window():
+def test_where_no_focal_moves_there_is_no_window():
     recording = drive(5)
     parked = dataclasses.replace(recording, is_parked=np.ones(5, bool))
     assert choose_windows(parked, 0) == ()
-    nobody = dataclasses.replace(
+    no_focal = dataclasses.replace(
         recording,
         ids=(),
         kinds=(),
@@ -61,4 +61,4 @@ def test_where_nobody_moves_there_is_no_window():
         heading_rad=np.zeros(0),
         velocity_mps=np.zeros((0, 2)),
     )
-    assert choose_windows(nobody, 0) == ()
+    assert choose_windows(no_focal, 0) == ()

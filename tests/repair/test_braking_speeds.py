@@ -85,7 +85,7 @@ def test_who_brakes_hard_stops_behind_all_that_stand(crowd):
     again, second = slow_for_gaps(repaired, keep_ids=())
     assert second.changes == ()
     assert again is repaired
-    # Driven on until it stands, nobody overlaps whom it did not already.
+    # Driven on until all stand, no agents overlap that did not already.
     follows = after.kind_mask(LANE_FOLLOWER_KINDS)
     stands = new < 1e-9
     moved = after.position_m.copy()

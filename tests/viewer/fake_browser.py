@@ -94,7 +94,7 @@ def until(condition: Callable[[], object], seconds: float = 30.0) -> None:
 
 @contextlib.contextmanager
 def running_app(library: Path, reference: str, **options: Any) -> Iterator[ViewerApp]:
-    """An app on a free port; nobody answers for a browser's storage, so do not wait."""
+    """An app on a free port; no browser answers for its storage, so do not wait."""
     before = viewer_app.STORAGE_TIMEOUT_S
     viewer_app.STORAGE_TIMEOUT_S = 0.05
     app = ViewerApp(reference=reference, port=0, library=library, **options)

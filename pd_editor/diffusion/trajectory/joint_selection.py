@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
+from pd_editor.metrics.collisions.box_tests import Boxes, boxes_collide
 
 _STRIDE: Final = 2
 """Stride of the steps at which boxes are compared."""
@@ -77,9 +77,9 @@ def _conflicts(
     gap = position[:, None, one] - position[None, :, two]
     near = np.hypot(gap[..., 0], gap[..., 1]) < (radius[one] + radius[two])[:, None]
     first, second, pair, step = np.nonzero(near & both)
-    hits = boxes_overlap(
-        _corners(choices, first, one[pair], step),
-        _corners(choices, second, two[pair], step),
+    hits = boxes_collide(
+        _boxes(choices, first, one[pair], step),
+        _boxes(choices, second, two[pair], step),
     )
     count = np.zeros((len(one), len(position), len(position)), int)
     np.add.at(count, (pair[hits], first[hits], second[hits]), 1)
@@ -88,13 +88,15 @@ def _conflicts(
     return np.stack([one, two], axis=-1)[~begins], count[~begins]
 
 
-def _corners(
+def _boxes(
     choices: TrajectoryChoices,
     choice: Int[np.ndarray, "N"],
     row: Int[np.ndarray, "N"],
     strided: Int[np.ndarray, "N"],
-) -> Float[np.ndarray, "N 4 2"]:
+) -> Boxes:
     where = (choice, row, strided * _STRIDE)
-    return box_corners(
-        choices.position_m[where], choices.heading_rad[where], choices.size_m[row]
+    return Boxes(
+        position_m=choices.position_m[where],
+        heading_rad=choices.heading_rad[where],
+        size_m=choices.size_m[row],
     )

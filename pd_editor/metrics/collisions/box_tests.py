@@ -1,6 +1,7 @@
 """Box overlap tests between agents over time."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,42 @@ MIN_OVERLAP_M2: Final = 0.05
 """Boxes that share at most this area only touch."""
 _PORTION: Final = 50_000
 """Number of pairs times steps per chunk."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Boxes:
+    """N oriented boxes: centres, headings, and sizes (length, width)."""
+
+    position_m: Float[np.ndarray, "N 2"]
+    heading_rad: Float[np.ndarray, "N"]
+    size_m: Float[np.ndarray, "N 2"]
+
+    def __getitem__(self, index: Bool[np.ndarray, "N"]) -> "Boxes":
+        """Some of the boxes."""
+        return Boxes(
+            position_m=self.position_m[index],
+            heading_rad=self.heading_rad[index],
+            size_m=self.size_m[index],
+        )
+
+    def corners(self) -> Float[np.ndarray, "N 4 2"]:
+        """Corners, counter-clockwise from front left."""
+        return box_corners(self.position_m, self.heading_rad, self.size_m)
+
+
+def boxes_collide(one: Boxes, other: Boxes) -> Bool[np.ndarray, "N"]:
+    """Whether each box shares more than ``MIN_OVERLAP_M2`` with its counterpart."""
+    offset = other.position_m - one.position_m
+    reach = np.hypot(*one.size_m.T) + np.hypot(*other.size_m.T)
+    found = np.einsum("nd,nd->n", offset, offset) < (reach / 2) ** 2
+    near, one, other = offset[found], one[found], other[found]
+    touch = boxes_touch(
+        near, one.heading_rad, other.heading_rad, one.size_m, other.size_m
+    )
+    found[found] = touch
+    area = overlap_area(one[touch].corners(), other[touch].corners())
+    found[found] = area > MIN_OVERLAP_M2
+    return found
 
 
 def overlapping_pairs(agents: AgentTracks, step: int) -> Int[np.ndarray, "P 2"]:
@@ -89,16 +126,16 @@ def overlaps_of_pairs(
     near = np.einsum("psd,psd->ps", offset, offset) < reach**2
     near &= is_valid[a] & is_valid[b]
     pair, at = np.nonzero(near)
-    a, b, offset = a[pair], b[pair], offset[pair, at]
-    touching = boxes_touch(
-        offset, heading_rad[a, at], heading_rad[b, at], size_m[a], size_m[b]
+    one, other = (
+        Boxes(
+            position_m=position_m[rows, at],
+            heading_rad=heading_rad[rows, at],
+            size_m=size_m[rows],
+        )
+        for rows in (a[pair], b[pair])
     )
-    pair, at, a, b = pair[touching], at[touching], a[touching], b[touching]
-    area = overlap_area(
-        box_corners(position_m[a, at], heading_rad[a, at], size_m[a]),
-        box_corners(position_m[b, at], heading_rad[b, at], size_m[b]),
-    )
-    return pair[area > MIN_OVERLAP_M2], at[area > MIN_OVERLAP_M2]
+    collide = boxes_collide(one, other)
+    return pair[collide], at[collide]
 
 
 def boxes_touch(

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.geometry.oriented_box import box_corners, overlap_area
-from pd_editor.metrics.collisions.box_tests import MIN_OVERLAP_M2, boxes_touch
+from pd_editor.metrics.collisions.box_tests import Boxes, boxes_collide
 from pd_editor.scene.scenario import Scenario
 
 
@@ -39,28 +38,18 @@ def first_collisions(
     offset = agents.position_m[None, :, steps] - position_m[:, None]
     near = (offset**2).sum(-1) < (reach + reach[row])[None, :, None] ** 2
     path, other, at = np.nonzero(near & there[None] & is_valid[:, None, None])
-    own_size = np.broadcast_to(agents.size_m[row], (len(path), 2))
-    own_heading, their_heading = (
-        heading_rad[path, at],
-        agents.heading_rad[other, now + at],
-    )
-    touch = boxes_touch(
-        offset[path, other, at],
-        own_heading,
-        their_heading,
-        own_size,
-        agents.size_m[other],
-    )
-    path, other, at = path[touch], other[touch], at[touch]
-    area = overlap_area(
-        box_corners(position_m[path, at], heading_rad[path, at], own_size[touch]),
-        box_corners(
-            agents.position_m[other, now + at],
-            agents.heading_rad[other, now + at],
-            agents.size_m[other],
+    hit = boxes_collide(
+        Boxes(
+            position_m=position_m[path, at],
+            heading_rad=heading_rad[path, at],
+            size_m=np.broadcast_to(agents.size_m[row], (len(path), 2)),
+        ),
+        Boxes(
+            position_m=agents.position_m[other, now + at],
+            heading_rad=agents.heading_rad[other, now + at],
+            size_m=agents.size_m[other],
         ),
     )
-    hit = area > MIN_OVERLAP_M2
     path, other, at = path[hit], other[hit], at[hit]
     at_start = np.zeros((num_paths, len(agents)), bool)
     at_start[path[at == 0], other[at == 0]] = True

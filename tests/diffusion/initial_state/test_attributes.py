@@ -46,7 +46,7 @@ def test_wishes_are_told():
     assert (found.on_road[scene.agent_kind != 4] == CONDITIONED_YES).all()
 
 
-def test_weights_that_counted_nobody_take_no_wishes():
+def test_weights_without_counts_take_no_requests():
     scene, random = scene_batch(3), np.random.default_rng(0)
     task = sampling_conditioning(scene)
     assert with_attributes(task, scene, AgentCounts.none(), random) is task

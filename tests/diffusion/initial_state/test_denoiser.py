@@ -50,7 +50,7 @@ def only_scene(scene: SceneTensors, row: int) -> SceneTensors:
     return SceneTensors(**fields)
 
 
-def test_padding_influences_nobody():
+def test_padding_has_no_influence():
     scene, model = scene_batch(3, 9), small_model()
     noisy = noisy_states(scene)
     before = denoised(model, scene, noisy)

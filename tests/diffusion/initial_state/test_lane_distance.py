@@ -33,7 +33,7 @@ def test_offsets_are_those_of_shapely():
         assert lines.distance(Point(*(agent[:2] - vector).tolist())) < 1e-3
 
 
-def test_where_there_are_no_lanes_nobody_follows_them():
+def test_without_lanes_no_agent_follows_them():
     scene = scene_batch(5)
     assert follows_lanes(scene).tolist() == (scene.agent_kind != 4).tolist()
     bare = replace(scene, piece_kind=torch.full_like(scene.piece_kind, 3))

@@ -155,7 +155,7 @@ def test_only_on_the_road_leaves_no_vehicle_beside_the_drivable_area() -> None:
     assert not is_off(AttributeRequest(only_on_road=True))
 
 
-def test_nobody_is_placed_outside_the_square_even_to_be_on_a_lane(
+def test_no_agent_is_placed_outside_the_square_even_to_be_on_a_lane(
     diffuser: PathDiffuser, scenario: Scenario
 ) -> None:
     beside = Region(center_m=(0.0, 40.0), half_side_m=10.0)
@@ -173,7 +173,7 @@ def test_nobody_is_placed_outside_the_square_even_to_be_on_a_lane(
     assert (outside.max(axis=1) <= 0).sum() >= 3
 
 
-def test_a_road_that_is_full_gets_nobody_more(
+def test_a_full_road_gets_no_more_agents(
     diffuser: PathDiffuser, scenario: Scenario
 ) -> None:
     nowhere = Region(center_m=(500.0, 500.0), half_side_m=5.0)

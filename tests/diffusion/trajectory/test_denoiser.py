@@ -69,7 +69,7 @@ def test_the_order_of_agents_does_not_matter() -> None:
     assert torch.allclose(found, expected, atol=1e-9)
 
 
-def test_padding_and_masked_agents_influence_nobody() -> None:
+def test_padding_and_masked_agents_have_no_influence() -> None:
     scene, model = scene_batch(4, 9), small_model()
     noisy = noise(scene)
     expected = denoised(model, scene, noisy)

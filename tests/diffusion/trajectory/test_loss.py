@@ -56,9 +56,9 @@ def test_padding_adds_nothing() -> None:
 
 
 def test_scenes_without_futures_teach_nothing() -> None:
-    model, nobody = small_model(), scene_batch(3)
-    nobody = replace(nobody, has_future=torch.zeros_like(nobody.has_future))
-    assert loss_of(model, nobody)["loss"] == 0.0
+    model, unknown = small_model(), scene_batch(3)
+    unknown = replace(unknown, has_future=torch.zeros_like(unknown.has_future))
+    assert loss_of(model, unknown)["loss"] == 0.0
 
 
 def test_given_agents_leave_the_others_to_be_learned() -> None:

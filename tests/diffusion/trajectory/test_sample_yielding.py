@@ -68,7 +68,7 @@ def test_the_recorded_do_not_wait_for_the_drawn():
 
 @given(crowds(max_agents=5))
 @settings(max_examples=25, deadline=None)
-def test_nobody_leaves_his_path_and_no_more_overlap(crowd):
+def test_agents_keep_to_their_paths_and_no_more_overlap(crowd):
     scenario = crowded_road(crowd)
     rows = np.arange(len(scenario.agents))[::-1]
     drawn = straight_on(scenario, rows)

@@ -126,7 +126,7 @@ def test_snapping_twice_is_snapping_once():
     )
 
 
-def test_nobody_is_snapped_from_far_away():
+def test_agents_far_from_lanes_are_not_snapped():
     far = SetAgentPosition(agent_id="101", x_m=0, y_m=30).apply(BASE)
     with pytest.raises(EditError, match="Agent 101 has no lane within 15 m"):
         SnapToLane(agent_ids=("100", "101")).apply(far)

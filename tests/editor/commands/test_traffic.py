@@ -285,7 +285,7 @@ def test_the_summary_makes_the_same_request_again():
 
 
 def test_an_empty_sample_changes_nothing():
-    nobody = TrafficSample(
+    no_agent = TrafficSample(
         ids=(),
         kinds=(),
         size_m=np.zeros((0, 2)),
@@ -294,7 +294,7 @@ def test_an_empty_sample_changes_nothing():
         velocity_mps=np.zeros((0, 60, 2)),
     )
     summary = RequestSummary(agent_ids=())
-    command = ReplaceTraffic(sample=nobody, generator="test", request=summary)
+    command = ReplaceTraffic(sample=no_agent, generator="test", request=summary)
     assert command.apply(BASE) is BASE
 
 

@@ -173,13 +173,13 @@ def test_lanes_are_left_out():
     assert len(two_lane_road().lanes) == 4
 
 
-def test_nobody_and_no_road_do_no_harm():
+def test_empty_and_no_road_do_no_harm():
     always = Augmentation(
         warp_share=1.0, lanes_dropped_share=1.0, agents_dropped_share=1.0
     )
     random = np.random.default_rng(0)
-    nobody = replace(scenario_with(empty_tracks(110)), focal_id="")
-    assert not len(augmented(nobody, always, random, hides_agents=True).agents)
+    empty = replace(scenario_with(empty_tracks(110)), focal_id="")
+    assert not len(augmented(empty, always, random, hides_agents=True).agents)
     no_road = scenario_with(straight_drivers(ROW), RoadMap(lanes=()))
     assert scenario_features_are_finite(
         augmented(no_road, always, random, hides_agents=True)

@@ -54,6 +54,6 @@ def test_the_button_acts_for_its_owner_and_garbage_is_dropped(banner, page):
     pressed = []
     banner.show("time", "t", button="Go", on_press=lambda: pressed.append("time"))
     page.handler({"kind": "press", "owner": "time"})
-    for owner in (None, 3, "nobody", ["time"]):
+    for owner in (None, 3, "missing", ["time"]):
         page.handler({"kind": "press", "owner": owner})
     assert pressed == ["time"]

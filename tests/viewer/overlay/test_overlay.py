@@ -45,7 +45,7 @@ def test_events_reach_their_element_alone(tab):
         "[]",
         "{",
         "null",
-        '{"element":"nobody","event":{}}',
+        '{"element":"missing","event":{}}',
         '{"element":"probe","event":3}',
         '{"element":["probe"],"event":{}}',
         "9" * 70_000,
