@@ -90,6 +90,24 @@
     });
   }
 
+  // Whether a pointer event is the picture's and not that of an element above it.
+  const isOnPicture = (event) => event.target === canvas();
+
+  // Where a pointer event is, in pixels of the picture.
+  function local(event) {
+    const box = canvas().getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  }
+
+  // Keep an event from viser and from the other elements.
+  function take(event) {
+    event.preventDefault();
+    event.stopImmediatePropagation();
+  }
+
+  // Whether a left press pans (H is held), whatever mode is on.
+  const isPanPress = () => document.body.classList.contains("pd-can-pan");
+
   function listen(target, type, listener, options) {
     target.addEventListener(type, listener, options);
     cleanups.push(() => target.removeEventListener(type, listener, options));
@@ -101,6 +119,7 @@
     root.appendChild(box);
     const api = {
       box, root, canvas, viewer, project, ray, ground, listen,
+      isOnPicture, local, take, isPanPress,
       send: (event) => send(name, event),
       // Called with the camera once per drawn frame in which the view has changed.
       onView: (listener) => frameListeners.add(listener),

@@ -11,9 +11,7 @@ pdOverlay.define("fan", (api) => {
   }
   api.listen(window, "pointermove", (event) => {
     if (!isShown || event.buttons !== 0) return;
-    const box = api.canvas().getBoundingClientRect();
-    at = event.target === api.canvas()
-      ? [event.clientX - box.left, event.clientY - box.top] : null;
+    at = api.isOnPicture(event) ? api.local(event) : null;
     timer ??= setTimeout(tell, PAUSE_MS);
   }, { capture: true, passive: true });
   return (state) => { isShown = state.isShown; };

@@ -13,10 +13,6 @@ pdOverlay.define("measure", (api) => {
   let isComplete = false;
   let pointer = null; // pixel under the mouse
 
-  const here = (event) => {
-    const box = api.canvas().getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  };
   const length = (a, b) => Math.hypot(b[0] - a[0], b[1] - a[1]);
   const metres = (value) => `${value.toFixed(value < 100 ? 1 : 0)} m`;
 
@@ -80,19 +76,19 @@ pdOverlay.define("measure", (api) => {
       draw();
       return;
     }
-    const point = api.ground(...here(event));
+    const point = api.ground(...api.local(event));
     if (!point) return;
     if (isComplete) points = [];
     isComplete = false;
     // A second click on the last point adds nothing.
     const last = points.length ? api.project([...points.at(-1), 0]) : null;
-    const [x, y] = here(event);
+    const [x, y] = api.local(event);
     if (last && Math.hypot(x - last[0], y - last[1]) < SAME_PX) return;
     points.push(point);
     draw();
   });
   layer.addEventListener("pointermove", (event) => {
-    pointer = here(event);
+    pointer = api.local(event);
     draw();
   });
   layer.addEventListener("pointerleave", () => {

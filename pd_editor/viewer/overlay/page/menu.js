@@ -9,10 +9,6 @@ pdOverlay.define("menu", (api) => {
   function close() {
     list.hidden = true;
   }
-  function local(event) {
-    const box = api.canvas().getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  }
   const entries = () => [...list.querySelectorAll("button:not(:disabled)")];
   function focusBy(steps) {
     const all = entries();
@@ -22,7 +18,7 @@ pdOverlay.define("menu", (api) => {
 
   api.listen(window, "pointerdown", (event) => {
     if (!list.contains(event.target)) close();
-    const isRight = event.button === 2 && event.target === api.canvas();
+    const isRight = event.button === 2 && api.isOnPicture(event);
     press = isRight ? { id: event.pointerId, x: event.clientX, y: event.clientY } : null;
   }, { capture: true, passive: true });
   const strays = (event) =>
@@ -34,13 +30,13 @@ pdOverlay.define("menu", (api) => {
     if (!press || event.pointerId !== press.id || event.button !== 2) return;
     const isClick = !strays(event);
     press = null;
-    const at = local(event);
+    const at = api.local(event);
     const ray = isClick && api.ray(...at);
     if (ray) api.send({ kind: "open", at, ray });
   }, { capture: true, passive: true });
   // The browser's own menu would cover ours, and tells nothing of the scene.
   api.listen(window, "contextmenu", (event) => {
-    if (event.target === api.canvas() || list.contains(event.target))
+    if (api.isOnPicture(event) || list.contains(event.target))
       event.preventDefault();
   }, { capture: true });
   api.listen(window, "wheel", close, { capture: true, passive: true });
@@ -53,8 +49,7 @@ pdOverlay.define("menu", (api) => {
     if (event.key === "Escape") close();
     else if (steps) focusBy(steps);
     else return;
-    event.preventDefault();
-    event.stopImmediatePropagation();
+    api.take(event);
   }, { capture: true });
 
   return ({ number, at, title, items }) => {

@@ -23,16 +23,6 @@ pdOverlay.define("placing", (api) => {
   });
   api.box.appendChild(svg);
 
-  const isOnPicture = (event) => event.target === api.canvas();
-  function local(event) {
-    const box = api.canvas().getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  }
-  function take(event) {
-    event.preventDefault();
-    event.stopImmediatePropagation();
-  }
-
   function draw() {
     const place = press ? press.point : at && api.ground(...at);
     svg.style.display = mode.isActive && place ? "" : "none";
@@ -76,10 +66,10 @@ pdOverlay.define("placing", (api) => {
   }
 
   api.listen(window, "pointerdown", (event) => {
-    if (!mode.isActive || event.button !== 0 || !isOnPicture(event)) return;
-    if (document.body.classList.contains("pd-can-pan")) return; // H is held: a pan
-    take(event);
-    at = local(event);
+    if (!mode.isActive || event.button !== 0 || !api.isOnPicture(event)) return;
+    if (api.isPanPress()) return;
+    api.take(event);
+    at = api.local(event);
     const point = api.ground(...at);
     if (point) press = { id: event.pointerId, at, point, heading: null };
     draw();
@@ -89,14 +79,14 @@ pdOverlay.define("placing", (api) => {
     if (!mode.isActive) return;
     if (press) {
       if (event.pointerId !== press.id) return;
-      at = local(event);
+      at = api.local(event);
       const far = Math.hypot(at[0] - press.at[0], at[1] - press.at[1]) > TURN_PX;
       const point = far ? api.ground(...at) : null;
       if (point)
         press.heading = Math.atan2(point[1] - press.point[1], point[0] - press.point[0]);
       else if (!far) press.heading = null;
     } else {
-      at = isOnPicture(event) ? local(event) : null;
+      at = api.isOnPicture(event) ? api.local(event) : null;
       if (at && event.buttons === 0) ask();
     }
     draw();
@@ -104,7 +94,7 @@ pdOverlay.define("placing", (api) => {
 
   api.listen(window, "pointerup", (event) => {
     if (!press || event.pointerId !== press.id || event.button !== 0) return;
-    take(event);
+    api.take(event);
     const { point, heading } = press;
     press = null;
     api.send({ kind: "place", point, headingRad: heading });
@@ -124,10 +114,10 @@ pdOverlay.define("placing", (api) => {
     if (event.target?.closest?.("input, textarea, select, [contenteditable]")) return;
     const number = Number(event.key);
     if (Number.isInteger(number) && number >= 1 && number <= mode.numKinds) {
-      take(event);
+      api.take(event);
       api.send({ kind: "kind", number });
     } else if (event.key === "Escape" && press) {
-      take(event);
+      api.take(event);
       giveUp();
     }
   }, { capture: true });

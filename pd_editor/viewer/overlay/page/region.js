@@ -26,16 +26,6 @@ pdOverlay.define("region", (api) => {
   api.box.append(svg, label);
   close.addEventListener("click", () => api.send({ kind: "clear" }));
 
-  const isOnPicture = (event) => event.target === api.canvas();
-  function local(event) {
-    const box = api.canvas().getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  }
-  function take(event) {
-    event.preventDefault();
-    event.stopImmediatePropagation();
-  }
-
   // Middle and half side of the square that a drag spans.
   function spanned() {
     const [dx, dy] = [press.to[0] - press.from[0], press.to[1] - press.from[1]];
@@ -84,23 +74,23 @@ pdOverlay.define("region", (api) => {
   }
 
   api.listen(window, "pointerdown", (event) => {
-    if (!state.isActive || event.button !== 0 || !isOnPicture(event)) return;
-    if (document.body.classList.contains("pd-can-pan")) return; // H is held: a pan
-    take(event);
-    const point = api.ground(...local(event));
+    if (!state.isActive || event.button !== 0 || !api.isOnPicture(event)) return;
+    if (api.isPanPress()) return;
+    api.take(event);
+    const point = api.ground(...api.local(event));
     if (point) press = { id: event.pointerId, from: point, to: point };
     draw();
   }, { capture: true });
 
   api.listen(window, "pointermove", (event) => {
     if (!press || event.pointerId !== press.id) return;
-    press.to = api.ground(...local(event)) ?? press.to;
+    press.to = api.ground(...api.local(event)) ?? press.to;
     draw();
   }, { capture: true });
 
   api.listen(window, "pointerup", (event) => {
     if (!press || event.pointerId !== press.id || event.button !== 0) return;
-    take(event);
+    api.take(event);
     const { from, to } = press;
     press = null;
     if (from[0] !== to[0] || from[1] !== to[1]) api.send({ kind: "drawn", from, to });
@@ -116,7 +106,7 @@ pdOverlay.define("region", (api) => {
 
   api.listen(window, "keydown", (event) => {
     if (event.key !== "Escape" || !press) return;
-    take(event);
+    api.take(event);
     giveUp();
   }, { capture: true });
 

@@ -32,9 +32,8 @@ pdOverlay.define("tooltip", (api) => {
   }
 
   api.listen(window, "pointermove", (event) => {
-    const isOver = event.target === api.canvas() && event.buttons === 0;
-    const box = api.canvas()?.getBoundingClientRect();
-    const now = isOver && box ? [event.clientX - box.left, event.clientY - box.top] : null;
+    const isOver = api.isOnPicture(event) && event.buttons === 0;
+    const now = isOver ? api.local(event) : null;
     if (now && at && Math.hypot(now[0] - at[0], now[1] - at[1]) <= STILL_PX) return;
     hide();
     at = now;

@@ -64,22 +64,14 @@ pdOverlay.define("view", (api) => {
     found.setLookAt(from.x, from.y, from.z, to.x, to.y, to.z, isSmooth);
   }
 
-  function pixel(event) {
-    const box = api.canvas().getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  }
-
-  // Whether an event is the picture's and not that of a panel above it. An element
-  // that takes clicks on the picture, such as measuring, is marked as pd-picture.
+  // An element that takes clicks on the picture, such as measuring, is marked as
+  // pd-picture: there the view answers as on the picture itself.
   const isOnLayer = (event) => event.target?.closest?.(".pd-picture") ?? false;
-
-  function isOnPicture(event) {
-    return event.target === api.canvas() || isOnLayer(event);
-  }
+  const isOnView = (event) => api.isOnPicture(event) || isOnLayer(event);
 
   function zoom(event) {
     const found = controls();
-    if (!found || !isOnPicture(event)) return;
+    if (!found || !isOnView(event)) return;
     event.preventDefault();
     event.stopPropagation();
     if (!found.enabled) return;
@@ -94,7 +86,7 @@ pdOverlay.define("view", (api) => {
     const wanted = Math.max(nearest, Math.min(farthest, distance * factor));
     factor = wanted / distance;
     const center = now.target.clone();
-    const point = api.ground(...pixel(event));
+    const point = api.ground(...api.local(event));
     if (point) {
       const across = center.clone().set(point[0], point[1], 0).sub(now.target);
       // Towards the horizon a zoom would leap; it goes there by steps.
@@ -109,7 +101,7 @@ pdOverlay.define("view", (api) => {
   // Ground under a pixel relative to the point below the camera, cut short towards the
   // horizon; it depends on how the camera is turned and how high it is, not on where.
   function reach(event, camera) {
-    const point = api.ground(...pixel(event));
+    const point = api.ground(...api.local(event));
     if (!point) return null;
     const across = [point[0] - camera.x, point[1] - camera.y];
     const length = Math.hypot(...across);
@@ -121,7 +113,7 @@ pdOverlay.define("view", (api) => {
   function startPan(event) {
     if (pan) return;
     hasPanned = false;
-    if (!isOnPicture(event)) return;
+    if (!isOnView(event)) return;
     // Where a layer takes the clicks, a drag has nothing else to do than to pan.
     const isKeyed = event.button === 0 && (isPanKeyHeld || isOnLayer(event));
     if (event.button !== 1 && event.button !== 2 && !isKeyed) return;
@@ -134,7 +126,7 @@ pdOverlay.define("view", (api) => {
     }
     const start = pose(found, false);
     pan = {
-      start, found, pointer: event.pointerId, at: pixel(event),
+      start, found, pointer: event.pointerId, at: api.local(event),
       grabbed: reach(event, start.position), hasMoved: false,
     };
     if (event.button !== 2 && !isOnLayer(event)) setCursor();
@@ -142,7 +134,7 @@ pdOverlay.define("view", (api) => {
 
   function movePan(event) {
     if (!pan || event.pointerId !== pan.pointer) return;
-    const [x, y] = pixel(event);
+    const [x, y] = api.local(event);
     if (!pan.hasMoved && Math.hypot(x - pan.at[0], y - pan.at[1]) < 4) return;
     if (!pan.hasMoved) {
       pan.hasMoved = true;
@@ -222,10 +214,9 @@ pdOverlay.define("view", (api) => {
   // The end of a pan is neither a click nor a call for a menu.
   for (const type of ["click", "contextmenu"])
     api.listen(window, type, (event) => {
-      if (!hasPanned || !isOnPicture(event)) return;
+      if (!hasPanned || !isOnView(event)) return;
       hasPanned = false;
-      event.preventDefault();
-      event.stopImmediatePropagation();
+      api.take(event);
     }, { capture: true });
   api.listen(window, "keydown", keyDown);
   api.listen(window, "keyup", letKeysGo);
