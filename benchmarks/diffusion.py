@@ -22,7 +22,7 @@ from pd_editor.features.scene_features import scene_features
 from pd_editor.generation import (
     AVOIDANCE,
     GenerationRequest,
-    GuidanceTerm,
+    GuidanceSetting,
     run_to_end,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
@@ -84,7 +84,7 @@ def print_generation(scenario: Scenario) -> None:
                 agent_ids=scenario.agents.ids,
                 num_denoising_steps=steps,
                 guidance=(
-                    GuidanceTerm(name=AVOIDANCE, parameters={"tries": float(tries)}),
+                    GuidanceSetting(name=AVOIDANCE, parameters={"tries": float(tries)}),
                 ),
             )
             told(

@@ -44,7 +44,7 @@ def workloads() -> dict[str, Callable[[], object]]:
     from pd_editor.generation import (
         AVOIDANCE,
         GenerationRequest,
-        GuidanceTerm,
+        GuidanceSetting,
         Region,
         run_to_end,
     )
@@ -55,7 +55,7 @@ def workloads() -> dict[str, Callable[[], object]]:
     middle = scenario.agents.position_m[0, scenario.current_step]
     square = Region(center_m=tuple(middle.tolist()), half_side_m=HALF_SIDE_M)
 
-    plain = (GuidanceTerm(name=AVOIDANCE, parameters={"tries": 0.0}),)
+    plain = (GuidanceSetting(name=AVOIDANCE, parameters={"tries": 0.0}),)
 
     def run(**settings: object) -> object:
         request = GenerationRequest(scenario=scenario, agent_ids=ids, **settings)  # type: ignore[arg-type]

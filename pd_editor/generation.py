@@ -17,6 +17,7 @@ from pd_editor.errors import GenerationError
 from pd_editor.plain_text import is_plain
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
 
@@ -35,8 +36,8 @@ Quality = Literal["fast", "high"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class GuidanceTerm:
-    """A guidance term: name, strength and the agents that it applies to."""
+class GuidanceSetting:
+    """A setting of the generator's own guidance: name, strength, agents it applies to."""
 
     name: str
     weight: float = 1.0
@@ -118,7 +119,8 @@ class GenerationRequest:
     num_samples: int = 1
     num_denoising_steps: int | None = None
     """Denoising steps of trajectories; None: the generator's default."""
-    guidance: tuple[GuidanceTerm, ...] = ()
+    guidance: tuple[GuidanceTerm | GuidanceSetting, ...] = ()
+    """Terms of this run, in addition to those of the scenario, and settings."""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -128,7 +130,14 @@ class GenerationRequest:
             num_new_agents=self.num_new_agents,
             seed=self.seed,
         )
-        tries = max((t.parameters.get("tries", 1) for t in self.guidance), default=1.0)
+        if len(self.scenario.guidance) + len(self.guidance) > MAX_TERMS:
+            raise GenerationError(
+                f"{len(self.scenario.guidance) + len(self.guidance)} guidance terms were "
+                f"requested; at most {MAX_TERMS} are possible."
+            )
+        tries = max(
+            (one.parameters.get("tries", 1) for one in self.settings), default=1.0
+        )
         num_agents = len(self.agent_ids) + sum(self.num_new_agents.values())
         num_trajectories = int(self.num_samples * max(tries, 1) * num_agents)
         if num_trajectories > MAX_TRAJECTORIES:
@@ -147,6 +156,17 @@ class GenerationRequest:
                 "whose states are sampled: ask for new agents or for resampled states "
                 "(in the shell --num-agents or --redraw-states)."
             )
+
+    @property
+    def settings(self) -> tuple[GuidanceSetting, ...]:
+        """Settings of the generator's own guidance."""
+        return tuple(one for one in self.guidance if isinstance(one, GuidanceSetting))
+
+    @property
+    def terms(self) -> tuple[GuidanceTerm, ...]:
+        """Guidance terms in force: those of the scenario, then those of this run."""
+        own = (one for one in self.guidance if not isinstance(one, GuidanceSetting))
+        return tuple(one for one in (*self.scenario.guidance, *own) if one.is_on)
 
     @property
     def samples_states(self) -> bool:
@@ -256,9 +276,9 @@ def is_reference(name: str) -> bool:
 
 
 LANE_GUIDANCE: Final = "nearest-candidate"
-"""Name of the guidance term that pulls each agent to its nearest Frenet candidate."""
+"""Name of the setting that pulls each agent to its nearest Frenet candidate."""
 AVOIDANCE: Final = "avoidance"
-"""Name of the term that avoids collisions: of ``tries`` sampled trajectories per agent,
+"""Name of the setting that avoids collisions: of ``tries`` sampled trajectories per agent,
 the least colliding joint combination is selected, and agents that would still collide
 yield, unless its parameter ``yields`` is 0. Without tries: raw model output."""
 
@@ -290,19 +310,19 @@ def check_numbers(
         raise GenerationError(f"The seed is {seed}; expected 0 to {MAX_SEED}.")
 
 
-def guidance_terms(
+def guidance_settings(
     lane_weight: float | None, num_tries: int | None, *, yields: bool = True
-) -> tuple[GuidanceTerm, ...]:
-    """Guidance terms for lanes and avoidance; None leaves a value to the generator."""
-    terms: list[GuidanceTerm] = []
+) -> tuple[GuidanceSetting, ...]:
+    """Settings for lanes and avoidance; None leaves a value to the generator."""
+    settings: list[GuidanceSetting] = []
     if lane_weight is not None:
-        terms.append(GuidanceTerm(name=LANE_GUIDANCE, weight=lane_weight))
+        settings.append(GuidanceSetting(name=LANE_GUIDANCE, weight=lane_weight))
     parameters = {} if num_tries is None else {"tries": float(num_tries)}
     if not yields:
         parameters["yields"] = 0.0
     if parameters:
-        terms.append(GuidanceTerm(name=AVOIDANCE, parameters=parameters))
-    return tuple(terms)
+        settings.append(GuidanceSetting(name=AVOIDANCE, parameters=parameters))
+    return tuple(settings)
 
 
 def check_traffic(traffic: GeneratedTraffic, request: GenerationRequest) -> None:

@@ -23,10 +23,10 @@ from pd_editor.errors import GenerationError
 from pd_editor.features.lane_tokens import lane_pieces
 from pd_editor.generation import (
     GenerationRequest,
-    GuidanceTerm,
+    GuidanceSetting,
     Quality,
     Region,
-    guidance_terms,
+    guidance_settings,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scenario_store import check_free, open_scenario
@@ -310,10 +310,10 @@ def _roles(
 
 def _guidance(
     weight: float | None, tries: int | None, *, yields: bool
-) -> tuple[GuidanceTerm, ...]:
+) -> tuple[GuidanceSetting, ...]:
     if weight is not None and not 0 <= weight <= 1:
         raise GenerationError(f"--keep-to-lanes must be between 0 and 1, not {weight}.")
-    return guidance_terms(weight, tries, yields=yields)
+    return guidance_settings(weight, tries, yields=yields)
 
 
 def _left_out(

@@ -328,7 +328,7 @@ def _attribute_request(request: GenerationRequest) -> AttributeRequest:
 
 def _num_tries(request: GenerationRequest) -> int:
     """Number of tries per trajectory; 0 if collisions are not avoided."""
-    avoids = [term for term in request.guidance if term.name == AVOIDANCE]
+    avoids = [term for term in request.settings if term.name == AVOIDANCE]
     if not avoids:
         return NUM_TRIES
     wanted = int(avoids[-1].parameters.get("tries", NUM_TRIES))
@@ -337,7 +337,7 @@ def _num_tries(request: GenerationRequest) -> int:
 
 def _yields(request: GenerationRequest) -> bool:
     """Whether agents that would collide yield."""
-    avoids = [term for term in request.guidance if term.name == AVOIDANCE]
+    avoids = [term for term in request.settings if term.name == AVOIDANCE]
     wanted = avoids[-1].parameters.get("yields", 1.0) if avoids else 1.0
     return bool(_num_tries(request)) and wanted > 0
 
@@ -346,7 +346,7 @@ def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptio
     sampler, guidance = stage.sampling["sampler"], stage.sampling["guidance"]
     if request.num_denoising_steps is not None:
         sampler = replace(sampler, num_steps=request.num_denoising_steps)
-    lanes = [term for term in request.guidance if term.name == LANE_GUIDANCE]
+    lanes = [term for term in request.settings if term.name == LANE_GUIDANCE]
     if lanes:
         strength = lanes[-1].weight
         guidance = replace(guidance, weight=strength, warped_weight=strength)
@@ -399,7 +399,7 @@ def _samples(
 
 def _notes(request: GenerationRequest) -> list[str]:
     known = {LANE_GUIDANCE, AVOIDANCE}
-    other = [term.name for term in request.guidance if term.name not in known]
+    other = [term.name for term in request.settings if term.name not in known]
     notes = [f"The model takes no guidance {name!r}." for name in other]
     agents = request.scenario.agents
     static_objects = [

@@ -30,10 +30,10 @@ def check_request(request: GenerationRequest) -> None:
         raise GenerationError(
             "Only agents whose trajectories are generated can get another state."
         )
-    for term in request.guidance:
-        if term.name == LANE_GUIDANCE and not 0 <= term.weight <= 1:
+    for setting in request.settings:
+        if setting.name == LANE_GUIDANCE and not 0 <= setting.weight <= 1:
             raise GenerationError(
-                f"The strength of the guidance to the lanes is {term.weight:g}; "
+                f"The strength of the guidance to the lanes is {setting.weight:g}; "
                 "expected 0 to 1."
             )
     strange = [kind for kind in request.num_new_agents if kind not in ROAD_USER_KINDS]

@@ -14,7 +14,7 @@ from pd_editor.generation import (
     GenerationRequest,
     ScenarioGenerator,
     check_traffic,
-    guidance_terms,
+    guidance_settings,
     is_reference,
     run_to_end,
 )
@@ -113,7 +113,7 @@ class Method:
         return replace(
             request,
             num_denoising_steps=None if steps is None else int(steps),
-            guidance=guidance_terms(
+            guidance=guidance_settings(
                 options.get("lanes"), None if tries is None else int(tries)
             ),
         )

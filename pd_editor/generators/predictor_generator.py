@@ -72,7 +72,11 @@ class PredictorGenerator:
         found = checked_prediction(self._predictor.predict(asked), asked, self.name)
         order = np.argsort(-found.probability, axis=1, kind="stable")
         rows, num_modes = np.arange(len(order)), order.shape[1]
-        notes = [f"{self.name} takes no guidance."] if request.guidance else []
+        notes = (
+            [f"{self.name} takes no guidance."]
+            if request.guidance or request.terms
+            else []
+        )
         return GeneratedTraffic(
             samples=tuple(
                 _sample(

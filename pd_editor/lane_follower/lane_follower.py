@@ -126,6 +126,6 @@ def _notes(request: GenerationRequest, drivers: Drivers) -> tuple[str, ...]:
             request.scenario.agents.ids[row] for row in drivers.row[off_lane]
         )
         notes.append(f"No lane near agents {ids}; they go straight on.")
-    if request.guidance:
+    if request.guidance or request.terms:
         notes.append("The lane follower takes no guidance.")
     return tuple(notes)

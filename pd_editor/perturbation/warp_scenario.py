@@ -1,10 +1,11 @@
-"""Applies a warp to a whole scenario: road and agents at all steps."""
+"""Applies a warp to a whole scenario: road, agents at all steps, points of guidance."""
 
 from dataclasses import replace
 
 from pd_editor.perturbation.friction_slowdown import slowed_to_friction_limit
 from pd_editor.perturbation.warped_agents import warped_agents
 from pd_editor.scene.agent_tracks import AgentTracks, same_motion
+from pd_editor.scene.guidance_terms import GuidanceTerm, moved_terms
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import AppliedWarp, Scenario
@@ -24,10 +25,19 @@ def warp_scenario(
     velocities stay the rates of positions. With a friction coefficient mu, agents that
     would exceed sqrt(mu g / kappa) are slowed. Agents that were edited under a warp are
     transformed by its inverse; if they had been slowed, they keep their edited speeds.
+    Points of guidance terms move with the road.
     """
     road_map, agents = unwarped(scenario)
+    guidance = _unwarped_guidance(scenario)
     if warp is None or warp.is_identity:
-        return replace(scenario, road_map=road_map, agents=agents, applied_warp=None)
+        return replace(
+            scenario,
+            road_map=road_map,
+            agents=agents,
+            guidance=guidance,
+            applied_warp=None,
+        )
+    warped_guidance = moved_terms(guidance, warp.apply)
     warped = warped_agents(agents, warp)
     if friction_coefficient is not None:
         warped = slowed_to_friction_limit(
@@ -37,12 +47,15 @@ def warp_scenario(
         scenario,
         road_map=road_map.dense.moved(warp.apply),
         agents=warped,
+        guidance=warped_guidance,
         applied_warp=AppliedWarp(
             warp=warp,
             friction_coefficient=friction_coefficient,
             original_road_map=road_map,
             original_agents=agents,
             warped_agents=warped,
+            original_guidance=guidance,
+            warped_guidance=warped_guidance,
         ),
     )
 
@@ -76,3 +89,16 @@ def unwarped(scenario: Scenario) -> tuple[RoadMap, AgentTracks]:
         velocity_mps=original.velocity_mps[theirs],
     )
     return applied.original_road_map, restored
+
+
+def _unwarped_guidance(scenario: Scenario) -> tuple[GuidanceTerm, ...]:
+    """Guidance terms without the applied warp; unedited ones are exactly the originals."""
+    applied = scenario.applied_warp
+    if applied is None:
+        return scenario.guidance
+    pairs = zip(applied.warped_guidance, applied.original_guidance, strict=True)
+    originals = dict(pairs)
+    return tuple(
+        originals[term] if term in originals else term.moved(applied.warp.undo)
+        for term in scenario.guidance
+    )

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from pd_editor.scene.activity import Activity, activity_at, stands
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.base_reference import BaseReference
+from pd_editor.scene.guidance_terms import GuidanceTerm, terms_without
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.time_axis import TimeAxis
@@ -52,6 +53,10 @@ class AppliedWarp:
     """Agents before the warp."""
     warped_agents: AgentTracks
     """The same agents right after the warp; agents that still equal them are unedited."""
+    original_guidance: tuple[GuidanceTerm, ...] = ()
+    """Guidance terms before the warp."""
+    warped_guidance: tuple[GuidanceTerm, ...] = ()
+    """The same terms right after the warp."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,6 +74,8 @@ class Scenario:
     """Track id of the agent that a benchmark predicts; empty if it was removed."""
     applied_warp: AppliedWarp | None = None
     provenance: Provenance = Provenance()
+    guidance: tuple[GuidanceTerm, ...] = ()
+    """What the user asks of generated trajectories."""
     retired_ids: frozenset[str] = frozenset()
     """Ids of deleted agents, which new agents do not reuse."""
     source_fields: Mapping[str, Any] = field(default_factory=dict)
@@ -130,7 +137,7 @@ class Scenario:
         return replace(self, agents=agents, provenance=provenance)
 
     def without_agents(self, agent_ids: Collection[str]) -> "Scenario":
-        """Remove agents and retire their ids.
+        """Remove agents with their guidance terms, and retire their ids.
 
         If the focal agent is removed, ``focal_id`` is empty until ``with_focal_agent``.
 
@@ -144,6 +151,7 @@ class Scenario:
             self,
             agents=self.agents.taken(left),
             focal_id="" if self.focal_id in agent_ids else self.focal_id,
+            guidance=terms_without(self.guidance, agent_ids),
             retired_ids=self.retired_ids.union(agent_ids),
         )
 

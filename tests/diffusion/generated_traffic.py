@@ -7,13 +7,13 @@ from pd_editor.generation import (
     AVOIDANCE,
     GeneratedTraffic,
     GenerationRequest,
-    GuidanceTerm,
+    GuidanceSetting,
     TrafficSample,
     run_to_end,
 )
 from pd_editor.scene.scenario import Scenario
 
-SINGLE = GuidanceTerm(name=AVOIDANCE, weight=0.0)
+SINGLE = GuidanceSetting(name=AVOIDANCE, weight=0.0)
 """Futures stay as drawn."""
 
 

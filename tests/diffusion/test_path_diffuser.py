@@ -18,7 +18,7 @@ from pd_editor.errors import EditError, GenerationError, ModelError
 from pd_editor.generation import (
     LANE_GUIDANCE,
     GenerationRequest,
-    GuidanceTerm,
+    GuidanceSetting,
     ScenarioGenerator,
     TrafficSample,
     guidance_terms,
@@ -181,14 +181,14 @@ def test_guidance_is_taken_by_name(diffuser: PathDiffuser, scenario: Scenario) -
             diffuser,
             scenario,
             ids,
-            guidance=(GuidanceTerm(name=LANE_GUIDANCE, weight=weight), SINGLE),
+            guidance=(GuidanceSetting(name=LANE_GUIDANCE, weight=weight), SINGLE),
         )
         for weight in (0.0, 1.0)
     )
     assert not same(free.samples[0], firm.samples[0])
     assert not any("Guidance" in note for note in free.notes)
     assert any("-> 0.0 m" in note for note in firm.notes)
-    odd = generated(diffuser, scenario, ids, guidance=(GuidanceTerm(name="magic"),))
+    odd = generated(diffuser, scenario, ids, guidance=(GuidanceSetting(name="magic"),))
     assert any("magic" in note for note in odd.notes)
 
 

@@ -2,18 +2,22 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import strategies as st
 
 from pd_editor.editor.commands import (
+    AddGuidance,
     AdoptTrajectory,
+    ChangeGuidance,
     Command,
     DeleteAgents,
     DuplicateAgents,
     PlaceAgent,
     RemoveAllAgents,
+    RemoveGuidance,
     ReplaceTraffic,
     RequestSummary,
     SetAgentActivity,
@@ -30,10 +34,11 @@ from pd_editor.editor.commands import (
     new_agent_id,
     new_agent_ids,
 )
-from pd_editor.generation import GuidanceTerm, TrafficSample
+from pd_editor.generation import GuidanceSetting, TrafficSample
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind, default_sizes_m
+from pd_editor.scene.guidance_terms import GoalPoint, GuidanceTerm, SpeedLimit
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
@@ -63,7 +68,7 @@ def busy_scenario() -> Scenario:
     is_valid[5, 45:] = False
     mask = is_valid[..., None]
     rows = np.arange(len(agents))
-    return scenario_with(
+    scenario = scenario_with(
         agents.with_rows(
             rows,
             is_valid=is_valid,
@@ -73,6 +78,7 @@ def busy_scenario() -> Scenario:
             observed=agents.observed & is_valid,
         )
     )
+    return replace(scenario, guidance=(SpeedLimit(speed_mps=20.0),))
 
 
 def numbers(low: float, high: float) -> st.SearchStrategy[float]:
@@ -179,7 +185,7 @@ def replacements(draw: st.DrawFn, scenario: Scenario) -> ReplaceTraffic:
             moving_share=draw(st.none() | st.floats(0, 1)),
             only_on_road=draw(st.booleans()),
             num_denoising_steps=draw(st.none() | st.integers(1, 50)),
-            guidance=(GuidanceTerm(name="speed", parameters={"limit": 3.5}),),
+            guidance=(GuidanceSetting(name="speed", parameters={"limit": 3.5}),),
         ),
     )
 
@@ -203,6 +209,25 @@ def duplications(draw: st.DrawFn, scenario: Scenario) -> DuplicateAgents:
         dx_m=draw(numbers(-10, 10)),
         dy_m=draw(numbers(-10, 10)),
     )
+
+
+def terms(scenario: Scenario) -> st.SearchStrategy[GuidanceTerm]:
+    weight = numbers(0, 10)
+    goal = st.builds(
+        GoalPoint,
+        agent_id=st.sampled_from(scenario.agents.ids),
+        point_m=st.tuples(numbers(-90, 150), numbers(-10, 10)),
+        at_s=st.none() | numbers(0.1, 6),
+        weight=weight,
+        is_on=st.booleans(),
+    )
+    limit = st.builds(
+        SpeedLimit,
+        agent_ids=some_of(list(scenario.agents.ids)),
+        speed_mps=numbers(1, 30),
+        weight=weight,
+    )
+    return goal | limit
 
 
 def placements(scenario: Scenario) -> st.SearchStrategy[PlaceAgent]:
@@ -271,6 +296,11 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
     SetFocalAgent: lambda scenario: st.builds(
         SetFocalAgent, agent_id=st.sampled_from(present_ids(scenario))
     ),
+    AddGuidance: lambda scenario: st.builds(AddGuidance, term=terms(scenario)),
+    ChangeGuidance: lambda scenario: st.builds(
+        ChangeGuidance, index=st.integers(0, 1), term=terms(scenario)
+    ),
+    RemoveGuidance: lambda _: st.builds(RemoveGuidance, index=st.integers(0, 1)),
     ReplaceTraffic: replacements,
 }
 """How to draw each command on a scenario; most of them apply, some do not."""

@@ -21,12 +21,13 @@ def same_tracks(one: AgentTracks, other: AgentTracks) -> bool:
 
 
 def same_scenario(one: Scenario, other: Scenario) -> bool:
-    """Whether agents, road points, focal agent and provenance are equal."""
+    """Whether agents, road points, focal agent, guidance and provenance are equal."""
     lines = zip(one.road_map.polylines, other.road_map.polylines, strict=True)
     return (
         same_tracks(one.agents, other.agents)
         and all(np.array_equal(mine, theirs) for mine, theirs in lines)
         and one.focal_id == other.focal_id
+        and one.guidance == other.guidance
         and one.provenance == other.provenance
         and (one.applied_warp is None) == (other.applied_warp is None)
     )

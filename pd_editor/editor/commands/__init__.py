@@ -14,6 +14,11 @@ from pd_editor.editor.commands.agents import (
     new_agent_ids,
 )
 from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.guidance import (
+    AddGuidance,
+    ChangeGuidance,
+    RemoveGuidance,
+)
 from pd_editor.editor.commands.json_values import from_json, to_json
 from pd_editor.editor.commands.motion import (
     AdoptTrajectory,
@@ -54,6 +59,9 @@ COMMANDS: Final[dict[str, type[Command]]] = {
         DeleteAgents,
         RemoveAllAgents,
         SetFocalAgent,
+        AddGuidance,
+        ChangeGuidance,
+        RemoveGuidance,
         ReplaceTraffic,
     )
 }
@@ -61,12 +69,15 @@ COMMANDS: Final[dict[str, type[Command]]] = {
 
 __all__ = [
     "COMMANDS",
+    "AddGuidance",
     "AdoptTrajectory",
+    "ChangeGuidance",
     "Command",
     "DeleteAgents",
     "DuplicateAgents",
     "PlaceAgent",
     "RemoveAllAgents",
+    "RemoveGuidance",
     "ReplaceTraffic",
     "RequestSummary",
     "SetAgentActivity",

@@ -22,18 +22,24 @@ _MAX_ARRAY_VALUES: Final = 2 * MAX_STATES
 """Limit of stored arrays, so that a small file cannot fill the memory."""
 _MAX_INTEGER: Final = 2**63 - 1
 _MAX_TEXT_BYTES: Final = 8192
+_TAG: Final = "kind"
+"""Class variable and JSON field that tell the dataclasses of a union apart."""
 _ARRAY_KEYS: Final = {"dtype", "shape", "zlib"}
 
 
 def to_json(value: Any) -> Any:
     """Convert a value to JSON values, exactly reversible by ``from_json``.
 
-    Arrays become float32, little-endian, zlib-compressed, base64.
+    Arrays become float32, little-endian, zlib-compressed, base64. A dataclass with a
+    class variable ``kind`` is one of several in a union, and is stored with its kind.
     """
     if isinstance(value, Enum):
         return value.value
     if is_dataclass(value) and not isinstance(value, type):
-        return {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
+        tag = {_TAG: _kind(type(value))} if _kind(type(value)) else {}
+        return tag | {
+            item.name: to_json(getattr(value, item.name)) for item in fields(value)
+        }
     if isinstance(value, np.ndarray):
         packed = zlib.compress(np.ascontiguousarray(value, "<f4").tobytes())
         text = base64.b64encode(packed).decode("ascii")
@@ -55,7 +61,7 @@ def from_json(hint: Any, data: Any, where: str) -> Any:
     """
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        return _optional_from_json(args, data, where)
+        return _union_from_json(args, data, where)
     if origin is typing.Literal:
         if not any(type(data) is type(arg) and data == arg for arg in args):
             raise _misfit(where, f"one of {', '.join(map(str, args))}", data)
@@ -71,7 +77,7 @@ def from_json(hint: Any, data: Any, where: str) -> Any:
         }
     if getattr(hint, "array_type", None) is np.ndarray:
         return _array_from_json(hint, data, where)
-    if is_dataclass(hint):
+    if isinstance(hint, type) and is_dataclass(hint):
         return _dataclass_from_json(hint, data, where)
     if isinstance(hint, type) and issubclass(hint, Enum):
         try:
@@ -88,11 +94,27 @@ def _misfit(where: str, expected: str, data: Any) -> RecipeError:
     return RecipeError(f"{where} must be {expected}, not {shown}.")
 
 
-def _optional_from_json(args: tuple[Any, ...], data: Any, where: str) -> Any:
+def _union_from_json(args: tuple[Any, ...], data: Any, where: str) -> Any:
+    """A value of one of several types: dataclasses with kinds, None, at most one other."""
     if data is None and type(None) in args:
         return None
-    (inner,) = (arg for arg in args if arg is not type(None))
-    return from_json(inner, data, where)
+    by_kind = {_kind(arg): arg for arg in args if _kind(arg)}
+    others = [arg for arg in args if arg is not type(None) and not _kind(arg)]
+    tag = data.get(_TAG) if isinstance(data, dict) else None
+    if others and not (by_kind and tag is not None):
+        return from_json(others[0], data, where)
+    if tag is None:
+        raise _misfit(where, "an object that names its kind", data)
+    if not isinstance(tag, str) or tag not in by_kind:
+        raise _misfit(f"{where}.{_TAG}", f"one of {', '.join(by_kind)}", tag)
+    return _dataclass_from_json(by_kind[tag], data, where)
+
+
+def _kind(hint: Any) -> str:
+    """Kind of a dataclass in a union; empty: it has none."""
+    is_class = isinstance(hint, type) and is_dataclass(hint)
+    kind = getattr(hint, _TAG, "") if is_class else ""
+    return kind if isinstance(kind, str) else ""
 
 
 def _tuple_from_json(args: tuple[Any, ...], data: Any, where: str) -> tuple[Any, ...]:
@@ -149,6 +171,8 @@ def _dataclass_from_json(cls: Any, data: Any, where: str) -> Any:
     if not isinstance(data, dict):
         raise _misfit(where, "an object", data)
     known = {item.name: item for item in fields(cls)}
+    if _kind(cls) and data.get(_TAG, _kind(cls)) == _kind(cls):
+        data = {name: item for name, item in data.items() if name != _TAG}
     for name in data:
         if name not in known:
             raise RecipeError(f"{where} has an unknown field {name!r}.")

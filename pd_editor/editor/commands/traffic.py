@@ -19,7 +19,7 @@ from pd_editor.errors import EditError, GenerationError
 from pd_editor.generation import (
     GeneratedTraffic,
     GenerationRequest,
-    GuidanceTerm,
+    GuidanceSetting,
     Quality,
     Region,
     TrafficSample,
@@ -30,6 +30,7 @@ from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.focal_agent import focal_place_m, with_focal_agent
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 NEW_PREFIX: Final = "new"
@@ -56,7 +57,7 @@ class RequestSummary:
     sample_index: int = 0
     """Index of the applied sample."""
     num_denoising_steps: int | None = None
-    guidance: tuple[GuidanceTerm, ...] = ()
+    guidance: tuple[GuidanceTerm | GuidanceSetting, ...] = ()
 
     def request(self, scenario: Scenario, seed: int) -> GenerationRequest:
         """The request for a scenario that still contains the removed agents."""

@@ -13,7 +13,7 @@ from pd_editor.generation import (
     GeneratorSpec,
     Quality,
     Region,
-    guidance_terms,
+    guidance_settings,
 )
 from pd_editor.generators import GeneratorCatalogue
 from pd_editor.plain_text import one_line
@@ -332,7 +332,7 @@ class GenerationPanel:
         samples_states = bool(redrawn_state_ids or num_new_agents or draws_num_agents)
         region = self._region() if samples_states else None
         takes_tries = offer.default_num_tries is not None
-        guidance = guidance_terms(
+        guidance = guidance_settings(
             self._lane_weight(offer),
             int(self._tries.value) if takes_tries else None,
             yields=not takes_tries or bool(self._yields.value),

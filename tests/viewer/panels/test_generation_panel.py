@@ -12,7 +12,7 @@ from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.errors import GenerationError
 from pd_editor.exporters.bundle import write_files
-from pd_editor.generation import LANE_GUIDANCE, GeneratorSpec, GuidanceTerm
+from pd_editor.generation import LANE_GUIDANCE, GeneratorSpec, GuidanceSetting
 from pd_editor.generators import registry
 from pd_editor.installed_files import models_folder
 from pd_editor.scene.agent_kind import AgentKind
@@ -76,7 +76,7 @@ def test_options_reach_the_request(tab, placing):
     (request,) = placing.requests
     assert request.num_denoising_steps == 9
     assert request.num_samples == 3
-    assert request.guidance == (GuidanceTerm(name=LANE_GUIDANCE, weight=0.7),)
+    assert request.guidance == (GuidanceSetting(name=LANE_GUIDANCE, weight=0.7),)
     assert not request.redrawn_state_ids
     assert labels(tab) == ["Regenerate 2 agents, sample 1 of 3 (placing, seed 0)"]
     assert panel._seed.value == 1
