@@ -17,6 +17,7 @@ from pd_editor.errors import GenerationError
 from pd_editor.plain_text import is_plain
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.guidance_outcome import GuidanceCost, TermOutcome
 from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
@@ -121,6 +122,9 @@ class GenerationRequest:
     """Denoising steps of trajectories; None: the generator's default."""
     guidance: tuple[GuidanceTerm | GuidanceSetting, ...] = ()
     """Terms of this run, in addition to those of the scenario, and settings."""
+    reports_cost: bool = True
+    """Whether an unguided sample is made to compare with, if there are terms. Takes about
+    as long again as the sample itself."""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -203,6 +207,22 @@ class TrafficSample:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class GuidanceReport:
+    """How one sample meets the guidance terms, and what that costs."""
+
+    outcomes: tuple[TermOutcome, ...] = ()
+    """One per term in force."""
+    cost: GuidanceCost | None = None
+    """None if no unguided sample was made to compare with."""
+    unguided: TrafficSample | None = None
+    """The unguided sample of the same seed, if guidance made the scene worse than a
+    bound: for the user to take instead."""
+    motion_problems: tuple[str, ...] = ()
+    """Sentences on agents whose accelerations or curvatures are impossible, or that
+    reverse."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class GeneratedTraffic:
     """Result of a generator."""
 
@@ -218,6 +238,8 @@ class GeneratedTraffic:
     slowed_ids: tuple[tuple[str, ...], ...] = ()
     """Ids of the agents of each sample that were slowed to avoid a collision; empty if
     there are none in any sample."""
+    guidance: tuple[GuidanceReport, ...] = ()
+    """One report per sample; empty without guidance terms."""
 
 
 @dataclass(frozen=True, kw_only=True)
