@@ -6,6 +6,7 @@ PdEditorError
 │   ├── MapFileError        map (JSON)
 │   └── ArchiveError        zip upload
 ├── EditError               an edit is not valid for its scenario
+│   └── LockedAgentError    it would change what a lock keeps
 ├── RecipeError             a recipe or journal cannot be read or replayed
 ├── GenerationError         a generator refused a request, or its result is invalid
 ├── ExportError             a result cannot be written
@@ -45,6 +46,15 @@ class ArchiveError(InputError):
 
 class EditError(PdEditorError):
     """An edit is not valid for the scenario that it was applied to."""
+
+
+class LockedAgentError(EditError):
+    """An edit would change what the locks of some agents keep."""
+
+    def __init__(self, message: str, agent_ids: tuple[str, ...]) -> None:
+        """Make the error; ``agent_ids`` are the agents to unlock."""
+        super().__init__(message)
+        self.agent_ids = agent_ids
 
 
 class RecipeError(PdEditorError):

@@ -32,6 +32,9 @@ MAX_SIZE_M: Final = 100.0
 """Longest and widest agent that is read or generated."""
 
 
+_KEPT_TOLERANCE_M: Final = 0.01
+"""Largest distance of a generated position to one that a lock keeps."""
+
 Quality = Literal["fast", "high"]
 """Quality of sampled states; higher quality takes more time."""
 
@@ -160,6 +163,22 @@ class GenerationRequest:
                 "whose states are sampled: ask for new agents or for resampled states "
                 "(in the shell --num-agents or --redraw-states)."
             )
+        self._check_locks()
+
+    def _check_locks(self) -> None:
+        locks = self.scenario.locks
+        for name in self.agent_ids:
+            if name in locks and locks[name].keeps_trajectory:
+                raise GenerationError(
+                    f"The trajectory of agent {name} is locked, so it cannot be "
+                    "generated; unlock the agent or leave it out."
+                )
+        for name in self.redrawn_state_ids:
+            if name in locks:
+                raise GenerationError(
+                    f"The state of agent {name} is locked, so it cannot be resampled; "
+                    "unlock the agent or leave it out."
+                )
 
     @property
     def settings(self) -> tuple[GuidanceSetting, ...]:
@@ -367,6 +386,32 @@ def check_traffic(traffic: GeneratedTraffic, request: GenerationRequest) -> None
                 f"Sample {number} holds other agents than were asked for."
             )
         _check_arrays(sample, number, len(sample.ids), num_steps)
+        check_kept(sample, request)
+
+
+def check_kept(sample: TrafficSample, request: GenerationRequest) -> None:
+    """Refuse a sample in which something that a lock keeps is different.
+
+    Raises:
+        GenerationError: names the agent.
+    """
+    scenario = request.scenario
+    ids = [name for name in request.agent_ids if name in scenario.locks]
+    if not ids:
+        return
+    now = scenario.current_step
+    rows = scenario.agents.rows(ids)
+    found = [sample.ids.index(name) for name in ids]
+    is_kept = scenario.kept_steps()[rows, now:] & scenario.agents.is_valid[rows, now:]
+    gap = sample.position_m[found] - scenario.agents.position_m[rows, now:]
+    is_off = (np.hypot(gap[..., 0], gap[..., 1]) > _KEPT_TOLERANCE_M) & is_kept
+    for name, is_moved in zip(ids, np.any(is_off, axis=1).tolist(), strict=True):
+        if is_moved:
+            raise GenerationError(
+                f"The {scenario.locks[name].in_words} of agent {name} is locked, and the "
+                "generator did not keep it; lock the whole trajectory, or use a "
+                "generator that takes locks."
+            )
 
 
 def _check_arrays(

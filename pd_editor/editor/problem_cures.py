@@ -6,6 +6,7 @@ from typing import Final
 
 from pd_editor.editor.commands.agents import DeleteAgents
 from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.locks import applied
 from pd_editor.editor.commands.motion import SlowToFrictionLimit
 from pd_editor.editor.commands.poses import SnapToLane
 from pd_editor.editor.commands.road import SetRoadWarp
@@ -16,6 +17,7 @@ from pd_editor.problems.road_shape import weakened_to_radius
 from pd_editor.problems.scene_problem import SceneProblem
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.traffic_choice import trajectory_locked_ids
 
 _LATER: Final = frozenset({"later-collision", "later-off-road"})
 
@@ -67,13 +69,14 @@ def _regenerations(
     rows = [agents.row_of[name] for name in problem.agent_ids]
     if not all(agents.is_valid[row, now] and users[row] for row in rows):
         return
-    edited = tuple(name for name in problem.agent_ids if name not in untouched)
-    if 0 < len(edited) < len(rows):
+    locked = trajectory_locked_ids(scenario)
+    free = tuple(name for name in problem.agent_ids if name not in locked)
+    edited = tuple(name for name in free if name not in untouched)
+    if 0 < len(edited) < len(free):
         yield Cure(label=f"Regenerate {edited[0]}", regenerated_ids=edited)
-    label = (
-        "Regenerate both" if len(rows) == 2 else f"Regenerate {problem.agent_ids[0]}"
-    )
-    yield Cure(label=label, regenerated_ids=problem.agent_ids)
+    if free:
+        label = "Regenerate both" if len(free) == 2 else f"Regenerate {free[0]}"
+        yield Cure(label=label, regenerated_ids=free)
 
 
 def _tried(
@@ -121,7 +124,7 @@ def _helps(
     """Whether the problem is gone after a command, without a new one."""
     assert cure.command is not None
     try:
-        after = cure.command.apply(scenario)
+        after = applied(cure.command, scenario)
     except PdEditorError:
         return False
     if after is scenario:
@@ -131,9 +134,10 @@ def _helps(
 
 
 def _removals(scenario: Scenario, problem: SceneProblem) -> Iterator[Cure]:
-    """Offer to delete agents, later ones first, but not the focal agent or the ego."""
+    """Offer to delete agents, later ones first, but not focal, ego and locked ones."""
     agents, now = scenario.agents, scenario.current_step
-    names = [n for n in problem.agent_ids if n not in (scenario.focal_id, EGO_ID)]
+    stays = {scenario.focal_id, EGO_ID, *scenario.locks}
+    names = [n for n in problem.agent_ids if n not in stays]
     later = [n for n in names if not agents.is_valid[agents.row_of[n], now]]
     for name in later or names:
         label = f"Remove {name}"

@@ -77,6 +77,14 @@ def _checked_rows(request: GenerationRequest) -> Int[np.ndarray, "G"]:
             "The lane follower cannot place new agents; place them by hand, or choose "
             "a learned model."
         )
+    locks = request.scenario.locks
+    for name in request.agent_ids:
+        if name in locks and locks[name].keeps_beginning:
+            raise GenerationError(
+                f"The {locks[name].in_words} of agent {name} is locked, which the lane "
+                "follower cannot go on from; lock the whole trajectory, or choose a "
+                "learned model."
+            )
     if len(set(request.agent_ids)) < len(request.agent_ids):
         raise GenerationError("An agent was requested twice; each may be named once.")
     agents = request.scenario.agents

@@ -9,6 +9,7 @@ from jaxtyping import Bool
 
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.locks import STATE_LOCK
 from pd_editor.scene.scenario import Scenario
 
 RepairKind = Literal[
@@ -72,10 +73,13 @@ def repairable(
     agent_ids: Iterable[str] | None,
     keep_ids: Collection[str] | None,
     kinds: Collection[AgentKind] = LANE_FOLLOWER_KINDS,
+    *,
+    keeps_states: bool = False,
 ) -> Bool[np.ndarray, "A"]:
     """Which agents may be repaired: present ones of ``kinds`` in ``agent_ids`` (None: all).
 
-    Agents in ``keep_ids`` are left out; None means the focal agent.
+    Agents in ``keep_ids`` are left out; None means the focal agent. Locked agents are
+    left out as well; those with a locked state alone are not if the repair keeps states.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -86,4 +90,11 @@ def repairable(
     if keep_ids is None:
         keep_ids = {scenario.focal_id} & set(agents.ids)
     asked[agents.rows(keep_ids)] = False
+    asked[
+        agents.rows(
+            name
+            for name, lock in scenario.locks.items()
+            if lock != STATE_LOCK or not keeps_states
+        )
+    ] = False
     return asked & agents.kind_mask(kinds) & agents.is_valid[:, scenario.current_step]

@@ -64,6 +64,8 @@ def yield_to_others(
 ) -> tuple[Scenario, tuple[str, ...]]:
     """Let road users yield that would collide; all others are unchanged.
 
+    Agents whose trajectory, or its beginning, is locked never yield.
+
     One round of ``retime_trajectories`` without the friction limit.
 
     Returns:
@@ -75,7 +77,9 @@ def yield_to_others(
     trajectories = Trajectories(
         scenario=scenario,
         friction_coefficient=DRY_ROAD_FRICTION,
-        may_change=repairable(scenario, agent_ids, keep_ids, ROAD_USER_KINDS),
+        may_change=repairable(
+            scenario, agent_ids, keep_ids, ROAD_USER_KINDS, keeps_states=True
+        ),
     )
     resolved = trajectories.with_yielding()
     names = sorted(scenario.agents.ids[row] for row in resolved.reasons)

@@ -5,12 +5,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.scene.activity import Activity, activity_at, stands
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.guidance_terms import GuidanceTerm, terms_without
+from pd_editor.scene.locks import Lock, kept_steps
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.time_axis import TimeAxis
@@ -78,6 +79,8 @@ class Scenario:
     """What the user asks of generated trajectories."""
     retired_ids: frozenset[str] = frozenset()
     """Ids of deleted agents, which new agents do not reuse."""
+    locks: Mapping[str, Lock] = field(default_factory=dict)
+    """What is kept of each locked agent when traffic is generated or edited."""
     source_fields: Mapping[str, Any] = field(default_factory=dict)
     """Unknown scenario-wide fields of the source, written back unchanged."""
 
@@ -129,6 +132,10 @@ class Scenario:
         known = activity_at(self.agents.activity, speed)
         return np.where(stands(speed), known, Activity.DRIVING)
 
+    def kept_steps(self) -> Bool[np.ndarray, "A T"]:
+        """Steps that locks keep of each agent."""
+        return kept_steps(self.agents, self.time_axis, self.locks)
+
     def with_agents(self, agents: AgentTracks, note: str | None = None) -> "Scenario":
         """Replace the agents, with a note on what is not recorded."""
         provenance = self.provenance
@@ -147,12 +154,14 @@ class Scenario:
         if not agent_ids:
             return self
         left = np.delete(np.arange(len(self.agents)), self.agents.rows(agent_ids))
+        gone = set(agent_ids)
         return replace(
             self,
             agents=self.agents.taken(left),
             focal_id="" if self.focal_id in agent_ids else self.focal_id,
             guidance=terms_without(self.guidance, agent_ids),
             retired_ids=self.retired_ids.union(agent_ids),
+            locks={name: lock for name, lock in self.locks.items() if name not in gone},
         )
 
     def has_ever_had(self, agent_id: str) -> bool:

@@ -1,11 +1,11 @@
 """Selection of the agents that a generator may replace or drive."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
 from pd_editor.errors import GenerationError
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
@@ -18,10 +18,11 @@ def road_user_ids(scenario: Scenario) -> tuple[str, ...]:
 def replaceable_agent_ids(
     scenario: Scenario, *, keeps_ego: bool, keeps_focal: bool
 ) -> tuple[str, ...]:
-    """Ids of the road users that are removed when all are replaced."""
+    """Ids of the road users that are removed when all are replaced; locked ones stay."""
     kept = ({EGO_ID} if keeps_ego else set()) | (
         {scenario.focal_id} if keeps_focal else set()
     )
+    kept |= scenario.locks.keys()
     return tuple(name for name in road_user_ids(scenario) if name not in kept)
 
 
@@ -29,6 +30,8 @@ def drivable_agent_ids(
     scenario: Scenario, wanted: Iterable[str] | None = None
 ) -> tuple[str, ...]:
     """Ids of the road users at the current step, among ``wanted`` or all.
+
+    Agents whose trajectory is locked are left out.
 
     In a scenario without a future, as in the test split, static objects are included:
     they would not exist at later steps otherwise.
@@ -46,9 +49,54 @@ def drivable_agent_ids(
     if wanted is not None:
         chosen = agents.rows(wanted)
         rows = chosen[drives[chosen]]
+    locked = trajectory_locked_ids(scenario)
+    if locked:
+        free = [row for row in rows if agents.ids[row] not in locked]
+        if len(rows) and not free:
+            raise GenerationError(
+                "The trajectories of all these agents are locked, so there is none to "
+                "generate; unlock an agent first."
+            )
+        rows = np.array(free, int)
     if not len(rows):
         raise GenerationError(
             "None of these agents is a road user that is there at t = 0, so there is no "
             "future to generate."
         )
     return tuple(agents.ids[row] for row in rows)
+
+
+def trajectory_locked_ids(scenario: Scenario) -> frozenset[str]:
+    """Ids of the agents whose whole trajectory is locked."""
+    locks = scenario.locks.items()
+    return frozenset(name for name, lock in locks if lock.keeps_trajectory)
+
+
+def resamplable_agent_ids(
+    scenario: Scenario, agent_ids: Iterable[str]
+) -> tuple[str, ...]:
+    """Ids of those agents whose states are not locked.
+
+    Raises:
+        GenerationError: all of them are locked.
+    """
+    wanted = tuple(agent_ids)
+    free = tuple(name for name in wanted if name not in scenario.locks)
+    if wanted and not free:
+        raise GenerationError(
+            "The states of all these agents are locked, so there is none to resample; "
+            "unlock an agent first."
+        )
+    return free
+
+
+def agent_ids_of_kinds(
+    scenario: Scenario, agent_ids: Iterable[str], kinds: Collection[AgentKind]
+) -> tuple[str, ...]:
+    """Ids of those agents that are of one of the kinds; no kind means all."""
+    agents = scenario.agents
+    return tuple(
+        name
+        for name in agent_ids
+        if not kinds or agents.kinds[agents.row_of[name]] in kinds
+    )

@@ -27,6 +27,7 @@ from pd_editor.editor.commands import (
     SetAgentSize,
     SetAgentSpeed,
     SetFocalAgent,
+    SetLocks,
     SetRoadWarp,
     SlowToFrictionLimit,
     SnapToLane,
@@ -39,6 +40,7 @@ from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind, default_sizes_m
 from pd_editor.scene.guidance_terms import GoalPoint, GuidanceTerm, SpeedLimit
+from pd_editor.scene.locks import Lock
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
@@ -97,6 +99,11 @@ def some_of(ids: list[str]) -> st.SearchStrategy[tuple[str, ...]]:
 
 def present(scenario: Scenario) -> st.SearchStrategy[tuple[str, ...]]:
     return some_of(present_ids(scenario))
+
+
+def locks() -> st.SearchStrategy[Lock]:
+    kept = st.sampled_from([None, 0.0]) | numbers(0, 7)
+    return st.builds(Lock, kept_s=kept)
 
 
 def warps() -> st.SearchStrategy[RoadWarp]:
@@ -301,6 +308,9 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
         ChangeGuidance, index=st.integers(0, 1), term=terms(scenario)
     ),
     RemoveGuidance: lambda _: st.builds(RemoveGuidance, index=st.integers(0, 1)),
+    SetLocks: lambda scenario: st.builds(
+        SetLocks, agent_ids=present(scenario), lock=st.none() | locks()
+    ),
     ReplaceTraffic: replacements,
 }
 """How to draw each command on a scenario; most of them apply, some do not."""

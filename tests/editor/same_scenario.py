@@ -28,6 +28,7 @@ def same_scenario(one: Scenario, other: Scenario) -> bool:
         and all(np.array_equal(mine, theirs) for mine, theirs in lines)
         and one.focal_id == other.focal_id
         and one.guidance == other.guidance
+        and one.locks == other.locks
         and one.provenance == other.provenance
         and (one.applied_warp is None) == (other.applied_warp is None)
     )

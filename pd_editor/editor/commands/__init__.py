@@ -20,6 +20,7 @@ from pd_editor.editor.commands.guidance import (
     RemoveGuidance,
 )
 from pd_editor.editor.commands.json_values import from_json, to_json
+from pd_editor.editor.commands.locks import SetLocks
 from pd_editor.editor.commands.motion import (
     AdoptTrajectory,
     SetAgentSpeed,
@@ -62,6 +63,7 @@ COMMANDS: Final[dict[str, type[Command]]] = {
         AddGuidance,
         ChangeGuidance,
         RemoveGuidance,
+        SetLocks,
         ReplaceTraffic,
     )
 }
@@ -87,6 +89,7 @@ __all__ = [
     "SetAgentSize",
     "SetAgentSpeed",
     "SetFocalAgent",
+    "SetLocks",
     "SetRoadWarp",
     "SlowToFrictionLimit",
     "SnapToLane",

@@ -29,6 +29,11 @@ class Command(ABC):
         return False
 
     @property
+    def moves_road(self) -> bool:
+        """Whether the road moves with all agents on it, locked ones included."""
+        return False
+
+    @property
     def selects(self) -> tuple[str, ...] | None:
         """Ids of the agents to select afterwards; None keeps the selection."""
         return None

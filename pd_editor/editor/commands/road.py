@@ -43,6 +43,11 @@ class SetRoadWarp(Command):
             )
 
     @property
+    def moves_road(self) -> bool:
+        """It does, and all agents on it."""
+        return True
+
+    @property
     def label(self) -> str:
         """Label with kinds and powers of the terms."""
         if self.warp is None or self.warp.is_identity:

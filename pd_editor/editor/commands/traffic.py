@@ -14,6 +14,7 @@ from pd_editor.editor.commands.edit_limits import (
     check_positions,
     check_velocities,
 )
+from pd_editor.editor.commands.locks import locked_agents_error
 from pd_editor.editor.commands.motion import agents_with_trajectory
 from pd_editor.errors import EditError, GenerationError
 from pd_editor.generation import (
@@ -23,6 +24,7 @@ from pd_editor.generation import (
     Quality,
     Region,
     TrafficSample,
+    check_kept,
     check_numbers,
 )
 from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
@@ -31,6 +33,7 @@ from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.focal_agent import focal_place_m, with_focal_agent
 from pd_editor.scene.guidance_terms import GuidanceTerm
+from pd_editor.scene.locks import kept_steps
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 NEW_PREFIX: Final = "new"
@@ -87,7 +90,8 @@ class ReplaceTraffic(Command):
 
     Agents of the scenario keep their kind, their size and, if the sample agrees with it,
     their current state; otherwise the sample's state is applied and the history, which
-    no longer leads there, is removed. Arrays are stored as float32.
+    no longer leads there, is removed. States that a lock keeps are not written. Arrays
+    are stored as float32.
     """
 
     sample: TrafficSample
@@ -139,6 +143,9 @@ class ReplaceTraffic(Command):
                 f"The generated traffic has {sample.position_m.shape[1]} steps; this"
                 f" scenario needs {axis.num_future_steps + 1}."
             )
+        locked = tuple(n for n in self.request.removed_ids if n in scenario.locks)
+        if locked:
+            raise locked_agents_error(scenario, locked)
         place = focal_place_m(scenario)
         had_ego = EGO_ID in scenario.agents.row_of
         scenario = scenario.without_agents(self.request.removed_ids)
@@ -186,8 +193,12 @@ class ReplaceTraffic(Command):
             )
             <= SAME_STATE_M
         )
-        for some, first in ((same, now + 1), (~same, now)):
-            if some.any() and first < axis.num_steps:
+        # What a lock keeps is not written at all, so that no rounding changes it.
+        kept = kept_steps(agents, axis, scenario.locks)[rows, now:].sum(axis=1)
+        begins = np.where(same, now + np.maximum(kept, 1), now)
+        for first in np.unique(begins).tolist():
+            some = begins == first
+            if first < axis.num_steps:
                 agents = agents_with_trajectory(
                     agents,
                     rows[some],
@@ -269,6 +280,7 @@ def traffic_command(
             raise GenerationError(
                 f"{traffic.generator} drew agent {name}, which was to be kept."
             )
+    check_kept(sample, request)
     return ReplaceTraffic(
         sample=_with_unused_ids(sample, request),
         generator=traffic.generator,
