@@ -19,6 +19,7 @@ from pd_editor.editor.commands import (
     DuplicateAgents,
     TransformAgents,
 )
+from pd_editor.editor.commands.locks import applied
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession, SessionState
 from pd_editor.editor.variant import Variant
@@ -92,7 +93,7 @@ class SessionAgainstList(RuleBasedStateMachine):
     def commit(self, command: Command) -> None:
         here = self.states[self.cursor]
         try:
-            result = command.apply(here)
+            result = applied(command, here)
         except EditError:
             with pytest.raises(EditError):
                 self.session.apply(command)
@@ -119,7 +120,10 @@ class SessionAgainstList(RuleBasedStateMachine):
 
     @rule(dx=st.sampled_from([0.0, 1.5, -2.0]), data=st.data())
     def drag(self, dx, data):
-        names = present_ids(self.states[self.cursor])
+        scenario = self.states[self.cursor]
+        names = [one for one in present_ids(scenario) if one not in scenario.locks]
+        if not names:
+            return
         name = data.draw(st.sampled_from(names))
         self.session.begin_gesture()
         for part in (0.3, 0.9):
