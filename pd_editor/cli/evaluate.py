@@ -136,14 +136,14 @@ def evaluate(
         data=tuple(map(Path, several(data))),
         methods=_methods(methods, device, task),
         conditions=road_conditions(several(warps)),
-        num_samples=_within(1, samples, MAX_SAMPLES, "samples"),
-        seed=_within(0, seed, MAX_SEED, "seed"),
-        limit=None if limit is None else _within(1, limit, MAX_SEED, "limit"),
+        num_samples=within(1, samples, MAX_SAMPLES, "samples"),
+        seed=within(0, seed, MAX_SEED, "seed"),
+        limit=None if limit is None else within(1, limit, MAX_SEED, "limit"),
         development=several(development),
-        limit_s=None if time_limit is None else _limit_s(time_limit),
+        limit_s=None if time_limit is None else limit_in_s(time_limit),
     )
     engine = LocalProcesses(num_workers=num_workers(workers))
-    found = scenes_of(plan)
+    found = scenes_of(plan.data, plan.limit)
     folder = EvaluationFolder(Path(out), plan.settings, resume=resume)
     record = run_evaluation(
         plan, found, folder, engine, on_progress=work_shown("scenes on roads")
@@ -198,7 +198,17 @@ def _methods(
 ) -> tuple[Method, ...]:
     if wanted is None:
         wanted = DEFAULT_PLACING_METHODS if task.samples_states else DEFAULT_METHODS
-    asked = several(wanted)
+    return checked_methods(several(wanted), device, task)
+
+
+def checked_methods(
+    asked: tuple[str, ...], device: DeviceName, task: EvaluationTask
+) -> tuple[Method, ...]:
+    """Methods by name.
+
+    Raises:
+        GenerationError: a name is not known, or does not fit the task.
+    """
     make = make_generator
     if device != "auto":
         make = partial(make_generator, device=device)
@@ -233,7 +243,12 @@ def _places_agents(name: str) -> bool:
     return name not in GENERATORS or GENERATORS[name].samples_states
 
 
-def _limit_s(value: float) -> float:
+def limit_in_s(value: float) -> float:
+    """Validate a time limit in seconds.
+
+    Raises:
+        InputError: it is out of range.
+    """
     if not MIN_LIMIT_S <= value <= MAX_LIMIT_S:
         raise InputError(
             f"--time-limit is {value:g} s; expected {MIN_LIMIT_S:g} to {MAX_LIMIT_S:g}."
@@ -241,7 +256,12 @@ def _limit_s(value: float) -> float:
     return value
 
 
-def _within(least: int, value: int, most: int, name: str) -> int:
+def within(least: int, value: int, most: int, name: str) -> int:
+    """Validate a number of an option.
+
+    Raises:
+        InputError: it is out of range.
+    """
     if not least <= value <= most:
         raise InputError(f"--{name} is {value}; expected {least} to {most}.")
     return value

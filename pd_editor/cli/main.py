@@ -16,6 +16,7 @@ from pd_editor.cli.export import export
 from pd_editor.cli.generate import generate
 from pd_editor.cli.model import model
 from pd_editor.cli.replay import replay
+from pd_editor.cli.study import study
 from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
 from pd_editor.cli.usage_error import usage_error
@@ -30,6 +31,7 @@ _COMMANDS = {
     "export": export,
     "replay": replay,
     "evaluate": evaluate,
+    "study": study,
     "synth": synth,
     "train": train,
     "model": model,

@@ -100,18 +100,18 @@ class FoundScenes:
     """Number of folders that lack a file or cannot be read."""
 
 
-def scenes_of(plan: EvaluationPlan) -> FoundScenes:
-    """Find the scenarios below the roots.
+def scenes_of(data: Sequence[Path], limit: int | None = None) -> FoundScenes:
+    """Find the scenarios below the roots; ``limit`` takes the first ones.
 
     Raises:
         InputError: a root is no folder, there is no scenario, or one occurs twice.
     """
     found: dict[str, Scene] = {}
     num_skipped = 0
-    for root in plan.data:
+    for root in data:
         index = DatasetIndex(root)
         for card in index.filter():
-            if plan.limit is not None and len(found) >= plan.limit:
+            if limit is not None and len(found) >= limit:
                 break
             scene = _scene(root, card.folder)
             if found.setdefault(_place(scene), scene) is not scene:
@@ -121,7 +121,7 @@ def scenes_of(plan: EvaluationPlan) -> FoundScenes:
                 )
         num_skipped += index.num_skipped
     if not found:
-        raise no_scenario(plan.data)
+        raise no_scenario(data)
     return FoundScenes(scenes=tuple(found.values()), num_skipped=num_skipped)
 
 

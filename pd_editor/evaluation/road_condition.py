@@ -1,5 +1,6 @@
-"""Road conditions of an evaluation: as recorded, or warped ahead of the focal agent."""
+"""Road conditions: as recorded, or warped ahead of an anchor by a sum of warps."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
@@ -13,57 +14,87 @@ from pd_editor.scene.road_warp import (
     MAX_POWER,
     WARP_KINDS,
     RoadWarp,
+    WarpKind,
     WarpTerm,
 )
 from pd_editor.scene.scenario import Scenario
 
 PLAIN: Final = "none"
 ALL_POWERS: Final = (3.0, 6.0, 9.0)
+DEFAULT_ANCHOR: Final = "focal"
+ANCHORS: Final = (DEFAULT_ANCHOR, "ego")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RoadCondition:
-    """A road as recorded, or one kind of warp at one power."""
+    """A road as recorded, or warped by a sum of warps ahead of an anchor."""
 
-    kind: str = PLAIN
-    power: float = 0.0
+    terms: tuple[tuple[WarpKind, float], ...] = ()
+    """Kinds and powers of the warps; none: the road as recorded."""
+    anchor: str = DEFAULT_ANCHOR
+    """One of ``ANCHORS``."""
 
     @property
     def label(self) -> str:
-        """Label of the condition, as on the shell."""
-        return PLAIN if self.is_plain else f"{self.kind}:{self.power:g}"
+        """Label of the condition, as on the shell: ``smooth-turn:3+ripple-road:-2@ego``."""
+        if self.is_plain:
+            return PLAIN
+        at = "" if self.anchor == DEFAULT_ANCHOR else f"@{self.anchor}"
+        return "+".join(f"{kind}:{power:g}" for kind, power in self.terms) + at
+
+    @property
+    def kind(self) -> str:
+        """Kind of the warp; the whole label of a sum or of another anchor."""
+        is_single = len(self.terms) == 1 and self.anchor == DEFAULT_ANCHOR
+        return self.terms[0][0] if is_single else self.label
+
+    @property
+    def power(self) -> float:
+        """Power of the strongest warp, with its sign; 0 for the original road."""
+        return max((power for _, power in self.terms), key=abs, default=0.0)
 
     @property
     def is_plain(self) -> bool:
         """Whether the road is the original one."""
-        return self.kind == PLAIN
+        return not self.terms
 
-    def applied_to(self, scenario: Scenario) -> Scenario:
+    def warp_of(self, scenario: Scenario) -> RoadWarp:
+        """The warp of a scenario's original road.
+
+        Raises:
+            EditError: the anchor is not in the scenario at its current step.
+        """
+        return RoadWarp(
+            anchor=pose_of_anchor(scenario, self.anchor),
+            terms=tuple(
+                WarpTerm(kind=kind, power=power, length_m=DEFAULT_LENGTH_M[kind])
+                for kind, power in self.terms
+            ),
+        )
+
+    def applied_to(
+        self, scenario: Scenario, friction_coefficient: float | None = DRY_ROAD_FRICTION
+    ) -> Scenario:
         """Apply the condition to a scenario: map, states and recorded trajectories.
 
         As in Scene-Attack, agents are slowed to the friction limit of a dry road, so that
         recorded trajectories stay drivable.
 
         Raises:
-            EditError: the scenario has no focal agent at its current step.
+            EditError: the anchor is not in the scenario at its current step.
         """
-        for kind in WARP_KINDS:
-            if kind == self.kind:
-                term = WarpTerm(
-                    kind=kind, power=self.power, length_m=DEFAULT_LENGTH_M[kind]
-                )
-                anchor = pose_of_anchor(scenario, "focal")
-                return warp_scenario(
-                    scenario,
-                    RoadWarp(anchor=anchor, terms=(term,)),
-                    friction_coefficient=DRY_ROAD_FRICTION,
-                )
-        return scenario
+        if self.is_plain:
+            return scenario
+        return warp_scenario(
+            scenario,
+            self.warp_of(scenario),
+            friction_coefficient=friction_coefficient,
+        )
 
 
 ALL_CONDITIONS: Final = (
     RoadCondition(),
-    *(RoadCondition(kind=k, power=p) for k in WARP_KINDS for p in ALL_POWERS),
+    *(RoadCondition(terms=((k, p),)) for k in WARP_KINDS for p in ALL_POWERS),
 )
 """The original road, and Scene-Attack's three kinds of warps at three powers."""
 
@@ -88,16 +119,31 @@ def road_conditions(texts: Iterable[str]) -> tuple[RoadCondition, ...]:
 
 
 def _parsed(text: str) -> RoadCondition:
-    kind, colon, power = text.partition(":")
-    if kind == PLAIN and not colon:
+    if text == PLAIN:
         return RoadCondition()
+    sum_text, at, anchor = text.partition("@")
+    terms = [_term(part) for part in re.split(r"\+(?=[a-z])", sum_text)]
+    known = [term for term in terms if term is not None]
+    kinds = {kind for kind, _ in known}
+    anchor = anchor if at else DEFAULT_ANCHOR
+    if len(known) < len(terms) or len(kinds) < len(terms) or anchor not in ANCHORS:
+        raise InputError(
+            f"Warp {text[:60]!r} is not known; expected none, all, KIND:POWER with a kind "
+            f"among {', '.join(WARP_KINDS)} and a power in -10..10 other than 0, or a sum "
+            "such as smooth-turn:3+ripple-road:-2; @ego at its end warps ahead of the ego "
+            "vehicle instead of the focal agent."
+        )
+    return RoadCondition(terms=tuple(known), anchor=anchor)
+
+
+def _term(text: str) -> tuple[WarpKind, float] | None:
+    """Kind and power; None if the text is neither."""
+    name, _, power = text.partition(":")
     try:
         value = float(power)
     except ValueError:
-        value = 0.0
-    if kind not in WARP_KINDS or not 0 < abs(value) <= MAX_POWER:
-        raise InputError(
-            f"Warp {text[:60]!r} is not known; expected none, all, or KIND:POWER with "
-            f"a kind among {', '.join(WARP_KINDS)} and a power in -10..10 other than 0."
-        )
-    return RoadCondition(kind=kind, power=value)
+        return None
+    for kind in WARP_KINDS:
+        if kind == name and 0 < abs(value) <= MAX_POWER:
+            return kind, value
+    return None

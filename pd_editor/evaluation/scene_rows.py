@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
+from jaxtyping import Bool
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import PdEditorError
@@ -145,12 +146,25 @@ def scene_seed(seed: int, scenario_id: str) -> int:
     return int.from_bytes(digest[:4])
 
 
+def is_on_its_way(view: TrafficView) -> Bool[np.ndarray, "A"]:
+    """Which agents move at the current step and are within 4 m of a centre line then."""
+    return _is_under_way(view) & _is_on_lane(view)
+
+
+def _is_under_way(view: TrafficView) -> Bool[np.ndarray, "A"]:
+    return np.hypot(*view.agents.velocity_mps[:, 0].T) >= STANDING_MPS
+
+
+def _is_on_lane(view: TrafficView) -> Bool[np.ndarray, "A"]:
+    edge, _ = nearest_edge(view)
+    return edge.is_valid & (edge.value <= OFF_LANE_M)
+
+
 def _columns_of(view: TrafficView) -> _Columns:
     """Columns of agents: whether they drive, are on a lane, and how long recorded."""
-    edge, _ = nearest_edge(view)
     return {
-        "under_way": np.hypot(*view.agents.velocity_mps[:, 0].T) >= STANDING_MPS,
-        "on_lane": edge.is_valid & (edge.value <= OFF_LANE_M),
+        "under_way": _is_under_way(view),
+        "on_lane": _is_on_lane(view),
         "recorded": view.agents.is_valid[:, 1:].mean(axis=1).astype(np.float32),
     }
 

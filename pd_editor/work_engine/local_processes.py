@@ -12,7 +12,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
-from pd_editor.work_engine.work_engine import WorkFailure, WorkResult, failure_of
+from pd_editor.work_engine.work_engine import (
+    WorkFailure,
+    WorkResult,
+    failure_of,
+    result_of,
+)
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -90,7 +95,7 @@ class LocalProcesses:
                         key = next(waiting, None)
                         if key is None:
                             break
-                        future = pool.submit(_one_item, function, key, left[key])
+                        future = pool.submit(result_of, function, key, left[key])
                         running[future] = key
                     if not running:
                         return {}
@@ -157,16 +162,6 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-def _one_item(
-    function: Callable[[Item], Value], key: str, item: Item
-) -> WorkResult[Value]:
-    """Run one item in the worker; exceptions become failures."""
-    try:
-        return WorkResult(key=key, value=function(item))
-    except Exception as error:  # noqa: BLE001  (one item must not stop the rest)
-        return WorkResult(key=key, failure=failure_of(error))
 
 
 def _result_of(future: Future[WorkResult[Value]], key: str) -> WorkResult[Value]:

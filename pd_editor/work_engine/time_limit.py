@@ -10,6 +10,8 @@ from typing import Final
 
 from pd_editor.errors import GenerationError
 
+WORKER_MARK: Final = "PD_EDITOR_WORKER"
+"""Environment variable of workers that are not children of this process."""
 _GRACE_SHARE: Final = 0.5
 _LEAST_GRACE_S: Final = 5.0
 
@@ -45,7 +47,7 @@ def time_limit(limit_s: float | None) -> Iterator[None]:
         limit_s + max(_GRACE_SHARE * limit_s, _LEAST_GRACE_S), os._exit, (1,)
     )
     watchdog.daemon = True
-    if multiprocessing.parent_process() is not None:
+    if multiprocessing.parent_process() is not None or WORKER_MARK in os.environ:
         watchdog.start()
     signal.setitimer(signal.ITIMER_REAL, limit_s)
     try:

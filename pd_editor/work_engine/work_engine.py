@@ -48,6 +48,16 @@ class WorkResult(Generic[Value]):
     failure: WorkFailure | None = None
 
 
+def result_of(
+    function: Callable[[Item], Value], key: str, item: Item
+) -> WorkResult[Value]:
+    """Run one item in a worker; exceptions become failures."""
+    try:
+        return WorkResult(key=key, value=function(item))
+    except Exception as error:  # noqa: BLE001  (one item must not stop the rest)
+        return WorkResult(key=key, failure=failure_of(error))
+
+
 @dataclass(frozen=True, kw_only=True)
 class WorkProgress:
     """Progress of a run; items finished in an earlier run do not count."""

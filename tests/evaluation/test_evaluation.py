@@ -29,7 +29,9 @@ def root(tmp_path: Path) -> Path:
 
 def run(plan, out: Path, engine=None, *, resume=False):
     folder = EvaluationFolder(out, plan.settings, resume=resume)
-    record = run_evaluation(plan, scenes_of(plan), folder, engine or OneByOne())
+    record = run_evaluation(
+        plan, scenes_of(plan.data, plan.limit), folder, engine or OneByOne()
+    )
     return record, (out / ROWS_NAME).read_bytes()
 
 
@@ -96,38 +98,40 @@ def test_scenes_that_cannot_be_judged_are_said_and_counted(root, tmp_path):
 def test_progress_counts_what_is_left(root, tmp_path):
     plan, seen = plan_for(root, "ground-truth"), []
     folder = EvaluationFolder(tmp_path / "out", plan.settings, resume=False)
-    run_evaluation(plan, scenes_of(plan), folder, OneByOne(), on_progress=seen.append)
+    run_evaluation(
+        plan,
+        scenes_of(plan.data, plan.limit),
+        folder,
+        OneByOne(),
+        on_progress=seen.append,
+    )
     assert [(one.num_done, one.num_items) for one in seen] == [
         (done, 3) for done in range(4)
     ]
 
 
 def test_roots_name_the_splits(root, tmp_path):
-    whole = scenes_of(plan_for(root, "ground-truth")).scenes
+    whole = scenes_of([root]).scenes
     assert [(one.split, one.folder.name) for one in whole] == [
         ("train", "aaa"),
         ("train", "bbb"),
         ("val", "ccc"),
     ]
-    part = scenes_of(plan_for(root / "train", "ground-truth")).scenes
+    part = scenes_of([root / "train"]).scenes
     assert part == whole[:2]
 
 
 def test_roots_that_cannot_be_used(root, tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="no Argoverse 2 scenario"):
-        scenes_of(plan_for(tmp_path / "empty", "ground-truth"))
+        scenes_of([tmp_path / "empty"])
     with pytest.raises(InputError, match="no such dataset folder"):
-        scenes_of(plan_for(tmp_path / "nowhere", "ground-truth"))
+        scenes_of([tmp_path / "nowhere"])
     write_scenario(
         root / "again", "train", "aaa", scenario_with(straight_drivers(COLLIDING))
     )
-    plan = plan_for(root / "train", "ground-truth")
-    twice = type(plan)(
-        **{**vars(plan), "data": (root / "train", root / "again" / "train")}
-    )
     with pytest.raises(InputError, match="found before"):
-        scenes_of(twice)
+        scenes_of([root / "train", root / "again" / "train"])
 
 
 def test_settings_are_written_down(root, tmp_path):

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from pd_editor.errors import InputError
@@ -20,11 +21,37 @@ def test_each_road_once():
 
 @pytest.mark.parametrize(
     "text", ["", "bend:3", "none:3", "smooth-turn", "smooth-turn:x", "smooth-turn:0",
-             "ripple-road:11", "ripple-road:nan", "ripple-road:inf"]
+             "ripple-road:11", "ripple-road:nan", "ripple-road:inf",
+             "smooth-turn:3+smooth-turn:2", "smooth-turn:3+", "smooth-turn:3@", "none@ego",
+             "smooth-turn:3@nowhere", "+smooth-turn:3"]
 )  # fmt: skip
 def test_other_words_are_refused(text):
     with pytest.raises(InputError, match="smooth-turn"):
         road_conditions([text])
+
+
+def test_sums_and_anchors_are_read_back_from_their_labels():
+    label = "smooth-turn:3+ripple-road:-2.5@ego"
+    (found,) = road_conditions([label])
+    assert found.terms == (("smooth-turn", 3.0), ("ripple-road", -2.5))
+    assert (found.anchor, found.label, found.kind, found.power) == (
+        "ego",
+        label,
+        label,
+        3.0,
+    )
+
+
+def test_a_sum_is_the_sum_of_its_warps():
+    scenario = two_agents_that_pass()
+    points = np.stack([np.linspace(-20, 80, 50), np.zeros(50)], axis=-1)
+    both, *each = (
+        one.warp_of(scenario).apply(points) - points
+        for one in road_conditions(
+            ["smooth-turn:3+ripple-road:-2", "smooth-turn:3", "ripple-road:-2"]
+        )
+    )
+    assert np.allclose(both, each[0] + each[1])
 
 
 def test_no_road_is_refused():

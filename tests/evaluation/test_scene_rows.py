@@ -140,7 +140,7 @@ def test_a_scene_without_a_future_has_no_rows(tmp_path):
 
 
 def test_the_log_is_bent_with_the_map(tmp_path):
-    bend = RoadCondition(kind="smooth-turn", power=9.0)
+    bend = RoadCondition(terms=(("smooth-turn", 9.0),))
     lane = [(0.0, 0.0, 0.0, 10.0)]
     rows = judged(
         tmp_path,
@@ -162,7 +162,7 @@ def test_the_log_is_bent_with_the_map(tmp_path):
 def test_scenes_that_cannot_be_used_say_why(tmp_path):
     no_focal = replace(scenario_with(straight_drivers(COLLIDING)), focal_id="")
     folder = write_scenario(tmp_path, "train", "bbb", no_focal)
-    bend = RoadCondition(kind="ripple-road", power=3.0)
+    bend = RoadCondition(terms=(("ripple-road", 3.0),))
     with pytest.raises(EditError, match="focal"):
         evaluate_scene(item(folder, "ground-truth", condition=bend))
     (folder / "log_map_archive_bbb.json").write_text("{")

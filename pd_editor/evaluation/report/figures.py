@@ -35,7 +35,7 @@ COLORS: Final = ("#333333", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00
 """Palette of Okabe and Ito, which colour-blind readers can distinguish."""
 _GROUP: Final = "movers on their way"
 _COLUMNS: Final = 3
-_STYLE: Final[dict[Any, Any]] = {
+FIGURE_STYLE: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",  # Text stays text.
     "svg.hashsalt": "pd-editor",  # Equal figures, equal bytes.
     "font.family": "sans-serif",
@@ -156,7 +156,7 @@ class _Panels:
 
         columns = min(count, _COLUMNS)
         rows = -(-count // columns)
-        with rc_context(_STYLE):
+        with rc_context(FIGURE_STYLE):
             self._canvas = Canvas(
                 (3.8 * columns, height * rows),
                 layout=ConstrainedLayoutEngine(h_pad=0.1, w_pad=0.1),
@@ -176,6 +176,6 @@ class _Panels:
         from matplotlib import rc_context
 
         sink = io.BytesIO()
-        with rc_context(_STYLE):
+        with rc_context(FIGURE_STYLE):
             self._canvas.savefig(sink, format="svg", metadata={"Date": None})
         return sink.getvalue()

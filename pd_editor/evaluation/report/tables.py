@@ -216,7 +216,7 @@ def definition_table() -> ReportTable:
 
 def cell(
     estimate: Estimate,
-    at: tuple[int, int, int],
+    at: tuple[int, ...],
     unit: str,
     *,
     signed: bool = False,

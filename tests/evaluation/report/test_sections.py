@@ -41,7 +41,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     plan = plan_for(root, *NAMES, warps=("none", "smooth-turn:3", "smooth-turn:9"))
     out = tmp_path_factory.mktemp("out") / "out"
     folder = EvaluationFolder(out, plan.settings, resume=False)
-    record = run_evaluation(plan, scenes_of(plan), folder, OneByOne())
+    record = run_evaluation(plan, scenes_of(plan.data, plan.limit), folder, OneByOne())
     summary = summarise(out / ROWS_NAME, NAMES, plan.conditions, 0)
     return plan, record, findings(summary)
 
@@ -99,8 +99,8 @@ def test_held_out_scenes_stand_apart_from_those_that_chose_the_settings(
 ):
     plan, record, _ = found
     folder = EvaluationFolder(tmp_path / "out", plan.settings, resume=False)
-    run_evaluation(plan, scenes_of(plan), folder, OneByOne())
-    splits = splits_of(plan, scenes_of(plan))
+    run_evaluation(plan, scenes_of(plan.data, plan.limit), folder, OneByOne())
+    splits = splits_of(plan, scenes_of(plan.data, plan.limit))
     assert (splits.held_out, splits.development) == (("val",), ("train",))
 
     def summary_of(names):
@@ -183,7 +183,7 @@ def test_figures_are_valid_svg_with_a_panel_for_each_metric_and_kind_of_road(fou
 def test_a_run_without_any_row_still_has_a_report(found, tmp_path: Path):
     plan, record, _ = found
     folder = EvaluationFolder(tmp_path / "out", plan.settings, resume=False)
-    none = replace(scenes_of(plan), scenes=())
+    none = replace(scenes_of(plan.data, plan.limit), scenes=())
     run_evaluation(plan, none, folder, OneByOne())
     summary = summarise(folder.path / ROWS_NAME, NAMES, plan.conditions, 0)
     assert figures_of(summary, plan.conditions) == ()

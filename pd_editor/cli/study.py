@@ -1,0 +1,253 @@
+"""``pd-editor study``: perturbation studies."""
+
+import shlex
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from pd_editor.cli.arguments import FolderOption, Switch, num_workers, several
+from pd_editor.cli.evaluate import checked_methods, limit_in_s, within
+from pd_editor.cli.progress import work_shown
+from pd_editor.diffusion.defaults import DeviceName
+from pd_editor.errors import InputError
+from pd_editor.evaluation.evaluation import FoundScenes, scenes_of
+from pd_editor.evaluation.evaluation_task import DRIVING
+from pd_editor.evaluation.report.formats import html_of, markdown_of
+from pd_editor.evaluation.road_condition import DEFAULT_ANCHOR, road_conditions
+from pd_editor.generation import MAX_SAMPLES, MAX_SEED
+from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.scene.road_warp import WARP_KINDS
+from pd_editor.study.gallery import GALLERY_NAME, export_cases, worst_of_scenes
+from pd_editor.study.severity import severity_curves
+from pd_editor.study.study_folder import (
+    VARIANTS_NAME,
+    StudyFolder,
+    StudyRecord,
+    run_study,
+)
+from pd_editor.study.study_plan import (
+    GRID_POWERS,
+    StudyPlan,
+    grid_conditions,
+    study_items,
+)
+from pd_editor.study.study_report import (
+    StudyFindings,
+    severity_figures,
+    study_report,
+)
+from pd_editor.study.variant_rows import STUDY_METRICS
+from pd_editor.study.worst_case import (
+    SearchItem,
+    SearchSettings,
+    WorstCase,
+    grid_worst_cases,
+    search_scene,
+)
+from pd_editor.work_engine import LocalProcesses, WorkEngine, run_items
+from pd_editor.work_engine.ray_cluster import RayCluster
+
+Engine = Literal["local", "ray"]
+_Texts = str | tuple[str, ...]
+_BY_DEFAULT = "(default: -9 to 9 without 0)"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Study:
+    """Result of a study, and the files that were written."""
+
+    folder: Path
+    files: tuple[Path, ...]
+    record: StudyRecord
+    findings: StudyFindings
+
+    def __str__(self) -> str:
+        """One line per file, then notes on failures."""
+        remarks = []
+        if self.record.num_failed_variants:
+            remarks.append(
+                f"{self.record.num_failed_variants} variants failed; the report says "
+                "which and why."
+            )
+        if self.record.failures:
+            remarks.append(f"{len(self.record.failures)} work items failed altogether.")
+        return "\n".join([*map(str, self.files), *remarks])
+
+
+def study(
+    *,
+    data: Annotated[
+        str | Path | tuple[str | Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")
+    ],
+    out: FolderOption,
+    methods: Annotated[_Texts, tyro.conf.arg(metavar="NAME [NAME ...]")] = (
+        "lane-follower",
+    ),
+    kinds: Annotated[_Texts, tyro.conf.arg(metavar="KIND [KIND ...]")] = WARP_KINDS,
+    powers: Annotated[
+        float | tuple[float, ...],
+        tyro.conf.arg(metavar="P [P ...]", help_behavior_hint=_BY_DEFAULT),
+    ] = GRID_POWERS,
+    anchors: Annotated[_Texts, tyro.conf.arg(metavar="ANCHOR [ANCHOR ...]")] = (
+        DEFAULT_ANCHOR,
+    ),
+    warps: Annotated[
+        _Texts, tyro.conf.arg(metavar="WARP [WARP ...]", help_behavior_hint="")
+    ] = (),
+    seeds: Annotated[int | tuple[int, ...], tyro.conf.arg(metavar="N [N ...]")] = (0,),
+    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
+    friction: Annotated[float, tyro.conf.arg(metavar="MU")] = DRY_ROAD_FRICTION,
+    search: Annotated[int, tyro.conf.arg(metavar="TRIALS")] = 0,
+    metric: Annotated[str, tyro.conf.arg(metavar="METRIC")] = STUDY_METRICS[0],
+    penalty: Annotated[float, tyro.conf.arg(metavar="X")] = 10.0,
+    gallery: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
+    limit: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
+    ] = None,
+    engine: Engine = "local",
+    address: Annotated[
+        str | None,
+        tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="(default: this machine)"),
+    ] = None,
+    workers: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
+    ] = None,
+    time_limit: Annotated[
+        float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: none)")
+    ] = None,
+    device: DeviceName = "auto",
+    resume: Switch = False,
+) -> Study:
+    """Study how methods fare on perturbed roads: kinds, powers, anchors, seeds, scenes.
+
+    Args:
+        data: Roots of Argoverse 2 datasets; folders below them are searched.
+        out: New folder for finished items, variants.parquet, report.md, report.html and gallery.
+        methods: Reference methods, generators and predictors, as for evaluate.
+        kinds: Kinds of warps of the grid.
+        powers: Powers of the grid, -10 to 10.
+        anchors: Where warps begin: ahead of the focal agent, of the ego vehicle, or both.
+        warps: Further roads, such as the sum smooth-turn:6+ripple-road:2.
+        seeds: Seeds; each one is a study of its own over all scenes and roads.
+        samples: Samples of each variant, for methods that sample at random.
+        friction: Slow agents to the speed that this friction coefficient allows; 0 does not slow them.
+        search: Trials of a worst-case search of each scene by Optuna; 0 does not search. 54 is the budget of Scene-Attack's grid.
+        metric: What the worst cases are worst in.
+        penalty: Penalty of the search for each kind of warp beyond the first; 0 searches sums.
+        gallery: Number of worst scenes that are exported for the editor.
+        limit: Use only the first N scenarios.
+        engine: Processes of this machine, or Ray (extra "cluster").
+        address: Address of a Ray cluster, such as auto or ray://head:10001.
+        workers: Processes to use; they do not change the numbers.
+        time_limit: Seconds that a method may take for a variant; one that takes longer fails there, and the rest goes on.
+        device: Where models compute; auto takes a GPU if there is one.
+        resume: Go on with an earlier run of the same settings.
+    """
+    if metric not in STUDY_METRICS:
+        raise InputError(
+            f"--metric: {metric[:60]!r} is not known; expected one of "
+            f"{', '.join(STUDY_METRICS)}."
+        )
+    if not 0 <= friction <= 2:
+        raise InputError(f"--friction is {friction:g}; expected 0 to 2.")
+    grid = grid_conditions(
+        several(kinds),
+        (powers,) if isinstance(powers, int | float) else powers,
+        several(anchors),
+    )
+    extra = road_conditions(several(warps)) if warps else ()
+    plan = StudyPlan(
+        data=tuple(map(Path, several(data))),
+        methods=checked_methods(several(methods), device, DRIVING),
+        conditions=tuple(dict.fromkeys((*grid, *extra))),
+        seeds=(seeds,) if isinstance(seeds, int) else tuple(dict.fromkeys(seeds)),
+        num_samples=within(1, samples, MAX_SAMPLES, "samples"),
+        friction_coefficient=friction or None,
+        limit=None if limit is None else within(1, limit, MAX_SEED, "limit"),
+        limit_s=None if time_limit is None else limit_in_s(time_limit),
+    )
+    settings = SearchSettings(
+        metric=metric,
+        num_trials=within(0, search, 100_000, "search"),
+        penalty=penalty,
+    )
+    num_shown = within(0, gallery, 1000, "gallery")
+    runner = _engine(engine, address, workers)
+    found = scenes_of(plan.data, plan.limit)
+    folder = StudyFolder(Path(out), plan.settings, resume=resume)
+    return _run(plan, settings, num_shown, found, folder, runner, _command(plan, out))
+
+
+def _run(
+    plan: StudyPlan,
+    settings: SearchSettings,
+    num_shown: int,
+    found: FoundScenes,
+    folder: StudyFolder,
+    engine: WorkEngine,
+    command: str,
+) -> Study:
+    """Run the variants and the search, export the worst, write the report."""
+    items = study_items(plan, found.scenes)
+    record = run_study(items, folder, engine, on_progress=work_shown("work items"))
+    grid = grid_worst_cases(record.rows, settings)
+    searched: dict[str, WorstCase] = {}
+    if settings.num_trials:
+        searches = {
+            key: SearchItem(variant=replace(item, conditions=()), settings=settings)
+            for key, item in items.items()
+            if key.endswith("-c0")
+        }
+        run_items(
+            engine,
+            search_scene,
+            searches,
+            on_value=searched.__setitem__,
+            on_progress=work_shown("searches"),
+        )
+    findings = StudyFindings(
+        curves=severity_curves(record.rows),
+        grid=grid,
+        search=[searched[key] for key in sorted(searched)],
+        settings=settings,
+        gallery=export_cases(
+            worst_of_scenes((*grid, *searched.values()), num_shown),
+            list(items.values()),
+            folder.path / GALLERY_NAME,
+        ),
+    )
+    report = study_report(plan, record, findings, len(found.scenes), command)
+    files = (
+        folder.write("report.md", markdown_of(report).encode()),
+        folder.write(
+            "report.html", html_of(report, severity_figures(findings.curves)).encode()
+        ),
+        folder.path / VARIANTS_NAME,
+    )
+    return Study(folder=folder.path, files=files, record=record, findings=findings)
+
+
+def _engine(engine: Engine, address: str | None, workers: int | None) -> WorkEngine:
+    if engine == "ray":
+        return RayCluster(address=address, num_workers=num_workers(workers))
+    if address is not None:
+        raise InputError("--address is for --engine ray.")
+    return LocalProcesses(num_workers=num_workers(workers))
+
+
+def _command(plan: StudyPlan, out: str | Path) -> str:
+    """Command line that reproduces the numbers."""
+    words = ["pd-editor", "study", "--data", *map(str, plan.data), "--out", str(out)]
+    words += ["--methods", *(method.name for method in plan.methods)]
+    kinds = [one for one in plan.conditions if len(one.terms) == 1]
+    sums = [one.label for one in plan.conditions if len(one.terms) > 1]
+    words += ["--kinds", *dict.fromkeys(one.kind.split(":")[0] for one in kinds)]
+    words += ["--powers", *dict.fromkeys(f"{one.power:g}" for one in kinds)]
+    words += ["--anchors", *dict.fromkeys(one.anchor for one in kinds)]
+    words += ["--warps", *sums] if sums else []
+    words += ["--seeds", *map(str, plan.seeds), "--samples", str(plan.num_samples)]
+    words += ["--friction", f"{plan.friction_coefficient or 0:g}"]
+    words += [] if plan.limit is None else ["--limit", str(plan.limit)]
+    return shlex.join(words)

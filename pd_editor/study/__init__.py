@@ -1,0 +1,1 @@
+"""Perturbation studies: methods on many scenes, warps, powers and seeds."""

@@ -1,0 +1,116 @@
+"""Gallery of the worst variants of a study, exported so that the editor opens them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pd_editor.basket.thumbnail import thumbnail
+from pd_editor.editor.commands import SetRoadWarp, traffic_command
+from pd_editor.editor.session import EditorSession
+from pd_editor.editor.variant import Variant, name_from_text, short_id
+from pd_editor.errors import PdEditorError
+from pd_editor.evaluation.reference_methods import GROUND_TRUTH
+from pd_editor.evaluation.road_condition import RoadCondition, road_conditions
+from pd_editor.generation import GeneratedTraffic, TrafficSample
+from pd_editor.metrics.traffic_view import TrafficView
+from pd_editor.scenario_store import export_into, open_scenario
+from pd_editor.study.variant_rows import StudyItem
+from pd_editor.study.worst_case import WorstCase
+
+GALLERY_NAME: Final = "gallery"
+
+
+@dataclass(frozen=True, kw_only=True)
+class GalleryEntry:
+    """A worst case with the folder that the editor opens."""
+
+    case: WorstCase
+    folder: Path
+    thumbnail: str
+    """Small top view as SVG."""
+
+
+def worst_of_scenes(cases: Sequence[WorstCase], count: int) -> tuple[WorstCase, ...]:
+    """The worst cases, at most one of each scene and method."""
+    found: dict[tuple[str, str], WorstCase] = {}
+    for case in sorted(cases, key=lambda one: -one.value):
+        if case.condition and np.isfinite(case.value):
+            found.setdefault((case.scenario, case.method), case)
+    return tuple(found.values())[:count]
+
+
+def export_case(case: WorstCase, item: StudyItem, out: Path) -> GalleryEntry:
+    """Make a variant again, and export it with its recipe.
+
+    Args:
+        case: the variant.
+        item: any item of the same scene, method and seed.
+        out: folder that receives the scenario's folder.
+
+    Raises:
+        PdEditorError: the method fails, or the folder cannot be written.
+    """
+    (condition,) = road_conditions([case.condition])
+    session = EditorSession(open_scenario(item.folder))
+    name = " ".join(
+        (short_id(case.scenario), case.method, case.condition, str(case.seed))
+    )
+    session.describe(Variant(name=name_from_text(name)))
+    request = item.request(session.scenario, condition)
+    traffic = item.method.traffic(request)
+    if not condition.is_plain:
+        session.apply(_warp_command(condition, session, item))
+    if item.method.name != GROUND_TRUTH:
+        sample = _sample(traffic.samples[0])
+        generated = GeneratedTraffic(
+            samples=(sample,),
+            generator=item.method.generator_name,
+            model_sha256=traffic.model_sha256,
+            seed=request.seed,
+        )
+        asked = replace(request, scenario=session.scenario, num_samples=1)
+        session.apply(traffic_command(asked, generated))
+    recipe = replace(session.recipe(), created_at="")
+    folder = export_into(out, session.scenario, recipe, overwrite=True)
+    return GalleryEntry(case=case, folder=folder, thumbnail=thumbnail(session.scenario))
+
+
+def export_cases(
+    cases: Sequence[WorstCase], items: Sequence[StudyItem], out: Path
+) -> tuple[GalleryEntry, ...]:
+    """Export several cases; one whose method fails now is left out."""
+    by_scene = {(one.folder.name, one.method.name, one.seed): one for one in items}
+    entries = []
+    for case in cases:
+        item = by_scene.get((case.scenario, case.method, case.seed))
+        if item is None:
+            continue
+        try:
+            entries.append(export_case(case, item, out))
+        except PdEditorError:
+            continue
+    return tuple(entries)
+
+
+def _warp_command(
+    condition: RoadCondition, session: EditorSession, item: StudyItem
+) -> SetRoadWarp:
+    return SetRoadWarp(
+        warp=condition.warp_of(session.scenario),
+        friction_coefficient=item.friction_coefficient,
+    )
+
+
+def _sample(view: TrafficView) -> TrafficSample:
+    agents = view.agents
+    return TrafficSample(
+        ids=agents.ids,
+        kinds=agents.kinds,
+        size_m=agents.size_m,
+        position_m=agents.position_m,
+        heading_rad=agents.heading_rad,
+        velocity_mps=agents.velocity_mps,
+    )

@@ -1,0 +1,140 @@
+"""Plan of a perturbation study: scenes, methods, road conditions and seeds."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from itertools import product
+from pathlib import Path
+from typing import Final
+
+from pd_editor.errors import InputError
+from pd_editor.evaluation.evaluation import Scene
+from pd_editor.evaluation.method import Method
+from pd_editor.evaluation.road_condition import (
+    ANCHORS,
+    DEFAULT_ANCHOR,
+    RoadCondition,
+)
+from pd_editor.generation import MAX_SEED
+from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.scene.road_warp import MAX_POWER, WARP_KINDS, WarpKind
+from pd_editor.study.variant_rows import StudyItem
+
+GRID_POWERS: Final = tuple(float(p) for p in (*range(-9, 0), *range(1, 10)))
+"""The 18 powers of Scene-Attack's grid."""
+CONDITIONS_PER_ITEM: Final = 18
+"""Road conditions of one work item: a scenario is read once for all of them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudySettings:
+    """Settings that must be equal for finished items to be reused."""
+
+    version: str
+    data: tuple[str, ...]
+    methods: tuple[str, ...]
+    conditions: tuple[str, ...]
+    seeds: tuple[int, ...]
+    samples: int
+    friction: float | None
+    limit: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyPlan:
+    """Specification of a study."""
+
+    data: tuple[Path, ...]
+    """Roots of datasets; folders below them are searched."""
+    methods: tuple[Method, ...]
+    conditions: tuple[RoadCondition, ...]
+    seeds: tuple[int, ...] = (0,)
+    num_samples: int = 1
+    friction_coefficient: float | None = DRY_ROAD_FRICTION
+    """Agents are slowed to the speed that it allows on the warped road; None: not."""
+    limit: int | None = None
+    """Limit of scenes, the first ones by their folders' names."""
+    limit_s: float | None = None
+    """Time that a method may take for one variant; one that takes longer fails there."""
+
+    def __post_init__(self) -> None:
+        if not self.methods or not self.seeds or not self.conditions:
+            raise InputError(
+                "A study needs at least one method, one road condition and one seed."
+            )
+        for seed in self.seeds:
+            if not 0 <= seed <= MAX_SEED:
+                raise InputError(f"The seed is {seed}; expected 0 to {MAX_SEED}.")
+
+    @property
+    def settings(self) -> StudySettings:
+        """Settings that finished items depend on."""
+        return StudySettings(
+            version=version("pd-editor"),
+            data=tuple(str(root.resolve()) for root in self.data),
+            methods=tuple(method.name for method in self.methods),
+            conditions=tuple(one.label for one in self.conditions),
+            seeds=self.seeds,
+            samples=self.num_samples,
+            friction=self.friction_coefficient,
+            limit=self.limit,
+        )
+
+    def num_variants(self, num_scenes: int) -> int:
+        """Number of scenario variants: scenes, methods, conditions and seeds."""
+        return num_scenes * len(self.methods) * len(self.seeds) * len(self.conditions)
+
+
+def study_items(plan: StudyPlan, scenes: Sequence[Scene]) -> dict[str, StudyItem]:
+    """Work items by key: split, folder, method, seed, and a part of the conditions."""
+    starts = range(0, len(plan.conditions), CONDITIONS_PER_ITEM)
+    return {
+        f"{scene.split}/{scene.folder.name}/m{number}-s{seed}-c{start}": StudyItem(
+            folder=scene.folder,
+            split=scene.split,
+            method=method,
+            conditions=plan.conditions[start : start + CONDITIONS_PER_ITEM],
+            seed=seed,
+            num_samples=plan.num_samples,
+            friction_coefficient=plan.friction_coefficient,
+            limit_s=plan.limit_s,
+        )
+        for scene in scenes
+        for number, method in enumerate(plan.methods)
+        for seed in plan.seeds
+        for start in starts
+    }
+
+
+def grid_conditions(
+    kinds: Iterable[str] = WARP_KINDS,
+    powers: Iterable[float] = GRID_POWERS,
+    anchors: Iterable[str] = (DEFAULT_ANCHOR,),
+) -> tuple[RoadCondition, ...]:
+    """The original road, then each kind at each power and anchor.
+
+    Raises:
+        InputError: a kind, power or anchor is not known.
+    """
+    conditions = {RoadCondition(): None}
+    for anchor, kind, power in product(anchors, kinds, powers):
+        if anchor not in ANCHORS:
+            raise InputError(
+                f"Anchor {anchor[:60]!r} is not known; expected {' or '.join(ANCHORS)}."
+            )
+        if not 0 < abs(power) <= MAX_POWER:
+            raise InputError(
+                f"Power {power:g} is not possible; expected -10 to 10 other than 0."
+            )
+        terms: tuple[tuple[WarpKind, float], ...] = ((_known_kind(kind), float(power)),)
+        conditions[RoadCondition(terms=terms, anchor=anchor)] = None
+    return tuple(conditions)
+
+
+def _known_kind(text: str) -> WarpKind:
+    for kind in WARP_KINDS:
+        if kind == text:
+            return kind
+    raise InputError(
+        f"Warp {text[:60]!r} is not known; expected {', '.join(WARP_KINDS)}."
+    )

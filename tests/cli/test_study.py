@@ -1,0 +1,79 @@
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from tests.cli.shell import Shell
+from tests.evaluation.small_dataset import write_dataset
+
+GRID = ("--kinds", "ripple-road", "--powers", -6, 6, "--methods", "constant-velocity")
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    return write_dataset(tmp_path / "data")
+
+
+def test_a_study_writes_rows_report_and_gallery(
+    shell: Shell, data: Path, tmp_path: Path
+):
+    out = tmp_path / "out"
+    options = (*GRID, "--warps", "smooth-turn:3+ripple-road:2", "--search", 6)
+    options += ("--gallery", 2, "--workers", 1, "--seeds", 0, 1)
+    result = shell.run("study", "--data", data, "--out", out, *options)
+    assert (result.code, result.err) == (0, "")
+    names = ["report.html", "report.md", "variants.parquet"]
+    assert sorted(result.lines) == [str(out / name) for name in names]
+    rows = pq.read_table(out / "variants.parquet")
+    assert set(rows["condition"].to_pylist()) == {
+        "none",
+        "ripple-road:-6",
+        "ripple-road:6",
+        "smooth-turn:3+ripple-road:2",
+    }
+    assert set(rows["seed"].to_pylist()) == {0, 1}
+    text = (out / "report.md").read_text()
+    assert "Search against the grid" in text
+    page = (out / "report.html").read_text()
+    assert page.count("<figure>") == 5
+    assert len(list((out / "gallery").iterdir())) == 2
+    again = shell.run("study", "--data", data, "--out", out, *options)
+    assert again.code == 2
+    assert "--resume" in again.err
+    assert (
+        shell.run("study", "--data", data, "--out", out, *options, "--resume").code == 0
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--methods", "foo"), "There is no method 'foo'"),
+        (("--powers", "12"), "Power 12 is not possible"),
+        (("--kinds", "bend"), "Warp 'bend' is not known"),
+        (("--anchors", "me"), "Anchor 'me' is not known"),
+        (("--metric", "beauty"), "--metric: 'beauty' is not known"),
+        (("--friction", "3"), "--friction is 3"),
+        (("--search", "-1"), "--search is -1"),
+        (("--seeds", "-1"), "The seed is -1"),
+        (("--address", "auto"), "--address is for --engine ray"),
+        (("--warps", "x:1"), "Warp 'x:1' is not known"),
+        (("--time-limit", "0"), "--time-limit is 0 s"),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(
+    shell: Shell, data: Path, tmp_path: Path, options, words
+):
+    result = shell.run("study", "--data", data, "--out", tmp_path / "out", *options)
+    assert result.code == 2
+    assert words in result.err
+    assert len(result.err.splitlines()) == 1
+    assert not (tmp_path / "out" / "finished").exists()
+
+
+def test_an_empty_root_is_refused(shell: Shell, tmp_path: Path):
+    (tmp_path / "empty").mkdir()
+    out = tmp_path / "out"
+    result = shell.run("study", "--data", tmp_path / "empty", "--out", out)
+    assert result.code == 2
+    assert "no Argoverse 2 scenario" in result.err
