@@ -164,9 +164,8 @@ def variant_of(
 
 
 def _failed(reason: str) -> DrivenVariant:
-    nothing = {
-        group: dict.fromkeys(STUDY_METRICS, MetricSum()) for group in STUDY_AGENTS
-    }
+    empty: dict[str, MetricSum] = {name: MetricSum() for name in STUDY_METRICS}
+    nothing = dict.fromkeys(STUDY_AGENTS, empty)
     return DrivenVariant(sums=nothing, failure=reason[:_MAX_REASON_CHARACTERS])
 
 
