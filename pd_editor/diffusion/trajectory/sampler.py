@@ -47,6 +47,7 @@ def sample_trajectories(
     seed: int,
     num_tries: int = 1,
     is_given: Bool[Tensor, "B A"] | None = None,
+    given: Float[Tensor, "*#S B A 10"] | None = None,
     config: TrajectorySamplerConfig | None = None,
     guide: TrajectoryGuide | None = None,
 ) -> Iterator[SamplerStep]:
@@ -63,6 +64,8 @@ def sample_trajectories(
         seed: Seed of all samples.
         num_tries: Number of consecutive samples that are tries of one.
         is_given: Given agents, whose latents are fixed; None: no agent.
+        given: Latents of given agents, of all samples or of each one; None: those of
+            the scene.
         config: Settings of the sampler.
         guide: Changes the predicted clean latents of each step.
     """
@@ -79,10 +82,12 @@ def sample_trajectories(
         encoded = model.encode_level(table)
         start = starting_latents(scene, streams, num_tries, config.standing_noise)
 
+    known = scene.future if given is None else given.to(scene.future)
+
     def held(latent: Float[Tensor, "S B A 10"]) -> Float[Tensor, "S B A 10"]:
         if is_given is None:
             return latent
-        return torch.where(is_given[..., None], scene.future, latent)
+        return torch.where(is_given[..., None], known, latent)
 
     def denoise(noisy: Tensor, step: int) -> Tensor:
         clean = model.denoise(held(noisy), encoded.at(step), context)

@@ -1,0 +1,1 @@
+"""Threats between two agents: how they are planned, and what came of them."""

@@ -1,0 +1,108 @@
+"""Feasibility of threats before a run, from candidates and limits."""
+
+from typing import Final, get_args
+
+import numpy as np
+
+from pd_editor.paths.motion_primitives import candidates
+from pd_editor.scene.guidance_outcome import GuidanceProblem
+from pd_editor.scene.guidance_terms import Approach, Threaten
+from pd_editor.scene.scenario import Scenario
+from pd_editor.threats.encounter import Track
+from pd_editor.threats.threat_plans import ThreatAim, threat_plans
+
+_NUM_EXPECTED: Final = 3
+"""Candidates that stand for a trajectory that is not known yet."""
+
+
+def expected_tracks(scenario: Scenario, row: int) -> tuple[Track, ...]:
+    """Trajectories that an agent may have: the one it has, else natural candidates."""
+    agents, now = scenario.agents, scenario.current_step
+    if agents.is_valid[row, now:].all() and scenario.time_axis.num_future_steps:
+        return (recorded_track(scenario, row),)
+    found = candidates(scenario, np.array([row]), max_candidates=8)
+    slots = np.flatnonzero(found.is_valid[0])[:_NUM_EXPECTED]
+    return tuple(
+        Track(
+            position_m=found.position_m[0, slot],
+            heading_rad=found.heading_rad[0, slot],
+            velocity_mps=found.velocity_mps[0, slot],
+            size_m=agents.size_m[row],
+        )
+        for slot in slots
+    )
+
+
+def recorded_track(scenario: Scenario, row: int) -> Track:
+    """Trajectory that an agent has in the scenario, from the current step on."""
+    agents, now = scenario.agents, scenario.current_step
+    return Track(
+        position_m=agents.position_m[row, now:],
+        heading_rad=agents.heading_rad[row, now:],
+        velocity_mps=agents.velocity_mps[row, now:],
+        size_m=agents.size_m[row],
+    )
+
+
+def is_feasible(scenario: Scenario, term: Threaten) -> bool:
+    """Whether most expected trajectories of the threatened agent can be reached.
+
+    Agents that are not there at the current step neither threaten nor are threatened.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    row, other = agents.rows((term.agent_id, term.other_id)).tolist()
+    if not agents.is_valid[[row, other], now].all():
+        return False
+    aim = ThreatAim.of(term.approach, term.severity)
+    tracks = expected_tracks(scenario, other)
+    reached = [
+        len(threat_plans(scenario, row, track, aim, most=1)) > 0 for track in tracks
+    ]
+    return sum(reached) * 2 > len(reached)
+
+
+def feasible_approaches(
+    scenario: Scenario, agent_id: str, other_id: str, severity: float = 1.0
+) -> tuple[Approach, ...]:
+    """Approaches by which one agent can threaten another one."""
+    return tuple(
+        approach
+        for approach in get_args(Approach)
+        if is_feasible(
+            scenario,
+            Threaten(
+                agent_id=agent_id,
+                other_id=other_id,
+                severity=severity,
+                approach=approach,
+            ),
+        )
+    )
+
+
+def threat_problem(scenario: Scenario, term: Threaten) -> GuidanceProblem | None:
+    """Problem of a threat that cannot be carried out, with what could be done."""
+    if is_feasible(scenario, term):
+        return None
+    others = feasible_approaches(scenario, term.agent_id, term.other_id, term.severity)
+    advice = (
+        f"it can by the approach {' or '.join(others)}"
+        if others
+        else "choose an agent that is nearer or on a path that meets"
+    )
+    aim = ThreatAim.of(term.approach, term.severity)
+    goal = "contact" if aim.is_contact else f"a gap of {aim.gap_m:.1f} m"
+    return GuidanceProblem(
+        term=term,
+        severity="warning",
+        message=(
+            f"Agent {term.agent_id} cannot come to {goal} with agent {term.other_id} "
+            f"({term.approach}) within its limits of acceleration and "
+            f"{_duration_s(scenario):.1f} s; {advice}."
+        ),
+    )
+
+
+def _duration_s(scenario: Scenario) -> float:
+    axis = scenario.time_axis
+    return axis.num_future_steps * axis.step_s

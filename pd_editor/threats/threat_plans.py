@@ -1,0 +1,515 @@
+"""Plans of threats: trajectories on which an agent comes close to another one.
+
+A plan is a Frenet candidate of the attacking agent plus a smooth deviation that begins
+with zero offset and velocity and reaches a *meeting*: a position and a velocity
+relative to the threatened agent at some time. Plans beyond the attacker's limits, off
+the road, or with another outcome than asked are left out. What is left tells whether a
+threat is feasible; the best plan is what the guidance asks for.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pd_editor.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
+from pd_editor.metrics.road.off_road import is_off_road
+from pd_editor.paths.motion_primitives import candidates
+from pd_editor.scene.guidance_terms import Approach
+from pd_editor.scene.scenario import Scenario
+from pd_editor.threats.encounter import Track, counted_gaps_m, gaps_m
+from pd_editor.threats.motion_limits import MotionLimits, exertion, limits_of
+
+DISTANT_GAP_M: Final = 3.0
+"""Asked gap at severity 0; it decreases linearly with the severity."""
+GAP_TOLERANCE_M: Final = 0.5
+"""A near-miss whose gap differs by more is not the asked one."""
+_CONTACT_DEPTH_M: Final = 0.25
+"""Depth to which boxes are planned to overlap on contact."""
+_MOST_OF_LIMITS: Final = 0.95
+"""Share of the limits that plans use at most."""
+_FIRST_MEETING_S: Final = 0.8
+_MEETING_STEP_S: Final = 0.3
+_CLOSING_MPS: Final = (1.5, 3.0, 5.0)
+"""Closing speeds of contacts from the rear and of cut-ins."""
+_SETTLE_S: Final = 1.0
+"""Time constant with which deviations and speed differences fade after a meeting."""
+_BRAKES_AFTER_CONTACT_MPS2: Final = 6.0
+_WAITS: Final = (0.0, 0.35, 0.6)
+"""Cut-ins begin at once, or after this share of the time, when there is room."""
+_CROSSING_COS: Final = 0.77
+"""Cosine of the least angle between the headings of agents that cross."""
+_MOST_COMPARED: Final = 400
+"""Plans with the least effort whose gaps are computed."""
+_MOST_ON_THE_WAY: Final = 24
+"""Plans that are compared with other agents."""
+_LATE_S: Final = 3.5
+"""Meetings after this time cost more."""
+_GOES_MPS: Final = 1.0
+"""Least speed of an agent in front of which another one can cut in."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThreatAim:
+    """What is asked of a threat."""
+
+    approach: Approach
+    gap_m: float
+    """0: contact."""
+
+    @classmethod
+    def of(cls, approach: Approach, severity: float) -> "ThreatAim":
+        """What a severity asks for: a gap of 3 m at 0, contact at 1."""
+        return cls(approach=approach, gap_m=DISTANT_GAP_M * (1.0 - severity))
+
+    @property
+    def is_contact(self) -> bool:
+        """Whether the boxes are to touch."""
+        return self.gap_m <= 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ThreatPlans:
+    """N plans of an attacking agent, the best one first."""
+
+    track: Track
+    gap_m: Float[np.ndarray, "N"]
+    """Least distance to the threatened agent."""
+    meeting_step: Int[np.ndarray, "N"]
+    cost: Float[np.ndarray, "N"]
+
+    def __len__(self) -> int:
+        return len(self.cost)
+
+    def best(self) -> Track:
+        """The plan with the least cost."""
+        return self.track.taken(np.array([0]))
+
+
+def threat_plans(
+    scenario: Scenario,
+    row: int,
+    threatened: Track,
+    aim: ThreatAim,
+    *,
+    reference_m: Float[np.ndarray, "H 2"] | None = None,
+    others: Sequence[Track] = (),
+    fitted: Callable[[Float[np.ndarray, "N H 2"]], Float[np.ndarray, "N H 2"]]
+    | None = None,
+    most: int = 8,
+) -> ThreatPlans:
+    """Plans of the agent at ``row`` against a known trajectory; none if infeasible.
+
+    Of equal plans, those closer to ``reference_m``, such as the unguided trajectory,
+    come first, and those that do not hit ``others`` on the way.
+    """
+    attacker = _Attacker.of(scenario, row)
+    meetings = _meetings(attacker, threatened, aim)
+    tracks, at = _planned(attacker, threatened, aim, meetings)
+    if fitted is not None:
+        tracks = attacker.track(fitted(tracks.position_m))
+    used = exertion(
+        tracks.position_m,
+        attacker.velocity_mps,
+        attacker.heading_rad,
+        attacker.limits,
+        attacker.step_s,
+        until=at if aim.is_contact else None,
+    )
+    cost = used.effort + 0.1 * (meetings.deviation_m / 10.0) ** 2
+    late_s = np.maximum(at * attacker.step_s - _LATE_S, 0)
+    cost += 0.05 * late_s**2
+    if reference_m is not None:
+        apart = np.linalg.norm(tracks.position_m - reference_m, axis=-1)
+        cost += (apart**2).mean(axis=1) / 10.0**2
+    some = np.flatnonzero(used.share <= _MOST_OF_LIMITS)
+    some = some[np.argsort(cost[some], kind="stable")][:_MOST_COMPARED]
+    tracks, at, cost = tracks.taken(some), at[some], cost[some]
+    off = is_off_road(scenario, tracks.position_m[:, 1:])
+    starts_off = is_off_road(scenario, tracks.position_m[:, 0])
+    later = np.arange(1, tracks.position_m.shape[1]) <= at[:, None] + 5
+    cost = cost + np.where(starts_off, 0.0, (off & later).mean(axis=1))
+    allowed = ~(off & later).any(axis=1) | starts_off | attacker.walks
+    gap = gaps_m(tracks, threatened)[:, 1:]
+    touches = (gap <= 0).any(axis=1)
+    least = counted_gaps_m(tracks, threatened, gap, aim.approach)
+    if aim.is_contact:
+        first = 1 + np.argmax(gap <= 0, axis=1)
+        reaches = touches & (np.abs(first - at) <= 8)
+        cost = cost + 0.05 * np.abs(first - at)
+    else:
+        reaches = (np.abs(least - aim.gap_m) <= GAP_TOLERANCE_M) & ~touches
+        cost = cost + 2.0 * ((least - aim.gap_m) / GAP_TOLERANCE_M) ** 2
+    kept = np.flatnonzero(reaches & allowed)
+    kept = kept[np.argsort(cost[kept], kind="stable")][:_MOST_ON_THE_WAY]
+    cost = cost[kept] + _hits_on_the_way(tracks.taken(kept), at[kept], others)
+    order = np.argsort(cost, kind="stable")[:most]
+    kept, cost = kept[order], cost[order]
+    return ThreatPlans(
+        track=tracks.taken(kept),
+        gap_m=least[kept],
+        meeting_step=at[kept],
+        cost=cost,
+    )
+
+
+def _hits_on_the_way(
+    tracks: Track, meeting_step: Int[np.ndarray, "N"], others: Sequence[Track]
+) -> Float[np.ndarray, "N"]:
+    """Number of other agents that each plan hits until its meeting."""
+    hits = np.zeros(len(meeting_step))
+    on_the_way = np.arange(tracks.position_m.shape[1]) <= meeting_step[:, None]
+    for other in others:
+        gap = gaps_m(tracks, other)
+        touches = gap <= 0
+        hits += (touches & on_the_way & ~touches[:, :1]).any(axis=1)
+    return hits
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Attacker:
+    """The current state of the attacker and its C candidates."""
+
+    candidate_m: Float[np.ndarray, "C H 2"]
+    candidate_mps: Float[np.ndarray, "C H 2"]
+    velocity_mps: Float[np.ndarray, "2"]
+    heading_rad: float
+    size_m: Float[np.ndarray, "2"]
+    limits: MotionLimits
+    walks: bool
+    step_s: float
+
+    @classmethod
+    def of(cls, scenario: Scenario, row: int) -> "_Attacker":
+        agents, now = scenario.agents, scenario.current_step
+        found = candidates(scenario, np.array([row]), max_candidates=32)
+        valid = found.is_valid[0]
+        limits = limits_of(agents.kinds[row])
+        return cls(
+            candidate_m=found.position_m[0, valid],
+            candidate_mps=found.velocity_mps[0, valid],
+            velocity_mps=agents.velocity_mps[row, now],
+            heading_rad=float(agents.heading_rad[row, now]),
+            size_m=agents.size_m[row],
+            limits=limits,
+            walks=bool(np.isinf(limits.curvature_1pm)),
+            step_s=scenario.time_axis.step_s,
+        )
+
+    def track(self, position_m: Float[np.ndarray, "N H 2"]) -> Track:
+        return Track(
+            position_m=position_m,
+            heading_rad=courses(position_m, self.heading_rad),
+            velocity_mps=np.gradient(position_m, self.step_s, axis=1),
+            size_m=self.size_m,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Meetings:
+    """N meetings: offset and velocity deviation from a candidate at a step."""
+
+    candidate: Int[np.ndarray, "N"]
+    step: Int[np.ndarray, "N"]
+    offset_m: Float[np.ndarray, "N 2"]
+    offset_mps: Float[np.ndarray, "N 2"]
+    waits: Float[np.ndarray, "N"]
+    """Share of the time before the deviation to the side begins."""
+
+    @property
+    def deviation_m(self) -> Float[np.ndarray, "N"]:
+        return np.hypot(self.offset_m[:, 0], self.offset_m[:, 1])
+
+
+def _meetings(attacker: _Attacker, other: Track, aim: ThreatAim) -> _Meetings:
+    """Meetings of all candidates at all times that accelerations may reach."""
+    num_steps = other.position_m.shape[0]
+    step = np.arange(
+        round(_FIRST_MEETING_S / attacker.step_s),
+        num_steps,
+        max(round(_MEETING_STEP_S / attacker.step_s), 1),
+    )
+    kinds = {
+        "rear": _behind,
+        "cut-in": _in_front,
+        "side": _beside,
+        "head-on": _opposite,
+    }
+    position, velocity, candidate = kinds[aim.approach](attacker, other, aim, step)
+    # [V C T 2] -> meetings
+    num_variants = len(position)
+    shape = (num_variants, len(attacker.candidate_m), len(step))
+    at = np.broadcast_to(step, shape)
+    which = np.broadcast_to(np.arange(shape[1])[:, None], shape)
+    offset = position - attacker.candidate_m[:, step]
+    deviation = velocity - attacker.candidate_mps[:, step]
+    time = (at * attacker.step_s)[..., None]
+    reachable = (
+        np.linalg.norm(offset, axis=-1)
+        <= 0.5 * attacker.limits.braking_mps2 * time[..., 0] ** 2
+    )
+    reachable &= candidate & np.isfinite(offset).all(-1)
+    waits = _WAITS if aim.approach == "cut-in" else (0.0,)
+    return _Meetings(
+        candidate=np.tile(which[reachable], len(waits)),
+        step=np.tile(at[reachable], len(waits)),
+        offset_m=np.tile(offset[reachable], (len(waits), 1)),
+        offset_mps=np.tile(deviation[reachable], (len(waits), 1)),
+        waits=np.repeat(np.array(waits), np.count_nonzero(reachable)),
+    )
+
+
+def _planned(
+    attacker: _Attacker, other: Track, aim: ThreatAim, meetings: _Meetings
+) -> tuple[Track, Int[np.ndarray, "N"]]:
+    """Trajectories through meetings, and what happens after each."""
+    num_steps = other.position_m.shape[0]
+    time = np.arange(num_steps) * attacker.step_s
+    end = meetings.step * attacker.step_s
+    d, e = meetings.offset_m, meetings.offset_mps
+    candidate = attacker.candidate_m[meetings.candidate]
+    forward = unit_vector(other.heading_rad[meetings.step])
+    position = candidate.copy()
+    for axis, waits in ((forward, 0.0 * end), (left_of(forward), meetings.waits)):
+        way, rate = (d * axis).sum(-1), (e * axis).sum(-1)
+        position += (
+            _deviation_m(way, rate, end, waits * end, time)[..., None] * axis[:, None]
+        )
+    late = np.maximum(time - end[:, None], 0)[..., None]
+    is_after = late[..., 0] > 0
+    row = np.arange(len(d))
+    there = position[row, meetings.step]
+    speed = attacker.candidate_mps[meetings.candidate, meetings.step] + e
+    if aim.approach in ("rear", "cut-in"):
+        after = _following(other, meetings, attacker, there, speed, time)
+    elif aim.is_contact:
+        after = _braking(there, speed, late)
+    else:
+        after = _passing(candidate, attacker, meetings, d, e, late)
+    position = np.where(is_after[..., None], after, position)
+    return attacker.track(position), meetings.step
+
+
+def _deviation_m(
+    way_m: Float[np.ndarray, "N"],
+    rate_mps: Float[np.ndarray, "N"],
+    end_s: Float[np.ndarray, "N"],
+    begin_s: Float[np.ndarray, "N"],
+    time_s: Float[np.ndarray, "H"],
+) -> Float[np.ndarray, "N H"]:
+    """Cubic from zero and at rest to an offset and a rate, constant afterwards."""
+    lasts = end_s - begin_s
+    square = (3 * way_m - rate_mps * lasts) / lasts**2
+    cube = (rate_mps * lasts - 2 * way_m) / lasts**3
+    t = np.clip(time_s - begin_s[:, None], 0, lasts[:, None])
+    return square[:, None] * t**2 + cube[:, None] * t**3
+
+
+def _following(
+    other: Track,
+    meetings: _Meetings,
+    attacker: _Attacker,
+    there: Float[np.ndarray, "N 2"],
+    speed: Float[np.ndarray, "N 2"],
+    time: Float[np.ndarray, "H"],
+) -> Float[np.ndarray, "N H 2"]:
+    """Keep the place in the frame of the threatened agent; speed differences fade."""
+    step = meetings.step
+    turn = np.exp(1j * other.heading_rad)
+    path = other.position_m[:, 0] + 1j * other.position_m[:, 1]
+    moves = np.gradient(path, attacker.step_s)
+    offset = (there[:, 0] + 1j * there[:, 1] - path[step]) / turn[step]
+    closing = (speed[:, 0] + 1j * speed[:, 1] - moves[step]) / turn[step]
+    late = np.maximum(time - time[step][:, None], 0)
+    fade_s = 0.5 * _SETTLE_S
+    rel = offset[:, None] + closing[:, None] * fade_s * (1 - np.exp(-late / fade_s))
+    place = path + rel * turn
+    return np.stack([place.real, place.imag], axis=-1)
+
+
+def _braking(
+    there: Float[np.ndarray, "N 2"],
+    speed: Float[np.ndarray, "N 2"],
+    late: Float[np.ndarray, "N H 1"],
+) -> Float[np.ndarray, "N H 2"]:
+    """Brake to a standstill, straight on."""
+    pace = np.linalg.norm(speed, axis=-1)
+    stops = np.maximum(pace / _BRAKES_AFTER_CONTACT_MPS2, 1e-3)
+    t = np.minimum(late[..., 0], stops[:, None])
+    way = pace[:, None] * t - 0.5 * _BRAKES_AFTER_CONTACT_MPS2 * t**2
+    forward = speed / np.maximum(pace, 1e-6)[:, None]
+    return there[:, None] + way[..., None] * forward[:, None]
+
+
+def _passing(
+    candidate: Float[np.ndarray, "N H 2"],
+    attacker: _Attacker,
+    meetings: _Meetings,
+    offset: Float[np.ndarray, "N 2"],
+    deviation: Float[np.ndarray, "N 2"],
+    late: Float[np.ndarray, "N H 1"],
+) -> Float[np.ndarray, "N H 2"]:
+    """Drive on as the candidate does; deviations to the side fade, others stay."""
+    velocity = attacker.candidate_mps[meetings.candidate, meetings.step]
+    pace = np.linalg.norm(velocity, axis=-1, keepdims=True)
+    forward = np.where(pace > 0.3, velocity / np.maximum(pace, 1e-6), 0.0)
+    along = (offset * forward).sum(-1, keepdims=True)
+    along_mps = (deviation * forward).sum(-1, keepdims=True)
+    aside, aside_mps = offset - along * forward, deviation - along_mps * forward
+    tau = _SETTLE_S
+    held = along[:, None] + along_mps[:, None] * tau * (1 - np.exp(-late / tau))
+    fading = aside[:, None] + (aside_mps + aside / tau)[:, None] * late
+    return candidate + held * forward[:, None] + fading * np.exp(-late / tau)
+
+
+def _behind(
+    attacker: _Attacker, other: Track, aim: ThreatAim, step: Int[np.ndarray, "T"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Meetings with the front at the other agent's rear."""
+    forward, velocity = unit_vector(other.heading_rad[step]), _velocity(other, step)
+    closing = _CLOSING_MPS if aim.is_contact else (0.0,)
+    reach = (other.size_m[0] + attacker.size_m[0]) / 2 + _planned_gap_m(aim)
+    position = other.position_m[step] - reach * forward
+    speeds = np.stack([velocity + rate * forward for rate in closing])
+    comes = _course_cos(attacker, other, step) > _CROSSING_COS
+    return (
+        np.broadcast_to(position, speeds.shape)[:, None],
+        speeds[:, None],
+        np.broadcast_to(comes, (len(closing), *comes.shape)),
+    )
+
+
+def _in_front(
+    attacker: _Attacker, other: Track, aim: ThreatAim, step: Int[np.ndarray, "T"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Meetings with the rear at the other agent's front, from beside its path."""
+    forward, velocity = unit_vector(other.heading_rad[step]), _velocity(other, step)
+    closing = _CLOSING_MPS if aim.is_contact else (0.0,)
+    reach = (other.size_m[0] + attacker.size_m[0]) / 2 + _planned_gap_m(aim)
+    position = other.position_m[step] + reach * forward
+    speeds = np.stack([velocity - rate * forward for rate in closing])
+    pace = (speeds * forward).sum(-1)
+    comes = _course_cos(attacker, other, step) > _CROSSING_COS
+    counts = (pace > _GOES_MPS)[:, None] & comes & _starts_aside(attacker, other)
+    return np.broadcast_to(position, speeds.shape)[:, None], speeds[:, None], counts
+
+
+def _beside(
+    attacker: _Attacker, other: Track, aim: ThreatAim, step: Int[np.ndarray, "T"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Meetings with the front at a flank; near-misses cross behind or in front."""
+    forward = unit_vector(other.heading_rad[step])
+    left = left_of(forward)
+    candidate = attacker.candidate_mps[:, step]
+    pace = np.linalg.norm(candidate, axis=-1, keepdims=True)
+    course = np.where(pace > 0.3, candidate / np.maximum(pace, 1e-6), np.nan)
+    across, along = (course * left).sum(-1), (course * forward).sum(-1)
+    crosses = np.abs(along) < _CROSSING_COS
+    length, width = attacker.size_m
+    half = (np.abs(across) * length + np.abs(along) * width) / 2
+    positions, velocities = [], []
+    if aim.is_contact:
+        depth = other.size_m[1] / 2 + half - _CONTACT_DEPTH_M
+        for place in (-0.25, 0.0, 0.25):
+            middle = other.position_m[step] + place * other.size_m[0] * forward
+            spot = middle - (np.sign(across) * depth)[..., None] * left
+            for rate in (1.0, 2.0):
+                positions.append(spot)
+                velocities.append((spot - attacker.candidate_m[:, step], rate))
+    else:
+        wide = (np.abs(along) * length + np.abs(across) * width) / 2
+        # The boxes are nearest before or after the centres are on one line.
+        rate = np.linalg.norm(other.velocity_mps[step], axis=-1) / np.maximum(
+            pace[..., 0] * np.abs(across), _GOES_MPS
+        )
+        lead = rate * (half + other.size_m[1] / 2)
+        for end, extra, share, hurry in product(
+            (-1.0, 1.0), (0.6, 1.0), (0.0, 0.5, 1.0), (1.0, 2.0)
+        ):
+            reach = other.size_m[0] / 2 + wide + extra * aim.gap_m + share * lead
+            spot = other.position_m[step] + (end * reach)[..., None] * forward
+            positions.append(spot)
+            velocities.append((spot - attacker.candidate_m[:, step], hurry))
+    time = (step * attacker.step_s)[:, None]
+    speeds = [candidate + rate * offset / time for offset, rate in velocities]
+    counts = np.broadcast_to(crosses, (len(positions), *crosses.shape))
+    return np.stack(positions), np.stack(speeds), counts
+
+
+def _opposite(
+    attacker: _Attacker, other: Track, aim: ThreatAim, step: Int[np.ndarray, "T"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Meetings with opposite headings: fronts touch, or sides pass at the gap."""
+    forward = unit_vector(other.heading_rad[step])
+    left = left_of(forward)
+    pace = np.linalg.norm(attacker.candidate_mps[:, step], axis=-1, keepdims=True)
+    comes = _course_cos(attacker, other, step) < -_CROSSING_COS
+    comes = comes & (pace[..., 0] > 0.3)
+    length = (other.size_m[0] + attacker.size_m[0]) / 2
+    width = (other.size_m[1] + attacker.size_m[1]) / 2
+    spots = []
+    if aim.is_contact:
+        for share in (-0.5, 0.0, 0.5):
+            aside = share * width * left
+            ahead = (length - _CONTACT_DEPTH_M) * forward
+            spots.append(other.position_m[step] + ahead + aside)
+    else:
+        for side in (-1.0, 1.0):
+            aside = side * (width + aim.gap_m) * left
+            spots.append(other.position_m[step] + aside)
+    positions = np.stack(spots)[:, None]
+    speeds = np.broadcast_to(-pace * forward, (len(spots), *comes.shape, 2))
+    return positions, speeds, np.broadcast_to(comes, (len(spots), *comes.shape))
+
+
+def _planned_gap_m(aim: ThreatAim) -> float:
+    return -_CONTACT_DEPTH_M if aim.is_contact else aim.gap_m
+
+
+def _velocity(other: Track, step: Int[np.ndarray, "T"]) -> Float[np.ndarray, "T 2"]:
+    return other.velocity_mps[step]
+
+
+def _course_cos(
+    attacker: _Attacker, other: Track, step: Int[np.ndarray, "T"]
+) -> Float[np.ndarray, "C T"]:
+    """Cosine of the angle between the candidates' courses and the other's heading."""
+    velocity = attacker.candidate_mps[:, step]
+    pace = np.linalg.norm(velocity, axis=-1, keepdims=True)
+    still = np.array([np.cos(attacker.heading_rad), np.sin(attacker.heading_rad)])
+    course = np.where(pace > 0.3, velocity / np.maximum(pace, 1e-6), still)
+    return (course * unit_vector(other.heading_rad[step])).sum(-1)
+
+
+def _starts_aside(attacker: _Attacker, other: Track) -> bool:
+    """Whether the attacker is beside the other's path now, not on it."""
+    path = np.concatenate(
+        [
+            other.position_m,
+            other.position_m[-1:] + 10 * unit_vector(other.heading_rad[-1:]),
+        ]
+    )
+    gap = path - attacker.candidate_m[0, 0]
+    nearest = int(np.argmin((gap**2).sum(-1)))
+    left = left_of(unit_vector(other.heading_rad))
+    aside = abs(gap[nearest] @ left[min(nearest, len(left) - 1)])
+    return bool(aside > 0.5 * (other.size_m[1] + attacker.size_m[1]) * 0.9)
+
+
+def courses(
+    position_m: Float[np.ndarray, "N H 2"], first_rad: float
+) -> Float[np.ndarray, "N H"]:
+    """Headings along paths, kept where an agent hardly moves; the first one is given."""
+    num_steps = position_m.shape[1]
+    early = np.maximum(np.arange(num_steps) - 2, 0)
+    late = np.minimum(np.arange(num_steps) + 2, num_steps - 1)
+    chord = position_m[:, late] - position_m[:, early]
+    course = heading_of(chord)
+    tells = np.hypot(chord[..., 0], chord[..., 1]) > 0.25
+    tells[:, 0] = True
+    course[:, 0] = first_rad
+    last = np.maximum.accumulate(np.where(tells, np.arange(num_steps), 0), axis=1)
+    return wrap_angle(np.take_along_axis(course, last, axis=1))

@@ -1,0 +1,230 @@
+"""Plans of threats on hand-made and real scenes; boxes are checked with shapely."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.geometry.oriented_box import box_corners
+from pd_editor.scene.guidance_terms import Approach, Threaten
+from pd_editor.scene.road_map import DrivableArea, RoadMap
+from pd_editor.scene.scenario import Scenario
+from pd_editor.threats.encounter import Track, encounter
+from pd_editor.threats.motion_limits import exertion, limits_of
+from pd_editor.threats.threat_feasibility import (
+    feasible_approaches,
+    is_feasible,
+    recorded_track,
+    threat_problem,
+)
+from pd_editor.threats.threat_plans import (
+    GAP_TOLERANCE_M,
+    ThreatAim,
+    ThreatPlans,
+    threat_plans,
+)
+from tests.builders import (
+    LANE_WIDTH_M,
+    scenario_with,
+    straight_drivers,
+    straight_lane,
+    two_lane_road,
+)
+
+SEVERITIES = (0.0, 0.3, 0.6, 0.9, 1.0)
+
+
+def crossing() -> RoadMap:
+    """The two-lane road, and a lane southwards across it at x = 30 m."""
+    road = two_lane_road()
+    corners = [[28.0, -60, 0], [32, -60, 0], [32, 60, 0], [28, 60, 0]]
+    return replace(
+        road,
+        lanes=(*road.lanes, straight_lane(9, (30, 60), (30, -60))),
+        drivable_areas=(
+            *road.drivable_areas,
+            DrivableArea(area_id=2, boundary=np.array(corners)),
+        ),
+    )
+
+
+def scene(approach: Approach) -> Scenario:
+    """Agent 100 is threatened; agent 101 can do so by the approach."""
+    width = LANE_WIDTH_M
+    states = {
+        "rear": [(0, 0, 0, 10), (-15, 0, 0, 11)],
+        "cut-in": [(0, 0, 0, 10), (3, width, 0, 11)],
+        "side": [(0, 0, 0, 8), (30, 30, -np.pi / 2, 9)],
+        "head-on": [(0, 0, 0, 6), (60, width, np.pi, 8)],
+    }
+    return scenario_with(straight_drivers(states[approach]), crossing())
+
+
+def planned(
+    scenario: Scenario, approach: Approach, severity: float
+) -> tuple[ThreatPlans, Track, ThreatAim]:
+    other = recorded_track(scenario, 0)
+    aim = ThreatAim.of(approach, severity)
+    return threat_plans(scenario, 1, other, aim), other, aim
+
+
+def shapely_gap(first: Track, second: Track) -> float:
+    boxes = [
+        shapely.polygons(
+            box_corners(
+                one.position_m,
+                one.heading_rad,
+                np.broadcast_to(one.size_m, one.position_m.shape),
+            )
+        )
+        for one in (first, second)
+    ]
+    return float(shapely.distance(*boxes)[1:].min())
+
+
+@pytest.mark.parametrize("severity", SEVERITIES)
+@pytest.mark.parametrize("approach", ["rear", "cut-in", "side", "head-on"])
+def test_plans_come_to_the_asked_gap_within_limits(
+    approach: Approach, severity: float
+) -> None:
+    scenario = scene(approach)
+    plans, other, aim = planned(scenario, approach, severity)
+    assert len(plans)
+    limits = limits_of(scenario.agents.kinds[1])
+    now = scenario.current_step
+    for index in range(len(plans)):
+        plan = plans.track.taken(np.array([index]))
+        gap = shapely_gap(plan.single(), other)
+        if approach == "cut-in":
+            # Beside the other agent it may be nearer than in its path.
+            assert gap <= plans.gap_m[index] + 1e-6
+        else:
+            assert gap == pytest.approx(plans.gap_m[index], abs=1e-6)
+        if aim.is_contact:
+            assert gap == 0
+        else:
+            assert gap > 0
+            assert abs(plans.gap_m[index] - aim.gap_m) <= GAP_TOLERANCE_M
+        until = plans.meeting_step[index] if aim.is_contact else 999
+        used = exertion(
+            plan.position_m,
+            scenario.agents.velocity_mps[1, now],
+            float(scenario.agents.heading_rad[1, now]),
+            limits,
+            scenario.time_axis.step_s,
+            until=np.array([until]),
+        )
+        assert used.is_possible.all()
+        assert np.array_equal(plan.position_m[0, 0], scenario.agents.position_m[1, now])
+
+
+@pytest.mark.parametrize(
+    ("approach", "sides"),
+    [
+        ("rear", {"rear"}),
+        ("cut-in", {"front", "left"}),
+        ("side", {"left", "right"}),
+        ("head-on", {"front"}),
+    ],
+)
+def test_contact_is_at_the_side_of_the_approach(
+    approach: Approach, sides: set[str]
+) -> None:
+    plans, other, _ = planned(scene(approach), approach, 1.0)
+    assert encounter(plans.best().single(), other, 0.1).side in sides
+
+
+def test_gap_decreases_with_the_severity() -> None:
+    gaps = [planned(scene("rear"), "rear", one)[0].gap_m[0] for one in SEVERITIES]
+    assert (np.diff(gaps) < 0).all()
+    assert gaps[0] == pytest.approx(3.0, abs=0.3)
+    assert gaps[-1] == 0
+
+
+def test_plans_near_the_reference_come_first() -> None:
+    scenario = scene("rear")
+    other = recorded_track(scenario, 0)
+    aim = ThreatAim.of("rear", 0.5)
+    some = threat_plans(scenario, 1, other, aim, most=30).track.position_m
+    apart = np.linalg.norm(some - some[0], axis=-1).mean(axis=1)
+    far = some[np.argmax(apart)]
+    near = threat_plans(scenario, 1, other, aim, reference_m=far, most=1)
+    apart_now = np.linalg.norm(near.track.position_m[0] - far, axis=-1).mean()
+    assert apart_now < 0.6 * apart.max()
+
+
+def test_plans_that_hit_others_on_the_way_come_last() -> None:
+    scenario = scene("side")
+    other = recorded_track(scenario, 0)
+    aim = ThreatAim.of("side", 1.0)
+    free = threat_plans(scenario, 1, other, aim, most=24)
+    # Agents are in the way of the first plan, three steps before its meeting.
+    step = int(free.meeting_step[0]) - 3
+    moments = np.arange(free.track.position_m.shape[1])
+    is_then = (moments == step)[:, None]
+    obstacle = Track(
+        position_m=np.where(is_then, free.track.position_m[0, step], 1e3),
+        heading_rad=np.zeros(len(moments)),
+        velocity_mps=np.zeros((len(moments), 2)),
+        size_m=np.array([0.2, 0.2]),
+    )
+    kept = threat_plans(scenario, 1, other, aim, others=[obstacle], most=24)
+    gaps = np.array(
+        [
+            shapely_gap(kept.track.taken(np.array([index])).single(), obstacle)
+            for index in range(len(kept))
+        ]
+    )
+    assert gaps[0] > 0
+    assert gaps[-1] == 0
+    assert len(kept) == len(free)
+
+
+def test_agents_that_drive_apart_cannot_threaten_each_other() -> None:
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (-40, 0, np.pi, 10)]))
+    term = Threaten(agent_id="101", other_id="100", approach="rear")
+    assert not is_feasible(scenario, term)
+    assert feasible_approaches(scenario, "101", "100") == ()
+    problem = threat_problem(scenario, term)
+    assert problem is not None
+    assert "Agent 101 cannot come to contact with agent 100 (rear)" in problem.message
+    assert "choose an agent" in problem.message
+
+
+def test_problem_names_the_approaches_that_are_feasible() -> None:
+    scenario = scene("rear")
+    term = Threaten(agent_id="101", other_id="100", approach="head-on")
+    problem = threat_problem(scenario, term)
+    assert problem is not None
+    assert "rear" in problem.message.split(";")[1]
+    rear = Threaten(agent_id="101", other_id="100", approach="rear")
+    assert threat_problem(scenario, rear) is None
+
+
+def test_cut_in_needs_an_agent_beside_the_path() -> None:
+    # Ahead in the same lane: braking would be no cut-in.
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (15, 0, 0, 10)]))
+    term = Threaten(agent_id="101", other_id="100", approach="cut-in")
+    assert not is_feasible(scenario, term)
+
+
+def test_real_scenes_offer_threats_on_the_road(av2_root: Path) -> None:
+    folder = av2_root / "train" / "000a07a3-fec1-47d5-8ba7-e8610409efb3"
+    if not folder.is_dir():
+        pytest.skip(f"no folder {folder.name}")
+    scenario = read_scenario(folder)
+    agents, now = scenario.agents, scenario.current_step
+    focal = agents.row_of[scenario.focal_id]
+    away = np.hypot(*(agents.position_m[:, now] - agents.position_m[focal, now]).T)
+    found = 0
+    other = recorded_track(scenario, focal)
+    away = np.where(agents.is_valid[:, now], away, np.inf)
+    for row in np.argsort(away)[1:12].tolist():
+        plans = threat_plans(scenario, row, other, ThreatAim.of("rear", 1.0))
+        found += len(plans) > 0
+        if len(plans):
+            assert shapely_gap(plans.best().single(), other) == 0
+    assert found
