@@ -129,6 +129,9 @@ class GenerationRequest:
     """Whether an unguided sample is made to compare with, if there are terms. Takes about
     as long again as the sample itself."""
     seed: int = 0
+    before_edit: Scenario | None = None
+    """Scenario before an edit that agents react to: their trajectories there are deformed
+    where the edit concerns them. None: trajectories are sampled from random noise only."""
 
     def __post_init__(self) -> None:
         check_numbers(

@@ -55,7 +55,8 @@ class IndexRow:
 
 def index_row(scenario: Scenario, base: Scenario, recipe: Recipe) -> IndexRow:
     """Row of a scenario that a recipe makes from ``base``."""
-    generated = [one for one in recipe.commands if isinstance(one, ReplaceTraffic)]
+    parts = [part for command in recipe.commands for part in command.parts]
+    generated = [one for one in parts if isinstance(one, ReplaceTraffic)]
     return IndexRow(
         scenario_id=recipe.result_id,
         base_id=recipe.base.root.scenario_id,

@@ -93,9 +93,10 @@ def _regenerated(
     recipe: Recipe, base: Scenario, model: str
 ) -> tuple[Scenario, Recipe, tuple[str, ...]]:
     names = {
-        command.generator
+        part.generator
         for command in recipe.commands
-        if isinstance(command, ReplaceTraffic)
+        for part in command.parts
+        if isinstance(part, ReplaceTraffic)
     }
     if not names:
         raise RecipeError("The recipe holds no generated traffic to regenerate.")

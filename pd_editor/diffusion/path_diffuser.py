@@ -39,6 +39,7 @@ from pd_editor.diffusion.trajectory.pipeline import (
     TrajectoryTask,
     sample_task,
 )
+from pd_editor.diffusion.trajectory.present_trajectories import PresentTrajectories
 from pd_editor.diffusion.trajectory.sample_yielding import with_yielding
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
@@ -85,6 +86,7 @@ class PathDiffuser:
         self._folder, self._name = Path(folder), name
         self._device = sampling_device(device)
         self._model: TrainedModel | None = None
+        self._present: PresentTrajectories | None = None
         self._lock = threading.Lock()
 
     @property
@@ -224,14 +226,20 @@ class PathDiffuser:
             model.decoder.basis,
             knows_leaders=model.config.knows_leaders,
         ).to(self._device)
+        options = _options(request, stage)
+        continuation = None
+        if request.before_edit is not None:
+            present = self._present_trajectories(request.before_edit, ids, model)
+            continuation = present.continued(task, options)
         sampled = yield from sample_task(
             model,
             task,
             indices,
-            _options(request, stage),
+            options,
             lambda share, predicted: progress(
                 share, lambda: _samples(task, rows, predicted())
             ),
+            continuation,
         )
         notes: list[str] = []
         if sampled.lane_cost_m[0] > 0:
@@ -247,6 +255,20 @@ class PathDiffuser:
             slowed_ids=tuple(slowed for _, slowed in samples),
             notes=tuple(notes),
         )
+
+    def _present_trajectories(
+        self, scenario: Scenario, ids: tuple[str, ...], model: TrajectoryDenoiser
+    ) -> PresentTrajectories:
+        """Trajectories before an edit; those of the last request are kept."""
+        present = self._present
+        if (
+            present is None
+            or present.scenario is not scenario
+            or present.agent_ids != ids
+        ):
+            present = PresentTrajectories(model, scenario, ids)
+            self._present = present
+        return present
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 
 from pd_editor.editor.commands import (
     Command,
+    RegeneratedEdit,
     ReplaceTraffic,
     SetFocalAgent,
     SetRoadWarp,
@@ -46,7 +47,7 @@ class Recipe:
     def edited_ids(self) -> frozenset[str]:
         """Ids of agents that the commands, or the base's earlier edits, add or change."""
         found = set(self.base.edited_ids)
-        for command in self.commands:
+        for command in (part for one in self.commands for part in one.parts):
             if isinstance(command, ReplaceTraffic):
                 found.update(command.sample.ids)
             for name in ("agent_ids", "new_ids"):
@@ -58,7 +59,8 @@ class Recipe:
     @property
     def is_bent(self) -> bool:
         """Whether the result's road is warped."""
-        bends = [one for one in self.commands if isinstance(one, SetRoadWarp)]
+        parts = [part for command in self.commands for part in command.parts]
+        bends = [one for one in parts if isinstance(one, SetRoadWarp)]
         return self.base.is_bent or bool(bends and bends[-1].warp is not None)
 
     @property
@@ -173,7 +175,7 @@ class RegeneratedEntry:
     """Whether all values are equal in float32."""
     max_difference_m: float
     """Largest distance between positions; infinity if the agents differ."""
-    fresh: ReplaceTraffic
+    fresh: Command
     """The regenerated entry."""
 
 
@@ -198,7 +200,12 @@ def regenerate(
         fresh = command
         if isinstance(command, ReplaceTraffic):
             fresh = _regenerated(command, scenario, generator, number)
-            checked.append(_comparison(number, command, fresh))
+            checked.append(_comparison(number, command, fresh, fresh))
+        elif isinstance(command, RegeneratedEdit):
+            edited = applied(command.edit, scenario, number)
+            traffic = _regenerated(command.traffic, edited, generator, number, scenario)
+            fresh = replace(command, traffic=traffic)
+            checked.append(_comparison(number, command.traffic, traffic, fresh))
         scenario = applied(fresh, scenario, number)
     return scenario, tuple(checked)
 
@@ -242,12 +249,14 @@ def _regenerated(
     scenario: Scenario,
     generator: ScenarioGenerator,
     number: int,
+    before_edit: Scenario | None = None,
 ) -> ReplaceTraffic:
     if generator.name != command.generator:
         raise RecipeError(
             f"Entry {number} was sampled by {command.generator}, not by {generator.name}."
         )
     request = command.request.request(scenario, command.seed)
+    request = replace(request, before_edit=before_edit)
     traffic = run_to_end(generator.generate(request))
     return traffic_command(
         request,
@@ -258,9 +267,9 @@ def _regenerated(
 
 
 def _comparison(
-    number: int, stored: ReplaceTraffic, fresh: ReplaceTraffic
+    number: int, stored: ReplaceTraffic, regenerated: ReplaceTraffic, fresh: Command
 ) -> RegeneratedEntry:
-    ours, theirs = stored.sample, fresh.sample
+    ours, theirs = stored.sample, regenerated.sample
     if ours.ids != theirs.ids or ours.position_m.shape != theirs.position_m.shape:
         return RegeneratedEntry(
             number=number, is_equal=False, max_difference_m=float("inf"), fresh=fresh

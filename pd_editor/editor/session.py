@@ -166,7 +166,8 @@ class EditorSession:
         return self._now.scenario
 
     @property
-    def _committed_scenario(self) -> Scenario:
+    def committed_scenario(self) -> Scenario:
+        """The current scenario without the preview of an unfinished gesture."""
         start = self._gesture_start
         return self._now.scenario if start is None else start.scenario
 
@@ -350,7 +351,7 @@ class EditorSession:
         return proposed_name(
             self._base.scenario_id,
             self.commands_in_force,
-            self._committed_scenario,
+            self.committed_scenario,
         )
 
     def recipe(self) -> Recipe:
@@ -360,7 +361,7 @@ class EditorSession:
             base=self._base.reference,
             commands=self.commands_in_force,
             created_at=moment.isoformat(timespec="seconds"),
-            notes=self._committed_scenario.provenance.notes,
+            notes=self.committed_scenario.provenance.notes,
             variant=replace(
                 self._variant, name=self._variant.name or self._proposed_name
             ),

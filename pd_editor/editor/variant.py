@@ -74,6 +74,7 @@ def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario)
     applied = scenario.applied_warp
     terms = () if applied is None else applied.warp.terms
     parts += [f"{term.kind}-{_number(term.power)}" for term in terms]
+    commands = [part for command in commands for part in command.parts]
     generated = [one for one in commands if isinstance(one, ReplaceTraffic)]
     if generated:
         parts.append(f"s{generated[-1].seed}")

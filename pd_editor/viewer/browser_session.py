@@ -290,6 +290,7 @@ class BrowserSession:
     def _build_toolbar(self) -> None:
         session, view = self._workspace.session, self._viewpoint
         history, agent_list = self._history_panel, self._agent_list
+        live = self._generation_panel.live_switch
 
         def named(action: str, index: int, key: str) -> str:
             entries = session.entries
@@ -368,6 +369,12 @@ class BrowserSession:
                     is_active=lambda: self._comparison.is_on,
                 ),
                 Tool(
+                    icon="live",
+                    press=live.toggle,
+                    hint=lambda: "Live: traffic reacts while you edit (Shift+R)",
+                    is_active=lambda: live.is_on,
+                ),
+                Tool(
                     icon="help",
                     press=self._key_sheet.open,
                     hint=lambda: "Keys and mouse (?)",
@@ -400,6 +407,7 @@ class BrowserSession:
     def _run_changed(self) -> None:
         if self._is_built:
             self._chip.show()
+            self._toolbar.show()
 
     def _add_hotkeys(self) -> None:
         key = self._ui.hotkey
@@ -442,6 +450,12 @@ class BrowserSession:
         key("Place an agent", self._placing.toggle, "P")
         key("Show possible trajectories", self._candidates_panel.toggle_candidates, "G")
         key("Regenerate trajectories", self._generation_panel.regenerate, "R")
+        key(
+            "Live regeneration on or off",
+            self._generation_panel.live_switch.toggle,
+            "R",
+            "shift",
+        )
         key("Cancel the generation", self._generation_panel.cancel)
         key("Reset road", self._road_panel.reset)
         key("Switch 3-D and top view", self._switch_view, "V")

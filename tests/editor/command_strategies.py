@@ -16,6 +16,7 @@ from pd_editor.editor.commands import (
     DeleteAgents,
     DuplicateAgents,
     PlaceAgent,
+    RegeneratedEdit,
     RemoveAllAgents,
     RemoveGuidance,
     ReplaceTraffic,
@@ -295,6 +296,11 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
         width_m=numbers(0.2, 30),
     ),
     PlaceAgent: placements,
+    RegeneratedEdit: lambda scenario: st.builds(
+        RegeneratedEdit,
+        edit=STRATEGIES[TransformAgents](scenario) | STRATEGIES[SetRoadWarp](scenario),
+        traffic=replacements(scenario),
+    ),
     DuplicateAgents: duplications,
     DeleteAgents: lambda scenario: st.builds(
         DeleteAgents, agent_ids=some_of(list(scenario.agents.ids))

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.diffusion.trajectory.continuation import Continuation
 from pd_editor.diffusion.trajectory.decoding import Motion, motion_of
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.guidance import (
@@ -21,6 +22,7 @@ from pd_editor.diffusion.trajectory.joint_selection import (
     select_jointly,
 )
 from pd_editor.diffusion.trajectory.sampler import (
+    KnownNoise,
     TrajectorySamplerConfig,
     sample_trajectories,
 )
@@ -135,10 +137,12 @@ def sample_task(
     samples: Sequence[int],
     options: TrajectoryOptions,
     progress: Callable[[float, Callable[[], Motion]], _Progress],
+    continuation: Continuation | None = None,
 ) -> Generator[_Progress, None, SampledTrajectories]:
     """Sample the trajectories of a task.
 
-    Yields ``progress`` of the share that is done and of a function that returns the
+    With a ``continuation``, the first try of the first sample deforms the present
+    trajectories. Yields ``progress`` of the share that is done and of a function that returns the
     trajectories predicted so far.
     """
     if not task.is_sampled.any():
@@ -155,6 +159,7 @@ def sample_task(
     at_once = max(1, _MOST_AT_ONCE // tries)
     for first in range(0, len(samples), at_once):
         chunk = samples[first : first + at_once]
+        continues = continuation if first == 0 else None
         steps = sample_trajectories(
             model,
             task.scene,
@@ -166,6 +171,7 @@ def sample_task(
             num_tries=tries,
             config=options.sampler,
             guide=guide if bool(pull.any()) else None,
+            known_noise=None if continues is None else continues.known,
         )
         latent = None
         for step in steps:
@@ -177,6 +183,8 @@ def sample_task(
                 lambda predicted=predicted: task.motion(basis, predicted),
             )
         assert latent is not None, "there is at least one step"
+        if continues is not None:
+            latent = continues.corrected(latent, model.decoder)
         sampled = task.motion(basis, latent)
         for index in range(len(chunk)):
             part = slice(index * tries, (index + 1) * tries)
@@ -189,6 +197,31 @@ def sample_task(
         ),
         lane_cost_m=guide.cost_m(),
     )
+
+
+def sampled_from(
+    model: TrajectoryDenoiser,
+    task: TrajectoryTask,
+    known_noise: KnownNoise,
+    options: TrajectoryOptions,
+) -> Float[torch.Tensor, "1 A 10"]:
+    """Latents of one sample from known noise, without a choice among several tries."""
+    pull = _pull(task, options)
+    guide = NearestCandidateGuide.of(
+        model, task.scene, pull, options.guidance, options.sampler.num_steps
+    )
+    steps = sample_trajectories(
+        model,
+        task.scene,
+        samples=[0],
+        seed=options.seed,
+        is_given=torch.from_numpy(task.is_given)[None].to(task.scene.has_agent.device),
+        config=options.sampler,
+        guide=guide if bool(pull.any()) else None,
+        known_noise=known_noise,
+    )
+    *_, last = steps
+    return last.clean[0]
 
 
 def _without_gaps(scene: SceneTensors) -> SceneTensors:

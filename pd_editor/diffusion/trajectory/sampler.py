@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
@@ -23,6 +24,13 @@ from pd_editor.scene.thresholds import STANDING_MPS
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
 """Changes predicted clean latents [S B A 10] at a noise level."""
+
+
+class KnownNoise(NamedTuple):
+    """Initial noise of agents of the first sample that is not random."""
+
+    noise: Float[Tensor, "B A 10"]
+    exists: Bool[Tensor, "B A"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +58,7 @@ def sample_trajectories(
     given: Float[Tensor, "*#S B A 10"] | None = None,
     config: TrajectorySamplerConfig | None = None,
     guide: TrajectoryGuide | None = None,
+    known_noise: KnownNoise | None = None,
 ) -> Iterator[SamplerStep]:
     """Sample trajectories of all agents of B scenes that are not given.
 
@@ -68,6 +77,7 @@ def sample_trajectories(
             the scene.
         config: Settings of the sampler.
         guide: Changes the predicted clean latents of each step.
+        known_noise: Initial noise of some agents in the first of the samples.
     """
     config = TrajectorySamplerConfig() if config is None else config
     streams = RandomStreams(seed, "futures", samples)
@@ -81,6 +91,9 @@ def sample_trajectories(
             table = torch.where(is_given, 0.0, table)
         encoded = model.encode_level(table)
         start = starting_latents(scene, streams, num_tries, config.standing_noise)
+        if known_noise is not None:
+            noise, exists = known_noise
+            start[:1] = torch.where(exists[..., None], noise, start[:1])
 
     known = scene.future if given is None else given.to(scene.future)
 

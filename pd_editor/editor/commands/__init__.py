@@ -33,6 +33,7 @@ from pd_editor.editor.commands.poses import (
     SnapToLane,
     TransformAgents,
 )
+from pd_editor.editor.commands.regenerated_edit import RegeneratedEdit
 from pd_editor.editor.commands.road import SetRoadWarp
 from pd_editor.editor.commands.traffic import (
     ReplaceTraffic,
@@ -65,9 +66,11 @@ COMMANDS: Final[dict[str, type[Command]]] = {
         RemoveGuidance,
         SetLocks,
         ReplaceTraffic,
+        RegeneratedEdit,
     )
 }
 """All commands by their names in recipes."""
+_PARTS: Final = ("edit", "traffic")
 
 __all__ = [
     "COMMANDS",
@@ -78,6 +81,7 @@ __all__ = [
     "DeleteAgents",
     "DuplicateAgents",
     "PlaceAgent",
+    "RegeneratedEdit",
     "RemoveAllAgents",
     "RemoveGuidance",
     "ReplaceTraffic",
@@ -104,6 +108,9 @@ __all__ = [
 
 def command_to_json(command: Command) -> dict[str, Any]:
     """Convert a command to its name and fields."""
+    if isinstance(command, RegeneratedEdit):
+        parts = {name: command_to_json(getattr(command, name)) for name in _PARTS}
+        return {"command": type(command).__name__, **parts}
     return {"command": type(command).__name__, **to_json(command)}
 
 
@@ -119,4 +126,25 @@ def command_from_json(data: Any, where: str) -> Command:
     if name not in COMMANDS:
         raise RecipeError(f"{where} is of the unknown command {name!r}.")
     values = {key: value for key, value in data.items() if key != "command"}
+    if COMMANDS[name] is RegeneratedEdit:
+        return _regenerated_edit(values, f"{where} ({name})")
     return from_json(COMMANDS[name], values, f"{where} ({name})")
+
+
+def _regenerated_edit(values: dict[str, Any], where: str) -> RegeneratedEdit:
+    if set(values) != set(_PARTS):
+        raise RecipeError(f"{where} must have exactly the fields {_PARTS}.")
+    if any(_names(one, RegeneratedEdit) for one in values.values()):
+        raise RecipeError(
+            f"{where} must not contain another {RegeneratedEdit.__name__}."
+        )
+    edit, traffic = (
+        command_from_json(values[name], f"{where}.{name}") for name in _PARTS
+    )
+    if not isinstance(traffic, ReplaceTraffic):
+        raise RecipeError(f"{where}.traffic must be a {ReplaceTraffic.__name__}.")
+    return RegeneratedEdit(edit=edit, traffic=traffic)
+
+
+def _names(data: Any, command: type[Command]) -> bool:
+    return isinstance(data, dict) and data.get("command") == command.__name__

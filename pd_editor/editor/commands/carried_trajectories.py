@@ -1,4 +1,4 @@
-"""Finds agents whose trajectory was generated for another current state."""
+"""Finds agents with generated trajectories, and those carried to another state."""
 
 from collections.abc import Iterable
 
@@ -19,7 +19,7 @@ def carried_agent_ids(commands: Iterable[Command]) -> frozenset[str]:
     An agent leaves the set when its trajectory is regenerated.
     """
     carried: set[str] = set()
-    for command in commands:
+    for command in _parts(commands):
         if isinstance(command, TransformAgents | SetAgentHeading | SnapToLane):
             carried.update(command.agent_ids)
         elif isinstance(command, SetAgentPosition):
@@ -29,3 +29,18 @@ def carried_agent_ids(commands: Iterable[Command]) -> frozenset[str]:
         elif isinstance(command, ReplaceTraffic):
             carried.difference_update(command.sample.ids)
     return frozenset(carried)
+
+
+def generated_agent_ids(commands: Iterable[Command]) -> frozenset[str]:
+    """Ids of agents whose trajectory is generated, and not chosen by hand since."""
+    generated: set[str] = set()
+    for command in _parts(commands):
+        if isinstance(command, ReplaceTraffic):
+            generated.update(command.sample.ids)
+        elif isinstance(command, AdoptTrajectory):
+            generated.discard(command.agent_id)
+    return frozenset(generated)
+
+
+def _parts(commands: Iterable[Command]) -> Iterable[Command]:
+    return (part for command in commands for part in command.parts)

@@ -34,6 +34,11 @@ class Command(ABC):
         return False
 
     @property
+    def parts(self) -> tuple["Command", ...]:
+        """The commands of which it consists: itself, unless it joins several."""
+        return (self,)
+
+    @property
     def selects(self) -> tuple[str, ...] | None:
         """Ids of the agents to select afterwards; None keeps the selection."""
         return None

@@ -129,7 +129,7 @@ class AgentDrag:
                 self._is_pressed = False
                 if self._grab is not None:
                     self._grab = None
-                    self._ui.commit_gesture()
+                    self._ui.end_gesture()
 
     def _follow(self, event: DragEvent) -> None:
         """Move the held agents to the pointer."""

@@ -14,7 +14,7 @@ class Hints:
 
     def show(self, session: EditorSession) -> None:
         """Send which of the four hints the session has fulfilled."""
-        commands = [entry.command for entry in session.entries]
+        commands = [part for one in session.entries for part in one.command.parts]
         self._overlay.show(
             "hints",
             {

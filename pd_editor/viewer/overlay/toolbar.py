@@ -17,6 +17,7 @@ Icon = Literal[
     "place",
     "agents",
     "compare",
+    "live",
     "help",
 ]
 

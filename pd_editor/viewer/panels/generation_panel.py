@@ -1,16 +1,19 @@
 """The generation panel: regenerates trajectories and resamples agents."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 import viser
 
 from pd_editor.editor.commands import RemoveAllAgents
-from pd_editor.errors import GenerationError
+from pd_editor.editor.live_regeneration import LiveRegeneration, LiveRequests
+from pd_editor.errors import GenerationError, PdEditorError
 from pd_editor.generation import (
     GenerationRequest,
     GeneratorSpec,
+    GuidanceSetting,
     Quality,
     Region,
     guidance_settings,
@@ -25,7 +28,12 @@ from pd_editor.scene.traffic_choice import (
     road_user_ids,
 )
 from pd_editor.viewer.interaction.region_drawing import RegionDrawing
-from pd_editor.viewer.panels.generation_run import GenerationInput, GenerationRun
+from pd_editor.viewer.panels.generation_run import (
+    GenerationInput,
+    GenerationRun,
+    LazyGenerator,
+)
+from pd_editor.viewer.panels.live_switch import LiveSwitch
 from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.run_state import RunState
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
@@ -58,6 +66,8 @@ QUALITIES: Final[Mapping[str, Quality]] = {"Fast": "fast", "High, slower": "high
 MAX_SAMPLES: Final = 16
 MAX_STEPS: Final = 50
 MAX_TRIES: Final = 12
+NUM_LIVE_STEPS: Final = 3
+"""Denoising steps of trajectories that are regenerated during an edit."""
 MAX_ORIGIN_CHARACTERS: Final = 44
 MAX_AGENTS_OF_A_KIND: Final = 100
 REGION_HALF_SIDE_M: Final = 62.0
@@ -134,12 +144,23 @@ class GenerationPanel:
             self._run = gui.add_button(
                 "Regenerate", icon=viser.Icon.PLAYER_PLAY, hint="R"
             )
+            self.live_switch = LiveSwitch(ui, self._live_switched)
         self._build_resample(gui)
         # Last, since its report is of any length.
         with gui.add_folder("Last run"):
             self._result = GenerationRun(ui, self._set_running, on_run)
         ui.on_click(self._run, self.regenerate)
         ui.on_change(self._model, lambda _name: self._model_chosen())
+        self._live = LiveRegeneration(
+            ui.session,
+            ui.post,
+            self._live_requests,
+            on_change=on_run,
+            on_end=ui.gesture_was_committed,
+            on_error=self._live_failed,
+        )
+        ui.live = self._live
+        self._on_run = on_run
         self._show_options()
 
     def _build_resample(self, gui: viser.GuiApi) -> None:
@@ -198,14 +219,22 @@ class GenerationPanel:
     def close(self) -> None:
         """Stop a running generation."""
         self._result.close()
+        self._live.close()
 
     @property
     def run_state(self) -> RunState | None:
         """State of a running generation or a waiting result."""
+        if self._live.is_refining:
+            return RunState(text="Refining ...")
         return self._result.state
 
     def cancel(self) -> None:
-        """Cancel a running generation; nothing changes."""
+        """Cancel a running generation; nothing changes.
+
+        An edit whose final trajectories are awaited keeps those that are shown.
+        """
+        if self._live.is_refining:
+            self._ui.commit_gesture()
         self._result.cancel()
 
     def use_result(self) -> None:
@@ -331,12 +360,6 @@ class GenerationPanel:
         offer = self._generators[self._model.value]
         samples_states = bool(redrawn_state_ids or num_new_agents or draws_num_agents)
         region = self._region() if samples_states else None
-        takes_tries = offer.default_num_tries is not None
-        guidance = guidance_settings(
-            self._lane_weight(offer),
-            int(self._tries.value) if takes_tries else None,
-            yields=not takes_tries or bool(self._yields.value),
-        )
         request = GenerationRequest(
             scenario=base.without_agents(removed_ids),
             agent_ids=agent_ids,
@@ -351,13 +374,60 @@ class GenerationPanel:
             num_denoising_steps=None
             if offer.default_num_steps is None
             else int(self._steps.value),
-            guidance=guidance,
+            guidance=self._guidance_settings(offer),
             seed=int(self._seed.value),
         )
         task = GenerationInput(base=base, request=request, removed_ids=removed_ids)
         self._result.start(self._model.value, offer.make, task)
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)
+
+    def _guidance_settings(self, offer: GeneratorSpec) -> tuple[GuidanceSetting, ...]:
+        """Settings of lanes and of the avoidance of collisions."""
+        takes_tries = offer.default_num_tries is not None
+        return guidance_settings(
+            self._lane_weight(offer),
+            int(self._tries.value) if takes_tries else None,
+            yields=not takes_tries or bool(self._yields.value),
+        )
+
+    def _live_requests(self, scenario: Scenario) -> LiveRequests | None:
+        """What reacts to edits of a scenario; None if nothing does."""
+        if not self.live_switch.is_on or self._result.is_running:
+            return None
+        ids = self.live_switch.reacting_ids(scenario)
+        if not ids:
+            return None
+        name = self._model.value
+        offer = self._generators[name]
+        has_steps = offer.default_num_steps is not None
+        has_tries = offer.default_num_tries is not None
+        usual = GenerationRequest(
+            scenario=scenario,
+            agent_ids=ids,
+            num_denoising_steps=int(self._steps.value) if has_steps else None,
+            guidance=self._guidance_settings(offer),
+            seed=int(self._seed.value),
+        )
+        fast = replace(
+            usual,
+            num_denoising_steps=NUM_LIVE_STEPS if has_steps else None,
+            guidance=guidance_settings(
+                self._lane_weight(offer), 0 if has_tries else None
+            ),
+        )
+        return LiveRequests(
+            generator=LazyGenerator(name=name, make=offer.make),
+            draft=lambda edited: replace(fast, scenario=edited),
+            result=lambda edited: replace(usual, scenario=edited),
+        )
+
+    def _live_switched(self) -> None:
+        self._ui.end_gesture()
+        self._on_run()
+
+    def _live_failed(self, error: PdEditorError) -> None:
+        self._ui.notify("Not regenerated", str(error), "error")
 
     def _lane_weight(self, offer: GeneratorSpec) -> float | None:
         """Weight of the guidance; None for the model's default."""

@@ -445,7 +445,7 @@ class RoadPanel:
         if command.warp is not None:
             self._preview("anchor", command, has_end=True)
         if phase == "end":
-            self._ui.commit_gesture()
+            self._ui.end_gesture()
 
     def _show_anchor(self, scenario: Scenario, is_other_base: bool) -> None:
         """After undo, redo or a reload, choose the anchor that is in force."""

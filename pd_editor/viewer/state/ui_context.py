@@ -10,6 +10,7 @@ from weakref import ref
 import viser
 
 from pd_editor.editor.commands import Command
+from pd_editor.editor.live_regeneration import LiveRegeneration
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import PdEditorError
 from pd_editor.viewer.state.inbox import Inbox
@@ -22,9 +23,13 @@ LONGEST_REST_S: Final = 60.0
 """Longest pause of a slider that the pointer holds, if its end is never reported."""
 LAST_VALUE_S: Final = 0.3
 """Time in which the last value of a slider may arrive after the pointer is released."""
+LONGEST_REFINING_S: Final = 8.0
+"""Time after which an edit is committed without its final trajectories."""
 NOTICE_S: Final = 5.0
 """Duration of a notice that closes by itself."""
 _NOT_DONE: Final = "Not done"
+_REFINING: Final = "refining"
+"""Owner of a gesture that has ended, and whose final trajectories are awaited."""
 
 Tone = Literal["info", "success", "warning", "error"]
 _TONE_COLOR: Final[dict[Tone, Literal["blue", "green", "orange", "red"]]] = {
@@ -57,6 +62,8 @@ class UiContext:
         self.inbox = inbox
         self.on_playhead_moved: Callable[[], None] = lambda: None
         """Called when an edit has moved the playhead; the tab shows it."""
+        self.live: LiveRegeneration | None = None
+        """Regenerates traffic during gestures; None until the page is built."""
         self.hotkeys: list[Hotkey] = []
         """Registered hot keys, in order of registration."""
         self._gesture: str | None = None
@@ -204,7 +211,10 @@ class UiContext:
         self._gesture_deadline = None if has_end else time.monotonic() + pause_s
         if command.edits_current_state:
             self.show_current_step()
-        self.session.preview(command)
+        if self.live is None:
+            self.session.preview(command)
+        else:
+            self.live.preview(command)
 
     def hold_slider(self) -> None:
         """The pointer has taken a slider: a gesture of its own begins."""
@@ -215,31 +225,57 @@ class UiContext:
     def release_slider(self) -> None:
         """The pointer has let go of a slider: its gesture ends with its last value."""
         self._is_slider_held = False
-        if self._gesture_deadline is not None:
+        if self._gesture_deadline is not None and self._gesture != _REFINING:
             self._gesture_deadline = time.monotonic() + LAST_VALUE_S
 
     @property
     def gesture(self) -> str | None:
         """Owner of the active gesture, whose inputs must not be set meanwhile."""
+        if self._gesture == _REFINING and not (self.live and self.live.is_refining):
+            # The session has committed it, for example because the selection changed.
+            return None
         return self._gesture
+
+    def end_gesture(self) -> None:
+        """End the active gesture, as the pointer does when it lets go.
+
+        It is committed as one undo step: now, or with the final trajectories of the
+        agents that react to it.
+        """
+        if self.live is not None and self.live.finish():
+            self._gesture = _REFINING
+            self._gesture_deadline = time.monotonic() + LONGEST_REFINING_S
+        else:
+            self.commit_gesture()
 
     def commit_gesture(self) -> None:
         """Commit the active gesture, if any, as one undo step."""
-        self._gesture, self._gesture_deadline = None, None
+        self.gesture_was_committed()
+        if self.live is not None:
+            self.live.drop()
         self.session.commit_gesture()
+
+    def gesture_was_committed(self) -> None:
+        """Forget the active gesture, which the session has committed."""
+        self._gesture, self._gesture_deadline = None, None
 
     def abort_gesture(self) -> None:
         """Abort the active gesture and restore the state at its start."""
         self._gesture, self._gesture_deadline = None, None
+        if self.live is not None:
+            self.live.drop()
         self.session.abort_gesture()
 
     def tick(self) -> bool:
-        """Commit a gesture after its pause; returns whether it was committed."""
+        """End a gesture after its pause; returns whether it was committed."""
         deadline = self._gesture_deadline
         if deadline is None or time.monotonic() < deadline:
             return False
-        self.commit_gesture()
-        return True
+        if self._gesture == _REFINING:
+            self.commit_gesture()
+        else:
+            self.end_gesture()
+        return self._gesture is None
 
     def notify(
         self, title: str, body: str = "", tone: Tone = "info", *, stays: bool = False

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 import viser
@@ -12,6 +12,7 @@ FAR_M: Final = 20_000.0
 """Initial far plane, until the page's script narrows it to the visible content."""
 
 Vector = tuple[float, float, float]
+LiveAgents = Literal["generated", "all"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +59,10 @@ class ViewMemory:
     """Whether the top view has the focal agent's heading up instead of north."""
     pose: ViewPose | None = None
     """Camera pose; None for the view of a newly opened scenario."""
+    is_live: bool = True
+    """Whether traffic is regenerated while an edit is being made."""
+    live_agents: LiveAgents = "generated"
+    """Agents that react to edits."""
     panel_tab: str | None = None
     """Title of the open tab of the panel; None for the first one."""
 

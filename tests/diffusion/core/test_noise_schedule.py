@@ -16,8 +16,7 @@ from pd_editor.diffusion.core.noise_schedule import (
     preconditioning,
 )
 
-KINDS = [kind for kind in get_args(ScheduleKind) if kind != "betas"]
-"""Schedules that end without signal; the paper's does not."""
+KINDS = get_args(ScheduleKind)
 
 
 @pytest.mark.parametrize("kind", KINDS)

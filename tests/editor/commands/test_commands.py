@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from pd_editor.editor.commands import (
     COMMANDS,
     Command,
+    ReplaceTraffic,
+    SetRoadWarp,
     command_from_json,
     command_to_json,
 )
@@ -107,12 +109,14 @@ def test_agents_that_are_not_named_stay_untouched(
     kind: type[Command], data: st.DataObject
 ):
     command, result = drawn(data, kind)
-    named = set(getattr(command, "agent_ids", ()))
-    named |= {getattr(command, "agent_id", ""), *getattr(command, "new_ids", ())}
-    if kind.__name__ == "SetRoadWarp":
-        return
-    if kind.__name__ == "ReplaceTraffic":
-        named |= set(command.sample.ids)
+    named: set[str] = set()
+    for part in command.parts:
+        named |= set(getattr(part, "agent_ids", ()))
+        named |= {getattr(part, "agent_id", ""), *getattr(part, "new_ids", ())}
+        if isinstance(part, SetRoadWarp):
+            return
+        if isinstance(part, ReplaceTraffic):
+            named |= set(part.sample.ids)
     if kind.__name__ == "RemoveAllAgents":
         named |= set(BASE.agents.ids)
     kept = [name for name in BASE.agents.ids if name not in named]

@@ -1,0 +1,85 @@
+"""Command of an edit together with the traffic that was regenerated for it."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from pd_editor.editor.commands.command import Command, agents_in_words
+from pd_editor.editor.commands.traffic import SAME_STATE_M, ReplaceTraffic
+from pd_editor.generation import TrafficSample
+from pd_editor.geometry.angles import wrap_angle
+from pd_editor.scene.scenario import Scenario
+
+_SAME_HEADING_RAD: Final = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RegeneratedEdit(Command):
+    """Apply an edit, then the trajectories that agents got in reaction to it."""
+
+    edit: Command
+    traffic: ReplaceTraffic
+
+    @property
+    def label(self) -> str:
+        """Label of the edit, with the agents whose trajectories were regenerated."""
+        return self._labelled(self.edit.label)
+
+    def label_after(self, before: Scenario) -> str:
+        """The same, relative to the scenario before the edit."""
+        return self._labelled(self.edit.label_after(before))
+
+    @property
+    def edits_current_state(self) -> bool:
+        """Whether the edit sets poses or speeds at the current step."""
+        return self.edit.edits_current_state
+
+    @property
+    def moves_road(self) -> bool:
+        """Whether the edit moves the road with all agents on it."""
+        return self.edit.moves_road
+
+    @property
+    def selects(self) -> tuple[str, ...] | None:
+        """Ids of the agents that the edit selects."""
+        return self.edit.selects
+
+    @property
+    def parts(self) -> tuple[Command, ...]:
+        """The edit and the regenerated traffic."""
+        return self.edit, self.traffic
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """Scenario with the edit and the regenerated trajectories."""
+        return self.traffic.apply(self.edit.apply(scenario))
+
+    def _labelled(self, edit: str) -> str:
+        return f"{edit}, {agents_in_words(self.traffic.sample.ids)} regenerated"
+
+
+def carried_to(sample: TrafficSample, scenario: Scenario) -> TrafficSample:
+    """Move each trajectory rigidly so that it begins at its agent's present pose.
+
+    All agents of the sample must be in the scenario.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    rows = agents.rows(sample.ids)
+    start = agents.position_m[rows, now]
+    turn = wrap_angle(agents.heading_rad[rows, now] - sample.heading_rad[:, 0])
+    gap_m = np.hypot(*(start - sample.position_m[:, 0]).T)
+    if (gap_m < SAME_STATE_M).all() and (np.abs(turn) < _SAME_HEADING_RAD).all():
+        return sample
+    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+
+    def rotated(vectors: np.ndarray) -> np.ndarray:
+        x, y = vectors[..., 0], vectors[..., 1]
+        return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+
+    return replace(
+        sample,
+        position_m=start[:, None]
+        + rotated(sample.position_m - sample.position_m[:, :1]),
+        heading_rad=wrap_angle(sample.heading_rad + turn[:, None]),
+        velocity_mps=rotated(sample.velocity_mps),
+    )

@@ -1,0 +1,227 @@
+"""Live regeneration: generated traffic reacts while an edit is being made."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final
+
+from pd_editor.editor.commands import (
+    Command,
+    RegeneratedEdit,
+    ReplaceTraffic,
+    traffic_command,
+)
+from pd_editor.editor.commands.locks import applied
+from pd_editor.editor.commands.regenerated_edit import carried_to
+from pd_editor.editor.newest_run import NewestRun
+from pd_editor.editor.session import EditorSession
+from pd_editor.errors import PdEditorError
+from pd_editor.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    ScenarioGenerator,
+)
+from pd_editor.scene.scenario import Scenario
+
+CLOSE_WAIT_S: Final = 2.0
+"""Time in which a cancelled generator finishes its step."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LiveRequests:
+    """Generator of live traffic, and its requests during and after an edit."""
+
+    generator: ScenarioGenerator
+    draft: Callable[[Scenario], GenerationRequest]
+    """Request for a fast preview on an edited scenario."""
+    result: Callable[[Scenario], GenerationRequest]
+    """Request with the usual settings, at the end of the edit."""
+
+
+class LiveRegeneration:
+    """Shows an edit in progress together with the traffic that reacts to it.
+
+    Each preview of the edit asks for regenerated trajectories, which are shown as soon
+    as they arrive; until then the last ones move with their agents. At the end of the
+    gesture the trajectories are regenerated once more with the usual settings, and edit
+    and trajectories become one undo step. Until that has arrived, another edit commits
+    what is shown. All methods are called on the session's thread.
+    """
+
+    def __init__(
+        self,
+        session: EditorSession,
+        post: Callable[[Callable[[], None], str | None], None],
+        requests: Callable[[Scenario], LiveRequests | None],
+        *,
+        on_change: Callable[[], None] = lambda: None,
+        on_end: Callable[[], None] = lambda: None,
+        on_error: Callable[[PdEditorError], None] = lambda _: None,
+    ) -> None:
+        """Make it idle.
+
+        Args:
+            session: the editing session.
+            post: runs an action on the session's thread; of neighbours with equal keys
+                only the newest.
+            requests: returns what to generate for edits of a scenario; None if nothing
+                reacts.
+            on_change: called when ``is_refining`` has changed.
+            on_end: called when a gesture was committed with its final trajectories.
+            on_error: called with an error of the generator, once per gesture.
+        """
+        self._session = session
+        self._post = post
+        self._requests = requests
+        self._on_change = on_change
+        self._on_end = on_end
+        self._on_error = on_error
+        self._run = NewestRun()
+        self._gesture: _Gesture | None = None
+
+    @property
+    def is_refining(self) -> bool:
+        """Whether a gesture has ended and its final trajectories are being generated."""
+        gesture = self._gesture
+        return gesture is not None and gesture.is_over and self._is_current(gesture)
+
+    def preview(self, edit: Command) -> None:
+        """Preview an edit on the state at the gesture's start, with live traffic.
+
+        Raises:
+            EditError: the edit is not valid; the last preview stays.
+        """
+        gesture = self._begun()
+        if gesture is None:
+            self._session.preview(edit)
+            return
+        edited = applied(edit, gesture.start)
+        gesture.edit, gesture.edited = edit, edited
+        self._show(gesture)
+        self._ask(gesture, gesture.requests.draft)
+
+    def finish(self) -> bool:
+        """End the gesture; returns whether final trajectories will commit it.
+
+        Otherwise the caller commits it.
+        """
+        gesture = self._gesture
+        if gesture is None or not self._is_current(gesture) or not gesture.reacts:
+            self.drop()
+            return False
+        self._run.drop()
+        gesture.is_over = True
+        self._ask(gesture, gesture.requests.result)
+        self._on_change()
+        return True
+
+    def drop(self) -> None:
+        """Forget the gesture and cancel what is generated for it."""
+        self._run.drop()
+        was_refining, self._gesture = self.is_refining, None
+        if was_refining:
+            self._on_change()
+
+    def close(self) -> None:
+        """End the thread of the generator."""
+        self.drop()
+        self._run.close(CLOSE_WAIT_S)
+
+    def _begun(self) -> "_Gesture | None":
+        """The gesture in progress, or a new one; None if nothing reacts."""
+        gesture = self._gesture
+        if gesture is not None and self._is_current(gesture) and not gesture.is_over:
+            return gesture
+        self.drop()
+        start = self._session.committed_scenario
+        requests = self._requests(start)
+        if requests is None:
+            return None
+        self._gesture = _Gesture(start=start, requests=requests)
+        return self._gesture
+
+    def _is_current(self, gesture: "_Gesture") -> bool:
+        session = self._session
+        return (
+            gesture is self._gesture
+            and (gesture.edit is None or session.state.is_previewing)
+            and session.committed_scenario is gesture.start
+        )
+
+    def _ask(
+        self, gesture: "_Gesture", make: Callable[[Scenario], GenerationRequest]
+    ) -> None:
+        if not gesture.reacts:
+            return
+        assert gesture.edited is not None
+        request = replace(make(gesture.edited), before_edit=gesture.start)
+        is_over = gesture.is_over
+        self._run.ask(
+            gesture.requests.generator,
+            request,
+            lambda traffic: self._post(
+                partial(self._arrived, gesture, request, traffic, is_over), "live"
+            ),
+            lambda error: self._post(partial(self._failed, gesture, error), None),
+        )
+
+    def _arrived(
+        self,
+        gesture: "_Gesture",
+        request: GenerationRequest,
+        traffic: GeneratedTraffic,
+        is_over: bool,
+    ) -> None:
+        if not self._is_current(gesture) or is_over != gesture.is_over:
+            return
+        gesture.traffic = traffic_command(request, traffic)
+        self._show(gesture)
+        if is_over:
+            self._session.commit_gesture()
+            self.drop()
+            self._on_end()
+
+    def _failed(self, gesture: "_Gesture", error: PdEditorError) -> None:
+        if not self._is_current(gesture) or gesture.has_failed:
+            return
+        gesture.has_failed = True
+        if gesture.is_over:
+            self._session.commit_gesture()
+            self.drop()
+            self._on_end()
+        self._on_error(error)
+
+    def _show(self, gesture: "_Gesture") -> None:
+        """Preview the newest edit with the newest trajectories."""
+        edit, traffic = gesture.edit, gesture.traffic
+        assert edit is not None
+        assert gesture.edited is not None
+        if traffic is not None and gesture.changes:
+            sample = carried_to(traffic.sample, gesture.edited)
+            edit = RegeneratedEdit(edit=edit, traffic=replace(traffic, sample=sample))
+        self._session.preview(edit)
+
+
+@dataclass(kw_only=True, eq=False)
+class _Gesture:
+    """An edit in progress."""
+
+    start: Scenario
+    requests: LiveRequests
+    edit: Command | None = None
+    edited: Scenario | None = None
+    traffic: ReplaceTraffic | None = None
+    """The newest trajectories."""
+    is_over: bool = False
+    """Whether the pointer has let go, and the final trajectories are awaited."""
+    has_failed: bool = False
+
+    @property
+    def changes(self) -> bool:
+        """Whether the edit has an effect."""
+        return self.edited is not None and self.edited is not self.start
+
+    @property
+    def reacts(self) -> bool:
+        """Whether traffic is generated for the edit."""
+        return self.changes and not self.has_failed

@@ -1,0 +1,85 @@
+"""Switch of live regeneration, and the choice of the agents that react."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+from pd_editor.editor.commands.carried_trajectories import generated_agent_ids
+from pd_editor.errors import GenerationError
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.traffic_choice import drivable_agent_ids
+from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
+from pd_editor.viewer.state.view_memory import LiveAgents
+
+GENERATED: Final = "Generated ones"
+ALL: Final = "All agents"
+_SCOPES: Final[dict[str, LiveAgents]] = {GENERATED: "generated", ALL: "all"}
+
+
+class LiveSwitch:
+    """A checkbox and a menu; the choices are kept for the next connection."""
+
+    def __init__(self, ui: UiContext, on_change: Callable[[], None]) -> None:
+        """Build it into the current folder.
+
+        Args:
+            ui: the session and its page.
+            on_change: called when live regeneration was switched on or off.
+        """
+        self._ui = ui
+        self._on_change = on_change
+        gui, view = ui.client.gui, ui.workspace.view
+        self._box = gui.add_checkbox(
+            "Live (Shift+R)",
+            view.is_live,
+            hint="Trajectories follow while you drag an agent, a slider or a goal",
+        )
+        scope = next(name for name, kept in _SCOPES.items() if kept == view.live_agents)
+        self._scope = gui.add_dropdown(
+            "Agents that react",
+            tuple(_SCOPES),
+            initial_value=scope,
+            disabled=not view.is_live,
+            hint="Others keep their trajectories, which move with their agents",
+        )
+        ui.on_change(self._box, lambda value: self._set(bool(value)))
+        ui.on_change(self._scope, self._scope_chosen)
+
+    @property
+    def is_on(self) -> bool:
+        """Whether traffic reacts during edits."""
+        return self._ui.workspace.view.is_live
+
+    def toggle(self) -> None:
+        """Switch it on or off."""
+        self._set(not self.is_on)
+
+    def reacting_ids(self, scenario: Scenario) -> tuple[str, ...]:
+        """Ids of the agents that react to edits of a scenario; empty if none does.
+
+        Besides generated agents, those react whose trajectory guidance changes.
+        """
+        wanted = None
+        if self._ui.workspace.view.live_agents == "generated":
+            wanted = set(generated_agent_ids(self._ui.session.commands_in_force))
+            for term in scenario.guidance:
+                wanted.update(term.guided_ids if term.is_on else ())
+        there = scenario.agents.row_of
+        names = None if wanted is None else [name for name in there if name in wanted]
+        if names == []:
+            return ()
+        try:
+            return drivable_agent_ids(scenario, names)
+        except GenerationError:
+            return ()
+
+    def _set(self, is_on: bool) -> None:
+        self._ui.workspace.view = replace(self._ui.workspace.view, is_live=is_on)
+        set_value(self._box, is_on)
+        set_property(self._scope, "disabled", not is_on)
+        self._on_change()
+
+    def _scope_chosen(self, name: str) -> None:
+        self._ui.workspace.view = replace(
+            self._ui.workspace.view, live_agents=_SCOPES[name]
+        )
