@@ -21,7 +21,7 @@ from pd_editor.generation import (
     GuidanceSetting,
     ScenarioGenerator,
     TrafficSample,
-    guidance_terms,
+    guidance_settings,
     run_to_end,
 )
 from pd_editor.scene.activity import Activity, activity_at
@@ -90,7 +90,7 @@ def test_agents_yield_unless_there_are_no_tries_or_they_shall_not(
     ids, calls = scenario.agents.ids, {}
     for tries, yields in ((0, True), (1, True), (3, True), (1, False)):
         asked.clear()
-        guidance = guidance_terms(0.0, tries, yields=yields)
+        guidance = guidance_settings(0.0, tries, yields=yields)
         traffic = generated(diffuser, scenario, ids, guidance=guidance, num_samples=2)
         calls[tries, yields] = len(asked)
         slows = bool(yields and tries)
@@ -199,7 +199,7 @@ def test_every_tensor_is_made_on_the_device_of_the_model(
     requests: list[dict[str, Any]] = [
         {"redrawn_state_ids": ids[:1], "num_new_agents": {AgentKind.VEHICLE: 2}},
         {"draws_num_agents": True, "moving_share": 0.5, "only_on_road": True},
-        {"guidance": guidance_terms(0.9, 3), "num_samples": 2},
+        {"guidance": guidance_settings(0.9, 3), "num_samples": 2},
     ]
     expected = [generated(diffuser, scenario, ids[:1], **asked) for asked in requests]
     anew = PathDiffuser(model_folder)
