@@ -12,6 +12,7 @@ from pd_editor.editor.session import SessionState
 from pd_editor.errors import PdEditorError
 from pd_editor.generators import GeneratorCatalogue
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.guidance.steering import Steering
 from pd_editor.viewer.interaction.comparison import Comparison
 from pd_editor.viewer.interaction.context_menu import ContextMenu
 from pd_editor.viewer.interaction.framing import FreePart
@@ -152,6 +153,10 @@ class BrowserSession:
             self._placing.on_change(self._placing_changed)
             self._region = RegionDrawing(self._ui, self._overlay, self._banner)
             self._region.on_change(self._region_changed)
+            self._steering = Steering(
+                self._ui, self._overlay, self._banner, lambda: self._agents.poses
+            )
+            self._steering.mode.on_change(self._guiding_changed)
             self._agents = AgentsView(client, palette, self._pointer.attach)
             self._selecting = Selecting(self._ui, lambda: self._agents.poses)
             Hover(
@@ -162,6 +167,7 @@ class BrowserSession:
                     self._placing.is_active
                     or self._measure.is_active
                     or self._region.is_active
+                    or self._steering.mode.is_active
                 ),
             )
             self._overlay.on("fan", self._fan_pointed)
@@ -247,6 +253,11 @@ class BrowserSession:
             )
         with tabs.add_tab("Agents"):
             self._agent_panel = AgentPanel(ui, self._placing, self._agent_list.toggle)
+        with tabs.add_tab("Guide"):
+            self._steering.build_panel(
+                regenerate=self._regenerate,
+                is_running=lambda: self._is_built and self._generation_panel.is_running,
+            )
         with tabs.add_tab("Drive"):
             self._candidates_panel = CandidatesPanel(ui, self._candidates)
             self._generation_panel = GenerationPanel(
@@ -284,6 +295,7 @@ class BrowserSession:
                 generation_panel=self._generation_panel,
                 road_panel=self._road_panel,
                 measure=self._measure,
+                steering=self._steering,
             ).at,
         )
 
@@ -408,6 +420,7 @@ class BrowserSession:
         if self._is_built:
             self._chip.show()
             self._toolbar.show()
+            self._steering.show()
 
     def _add_hotkeys(self) -> None:
         key = self._ui.hotkey
@@ -448,6 +461,7 @@ class BrowserSession:
         key("Select all of the same kind", self._selecting.same_kind)
         key("Agent list", self._agent_list.toggle, "F", "cmd/ctrl")
         key("Place an agent", self._placing.toggle, "P")
+        self._steering.add_hotkeys()
         key("Show possible trajectories", self._candidates_panel.toggle_candidates, "G")
         key("Regenerate trajectories", self._generation_panel.regenerate, "R")
         key(
@@ -486,6 +500,7 @@ class BrowserSession:
             if is_other_scene:
                 self._measure.stop()
                 self._region.clear()
+                self._steering.mode.stop()
                 self._viewpoint.hold_picture(self._map.road_nodes)
                 self._viewpoint.frame_opened()
             self._draw()
@@ -505,6 +520,9 @@ class BrowserSession:
             self._request_check()
             if not is_other_scene:
                 self._tell_of_focal(before.scenario, after.scenario)
+
+    def _regenerate(self) -> None:
+        self._generation_panel.regenerate()
 
     def _star(self) -> None:
         self._basket_panel.star()
@@ -546,6 +564,7 @@ class BrowserSession:
         assert poses is not None
         selection, warned = session.selection, self._problems.agents_at(step)
         self._marks.show(session.scenario, poses, selection, warned, self._pointed_id)
+        self._steering.show_marks(poses)
         self._comparison.show()
         notes = self._comparison.notes()
         self._labels.show(session.scenario, poses, step, selection, notes)
@@ -603,6 +622,7 @@ class BrowserSession:
         self._agent_panel.show(scenario, selection, self._agent_list.stale_ids())
         self._candidates_panel.show(scenario, selection)
         self._generation_panel.show(scenario)
+        self._steering.show()
         self._history_panel.show()
         self._timeline.show()
         self._chip.show()
@@ -708,22 +728,32 @@ class BrowserSession:
     def _placing_changed(self) -> None:
         self._pointer.set_takes_ground_first(self._placing.is_active)
         if self._placing.is_active:
-            self._measure.stop()
-            self._region.stop()
+            self._end_modes("placing")
         self._toolbar.show()
 
     def _region_changed(self) -> None:
         if self._region.is_active:
-            self._measure.stop()
-            if self._placing.is_active:
-                self._placing.toggle()
+            self._end_modes("region")
+
+    def _guiding_changed(self) -> None:
+        if self._steering.mode.is_active:
+            self._end_modes("guiding")
 
     def _measuring_changed(self, is_measuring: bool) -> None:
         if is_measuring:
-            self._region.stop()
-            if self._placing.is_active:
-                self._placing.toggle()
+            self._end_modes("measuring")
         self._toolbar.show()
+
+    def _end_modes(self, kept: str) -> None:
+        """End all modes that take clicks on the picture, except one."""
+        if kept != "measuring":
+            self._measure.stop()
+        if kept != "region":
+            self._region.stop()
+        if kept != "guiding":
+            self._steering.mode.stop()
+        if kept != "placing" and self._placing.is_active:
+            self._placing.toggle()
 
     def _escape(self) -> None:
         """Leave the active mode or gesture; without one, clear the selection."""
@@ -733,6 +763,8 @@ class BrowserSession:
             self._measure.stop()
         elif self._region.is_active:
             self._region.stop()
+        elif self._steering.mode.is_active:
+            self._steering.mode.stop()
         elif self._placing.is_active:
             self._placing.toggle()
         elif self._candidates_panel.shows_candidates:

@@ -8,6 +8,7 @@ import numpy as np
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.paths.suggested_state import suggested_heading
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.viewer.guidance.steering import Steering
 from pd_editor.viewer.interaction.context_menu import Menu, MenuItem
 from pd_editor.viewer.interaction.picking import PointerRay, agent_under
 from pd_editor.viewer.interaction.placing import PlacingMode
@@ -34,11 +35,17 @@ class PictureMenu:
     generation_panel: GenerationPanel
     road_panel: RoadPanel
     measure: Measure
+    steering: Steering
 
     def at(self, ray: PointerRay) -> Menu | None:
         """The menu of an agent or of the road; none while clicks mean something else."""
         poses = self.poses()
-        if self.placing.is_active or self.measure.is_active or poses is None:
+        is_busy = (
+            self.placing.is_active
+            or self.measure.is_active
+            or self.steering.mode.is_active
+        )
+        if is_busy or poses is None:
             return None
         row = agent_under(self.ui.session.scenario.agents, poses, ray)
         if row is not None:
@@ -51,7 +58,8 @@ class PictureMenu:
         session = self.ui.session
         scenario = session.scenario
         agents, agent_id = scenario.agents, scenario.agents.ids[row]
-        if agent_id not in session.selection:
+        former = session.selection
+        if agent_id not in former:
             session.select((agent_id,))
         count = len(session.selection)
         is_there = bool(agents.is_valid[row, scenario.current_step])
@@ -82,6 +90,12 @@ class PictureMenu:
                 act=lambda: self.generation_panel.regenerate_agents(session.selection),
                 is_enabled=is_there,
             ),
+            *(
+                self.steering.pair_items(former[0], agent_id)
+                if len(former) == 1 and former != (agent_id,) and is_there
+                else ()
+            ),
+            *self.steering.agent_items(is_enabled=is_one and is_there),
             MenuItem(
                 label="Snap to lane",
                 act=self.agent_panel.snap,
@@ -115,6 +129,7 @@ class PictureMenu:
         return Menu(
             title="Road",
             items=(
+                *self.steering.road_items(point_m),
                 MenuItem(
                     label=f"Place a {kind} here",
                     act=lambda: self.placing.place(point_m),

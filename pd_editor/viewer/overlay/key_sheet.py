@@ -45,6 +45,7 @@ MOUSE: Final[tuple[Row, ...]] = (
     Row(keys="Drag", does="Top view: select the agents in a box; 3-D view: turn"),
     Row(keys="Drag an agent", does="Move the selected agents"),
     Row(keys="Shift+drag an agent", does="Turn the selected agents"),
+    Row(keys="Drag a flag or a stop line", does="Move an agent's goal or stop line"),
     Row(keys="Press and drag, placing", does="Place an agent and turn it"),
     Row(keys="Right click", does="Menu of the agent or of the road"),
     Row(keys="Right button, drag", does="Pan"),

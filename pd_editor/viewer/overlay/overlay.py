@@ -92,5 +92,8 @@ def page_script() -> str:
     parts = [
         folder.joinpath(name).read_text("utf-8") for name in (_SCRIPT_FIRST, *names)
     ]
-    style = folder.joinpath("style.css").read_text("utf-8")
+    styles = sorted(
+        item.name for item in folder.iterdir() if item.name.endswith(".css")
+    )
+    style = "\n".join(folder.joinpath(name).read_text("utf-8") for name in styles)
     return "\n".join([*parts, f"pdOverlay.setStyle({json.dumps(style)});"])

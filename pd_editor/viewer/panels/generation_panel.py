@@ -228,6 +228,11 @@ class GenerationPanel:
             return RunState(text="Refining ...")
         return self._result.state
 
+    @property
+    def is_running(self) -> bool:
+        """Whether a generation is running."""
+        return self._result.is_running
+
     def cancel(self) -> None:
         """Cancel a running generation; nothing changes.
 

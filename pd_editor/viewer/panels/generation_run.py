@@ -18,6 +18,7 @@ from pd_editor.generation import (
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.panels.panel_style import FixedText
+from pd_editor.viewer.state.guided_runs import GuidedRun
 from pd_editor.viewer.state.run_state import RunState
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
@@ -263,6 +264,15 @@ class GenerationRun:
             traffic_command(task.request, traffic, index, removed_ids=task.removed_ids)
         )
         self._applied = self._ui.session.scenario
+        self._ui.workspace.guided_runs.keep(
+            self._applied.agents,
+            GuidedRun(
+                request=task.request,
+                traffic=traffic,
+                index=index,
+                removed_ids=task.removed_ids,
+            ),
+        )
         if len(traffic.samples) > 1:
             set_property(self._sample, "max", len(traffic.samples))
             set_value(self._sample, index + 1)

@@ -38,6 +38,7 @@ from pd_editor.scenario_store import (
     recipe_of_export,
 )
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.state.guided_runs import GuidedRuns
 from pd_editor.viewer.state.playback import Playback
 from pd_editor.viewer.state.session_shelf import (
     ExportedState,
@@ -136,6 +137,7 @@ class Workspace:
             WeakKeyDictionary()
         )
         """Ignored problems by the base of a session."""
+        self.guided_runs = GuidedRuns()
         self.dataset = dataset
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 

@@ -10,5 +10,7 @@ pdOverlay.define("page", (api) => {
   return ({ title, isDark }) => {
     document.title = title;
     api.root.classList.toggle("pd-dark", isDark);
+    // Of what we put into viser's panel.
+    document.documentElement.classList.toggle("pd-dark-page", isDark);
   };
 });

@@ -1,0 +1,195 @@
+"""Marks of guidance terms over the picture; flags and stop lines can be dragged."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from pd_editor.editor.commands import AddGuidance, ChangeGuidance, Command
+from pd_editor.errors import PdEditorError
+from pd_editor.scene.guidance_terms import GoalPoint, StopAtLine
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.guidance.drawn_terms import goal_term, stop_term
+from pd_editor.viewer.guidance.guiding import like
+from pd_editor.viewer.guidance.term_marks import (
+    OFFER,
+    marks_of,
+    offer_mark,
+    offered_goal,
+)
+from pd_editor.viewer.interaction.picking import point_of
+from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.state.ui_context import UiContext
+
+Notes = Mapping[int, tuple[str, ...]]
+
+
+@dataclass(kw_only=True, eq=False)
+class _Grab:
+    """A mark held by the pointer."""
+
+    owner: str
+    index: int
+    scenario: Scenario
+    """The scenario when the mark was taken; the drag's commands apply to it."""
+    agent_id: str
+    has_moved: bool = False
+    refusal: str = ""
+    """Why the mark cannot be where the pointer is; empty if it can."""
+
+
+class GuidanceHandles:
+    """Shows where terms are, and follows drags of goals and stop lines."""
+
+    def __init__(
+        self,
+        ui: UiContext,
+        overlay: Overlay,
+        notes: Callable[[], Notes],
+        on_chosen: Callable[[int], None],
+    ) -> None:
+        """Show nothing yet.
+
+        Args:
+            ui: the tab's session.
+            overlay: the elements over the picture.
+            notes: what is wrong with terms, by their indices.
+            on_chosen: called with the index of the term whose mark is clicked.
+        """
+        self._ui = ui
+        self._overlay = overlay
+        self._notes = notes
+        self._on_chosen = on_chosen
+        self._numbers = count()
+        self._grab: _Grab | None = None
+        self._poses: AgentPoses | None = None
+        self.chosen: int | None = None
+        """Index of the term whose row is chosen in the list."""
+        overlay.on("guidance_marks", self._heard)
+
+    def show(self, poses: AgentPoses | None) -> None:
+        """Put all marks where their terms and agents are drawn."""
+        self._poses = poses
+        if poses is None:
+            return
+        session = self._ui.session
+        scenario, selection = session.scenario, session.selection
+        marks = marks_of(scenario, poses, selection, self._notes(), chosen=self.chosen)
+        playback = self._ui.workspace.playback
+        offer = None if playback.is_playing else offered_goal(scenario, selection)
+        if offer is not None:
+            marks.append(offer_mark(*offer))
+        grab = self._grab
+        refusal = "" if grab is None else grab.refusal
+        self._overlay.show("guidance_marks", {"marks": marks, "refusal": refusal})
+
+    def show_again(self) -> None:
+        """Show a change that moves no agent."""
+        self.show(self._poses)
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        """Follow one message of a press on a mark."""
+        what, index = event.get("kind"), event.get("index")
+        if what == "grab" and isinstance(index, int):
+            self._grab = self._grabbed(index)
+            return
+        grab = self._grab
+        if grab is None:
+            return
+        point = point_of(event.get("point"))
+        if what == "drag" and point is not None:
+            self._drag(grab, point)
+        elif what == "drop":
+            self._grab = None
+            if point is None and not grab.has_moved:
+                self._choose(grab)
+            else:
+                self._drop(grab, point)
+        elif what == "cancel":
+            self._grab = None
+            if self._holds(grab):
+                self._ui.abort_gesture()
+        self.show(self._poses)
+
+    def _grabbed(self, index: int) -> _Grab | None:
+        session = self._ui.session
+        self._ui.commit_gesture()
+        scenario = session.scenario
+        if index == OFFER:
+            offer = offered_goal(scenario, session.selection)
+            agent_id = None if offer is None else offer[0]
+        elif 0 <= index < len(scenario.guidance):
+            agent_id = next(iter(scenario.guidance[index].guided_ids), "")
+        else:
+            agent_id = None
+        if agent_id is None:
+            return None
+        return _Grab(
+            owner=f"guidance handle {next(self._numbers)}",
+            index=index,
+            scenario=scenario,
+            agent_id=agent_id,
+        )
+
+    def _choose(self, grab: _Grab) -> None:
+        """A click without a drag chooses the term, and selects its agent."""
+        session = self._ui.session
+        if grab.agent_id and grab.agent_id not in session.selection:
+            session.select((grab.agent_id,))
+        if grab.index != OFFER:
+            self._on_chosen(grab.index)
+
+    def _drag(self, grab: _Grab, point_m: np.ndarray) -> None:
+        if not self._holds(grab):
+            self._grab = None
+            return
+        try:
+            command = _command(grab, point_m)
+            if command is not None:
+                self._ui.preview(grab.owner, command, has_end=True)
+                grab.has_moved = True
+            grab.refusal = ""
+        except PdEditorError as error:
+            grab.refusal = str(error)
+
+    def _drop(self, grab: _Grab, point_m: np.ndarray | None) -> None:
+        """End the drag as one undo step; where the mark cannot be, nothing changes."""
+        if point_m is not None:
+            self._drag(grab, point_m)
+        if grab.refusal:
+            if self._ui.gesture == grab.owner:
+                self._ui.abort_gesture()
+            self._ui.notify("Not set", grab.refusal, "error")
+        elif self._ui.gesture == grab.owner:
+            self._ui.commit_gesture()
+            if grab.index == OFFER:
+                self._on_chosen(len(grab.scenario.guidance))
+
+    def _holds(self, grab: _Grab) -> bool:
+        """Whether nothing else has ended the drag or changed the scenario."""
+        session = self._ui.session
+        if not grab.has_moved:
+            return session.scenario is grab.scenario
+        return self._ui.gesture == grab.owner and session.state.is_previewing
+
+
+def _command(grab: _Grab, point_m: np.ndarray) -> Command | None:
+    """The command that moves the held mark to a point; None if it does not move.
+
+    Raises:
+        EditError: it cannot be there.
+    """
+    scenario = grab.scenario
+    if grab.index == OFFER:
+        return AddGuidance(term=goal_term(scenario, grab.agent_id, point_m))
+    former = scenario.guidance[grab.index]
+    if isinstance(former, GoalPoint):
+        term = like(goal_term(scenario, grab.agent_id, point_m), former)
+    elif isinstance(former, StopAtLine):
+        term = like(stop_term(scenario, grab.agent_id, point_m), former)
+    else:
+        return None
+    return ChangeGuidance(index=grab.index, term=term)

@@ -1,0 +1,130 @@
+"""What is said of guidance terms: problems before a run, and outcomes after it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pd_editor.generation import GuidanceReport
+from pd_editor.scene.guidance_outcome import GuidanceCost, GuidanceProblem, TermOutcome
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.state.ui_context import UiContext
+
+Tone = Literal["plain", "good", "warn", "bad"]
+TAKE_UNGUIDED: str = "Take the unguided sample"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """One line of text with its tone."""
+
+    tone: Tone
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunReport:
+    """What a run as a whole came to."""
+
+    lines: tuple[Line, ...] = ()
+    action: str | None = None
+    """Label of the button that takes the unguided sample; None: not offered."""
+
+
+class GuidanceNotes:
+    """Notes of the session's terms, computed once per scenario."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Make notes of a tab's session."""
+        self._ui = ui
+        self._scenario: Scenario | None = None
+        self._problems: dict[int, tuple[GuidanceProblem, ...]] = {}
+
+    def of_term(self, index: int) -> tuple[Line, ...]:
+        """Lines beside a term: its problems, and what the last run achieved."""
+        scenario = self._ui.session.scenario
+        lines = [
+            Line(
+                tone="bad" if problem.severity == "error" else "warn",
+                text=problem.message,
+            )
+            for problem in self._problems_of(scenario).get(index, ())
+        ]
+        run = self._ui.workspace.guided_runs.of(scenario.agents)
+        term = scenario.guidance[index]
+        if run is not None:
+            lines += [
+                outcome_line(outcome)
+                for outcome in run.report.outcomes
+                if outcome.term == term
+            ]
+        return tuple(lines)
+
+    def sentences(self) -> dict[int, tuple[str, ...]]:
+        """Sentences of what is wrong with terms, by their indices."""
+        found = self._problems_of(self._ui.session.scenario)
+        return {
+            index: tuple(problem.message for problem in problems)
+            for index, problems in found.items()
+        }
+
+    def report(self) -> RunReport:
+        """Lines on the last run as a whole; none after another edit of the traffic."""
+        run = self._ui.workspace.guided_runs.of(self._ui.session.scenario.agents)
+        return RunReport() if run is None else report_of(run.report)
+
+    def _problems_of(
+        self, scenario: Scenario
+    ) -> dict[int, tuple[GuidanceProblem, ...]]:
+        if scenario is not self._scenario:
+            self._scenario = scenario
+            self._problems = {}
+        return self._problems
+
+
+def outcome_line(outcome: TermOutcome) -> Line:
+    """Asked and achieved in one line."""
+    text = f"asked {outcome.asked}, achieved {outcome.achieved}"
+    if outcome.is_obeyed:
+        return Line(tone="good", text=text)
+    why = "" if outcome.is_feasible else "; it could not be met within the limits"
+    return Line(tone="bad", text=f"{text}{why}")
+
+
+def report_of(report: GuidanceReport) -> RunReport:
+    """Obeyed terms, realism against the unguided sample, and impossible motions."""
+    lines: list[Line] = []
+    if report.outcomes:
+        obeyed = sum(outcome.is_obeyed for outcome in report.outcomes)
+        count = len(report.outcomes)
+        tone: Tone = "good" if obeyed == count else "bad"
+        lines.append(Line(tone=tone, text=f"{obeyed} of {count} terms obeyed"))
+    cost = report.cost
+    if cost is not None:
+        lines += cost_lines(cost)
+    lines += [Line(tone="warn", text=text) for text in report.motion_problems]
+    return RunReport(
+        lines=tuple(lines),
+        action=None if report.unguided is None else TAKE_UNGUIDED,
+    )
+
+
+def cost_lines(cost: GuidanceCost) -> list[Line]:
+    """Realism of the guided against the unguided sample."""
+    guided, other = cost.guided, cost.unguided
+    text = (
+        f"Collisions {guided.num_collisions} (unguided {other.num_collisions}), "
+        f"off the road {guided.off_road:.1%} ({other.off_road:.1%}), "
+        f"from lanes {guided.lateral_deviation_m:.1f} m "
+        f"({other.lateral_deviation_m:.1f}), "
+        f"acceleration {guided.acceleration_mps2:.1f} m/s\u00b2 "
+        f"({other.acceleration_mps2:.1f})"
+    )
+    lines = [Line(tone="plain", text=text)]
+    worse = cost.worse()
+    if worse:
+        lines.append(
+            Line(
+                tone="warn",
+                text=f"Guidance made the scene worse: {'; '.join(worse)}.",
+            )
+        )
+    return lines

@@ -1,0 +1,307 @@
+"""The guidance panel: tools to add terms, and the list of terms."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from pd_editor.editor.commands import (
+    AddGuidance,
+    ChangeGuidance,
+    Command,
+    RemoveGuidance,
+)
+from pd_editor.errors import PdEditorError
+from pd_editor.scene.guidance_terms import (
+    AvoidCollisions,
+    ComfortLimits,
+    GuidanceTerm,
+    KeepGap,
+    SpeedLimit,
+    StayOnRoad,
+    TargetSpeed,
+)
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.guidance.drawn_terms import usual_term
+from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
+from pd_editor.viewer.guidance.guiding import TOOLS, Guiding, replaced_index
+from pd_editor.viewer.guidance.term_rows import (
+    SHORT_TITLES,
+    TITLES,
+    WEIGHTS,
+    agents_of,
+    inputs_of,
+    title_of,
+    weight_stop,
+    with_input,
+)
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.state.ui_context import UiContext
+
+HOST: Final = '<div data-pd-host="guidance"></div>'
+FORM_KINDS: Final = (
+    TargetSpeed.kind,
+    SpeedLimit.kind,
+    KeepGap.kind,
+    AvoidCollisions.kind,
+    StayOnRoad.kind,
+    ComfortLimits.kind,
+)
+HINTS: Final[Mapping[str, str]] = {
+    "goal-point": "Click where the agent should drive to (T)",
+    "follow-path": "Draw the path that the agent should follow (D)",
+    "follow-lane": "Click the lane that the agent should reach",
+    "stop-at-line": "Click the lane where the agent should stop (B)",
+    "yield-to": "Click the agent that passes first (Y)",
+    "threaten": "Click the agent that is threatened (X)",
+    "target-speed": "Reach and keep a speed",
+    "speed-limit": "Do not exceed a speed",
+    "keep-gap": "Keep a distance to the agent ahead",
+    "avoid-collisions": "Keep apart from other agents",
+    "stay-on-road": "Keep to the drivable area",
+    "comfort-limits": "Limit the accelerations",
+}
+NEEDS_ONE: Final = "Select one agent first"
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidanceActions:
+    """What the panel asks others to do."""
+
+    regenerate: Callable[[], None]
+    is_running: Callable[[], bool]
+    take_unguided: Callable[[], None]
+
+
+class GuidancePanel:
+    """The terms of the selection, or all terms while nothing is selected.
+
+    The page draws the list inside of viser's panel, since viser has no rows of inputs.
+    """
+
+    def __init__(
+        self,
+        ui: UiContext,
+        overlay: Overlay,
+        guiding: Guiding,
+        notes: GuidanceNotes,
+        actions: GuidanceActions,
+        on_chosen: Callable[[int | None], None],
+    ) -> None:
+        """Build it into the current tab.
+
+        Args:
+            ui: the session and its page.
+            overlay: what draws the list.
+            guiding: the mode in which terms are drawn on the road.
+            notes: what is said of each term.
+            actions: what buttons do beyond the terms.
+            on_chosen: called with the index of the chosen term.
+        """
+        self._ui = ui
+        self._overlay = overlay
+        self._guiding = guiding
+        self._notes = notes
+        self._actions = actions
+        self._on_chosen = on_chosen
+        self._chosen: int | None = None
+        self._version = 0
+        self._refusals = 0
+        self._kinds: tuple[Any, ...] = ()
+        ui.client.gui.add_html(HOST)
+        overlay.on("guidance_panel", self._heard)
+        guiding.on_change(self.show)
+
+    def choose(self, index: int | None) -> None:
+        """Choose a term: its row and its mark stand out."""
+        self._chosen = index
+        self._on_chosen(index)
+        self.show()
+
+    def show(self) -> None:
+        """Follow the session."""
+        session = self._ui.session
+        scenario, selection = session.scenario, session.selection
+        kinds = tuple((term.kind, term.named_ids) for term in scenario.guidance)
+        if kinds != self._kinds:
+            self._kinds = kinds
+            self._version += 1
+        if self._chosen is not None and self._chosen >= len(kinds):
+            self._chosen = None
+            self._on_chosen(None)
+        self._guiding.follow()
+        report = self._notes.report()
+        is_running = self._actions.is_running()
+        self._overlay.show(
+            "guidance_panel",
+            {
+                "version": self._version,
+                "refusals": self._refusals,
+                "about": _about(scenario, selection),
+                "weights": list(WEIGHTS),
+                "tools": [*self._tools(selection)],
+                "rows": [
+                    self._row(index, scenario)
+                    for index in listed(scenario.guidance, selection)
+                ],
+                "run": {
+                    "label": "Regenerating ..." if is_running else "Regenerate",
+                    "isEnabled": not is_running,
+                },
+                "report": [
+                    {"tone": line.tone, "text": line.text} for line in report.lines
+                ],
+                "action": report.action,
+            },
+        )
+
+    def _tools(self, selection: tuple[str, ...]) -> list[dict[str, Any]]:
+        tools = []
+        for kind, hint in HINTS.items():
+            is_drawn = kind in TOOLS
+            is_enabled = not is_drawn or len(selection) == 1
+            tools.append(
+                {
+                    "kind": kind,
+                    "title": SHORT_TITLES[kind],
+                    "hint": hint if is_enabled else f"{NEEDS_ONE}. {hint}",
+                    "isActive": self._guiding.tool == kind,
+                    "isEnabled": is_enabled,
+                }
+            )
+        return tools
+
+    def _row(self, index: int, scenario: Scenario) -> dict[str, Any]:
+        term = scenario.guidance[index]
+        title, agents = title_of(term), agents_of(term, scenario)
+        return {
+            "index": index,
+            "kind": term.kind,
+            "title": title,
+            "agents": agents,
+            "name": f"{title} of {agents}",
+            "isOn": term.is_on,
+            "isChosen": index == self._chosen,
+            "stop": weight_stop(term.weight),
+            "inputs": [one.to_json() for one in inputs_of(term)],
+            "notes": [
+                {"tone": line.tone, "text": line.text}
+                for line in self._notes.of_term(index)
+            ],
+        }
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        """Act on an input of the list; one that was drawn for other terms is ignored."""
+        kind = event.get("kind")
+        if kind == "tool":
+            self._use_tool(str(event.get("tool")))
+        elif kind == "run":
+            self._actions.regenerate()
+        elif kind == "take":
+            self._actions.take_unguided()
+        elif event.get("version") == self._version:
+            index = event.get("index")
+            terms = self._ui.session.scenario.guidance
+            if isinstance(index, int) and 0 <= index < len(terms):
+                self._edit(str(kind), index, terms[index], event)
+
+    def _use_tool(self, kind: str) -> None:
+        """Begin to draw a term, or add one with usual values."""
+        if kind in TOOLS:
+            self._report_refused(TOOLS[kind].title, lambda: self._guiding.toggle(kind))
+        elif kind in FORM_KINDS:
+            self._guiding.stop()
+            self._report_refused(TITLES[kind], lambda: self._add(kind))
+
+    def _add(self, kind: str) -> None:
+        """Add a term of a kind for the selection, or choose the one that is there."""
+        session = self._ui.session
+        term = usual_term(kind, session.scenario, session.selection)
+        assert term is not None
+        index = replaced_index(session.scenario.guidance, term)
+        if index is None:
+            index = len(session.scenario.guidance)
+            self._ui.apply(AddGuidance(term=term))
+        self.choose(index)
+
+    def _edit(
+        self, kind: str, index: int, term: GuidanceTerm, event: Mapping[str, Any]
+    ) -> None:
+        if kind == "choose":
+            self._select_agents(term)
+            self.choose(index)
+        elif kind == "switch":
+            is_on = event.get("isOn") is True
+            self._ui.apply(ChangeGuidance(index=index, term=replace(term, is_on=is_on)))
+        elif kind == "remove":
+            self._ui.apply(RemoveGuidance(index=index))
+        elif kind == "weight":
+            self._weigh(index, term, event)
+        elif kind == "input":
+            self._report_refused(
+                TITLES[term.kind],
+                lambda: self._ui.apply(
+                    ChangeGuidance(
+                        index=index,
+                        term=with_input(
+                            term, str(event.get("name")), event.get("value")
+                        ),
+                    )
+                ),
+            )
+
+    def _weigh(self, index: int, term: GuidanceTerm, event: Mapping[str, Any]) -> None:
+        """Set a strength; the moves of a slider until it is released are one edit."""
+        stop = event.get("stop")
+        if not isinstance(stop, int) or not 0 <= stop < len(WEIGHTS):
+            return
+        owner = f"guidance strength {index}"
+        command: Command = ChangeGuidance(
+            index=index, term=replace(term, weight=WEIGHTS[stop])
+        )
+        self._ui.preview(owner, command, has_end=True)
+        if event.get("isEnd") is True and self._ui.gesture == owner:
+            self._ui.commit_gesture()
+
+    def _select_agents(self, term: GuidanceTerm) -> None:
+        session = self._ui.session
+        ids = tuple(
+            one for one in term.guided_ids if one in session.scenario.agents.ids
+        )
+        if ids and not set(ids) & set(session.selection):
+            session.select(ids)
+
+    def _report_refused(self, title: str, act: Callable[[], None]) -> None:
+        """Do something; a refusal is told, and the list shows what is in force."""
+        try:
+            act()
+        except PdEditorError as error:
+            self._refusals += 1
+            self._ui.notify(f"{title}: not set", str(error), "error")
+            self.show()
+
+
+def listed(guidance: tuple[GuidanceTerm, ...], selection: tuple[str, ...]) -> list[int]:
+    """Indices of the terms that concern the selection; of all without one."""
+    return [
+        index
+        for index, term in enumerate(guidance)
+        if not selection or not term.named_ids or set(term.named_ids) & set(selection)
+    ]
+
+
+def _about(scenario: Scenario, selection: tuple[str, ...]) -> str:
+    """Whose terms are listed, and whom a new one guides."""
+    count = len(scenario.guidance)
+    if not selection:
+        return (
+            "Guidance of all agents. Select an agent to steer it."
+            if not count
+            else f"All {count} terms. A new one guides all agents."
+            if count > 1
+            else "One term. A new one guides all agents."
+        )
+    if len(selection) == 1:
+        row = scenario.agents.row_of.get(selection[0])
+        kind = "agent" if row is None else str(scenario.agents.kinds[row])
+        return f"Guidance of {kind.replace('_', ' ')} {selection[0]}"
+    return f"Guidance of {len(selection)} agents"

@@ -1,0 +1,161 @@
+"""Steering by hand: the drawing mode, the marks on the road and the panel as one."""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from pd_editor.scene.guidance_terms import (
+    FollowPath,
+    GoalPoint,
+    StopAtLine,
+    Threaten,
+    YieldTo,
+)
+from pd_editor.viewer.guidance.guidance_handles import GuidanceHandles
+from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
+from pd_editor.viewer.guidance.guidance_panel import GuidanceActions, GuidancePanel
+from pd_editor.viewer.guidance.guiding import TOOLS, Guiding
+from pd_editor.viewer.interaction.context_menu import MenuItem
+from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.overlay.banner import Banner
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.state.ui_context import UiContext
+
+KEYS: Final = (
+    (GoalPoint.kind, "Set a goal on the road", "T"),
+    (FollowPath.kind, "Draw a path", "D"),
+    (StopAtLine.kind, "Set a stop line", "B"),
+    (YieldTo.kind, "Yield to an agent", "Y"),
+    (Threaten.kind, "Threaten an agent", "X"),
+)
+"""Kinds of terms with the label and the hot key of their tool."""
+
+
+class Steering:
+    """Guidance terms of one tab: how they are made, shown and changed."""
+
+    def __init__(
+        self,
+        ui: UiContext,
+        overlay: Overlay,
+        banner: Banner,
+        poses: Callable[[], AgentPoses | None],
+    ) -> None:
+        """Make mode and marks; ``build_panel`` adds the panel."""
+        self._ui = ui
+        self._overlay = overlay
+        self.mode = Guiding(ui, overlay, banner, poses)
+        self._notes = GuidanceNotes(ui)
+        self._handles = GuidanceHandles(
+            ui, overlay, self._notes.sentences, self._choose
+        )
+        self._panel: GuidancePanel | None = None
+        self.mode.on_term = self._choose
+
+    def build_panel(
+        self, *, regenerate: Callable[[], None], is_running: Callable[[], bool]
+    ) -> None:
+        """Build the panel into the current tab.
+
+        Args:
+            regenerate: starts a generation.
+            is_running: whether one is running.
+        """
+        self._panel = GuidancePanel(
+            self._ui,
+            self._overlay,
+            self.mode,
+            self._notes,
+            GuidanceActions(
+                regenerate=regenerate,
+                is_running=is_running,
+                take_unguided=self.take_unguided,
+            ),
+            self._chosen,
+        )
+
+    def add_hotkeys(self) -> None:
+        """Register a key for each of the main tools, and commands for the others."""
+        keys = {kind: key for kind, _, key in KEYS}
+        labels = {kind: label for kind, label, _ in KEYS}
+        for kind, tool in TOOLS.items():
+            label = labels.get(kind, f"Guidance: {tool.title}")
+            self._ui.hotkey(
+                label,
+                lambda kind=kind: self.mode.toggle(kind),
+                keys.get(kind),
+                failure=f"{tool.title}: not set",
+            )
+
+    def show(self) -> None:
+        """Follow the session."""
+        if self._panel is not None:
+            self._panel.show()
+
+    def show_marks(self, poses: AgentPoses) -> None:
+        """Put the marks where terms and agents are drawn."""
+        self._handles.show(poses)
+
+    def agent_items(self, *, is_enabled: bool) -> tuple[MenuItem, ...]:
+        """Items of the menu of the one selected agent."""
+        return tuple(
+            MenuItem(
+                label=label,
+                act=lambda kind=kind: self.mode.toggle(kind),
+                is_enabled=is_enabled,
+                key=key,
+            )
+            for kind, label, key in KEYS
+        )
+
+    def pair_items(self, agent_id: str, other_id: str) -> tuple[MenuItem, ...]:
+        """Items of the menu of an agent, for the agent that was selected before."""
+        return (
+            MenuItem(
+                label=f"Agent {agent_id} yields to it",
+                act=lambda: self.mode.pair(YieldTo.kind, agent_id, other_id),
+            ),
+            MenuItem(
+                label=f"Agent {agent_id} threatens it",
+                act=lambda: self.mode.pair(Threaten.kind, agent_id, other_id),
+            ),
+        )
+
+    def road_items(self, point_m: np.ndarray) -> tuple[MenuItem, ...]:
+        """Items of the menu of the road, for the one selected agent."""
+        selection = self._ui.session.selection
+        if len(selection) != 1:
+            return ()
+        (agent_id,) = selection
+        return (
+            MenuItem(
+                label=f"Drive agent {agent_id} here",
+                act=lambda: self.mode.drive_to(agent_id, point_m),
+            ),
+            MenuItem(
+                label=f"Stop agent {agent_id} here",
+                act=lambda: self.mode.stop_at(agent_id, point_m),
+            ),
+        )
+
+    def take_unguided(self) -> None:
+        """Apply the unguided sample of the run that led to the present traffic."""
+        session = self._ui.session
+        run = self._ui.workspace.guided_runs.of(session.scenario.agents)
+        command = None if run is None else run.unguided_command()
+        if run is None or command is None:
+            return
+        self._ui.commit_gesture()
+        if run.replaces_states:
+            # Its agents are there already: the guided sample is taken back first.
+            session.undo()
+        self._ui.apply(command)
+
+    def _choose(self, index: int) -> None:
+        if self._panel is not None:
+            self._panel.choose(index)
+
+    def _chosen(self, index: int | None) -> None:
+        self._handles.chosen = index
+        self._handles.show_again()

@@ -1,0 +1,180 @@
+"""Marks of guidance terms on the road: what the page draws over the picture."""
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
+from pd_editor.scene.guidance_terms import (
+    FollowLane,
+    FollowPath,
+    GoalPoint,
+    GuidanceTerm,
+    StopAtLine,
+    Threaten,
+    YieldTo,
+)
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.guidance.term_rows import sentence_of
+from pd_editor.viewer.meshes.agent_poses import AgentPoses
+
+LANE_TOLERANCE_M: Final = 0.2
+LEAST_OFFER_M: Final = 4.0
+"""Shortest trajectory whose end is offered as a goal to drag."""
+OFFER: Final = -1
+"""Index of the offered goal, which is no term yet."""
+DRAG_HINT: Final = "drag to set a goal"
+
+Place = list[float]
+
+
+def marks_of(
+    scenario: Scenario,
+    poses: AgentPoses,
+    selection: Collection[str],
+    notes: Mapping[int, tuple[str, ...]],
+    *,
+    chosen: int | None,
+) -> list[dict[str, Any]]:
+    """One mark per term that has a place on the road, and badges of the other terms.
+
+    Args:
+        scenario: whose terms.
+        poses: agents as they are drawn; arrows and badges follow them.
+        selection: selected agents; terms of others are drawn fainter.
+        notes: further lines of a term's tooltip, by its index.
+        chosen: index of the term whose row is chosen in the list.
+    """
+    marks = []
+    badges: dict[str, list[dict[str, Any]]] = {}
+    at = _places(scenario, poses)
+    for index, term in enumerate(scenario.guidance):
+        look = {
+            "index": index,
+            "kind": term.kind,
+            "isOn": term.is_on,
+            "isFaint": bool(selection) and not set(term.named_ids) & set(selection),
+            "isChosen": index == chosen,
+            "lines": [sentence_of(term, scenario), *notes.get(index, ())],
+            "isBad": bool(notes.get(index)),
+        }
+        place = _place_of(term, scenario, at)
+        if place is not None:
+            marks.append({**look, **place})
+        elif place is None and not _is_spatial(term):
+            for agent_id in term.guided_ids:
+                badges.setdefault(agent_id, []).append(look)
+    for agent_id, looks in badges.items():
+        place = at(agent_id)
+        if place is not None:
+            marks.append({"shape": "badges", "at": place, "badges": looks})
+    return marks
+
+
+def offered_goal(
+    scenario: Scenario, selection: tuple[str, ...]
+) -> tuple[str, Float[np.ndarray, "2"]] | None:
+    """Agent and end of its trajectory: a flag that a drag makes a goal.
+
+    None unless one agent is selected that drives on from t = 0 and has no goal.
+    """
+    if len(selection) != 1:
+        return None
+    (agent_id,) = selection
+    row = scenario.agents.row_of.get(agent_id)
+    has_goal = any(
+        isinstance(term, GoalPoint) and term.agent_id == agent_id
+        for term in scenario.guidance
+    )
+    if row is None or has_goal:
+        return None
+    step = scenario.current_step
+    is_valid = scenario.agents.is_valid[row, step:]
+    if not is_valid[0] or not is_valid[1:].any():
+        return None
+    track = scenario.agents.position_m[row, step:][is_valid]
+    if float(np.linalg.norm(track[-1] - track[0])) < LEAST_OFFER_M:
+        return None
+    return agent_id, track[-1]
+
+
+def offer_mark(agent_id: str, end_m: Float[np.ndarray, "2"]) -> dict[str, Any]:
+    """Mark of an offered goal."""
+    return {
+        "index": OFFER,
+        "kind": GoalPoint.kind,
+        "isOn": True,
+        "isFaint": False,
+        "isChosen": False,
+        "isBad": False,
+        "lines": [f"{agent_id}: {DRAG_HINT}"],
+        "shape": "flag",
+        "point": _rounded(end_m),
+        "isOffer": True,
+    }
+
+
+def _is_spatial(term: GuidanceTerm) -> bool:
+    return isinstance(
+        term, GoalPoint | FollowPath | FollowLane | StopAtLine | YieldTo | Threaten
+    )
+
+
+def _place_of(
+    term: GuidanceTerm, scenario: Scenario, at: Callable[[str], Place | None]
+) -> dict[str, Any] | None:
+    """Shape and points of a term; None if it has none, or its agents are not there."""
+    match term:
+        case GoalPoint():
+            return {
+                "shape": "flag",
+                "point": _rounded(np.array(term.point_m)),
+                "from": at(term.agent_id),
+            }
+        case FollowPath():
+            return {"shape": "path", "points": [_rounded(p) for p in term.points_m]}
+        case FollowLane():
+            points = lanes_line_m(scenario, term.lane_ids)
+            return {"shape": "path", "points": [_rounded(p) for p in points]}
+        case StopAtLine():
+            return {"shape": "line", "points": [_rounded(p) for p in term.line_m]}
+        case YieldTo() | Threaten():
+            start, end = at(term.agent_id), at(term.other_id)
+            if start is None or end is None:
+                return None
+            return {"shape": "arrow", "from": start, "to": end}
+        case _:
+            return None
+
+
+def lanes_line_m(
+    scenario: Scenario, lane_ids: tuple[int, ...]
+) -> Float[np.ndarray, "N 2"]:
+    """The centre lines of lanes as one line, simplified."""
+    lanes = scenario.road_map.lane_of
+    lines = [lanes[one].centerline_m for one in lane_ids if one in lanes]
+    if not lines:
+        return np.zeros((0, 2))
+    line = shapely.LineString(np.concatenate(lines))
+    return shapely.get_coordinates(line.simplify(LANE_TOLERANCE_M))
+
+
+def _places(scenario: Scenario, poses: AgentPoses) -> Callable[[str], Place | None]:
+    """The middle of an agent as drawn, at half its height; None if it is not drawn."""
+    agents = scenario.agents
+
+    def at(agent_id: str) -> Place | None:
+        row = agents.row_of.get(agent_id)
+        if row is None or row >= len(poses.is_present) or not poses.is_present[row]:
+            return None
+        x, y = _rounded(poses.position_m[row])
+        return [x, y, round(DEFAULT_HEIGHT_M[agents.kinds[row]] / 2, 2)]
+
+    return at
+
+
+def _rounded(point_m: Any) -> Place:
+    return [round(float(point_m[0]), 2), round(float(point_m[1]), 2)]

@@ -1,0 +1,277 @@
+// Marks of guidance terms on the road: flags, paths, stop lines, arrows and badges. Flags
+// and stop lines are dragged; a click on any mark chooses its term.
+pdOverlay.define("guidance_marks", (api) => {
+  const { shape, plate, flag, along, head, bow } = pdOverlay.guidance;
+  const STILL_PX = 4;
+  const SEND_MS = 50;
+  const SETTLE_MS = 700;
+  const HELD_BACK_PX = 16; // Arrows begin and end outside the agents.
+  const DRAGGED = ["flag", "line"];
+  const layer = shape("svg", "pd-guide-marks");
+  const tip = api.make("div", "pd-tip pd-guide-tip", { role: "tooltip" });
+  tip.hidden = true;
+  api.box.append(layer, tip);
+  let state = { marks: [], refusal: "" };
+  let press = null; // the mark that is held
+  let settling = null; // a mark that was dropped, until the server has answered
+  let sentAt = 0;
+  let late = null;
+
+  const isMode = () =>
+    ["pd-crosshair", "pd-drawing-region", "pd-guiding"].some((name) =>
+      document.body.classList.contains(name));
+  const held = () => press ?? settling;
+
+  // Not drawn from the server's state: the held mark, and the term it has just become.
+  function isHeldBack(mark) {
+    const hold = held();
+    return Boolean(hold?.point) &&
+      (mark.index === hold.mark.index || !hold.known.has(mark.index)) &&
+      mark.shape !== "badges";
+  }
+
+  function group(mark) {
+    const classes = ["pd-guide", `pd-guide-${mark.kind}`];
+    if (!mark.isOn) classes.push("pd-guide-off");
+    if (mark.isFaint) classes.push("pd-guide-faint");
+    if (mark.isChosen) classes.push("pd-guide-chosen");
+    if (mark.isOffer) classes.push("pd-guide-offer");
+    if (DRAGGED.includes(mark.shape)) classes.push("pd-guide-drags");
+    return shape("g", classes.join(" "), { "data-guide": mark.index });
+  }
+
+  function warn(parent, x, y) {
+    const badge = shape("g", "pd-guide-warning", {
+      transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})`,
+    });
+    const text = shape("text", "", { "text-anchor": "middle", y: 4 });
+    text.textContent = "!";
+    badge.append(shape("circle", "", { r: 7 }), text);
+    parent.append(badge);
+  }
+
+  const moved = (pixel) => ({
+    transform: `translate(${pixel[0].toFixed(1)} ${pixel[1].toFixed(1)})`,
+  });
+  const ground = (point) => api.project([point[0], point[1], 0]);
+
+  function drawFlag(mark, parent) {
+    const foot = ground(mark.point);
+    if (!foot) return;
+    const from = mark.from && api.project(mark.from);
+    if (from && !mark.isFaint)
+      parent.append(shape("path", "pd-guide-leader", { d: along([from, foot]) }));
+    const picture = flag();
+    for (const [key, value] of Object.entries(moved(foot))) picture.setAttribute(key, value);
+    parent.append(picture);
+    if (mark.isBad) warn(parent, foot[0] + 20, foot[1] - 31);
+  }
+
+  function drawPath(mark, parent) {
+    const pixels = mark.points.map(ground);
+    const line = along(pixels);
+    if (!line) return;
+    for (const name of ["pd-guide-hit-line", "pd-guide-halo", "pd-guide-line"])
+      parent.append(shape("path", name, { d: line }));
+    parent.append(shape("path", "pd-guide-halo", { d: head(pixels) }),
+      shape("path", "pd-guide-line", { d: head(pixels) }));
+    const end = pixels.findLast((point) => point);
+    if (mark.isBad) warn(parent, end[0] + 12, end[1] - 12);
+  }
+
+  function drawLine(mark, parent) {
+    const pixels = mark.points.map(ground);
+    if (pixels.some((point) => !point)) return;
+    for (const name of ["pd-guide-hit-line", "pd-guide-halo", "pd-guide-line"])
+      parent.append(shape("path", name, { d: along(pixels) }));
+    const [first, last] = pixels;
+    const length = Math.hypot(last[0] - first[0], last[1] - first[1]) || 1;
+    const end = [0, 1].map((axis) =>
+      first[axis] - ((last[axis] - first[axis]) / length) * 15);
+    const picture = plate(mark.kind);
+    for (const [key, value] of Object.entries(moved(end))) picture.setAttribute(key, value);
+    parent.append(picture);
+    if (mark.isBad) warn(parent, end[0] + 10, end[1] - 10);
+  }
+
+  function drawArrow(mark, parent) {
+    const [from, to] = [api.project(mark.from), api.project(mark.to)];
+    if (!from || !to) return;
+    const { points, middle } = bow(from, to);
+    const far = (point, other) =>
+      Math.hypot(point[0] - other[0], point[1] - other[1]) > HELD_BACK_PX;
+    const shown = points.filter((point) => far(point, from) && far(point, to));
+    if (shown.length > 1) {
+      for (const name of ["pd-guide-hit-line", "pd-guide-halo", "pd-guide-line"])
+        parent.append(shape("path", name, { d: along(shown) }));
+      parent.append(shape("path", "pd-guide-line pd-guide-head", { d: head(shown) }));
+    }
+    const picture = plate(mark.kind);
+    for (const [key, value] of Object.entries(moved(middle)))
+      picture.setAttribute(key, value);
+    parent.append(picture);
+    if (mark.isBad) warn(parent, middle[0] + 10, middle[1] - 10);
+  }
+
+  function drawBadges(mark) {
+    const at = api.project(mark.at);
+    if (!at) return;
+    mark.badges.forEach((badge, place) => {
+      const parent = group(badge);
+      const x = at[0] + (place - (mark.badges.length - 1) / 2) * 23;
+      const picture = plate(badge.kind, 10);
+      for (const [key, value] of Object.entries(moved([x, at[1] + 30])))
+        picture.setAttribute(key, value);
+      parent.append(picture);
+      if (badge.isBad) warn(parent, x + 9, at[1] + 22);
+      layer.append(parent);
+    });
+  }
+
+  const drawings = { flag: drawFlag, path: drawPath, line: drawLine, arrow: drawArrow };
+  function drawMark(mark) {
+    if (mark.shape === "badges") {
+      drawBadges(mark);
+      return;
+    }
+    const parent = group(mark);
+    drawings[mark.shape](mark, parent);
+    layer.append(parent);
+  }
+
+  function draw() {
+    layer.replaceChildren();
+    for (const mark of state.marks) if (!isHeldBack(mark)) drawMark(mark);
+    const hold = held();
+    if (!hold?.point) return;
+    const isRefused = state.refusal !== "";
+    const mark = { ...hold.mark, isOffer: false, isFaint: false, isChosen: true };
+    mark.isBad = isRefused;
+    if (mark.shape === "flag") drawMark({ ...mark, point: hold.point });
+    // The line snaps to a lane: where, the server says.
+    else drawMark(state.marks.find((one) => one.index === mark.index) ?? mark);
+    if (isRefused) layer.lastElementChild.classList.add("pd-guide-refused");
+  }
+
+  function markOf(target) {
+    const found = target?.closest?.("[data-guide]");
+    if (!found || !layer.contains(found)) return null;
+    const index = Number(found.dataset.guide);
+    return state.marks.flatMap((mark) => mark.badges ?? [mark]).find(
+      (mark) => mark.index === index) ?? null;
+  }
+
+  function tell(lines, at) {
+    tip.hidden = !lines?.length;
+    if (tip.hidden) return;
+    tip.replaceChildren(...lines.map((line) => api.make("div", "", {}, line)));
+    const { clientWidth } = api.canvas();
+    const left = Math.min(at[0] + 14, clientWidth - tip.offsetWidth - 8);
+    tip.style.left = `${Math.max(left, 8)}px`;
+    tip.style.top = `${at[1] + 14}px`;
+  }
+
+  function send(kind, point) {
+    clearTimeout(late);
+    sentAt = performance.now();
+    api.send({ kind, index: press.mark.index, point });
+  }
+
+  function sendDrag() {
+    clearTimeout(late);
+    const wait = sentAt + SEND_MS - performance.now();
+    if (wait > 0) late = setTimeout(sendDrag, wait);
+    else if (press?.point) send("drag", press.point);
+  }
+
+  function end() {
+    clearTimeout(late);
+    settling = press?.point ? press : null;
+    press = null;
+    document.body.classList.remove("pd-guide-dragging");
+    const mine = settling;
+    setTimeout(() => {
+      if (settling !== mine) return;
+      settling = null;
+      draw();
+    }, SETTLE_MS);
+  }
+
+  api.listen(window, "pointerdown", (event) => {
+    tip.hidden = true;
+    if (event.button !== 0 || isMode() || api.isPanPress()) return;
+    const mark = markOf(event.target);
+    if (!mark) return;
+    api.take(event);
+    const at = api.local(event);
+    const foot = mark.shape === "flag" ? ground(mark.point) : at;
+    press = {
+      id: event.pointerId, mark, at, point: null,
+      offset: [foot[0] - at[0], foot[1] - at[1]],
+      known: new Set(state.marks.map((one) => one.index)),
+    };
+    settling = null;
+    send("grab");
+  }, { capture: true });
+
+  api.listen(window, "pointermove", (event) => {
+    if (press && event.pointerId === press.id) {
+      api.take(event);
+      const at = api.local(event);
+      const isStill =
+        Math.hypot(at[0] - press.at[0], at[1] - press.at[1]) <= STILL_PX;
+      if (!press.point && (isStill || !DRAGGED.includes(press.mark.shape))) return;
+      const point = api.ground(at[0] + press.offset[0], at[1] + press.offset[1]);
+      if (!point) return;
+      document.body.classList.add("pd-guide-dragging");
+      press.point = point;
+      press.pointer = at;
+      sendDrag();
+      draw();
+      tell(state.refusal ? [state.refusal] : [], at);
+      return;
+    }
+    if (event.buttons !== 0 || isMode()) {
+      tip.hidden = true;
+      return;
+    }
+    const mark = markOf(event.target);
+    tell(mark?.lines, api.local(event));
+  }, { capture: true });
+
+  api.listen(window, "pointerup", (event) => {
+    if (!press || event.pointerId !== press.id || event.button !== 0) return;
+    api.take(event);
+    send("drop", press.point ?? undefined);
+    tip.hidden = true;
+    end();
+    draw();
+  }, { capture: true });
+
+  function giveUp() {
+    if (!press) return;
+    send("cancel");
+    press.point = null;
+    tip.hidden = true;
+    end();
+    draw();
+  }
+  api.listen(window, "pointercancel", giveUp);
+  api.listen(window, "blur", giveUp);
+  api.listen(window, "keydown", (event) => {
+    if (event.key !== "Escape" || !press) return;
+    api.take(event);
+    giveUp();
+  }, { capture: true });
+
+  api.onView(draw);
+  api.onDispose(() => document.body.classList.remove("pd-guide-dragging"));
+  return (next) => {
+    const wasRefused = state.refusal;
+    state = next;
+    if (!press) settling = null;
+    draw();
+    if (press?.pointer && state.refusal !== wasRefused)
+      tell(state.refusal ? [state.refusal] : [], press.pointer);
+  };
+});

@@ -1,0 +1,250 @@
+"""Steering by a real mouse: goals, paths, stop lines and other agents."""
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.recipe import Recipe
+from pd_editor.scene.guidance_terms import (
+    FollowPath,
+    GoalPoint,
+    StopAtLine,
+    TargetSpeed,
+    Threaten,
+    YieldTo,
+)
+from pd_editor.viewer.guidance.term_marks import OFFER
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+
+class Steered:
+    """An editor with a moving vehicle selected, and places on the road ahead of it."""
+
+    def __init__(self, editor) -> None:
+        self.editor, self.page, self.session = editor, editor.page, editor.session
+        scenario = editor.session.scenario
+        agents, now = scenario.agents, scenario.current_step
+        self.place = agents.position_m[:, now]
+        velocity = agents.velocity_mps[:, now]
+        # Away from the picture's edges and from the queue.
+        self.row, self.other = (agents.row_of[name] for name in ("car-0009", "AV"))
+        self.agent_id, self.other_id = "car-0009", "AV"
+        self.along = velocity[self.row] / np.hypot(*velocity[self.row])
+        editor.click_at(self.place[self.row])
+        editor.until(lambda: self.session.selection == (self.agent_id,), "a selection")
+        editor.open_tab("Guide")
+
+    @property
+    def guidance(self) -> tuple:
+        return self.session.scenario.guidance
+
+    def ahead(self, metres: float, left: float = 0.0) -> np.ndarray:
+        aside = left * np.array([-self.along[1], self.along[0]])
+        return self.place[self.row] + metres * self.along + aside
+
+    def tool(self, name: str) -> None:
+        self.page.get_by_role("toolbar", name="Add guidance").get_by_role(
+            "button", name=name, exact=True
+        ).click()
+
+    def banner(self, text: str) -> None:
+        bar = self.page.get_by_role("status", name="Mode")
+        bar.get_by_text(text).wait_for()
+
+    def click(self, point_m) -> None:
+        self.editor.settle()
+        x, y = self.editor.pixel(point_m)
+        self.page.mouse.move(x, y)
+        self.page.mouse.click(x, y)
+
+    def flag(self, index: int) -> tuple[float, float]:
+        """The middle of the cloth of a flag on the page."""
+        self.editor.settle()
+        cloth = self.page.locator(f"[data-guide='{index}'] .pd-guide-cloth")
+        cloth.wait_for()
+        box = cloth.bounding_box()
+        assert box is not None
+        return box["x"] + box["width"] / 3, box["y"] + box["height"] / 2
+
+    def num_edits(self) -> int:
+        return len(self.session.entries)
+
+
+@pytest.fixture
+def steered(open_editor):
+    editor = open_editor()
+    editor.go_to_now()
+    editor.key("v")
+    editor.until(lambda: editor._tab()._pointer._seen_camera.pose.fov < 0.2, "above")
+    editor.close_notifications()
+    return Steered(editor)
+
+
+def test_a_goal_flag_is_dragged_along_the_road_and_undone(steered):
+    editor, page, session = steered.editor, steered.page, steered.session
+    before = session.scenario
+    camera = np.array(editor.client.camera.position)
+    x, y = steered.flag(OFFER)
+    end = np.array(editor.pixel(steered.ahead(12.0)))
+    foot = np.array(editor.pixel(_end_of(before, steered.row)))
+    editor.drag_pixels((x, y), (x + end[0] - foot[0], y + end[1] - foot[1]))
+    editor.until(lambda: steered.num_edits() == 1, "a goal")
+    (goal,) = steered.guidance
+    assert isinstance(goal, GoalPoint)
+    assert np.linalg.norm(goal.point_m - steered.ahead(12.0)) < 1.0
+    assert np.allclose(editor.client.camera.position, camera, atol=0.01)
+    page.get_by_role("listitem", name="Goal of vehicle car-0009").wait_for()
+    # The pointer on the flag tells what it is.
+    page.mouse.move(*steered.flag(0))
+    page.get_by_text("vehicle car-0009: be here at the end").wait_for()
+
+    # Dragged once more, then off the map: refused in a sentence, and nothing changes.
+    x, y = steered.flag(0)
+    editor.drag_pixels((x, y), (x, y - 30))
+    editor.until(lambda: steered.num_edits() == 2, "a moved goal")
+    moved = session.scenario
+    x, y = steered.flag(0)
+    editor.drag_pixels((x, y), editor.pixel(steered.ahead(-6.0, -22.0)))
+    page.get_by_text("off the road; drop it on the road").first.wait_for()
+    editor.until(lambda: session.scenario is moved, "the scenario before the drag")
+    assert steered.num_edits() == 2
+    # Escape during a drag.
+    x, y = steered.flag(0)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x, y - 40, steps=6)
+    editor.until(lambda: session.state.is_previewing, "a preview")
+    page.keyboard.press("Escape")
+    editor.until(lambda: session.scenario is moved, "the scenario before the drag")
+    page.mouse.up()
+    assert steered.num_edits() == 2
+    editor.key("Control+z")
+    editor.key("Control+z")
+    editor.until(lambda: session.scenario is before, "the scenario before")
+    assert steered.flag(OFFER)
+
+
+def test_path_stop_line_and_agents_are_drawn_and_picked(steered):
+    editor, page = steered.editor, steered.page
+    editor.key("d")
+    steered.banner("drag along the path")
+    camera = np.array(editor.client.camera.position)
+    points = [steered.ahead(d, 1.0 * np.sin(d / 5.0)) for d in np.linspace(2, 24, 20)]
+    page.mouse.move(*editor.pixel(points[0]))
+    page.mouse.down()
+    for point in points:
+        page.mouse.move(*editor.pixel(point))
+        page.wait_for_timeout(15)
+    page.mouse.up()
+    editor.until(lambda: len(steered.guidance) == 1, "a path")
+    (path,) = steered.guidance
+    assert isinstance(path, FollowPath)
+    assert 2 <= len(path.points_m) <= 12
+    assert np.linalg.norm(path.points_m[-1] - points[-1]) < 0.8
+    assert np.allclose(editor.client.camera.position, camera, atol=0.01)
+
+    steered.tool("Stop line")
+    steered.banner("click the lane where it should stop")
+    steered.click(steered.ahead(18.0))
+    editor.until(lambda: len(steered.guidance) == 2, "a stop line")
+    line = steered.guidance[1]
+    assert isinstance(line, StopAtLine)
+    across = np.subtract(*line.line_m)
+    assert 2.0 < np.hypot(*across) < 6.0
+    assert abs(across @ steered.along) < 0.3
+    assert np.linalg.norm(np.mean(line.line_m, axis=0) - steered.ahead(18.0)) < 2.0
+
+    for tool, kind in (("Yield to", YieldTo), ("Threaten", Threaten)):
+        steered.tool(tool)
+        steered.banner(tool)
+        steered.click(steered.ahead(-25.0, 25.0))
+        page.get_by_text("No other agent is there").first.wait_for()
+        assert editor._tab()._steering.mode.is_active
+        editor.close_notifications()
+        steered.click(steered.place[steered.other])
+        editor.until(lambda kind=kind: isinstance(steered.guidance[-1], kind), tool)
+        assert steered.guidance[-1].other_id == "AV"
+        assert steered.session.selection == ("car-0009",)
+
+    # Escape ends a mode; the agent stays selected, and nothing changes.
+    before = steered.session.scenario
+    editor.key("t")
+    steered.banner("click where it should drive to")
+    editor.key("Escape")
+    page.get_by_role("status", name="Mode").wait_for(state="hidden")
+    assert steered.session.scenario is before
+    assert steered.session.selection == ("car-0009",)
+    editor.screenshot("70_guidance_top")
+
+    # All of it survives a reload, and the recipe has it.
+    terms = steered.guidance
+    recipe = Recipe.from_text(steered.session.recipe().to_text())
+    assert [command.term for command in recipe.commands] == list(terms)
+    editor.reload()
+    assert editor.session.scenario.guidance == terms
+    assert page.locator(".pd-guidance-row").count() == len(terms)
+    assert page.locator("[data-guide='1'] .pd-guide-line").count() == 1
+
+
+def test_terms_are_switched_weighed_changed_and_deleted_in_the_list(steered):
+    editor, page, session = steered.editor, steered.page, steered.session
+    steered.tool("Speed")
+    editor.until(lambda: len(steered.guidance) == 1, "a target speed")
+    (term,) = steered.guidance
+    assert isinstance(term, TargetSpeed)
+    row = page.get_by_role("listitem", name="Target speed of vehicle car-0009")
+    speed = row.get_by_role("spinbutton", name="Speed")
+    speed.fill("6.5")
+    speed.press("Enter")
+    editor.until(lambda: steered.guidance[0].speed_mps == 6.5, "another speed")
+    speed.fill("700")
+    speed.press("Enter")
+    page.get_by_text("expected 0 to 60").first.wait_for()
+    editor.until(lambda: speed.input_value() == "6.5", "the speed in force")
+    row.get_by_role("switch").click()
+    editor.until(lambda: not steered.guidance[0].is_on, "a term switched off")
+    row.get_by_role("switch").click()
+    editor.until(lambda: steered.guidance[0].is_on, "a term switched on")
+    count = steered.num_edits()
+    slider = row.get_by_role("slider")
+    # The row is made anew once the page has heard of the switch.
+    box = editor.until(slider.bounding_box, "the slider")
+    y = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + box["width"] / 2, y)
+    page.mouse.down()
+    for share in (0.55, 0.65, 0.75, 0.9):
+        page.mouse.move(box["x"] + share * box["width"], y)
+        page.wait_for_timeout(60)
+    page.mouse.up()
+    editor.until(
+        lambda: steered.num_edits() == count + 1 and not session.state.is_previewing,
+        "one edit for the whole drag",
+    )
+    assert steered.guidance[0].weight > 2.0
+    row.get_by_role("button", name="Delete").click()
+    editor.until(lambda: not steered.guidance, "a term deleted")
+    row.wait_for(state="detached")
+    editor.key("Control+z")
+    editor.until(lambda: steered.guidance, "the term is back")
+    row.wait_for()
+    assert steered.guidance[0].weight > 2.0
+
+
+def test_the_menu_of_the_road_drives_the_selected_agent_there(steered):
+    editor, page = steered.editor, steered.page
+    editor.settle()
+    page.mouse.click(*editor.pixel(steered.ahead(15.0, 0.5)), button="right")
+    page.get_by_role("menuitem", name="Drive agent car-0009 here").click()
+    editor.until(lambda: len(steered.guidance) == 1, "a goal")
+    goal = np.array(steered.guidance[0].point_m)
+    assert np.linalg.norm(goal - steered.ahead(15.0, 0.5)) < 0.5
+    page.mouse.click(*editor.pixel(steered.place[steered.other]), button="right")
+    page.get_by_role("menuitem", name="Agent car-0009 yields to it").click()
+    editor.until(lambda: len(steered.guidance) == 2, "yielding")
+    assert steered.guidance[1] == YieldTo(agent_id="car-0009", other_id="AV")
+
+
+def _end_of(scenario, row: int) -> np.ndarray:
+    """The last point of an agent's trajectory."""
+    steps = np.flatnonzero(scenario.agents.is_valid[row])
+    return scenario.agents.position_m[row, steps[-1]]

@@ -1,0 +1,318 @@
+"""The drawing mode, its marks and its list, without a browser."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.commands import AddGuidance
+from pd_editor.errors import EditError
+from pd_editor.generation import GenerationRequest
+from pd_editor.scene.guidance_terms import (
+    FollowPath,
+    GoalPoint,
+    StopAtLine,
+    TargetSpeed,
+    Threaten,
+    YieldTo,
+)
+from pd_editor.viewer.guidance.guidance_panel import listed
+from pd_editor.viewer.guidance.guiding import like, replaced_index
+from pd_editor.viewer.guidance.term_marks import OFFER
+from tests.viewer.fake_browser import FakeTab
+
+
+def shown(tab: FakeTab, element: str) -> dict:
+    """What the page shows of an element."""
+    return json.loads(tab.tab._overlay._shown[element])
+
+
+def ray_to(point) -> dict:
+    """A ray straight down on a point of the ground."""
+    x, y = map(float, point)
+    return {"at": [0.0, 0.0], "ray": [[x, y, 50.0], [x, y, 0.0]]}
+
+
+def by(place: np.ndarray, ahead: float, left: float) -> np.ndarray:
+    """A point of the straight road beside another one."""
+    return place + np.array([ahead, left])
+
+
+def focal(tab: FakeTab) -> tuple[str, np.ndarray]:
+    scenario = tab.session.scenario
+    row = scenario.agents.row_of[scenario.focal_id]
+    return scenario.focal_id, scenario.agents.position_m[row, scenario.current_step]
+
+
+def guidance(tab: FakeTab) -> tuple:
+    return tab.session.scenario.guidance
+
+
+def draw(tab: FakeTab, tool: str, /, **event) -> None:
+    mode = tab.tab._steering.mode
+    tab.run(lambda: mode.toggle(tool))
+    tab.run(lambda: mode._heard({"tool": tool, **event}))
+
+
+def test_a_goal_is_clicked_moved_and_undone(tab: FakeTab):
+    agent_id, place = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    draw(tab, "goal-point", kind="click", **ray_to(by(place, 20.0, 0.0)))
+    assert not tab.tab._steering.mode.is_active
+    (term,) = guidance(tab)
+    assert term.point_m == pytest.approx(tuple(by(place, 20.0, 0.0)), abs=0.01)
+    # A second goal of the agent replaces the first and keeps its strength.
+    tab.run(
+        lambda: tab.tab._steering._panel._heard(
+            {"kind": "weight", "index": 0, "stop": 7, "isEnd": True, "version": 1}
+        )
+    )
+    draw(tab, "goal-point", kind="click", **ray_to(by(place, 30.0, 0.0)))
+    (moved,) = guidance(tab)
+    assert moved.point_m[0] == pytest.approx(place[0] + 30.0, abs=0.01)
+    assert moved.weight == 2.0
+    assert [type(entry.command).__name__ for entry in tab.session.entries] == [
+        "AddGuidance",
+        "ChangeGuidance",
+        "ChangeGuidance",
+    ]
+    tab.run(tab.session.undo)
+    tab.run(tab.session.undo)
+    assert guidance(tab) == (term,)
+
+
+def test_a_goal_off_the_map_is_refused_and_the_mode_stays(tab: FakeTab):
+    agent_id, place = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    before = tab.session.scenario
+    draw(tab, "goal-point", kind="click", **ray_to(by(place, 0.0, 400.0)))
+    assert tab.session.scenario is before
+    assert tab.tab._steering.mode.is_active
+    tab.run(tab.tab._escape)
+    assert not tab.tab._steering.mode.is_active
+    assert tab.session.selection == (agent_id,)
+
+
+def test_without_one_selected_agent_nothing_is_drawn(tab: FakeTab):
+    mode = tab.tab._steering.mode
+    for selection in ((), tab.session.scenario.agents.ids):
+        tab.run(lambda selection=selection: tab.session.select(selection))
+        with pytest.raises(EditError, match="Select one agent"):
+            mode.toggle("goal-point")
+    assert not mode.is_active
+
+
+def test_a_late_event_of_another_tool_changes_nothing(tab: FakeTab):
+    agent_id, place = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    mode = tab.tab._steering.mode
+    tab.run(lambda: mode.toggle("stop-at-line"))
+    event = {"kind": "click", "tool": "goal-point", **ray_to(by(place, 9.0, 0.0))}
+    tab.run(lambda: mode._heard(event))
+    assert guidance(tab) == ()
+    tab.run(mode.stop)
+    tab.run(lambda: mode._heard({**event, "tool": "stop-at-line"}))
+    assert guidance(tab) == ()
+
+
+def test_another_agent_is_picked_and_itself_is_not(tab: FakeTab):
+    agents, step = tab.session.scenario.agents, tab.session.scenario.current_step
+    one, other = agents.ids[:2]
+    tab.run(lambda: tab.session.select((one,)))
+    here, there = agents.position_m[:2, step]
+    draw(tab, "yield-to", kind="click", **ray_to(here))
+    assert guidance(tab) == ()
+    assert tab.tab._steering.mode.is_active
+    tab.run(
+        lambda: tab.tab._steering.mode._heard(
+            {"tool": "yield-to", "kind": "point", **ray_to(there)}
+        )
+    )
+    assert shown(tab, "guiding")["ghost"]["text"] == f"vehicle {other}"
+    tab.run(
+        lambda: tab.tab._steering.mode._heard(
+            {"tool": "yield-to", "kind": "click", **ray_to(there)}
+        )
+    )
+    assert guidance(tab) == (YieldTo(agent_id=one, other_id=other),)
+
+
+def test_a_line_is_drawn_and_garbage_of_the_page_is_left_out(tab: FakeTab):
+    agent_id, place = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    points = [[float(place[0] + d), float(place[1])] for d in range(0, 30, 2)]
+    draw(tab, "follow-path", kind="drawn", points=[*points, "x", [1e99, 0], None])
+    (term,) = guidance(tab)
+    assert isinstance(term, FollowPath)
+    assert len(term.points_m) == 2
+    draw(tab, "follow-path", kind="drawn", points={"no": "list"})
+    assert guidance(tab) == (term,)
+
+
+def drag(tab: FakeTab, index: int, *points, drop=None, kind="drop") -> None:
+    handles = tab.tab._steering._handles
+    tab.run(lambda: handles._heard({"kind": "grab", "index": index}))
+    for point in points:
+        event = {"kind": "drag", "index": index, "point": list(map(float, point))}
+        tab.run(lambda event=event: handles._heard(event))
+    last = {} if drop is None else {"point": list(map(float, drop))}
+    tab.run(lambda: handles._heard({"kind": kind, "index": index, **last}))
+
+
+def test_the_flag_at_the_end_of_a_trajectory_is_dragged_as_one_edit(tab: FakeTab):
+    agent_id, place = focal(tab)
+    assert not any(m["index"] == OFFER for m in shown(tab, "guidance_marks")["marks"])
+    tab.run(lambda: tab.session.select((agent_id,)))
+    (offer,) = shown(tab, "guidance_marks")["marks"]
+    assert offer["index"] == OFFER
+    goals = [by(place, d, 0.5) for d in (20.0, 22.0, 25.0)]
+    drag(tab, OFFER, *goals, drop=goals[-1])
+    (term,) = guidance(tab)
+    assert isinstance(term, GoalPoint)
+    assert term.point_m == pytest.approx(tuple(goals[-1]), abs=0.01)
+    assert len(tab.session.entries) == 1
+    (mark,) = shown(tab, "guidance_marks")["marks"]
+    assert (mark["shape"], mark["isChosen"]) == ("flag", True)
+    drag(tab, 0, goals[0], drop=goals[1])
+    assert len(tab.session.entries) == 2
+    assert guidance(tab)[0].point_m == pytest.approx(tuple(goals[1]), abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["drop", "cancel"])
+def test_a_drag_that_is_refused_or_cancelled_changes_nothing(tab: FakeTab, kind):
+    agent_id, place = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    before = tab.session.scenario
+    off = by(place, 0.0, 500.0)
+    drag(tab, OFFER, by(place, 20.0, 0.0), off, drop=off, kind=kind)
+    assert tab.session.scenario is before
+    assert not tab.session.entries
+    assert not tab.session.state.is_previewing
+    assert shown(tab, "guidance_marks")["refusal"] == ""
+
+
+def test_an_undo_during_a_drag_ends_it(tab: FakeTab):
+    agent_id, place = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    handles = tab.tab._steering._handles
+    tab.run(lambda: handles._heard({"kind": "grab", "index": OFFER}))
+    event = {"kind": "drag", "point": list(map(float, by(place, 20.0, 0.0)))}
+    tab.run(lambda: handles._heard(event))
+    tab.run(tab.tab._history_panel.undo)
+    before = tab.session.scenario
+    tab.run(lambda: handles._heard({**event, "kind": "drop"}))
+    assert tab.session.scenario is before
+    assert guidance(tab) == ()
+
+
+def test_a_stop_line_follows_the_lane_when_it_is_dragged(tab: FakeTab):
+    agent_id, place = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    draw(tab, "stop-at-line", kind="click", **ray_to(by(place, 20.0, 0.0)))
+    (term,) = guidance(tab)
+    assert isinstance(term, StopAtLine)
+    drag(tab, 0, by(place, 26.0, 0.4), drop=by(place, 28.0, 0.4))
+    (moved,) = guidance(tab)
+    assert np.mean(moved.line_m, axis=0)[0] == pytest.approx(place[0] + 28.0, abs=0.1)
+
+
+def test_the_list_shows_terms_of_the_selection(tab: FakeTab):
+    one, other = tab.session.scenario.agents.ids[:2]
+    terms = (
+        TargetSpeed(agent_ids=(one,), speed_mps=5.0),
+        TargetSpeed(agent_ids=(), speed_mps=6.0),
+        Threaten(agent_id=other, other_id=one),
+        TargetSpeed(agent_ids=(other,), speed_mps=7.0, is_on=False),
+    )
+    assert listed(terms, (one,)) == [0, 1, 2]
+    assert listed(terms, (other,)) == [1, 2, 3]
+    assert listed(terms, ()) == [0, 1, 2, 3]
+    for term in terms:
+        tab.run(lambda term=term: tab.ui.apply(AddGuidance(term=term)))
+    rows = shown(tab, "guidance_panel")["rows"]
+    assert [row["name"] for row in rows] == [
+        f"Target speed of vehicle {one}",
+        "Target speed of all agents",
+        f"Threaten {one} of vehicle {other}",
+        f"Target speed of vehicle {other}",
+    ]
+    assert [row["isOn"] for row in rows] == [True, True, True, False]
+    marks = shown(tab, "guidance_marks")["marks"]
+    assert sorted(mark["shape"] for mark in marks) == ["arrow", "badges", "badges"]
+
+
+def heard(tab: FakeTab, **event) -> None:
+    version = shown(tab, "guidance_panel")["version"]
+    panel = tab.tab._steering._panel
+    tab.run(lambda: panel._heard({"version": version, **event}))
+
+
+def test_terms_of_the_form_are_added_changed_switched_and_removed(tab: FakeTab):
+    agent_id, _ = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    heard(tab, kind="tool", tool="target-speed")
+    (term,) = guidance(tab)
+    assert term.agent_ids == (agent_id,)
+    # The same tool once more chooses the term that is there.
+    heard(tab, kind="tool", tool="target-speed")
+    assert len(tab.session.entries) == 1
+    heard(tab, kind="input", index=0, name="speed_mps", value=4.5)
+    assert guidance(tab) == (replace(term, speed_mps=4.5),)
+    refusals = shown(tab, "guidance_panel")["refusals"]
+    for name, value in (("speed_mps", 900), ("speed_mps", "x"), ("weight", 2)):
+        heard(tab, kind="input", index=0, name=name, value=value)
+    assert shown(tab, "guidance_panel")["refusals"] == refusals + 3
+    assert guidance(tab) == (replace(term, speed_mps=4.5),)
+    heard(tab, kind="switch", index=0, isOn=False)
+    assert not guidance(tab)[0].is_on
+    count = len(tab.session.entries)
+    for stop in (1, 2, 3):
+        heard(tab, kind="weight", index=0, stop=stop, isEnd=stop == 3)
+    assert guidance(tab)[0].weight == 0.5
+    assert len(tab.session.entries) == count + 1
+    heard(tab, kind="remove", index=0)
+    assert guidance(tab) == ()
+    tab.run(tab.session.undo)
+    assert len(guidance(tab)) == 1
+
+
+def test_an_input_of_a_list_that_is_gone_changes_nothing(tab: FakeTab):
+    agent_id, _ = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    heard(tab, kind="tool", tool="target-speed")
+    before = tab.session.scenario
+    panel = tab.tab._steering._panel
+    version = shown(tab, "guidance_panel")["version"]
+    tab.run(
+        lambda: panel._heard({"kind": "remove", "index": 0, "version": version - 1})
+    )
+    heard(tab, kind="remove", index=7)
+    heard(tab, kind="remove", index="0")
+    assert tab.session.scenario is before
+
+
+def test_a_regeneration_carries_the_terms_of_the_scenario(tab: FakeTab, monkeypatch):
+    agent_id, _ = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    heard(tab, kind="tool", tool="target-speed")
+    panel = tab.tab._generation_panel
+    requests: list[GenerationRequest] = []
+    monkeypatch.setattr(
+        panel._result, "start", lambda _n, _m, task: requests.append(task.request)
+    )
+    heard(tab, kind="run")
+    (request,) = requests
+    assert request.scenario.guidance == guidance(tab)
+
+
+def test_what_a_new_term_replaces():
+    goal = GoalPoint(agent_id="a", point_m=(0.0, 0.0), at_s=3.0, weight=2.0)
+    other = GoalPoint(agent_id="b", point_m=(0.0, 0.0))
+    one_pair = YieldTo(agent_id="a", other_id="b")
+    terms = (goal, other, one_pair)
+    new = GoalPoint(agent_id="a", point_m=(9.0, 0.0))
+    assert replaced_index(terms, new) == 0
+    assert like(new, goal) == replace(new, at_s=3.0, weight=2.0)
+    assert replaced_index(terms, YieldTo(agent_id="a", other_id="c")) is None
+    assert replaced_index(terms, YieldTo(agent_id="a", other_id="b")) == 2
