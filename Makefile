@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 # one index for small CPU builds and one for each CUDA version.
 TORCH_INDEX ?=
 
-.PHONY: run test check install bench docs clean
+.PHONY: run test check install bench variants docs clean
 
 run: install
 	@$(BIN)/python app.py $(ARGS)
@@ -32,6 +32,10 @@ test: check
 
 bench: install
 	$(BIN)/python -m benchmarks $(ARGS)
+
+# All systems of the paper, small, and its tables; goes on where it was stopped.
+variants: install
+	$(BIN)/python -m benchmarks.variants $(ARGS)
 
 docs: install
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from pd_editor.cli.arguments import OptionalFolder, Switch
+from pd_editor.cli.arguments import OptionalFolder, Switch, several
 from pd_editor.cli.progress import ProgressLine, minutes_left
 from pd_editor.regular_file import check_path
 from pd_editor.work_engine.work_engine import WorkProgress
@@ -96,8 +96,9 @@ def train(
     windows: _OptionalCount = None,
     copies: _OptionalCount = None,
     config: Annotated[
-        Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint=_OPTIONAL)
-    ] = None,
+        str | Path | tuple[str | Path, ...],
+        tyro.conf.arg(metavar="FILE [FILE ...]", help_behavior_hint=_OPTIONAL),
+    ] = (),
     settings: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
@@ -131,8 +132,8 @@ def train(
         start: Start from the weights of this model, or run, instead of random ones; its trajectory basis is kept.
         windows: Number of current steps at which each scenario of Argoverse 2 is used (default: 1, av2 5).
         copies: Number of randomly augmented copies of each scenario (default: 1).
-        config: TOML file with values of single fields, in the sections [model], [loss], [optimisation] and [augmentation]; [init.model] or [traj.model] for one of the stages.
-        settings: Values of single fields, such as model.is_differential=false augmentation.warp_share=0; they count before the file.
+        config: TOML files with values of single fields, in the sections [model], [loss], [optimisation], [augmentation], [sampler] and [guidance]; [init.model] or [traj.model] for one of the stages. Of several files, later ones count.
+        settings: Values of single fields, such as model.is_differential=false augmentation.warp_share=0; they count before the files.
         resume: Go on with the run in the folder; its settings are taken from there.
     """
     from pd_editor.training.config.run_request import RunRequest
@@ -140,7 +141,8 @@ def train(
     from pd_editor.training.training_run import Hardware
 
     stages = _STAGES if stage == "all" else (stage,)
-    given = {one: settings_of(config, settings, one) for one in stages}
+    files = [Path(one) for one in several(config)]
+    given = {one: settings_of(files, settings, one) for one in stages}
     request = RunRequest(
         stage=stages[0],
         settings=given[stages[0]],

@@ -174,7 +174,7 @@ def _train(
     stage = STAGES[config.stage]
     model_config = config_from_json(stage.kind.config_type, config.model, run.path)
     model = stage.fresh_model(model_config, prepared.data.basis, config.seed)
-    sampling: Mapping[str, Any] = {}
+    sampling: Mapping[str, Any] = stage.kind.default_sampling()
     if config.start:
         earlier = starting_model(Path(config.start)).stage(config.stage)
         sampling = earlier.sampling
@@ -199,7 +199,10 @@ def _train(
             kind=stage.kind,
             config=model_config,
             model=loop.averaged_model,
-            sampling=sampling or stage.kind.default_sampling(),
+            sampling={
+                part: with_settings(value, config.sampling.get(part, {}), part)
+                for part, value in sampling.items()
+            },
             about=_about(config, prepared.data, loop),
         )
         save_model(run.model_path, {stage.kind.name: trained})

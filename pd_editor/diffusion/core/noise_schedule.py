@@ -4,19 +4,24 @@ A noisy sample is alpha * clean + sigma * noise. Levels have a last axis of leng
 along which amplitudes may differ between the parts of a state.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol, assert_never, runtime_checkable
 
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
-ScheduleKind = Literal["cosine", "linear"]
+ScheduleKind = Literal["cosine", "linear", "betas"]
+StateScheduleKind = Literal["exploding", "betas"]
 Prediction = Literal["clean", "velocity", "noise"]
+StatePrediction = Literal["preconditioned", "noise"]
 
 _BETA_FIRST: Final = 0.1
 _BETA_LAST: Final = 20.0
+_PAPER_BETAS: Final = (1e-4, 0.05)
+_PAPER_STEPS: Final = 100
 _LEAST_ALPHA: Final = 1e-3
 """Lower bound of alpha in divisions: at level 1 there is no signal."""
 
@@ -50,7 +55,8 @@ class VariancePreserving:
 
     At level 1 there is no signal (zero terminal SNR, Lin et al. 2024), so that sampling
     starts from the distribution of the training. ``linear`` has linearly increasing betas
-    (DDPM, in continuous time), shifted to zero terminal SNR.
+    (DDPM, in continuous time), shifted to zero terminal SNR. ``betas`` is the paper's
+    schedule of 100 steps, which keeps a signal of 0.28 at level 1.
     """
 
     kind: ScheduleKind = "cosine"
@@ -65,6 +71,8 @@ class VariancePreserving:
             case "linear":
                 last = _vp_alpha(torch.ones_like(level))
                 return (_vp_alpha(level) - last) / (1 - last)
+            case "betas":
+                return _log_alpha(level * _PAPER_STEPS).exp()
             case _:
                 assert_never(self.kind)
 
@@ -75,6 +83,8 @@ class VariancePreserving:
                 return torch.sin(0.5 * math.pi * level)
             case "linear":
                 return (1 - self.alpha(level).square()).clamp_min(0).sqrt()
+            case "betas":
+                return _noise_of(_log_alpha(level * _PAPER_STEPS))
             case _:
                 assert_never(self.kind)
 
@@ -120,8 +130,55 @@ class VarianceExploding:
         return torch.where(level < 0, 0.0, (low + (high - low) * level).exp())
 
 
+@dataclass(frozen=True)
+class DiffusionSteps:
+    """The paper's forward process of 100 steps, for all parts alike.
+
+    Level 0 is the first step and level 1 the last; at negative levels there is no noise.
+    """
+
+    def alpha(self, level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b 1"]:
+        """Amplitude of the signal: 0.28 at level 1."""
+        return self._log_alpha(level).exp()
+
+    def sigma(self, level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b 1"]:
+        """Standard deviation of the noise; 0 at negative levels."""
+        return _noise_of(self._log_alpha(level))
+
+    @staticmethod
+    def _log_alpha(level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b 1"]:
+        return _log_alpha(torch.where(level < 0, 0.0, 1 + (_PAPER_STEPS - 1) * level))
+
+
+def relative_noise(
+    schedule: NoiseSchedule, level: Float[Tensor, "*b 1"]
+) -> Float[Tensor, "*b #P"]:
+    """Standard deviation of the noise on a noisy sample that is scaled to signal 1."""
+    return schedule.sigma(level) / schedule.alpha(level)
+
+
+def output_factors(
+    prediction: StatePrediction,
+    sigma: Float[Tensor, "*b #P"],
+    spread: Float[Tensor, "P"],
+) -> tuple[Float[Tensor, "*b P"], Float[Tensor, "*b P"], Float[Tensor, "*b P"]]:
+    """Factors of the input, of the skipped input and of the network's output.
+
+    The clean sample is ``skip * noisy + out * output`` for noisy samples of signal 1.
+
+    Args:
+        prediction: ``noise`` if the output is the noise, of either sign.
+        sigma: standard deviation of the noise.
+        spread: standard deviation of clean samples.
+    """
+    factor_in, skip, out = preconditioning(sigma, spread)
+    if prediction == "noise":
+        return factor_in, torch.ones_like(skip), sigma.expand_as(out)
+    return factor_in, skip, out
+
+
 def preconditioning(
-    sigma: Float[Tensor, "*b P"], spread: Float[Tensor, "P"]
+    sigma: Float[Tensor, "*b #P"], spread: Float[Tensor, "P"]
 ) -> tuple[Float[Tensor, "*b P"], Float[Tensor, "*b P"], Float[Tensor, "*b P"]]:
     """Factors of the input, of the skipped input and of the network's output.
 
@@ -154,6 +211,28 @@ def centered_levels(num_steps: int, emphasis: float) -> list[float]:
 def centered(even: Float[Tensor, "*b"], emphasis: float) -> Float[Tensor, "*b"]:
     """Concentrate levels 0..1 in the middle, by the factor 1 / (1 - emphasis)."""
     return even + emphasis * (2 * math.pi * even).sin() / (2 * math.pi)
+
+
+@functools.lru_cache
+def _paper_table(device: torch.device) -> Float[Tensor, "T"]:
+    """Logarithm of the signal's amplitude after 0 to 100 steps."""
+    with torch.inference_mode(mode=False):
+        betas = torch.linspace(*_PAPER_BETAS, _PAPER_STEPS, dtype=torch.float64)
+        alphas = 0.5 * torch.log1p(-betas).cumsum(dim=0)
+        return nn.functional.pad(alphas, (1, 0)).to(device)
+
+
+def _log_alpha(step: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """Logarithm of the signal's amplitude after a number of the paper's steps."""
+    table = _paper_table(step.device)
+    below = step.floor().clamp(0, _PAPER_STEPS - 1)
+    first, second = table[below.long()], table[below.long() + 1]
+    return torch.lerp(first, second, (step - below).double()).to(step)
+
+
+def _noise_of(log_alpha: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """Amplitude of the noise beside a signal, of total variance 1."""
+    return (-torch.expm1(2 * log_alpha)).sqrt()
 
 
 def _vp_alpha(level: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

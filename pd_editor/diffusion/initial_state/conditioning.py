@@ -49,8 +49,10 @@ def sampling_conditioning(
     scene: SceneTensors,
     is_given: Bool[Tensor, "B A"] | None = None,
     half_side_m: Float[Tensor, "B"] | None = None,
+    *,
+    within_kinds: bool = True,
 ) -> Conditioning:
-    """Conditioning for generation: agents of a kind are ordered by rows.
+    """Conditioning for generation: agents, of each kind or all, are ordered by rows.
 
     Attributes are unconditioned.
     """
@@ -60,7 +62,9 @@ def sampling_conditioning(
     rows = torch.arange(scene.has_agent.shape[1], device=device)
     return Conditioning(
         is_given=given,
-        order=order_by(rows.expand_as(scene.agent_kind), scene, given),
+        order=order_by(
+            rows.expand_as(scene.agent_kind), scene, given, within_kinds=within_kinds
+        ),
         moves=torch.full_like(scene.agent_kind, UNCONDITIONED),
         on_road=torch.full_like(scene.agent_kind, UNCONDITIONED),
         half_side_m=sides if half_side_m is None else half_side_m,
@@ -72,11 +76,16 @@ def order_by(
     key: Float[Tensor, "B A"] | Int[Tensor, "B A"],
     scene: SceneTensors,
     is_given: Bool[Tensor, "B A"],
+    *,
+    within_kinds: bool = True,
 ) -> Int[Tensor, "B A"]:
-    """Rank of each sampled agent among those of its kind by a key; 0 for given agents."""
+    """Rank of each sampled agent among those of its kind, or all, by a key.
+
+    0 for given agents.
+    """
     is_sampled = scene.has_agent & ~is_given
     same_kind = scene.agent_kind[:, :, None] == scene.agent_kind[:, None]
-    counts = same_kind & is_sampled[:, None]
+    counts = (same_kind | (not within_kinds)) & is_sampled[:, None]
     not_after = key[:, None] <= key[:, :, None]
     return (counts & not_after).sum(dim=-1) * is_sampled
 

@@ -17,8 +17,8 @@ class InitialStateContext:
 
     map_keys_values: tuple[KeysValues, ...]
     """Keys and values of all map tokens, by layer."""
-    map_tokens: MapTokens
-    """Map tokens for the search of those near an agent."""
+    map_tokens: MapTokens | None
+    """Map tokens for the search of those near an agent; None without relations."""
     agent: Float[Tensor, "B A D"]
     pairs: Float[Tensor, "B 1 A A R"]
     """Contribution of both agents' sizes to the embedding of each pair."""
@@ -42,6 +42,8 @@ class EncodedStateLevel(NamedTuple):
     """Factor of the noisy states in the result."""
     factor_out: Float[Tensor, "*b P"]
     """Factor of the network's output in the result."""
+    position_m: Float[Tensor, "*b #P"]
+    """Metres per unit of noisy positions."""
     position_fading: Float[Tensor, "*b F"]
     near: NoiseFactors
     """Noise factors of relations to map tokens."""

@@ -16,7 +16,15 @@ from pd_editor.diffusion.core.attention import (
     visible_agents,
 )
 from pd_editor.diffusion.core.config_limits import check_sizes
-from pd_editor.diffusion.core.noise_schedule import VarianceExploding, preconditioning
+from pd_editor.diffusion.core.noise_schedule import (
+    DiffusionSteps,
+    NoiseSchedule,
+    StatePrediction,
+    StateScheduleKind,
+    VarianceExploding,
+    output_factors,
+    relative_noise,
+)
 from pd_editor.diffusion.initial_state.agent_count_prior import AgentCounts
 from pd_editor.diffusion.initial_state.conditioning import (
     CONDITIONED_YES,
@@ -108,6 +116,21 @@ class InitialStateConfig:
     """Whether relations include directions modulo a half and a quarter turn."""
     samples_activity: bool = field(default=True, metadata=_ABSENT)
     """Whether states include activities: parked, waiting or driving."""
+    sees_relations: bool = field(default=True, metadata={"when_absent": True})
+    """Whether agents see map tokens and each other in relative poses. Without it, poses
+    are known and predicted in the frame of the scene only, as in the paper; then nothing
+    that builds on relations (``sees_boundary``, ``sees_box_gaps``) may be set."""
+    orders_all_kinds: bool = field(default=False, metadata=_ABSENT)
+    """Whether an agent's rank is among all agents, as in the paper."""
+    noise_schedule: StateScheduleKind = field(
+        default="exploding", metadata={"when_absent": "exploding"}
+    )
+    """``betas`` is the paper's; it has no use for the noise limits."""
+    prediction: StatePrediction = field(
+        default="preconditioned", metadata={"when_absent": "preconditioned"}
+    )
+    """What the network predicts: a mixture of clean state and noise that is of unit size
+    at each level, or the noise, as in the paper."""
 
     @property
     def num_state_parts(self) -> int:
@@ -117,8 +140,13 @@ class InitialStateConfig:
     def __post_init__(self) -> None:
         check_sizes(self)
         self.schedule()
+        if not self.sees_relations and (self.sees_boundary or self.sees_box_gaps):
+            raise ModelError(
+                "sees_relations is false; expected sees_boundary and sees_box_gaps to be "
+                "false as well, which need relations."
+            )
 
-    def schedule(self) -> VarianceExploding:
+    def schedule(self) -> NoiseSchedule:
         """Noise schedule of each part of a state.
 
         Raises:
@@ -131,6 +159,8 @@ class InitialStateConfig:
                 f"The noise goes from {low_m:g} to {high_m:g} m and from {low:g} to "
                 f"{high:g}; expected finite numbers above 0, the second one larger."
             )
+        if self.noise_schedule == "betas":
+            return DiffusionSteps()
         num_others = self.num_state_parts - 2
         return VarianceExploding(
             lowest=(low_m / POSITION_UNIT_M,) * 2 + (low,) * num_others,
@@ -163,30 +193,37 @@ class InitialStateDenoiser(nn.Module):
         num_pair = NUM_AGENT_FEATURES + num_folded
         num_pair += NUM_GAP_FEATURES * config.sees_box_gaps
         num_near = NUM_PIECE_FEATURES + num_folded
-        self.pair_in = nn.Linear(num_pair, relation_width, bias=False)
+        relates = config.sees_relations
+        if relates:
+            self.pair_in = nn.Linear(num_pair, relation_width, bias=False)
         self.pair_sizes_in = nn.Linear(4, relation_width)
-        self.near_in = nn.Linear(num_near, relation_width, bias=False)
-        self.near_token_in = nn.Linear(_NUM_TOKEN_FEATURES, relation_width + width)
-        """Embedding of each map token for relations to it and for the lane-anchored head."""
+        if relates:
+            self.near_in = nn.Linear(num_near, relation_width, bias=False)
+            self.near_token_in = nn.Linear(_NUM_TOKEN_FEATURES, relation_width + width)
+            """Embedding of each map token for relations to it and for the lane-anchored
+            head."""
         self.layers = nn.ModuleList(
             InitialStateLayer(config, depth) for depth in range(config.num_layers)
         )
         self.register_buffer("counted", AgentCounts.none().as_tensor())
         self.norm = nn.LayerNorm(width)
+        num_own = _NUM_POSE_PARTS * relates
         self._output_ends = (
-            _NUM_POSE_PARTS,
-            _NUM_POSE_PARTS + 1,
-            2 * _NUM_POSE_PARTS + 1,
-            2 * _NUM_POSE_PARTS + 1 + width,
+            num_own,
+            num_own + 1,
+            num_own + 1 + _NUM_POSE_PARTS,
+            num_own + 1 + _NUM_POSE_PARTS + width * relates,
         )
-        self.output = nn.Linear(width, _NUM_POSE_PARTS + config.num_state_parts + width)
+        num_outputs = num_own + config.num_state_parts + width * relates
+        self.output = nn.Linear(width, num_outputs)
         """Output layer: pose in the agent's frame and speed, pose in the scene's frame,
         input of the lane-anchored head, and activity."""
-        self.lane_anchored_head = LaneAnchoredHead(
-            width,
-            NUM_PIECE_FEATURES + relation_width,
-            has_boundary=config.sees_boundary,
-        )
+        if relates:
+            self.lane_anchored_head = LaneAnchoredHead(
+                width,
+                NUM_PIECE_FEATURES + relation_width,
+                has_boundary=config.sees_boundary,
+            )
         self._num_near = [config.num_near_pieces]
         if config.sees_boundary:
             self._num_near.append(config.num_near_boundary)
@@ -198,6 +235,7 @@ class InitialStateDenoiser(nn.Module):
             self.map_layer = MapLayer(
                 width, relation_width, config.num_heads, config.num_map_neighbors
             )
+        if config.relates_map_tokens and relates:
             self.near_context_in = nn.Linear(width, relation_width + width, bias=False)
             """Context of each token, for relations to it and for the heads."""
             nn.init.zeros_(self.near_context_in.weight)
@@ -251,10 +289,11 @@ class InitialStateDenoiser(nn.Module):
 
     def _map_tokens(self, scene: SceneTensors) -> "_EncodedMap":
         """Embed all map tokens, including their context."""
+        relates = self.config.sees_relations
         kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
         features = torch.cat([scene.piece_shape, kinds], dim=-1)
         tokens = [self.map_token(_token_inputs(features, scene.piece_pose))]
-        near = [self.near_token_in(features)]
+        near = [self.near_token_in(features)] if relates else []
         if self.config.sees_boundary:
             shape, pose = scene.boundary_shape, scene.boundary_pose
             tokens.append(self.boundary_token(_token_inputs(shape, pose)))
@@ -266,8 +305,11 @@ class InitialStateDenoiser(nn.Module):
             found = self.map_layer(torch.cat(tokens, dim=1), poses, exists)
             sizes = [one.shape[1] for one in tokens]
             tokens = found.split(sizes, dim=1)
-            aware = self.near_context_in(found).split(sizes, dim=1)
-            near = [one + more for one, more in zip(near, aware, strict=True)]
+            if relates:
+                aware = self.near_context_in(found).split(sizes, dim=1)
+                near = [one + more for one, more in zip(near, aware, strict=True)]
+        if not relates:
+            return _EncodedMap(tokens[0], None)
         groups = [TokenGroup.of_lanes(scene, near[0])]
         if self.config.sees_boundary:
             groups.append(TokenGroup.of_boundary(scene, near[1]))
@@ -280,8 +322,12 @@ class InitialStateDenoiser(nn.Module):
         levels = level.transpose(-1, -2)[..., None]
         if context.is_given is not None:
             levels = torch.where(context.is_given[:, None], -1.0, levels)
-        sigma = self.schedule.sigma(levels[..., None])
-        noise_m, turn_noise = sigma[..., 0] * POSITION_UNIT_M, sigma[..., 2]
+        sigma = relative_noise(self.schedule, levels[..., None])
+        noise_m = sigma[..., 0] * POSITION_UNIT_M
+        turn_noise = sigma[..., min(2, sigma.shape[-1] - 1)]
+        # Noisy states are scaled to signal 1, where one network serves all schedules.
+        gain = 1 / self.schedule.alpha(levels[..., None])
+        factor_in, factor_skip, factor_out = self.output_factors(sigma)
 
         def of_both(noise: Float[Tensor, "*b #A"]) -> Float[Tensor, "*b #A #A"]:
             square = noise.square()
@@ -289,7 +335,10 @@ class InitialStateDenoiser(nn.Module):
 
         return EncodedStateLevel(
             self._level_token(levels),
-            *preconditioning(sigma, self.get_buffer("spread")),
+            factor_in=gain * factor_in,
+            factor_skip=gain * factor_skip,
+            factor_out=factor_out,
+            position_m=gain * POSITION_UNIT_M,
             position_fading=fading(POSITION_WAVELENGTHS_M, noise_m).repeat(
                 *[1] * noise_m.ndim, 2
             ),
@@ -307,6 +356,12 @@ class InitialStateDenoiser(nn.Module):
                 sees_gaps=self.config.sees_box_gaps,
             ),
         )
+
+    def output_factors(
+        self, sigma: Float[Tensor, "*b #P"]
+    ) -> tuple[Float[Tensor, "*b P"], Float[Tensor, "*b P"], Float[Tensor, "*b P"]]:
+        """Factors of input, skipped input and output at a noise relative to the signal."""
+        return output_factors(self.config.prediction, sigma, self.get_buffer("spread"))
 
     def denoise(
         self,
@@ -334,7 +389,7 @@ class InitialStateDenoiser(nn.Module):
         context: InitialStateContext,
     ) -> Float[Tensor, "B S A P"]:
         """Output of the network, of about unit scale at each level."""
-        position_m = states[..., :2] * POSITION_UNIT_M
+        position_m = states[..., :2] * level.position_m
         poses = NoisyPoses(
             position_m=as_complex(position_m),
             direction=torch.sgn(as_complex(states[..., 2:4])),
@@ -344,19 +399,23 @@ class InitialStateDenoiser(nn.Module):
         motion, activity = scaled.tensor_split([NUM_MOTION_PARTS], dim=-1)
         token = self.state_in(torch.cat([motion, position, activity], dim=-1))
         token = token + (context.agent[:, None] + level.token)
-        folds = self.config.folds_turns
-        near = context.map_tokens.near(
-            poses, level.near, *self._num_near, folds_turns=folds
-        )
-        of_groups, near_edges = self._near_edges(near)
-        relations = agent_relations(
-            poses, level.pairs, folds_turns=folds, boxes=context.boxes
-        )
-        pairs = self.pair_in(relations).add_(context.pairs).relu_()
-        num_versions = token.shape[1]
+        folds, num_versions = self.config.folds_turns, token.shape[1]
+        near, of_groups, near_edges, near_mask = None, [], None, None
+        if context.map_tokens is not None:
+            near = context.map_tokens.near(
+                poses, level.near, *self._num_near, folds_turns=folds
+            )
+            of_groups, near_edges = self._near_edges(near)
+            near_mask = near.mask.mapped(self._for_heads)
+            relations = agent_relations(
+                poses, level.pairs, folds_turns=folds, boxes=context.boxes
+            )
+            pairs = self.pair_in(relations).add_(context.pairs).relu_()
+        else:
+            pairs = context.pairs.relu().expand(-1, num_versions, -1, -1, -1)
         edges = Edges(
-            near=near_edges.flatten(0, 1),
-            near_mask=near.mask.mapped(self._for_heads),
+            near=None if near_edges is None else near_edges.flatten(0, 1),
+            near_mask=near_mask,
             pairs=pairs.flatten(0, 1),
             pairs_mask=context.is_visible.mapped(
                 lambda one: one.repeat_interleave(num_versions, 0)
@@ -367,12 +426,17 @@ class InitialStateDenoiser(nn.Module):
         in_own_frame, speed, in_scene, for_proposals, activity = self.output(
             self.norm(token)
         ).tensor_split(self._output_ends, dim=-1)
-        proposed = self.lane_anchored_head(
-            for_proposals, of_groups, near, near.encoded[..., near_edges.shape[-1] :]
-        )
-        pose = as_complex(in_own_frame.float().unflatten(-1, (2, 2)))
-        pose = pose * poses.direction[..., None] + proposed
-        pose = torch.view_as_real(pose).flatten(-2) + in_scene.float()
+        pose = in_scene.float()
+        if near is not None and near_edges is not None:
+            proposed = self.lane_anchored_head(
+                for_proposals,
+                of_groups,
+                near,
+                near.encoded[..., near_edges.shape[-1] :],
+            )
+            own = as_complex(in_own_frame.float().unflatten(-1, (2, 2)))
+            own = own * poses.direction[..., None] + proposed
+            pose = torch.view_as_real(own).flatten(-2) + pose
         return torch.cat([pose, speed.float(), activity.float()], dim=-1)
 
     def _near_edges(
@@ -437,17 +501,17 @@ class _EncodedMap(NamedTuple):
     """Embedded map tokens."""
 
     of_lanes: Float[Tensor, "B P D"]
-    near: MapTokens
-    """Map tokens for the search of those near an agent."""
+    near: MapTokens | None
+    """Map tokens for the search of those near an agent; None without relations."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Edges:
     """Embedded edges of the agents in N versions of scenes, shared by all layers."""
 
-    near: Float[Tensor, "N A M R"]
-    """Edges to the nearest map tokens."""
-    near_mask: Mask
+    near: Float[Tensor, "N A M R"] | None
+    """Edges to the nearest map tokens; None without relations."""
+    near_mask: Mask | None
     """Of shape [N A #H M]."""
     pairs: Float[Tensor, "N A A R"]
     """Edges to the other agents."""
@@ -465,12 +529,13 @@ class InitialStateLayer(nn.Module):
         self.map_attention = DifferentialAttention(
             width, heads, depth=depth, is_differential=config.is_differential
         )
-        self.near_attention = EdgeAttention(
-            width,
-            config.relation_width,
-            heads,
-            num_groups=2 if config.sees_boundary else 1,
-        )
+        if config.sees_relations:
+            self.near_attention = EdgeAttention(
+                width,
+                config.relation_width,
+                heads,
+                num_groups=2 if config.sees_boundary else 1,
+            )
         self.agent_attention = EdgeAttention(
             width, config.relation_width, heads, with_tokens=True
         )
@@ -486,9 +551,10 @@ class InitialStateLayer(nn.Module):
         token = token.flatten(1, 2)
         token = token + self.map_attention(self.norms[0](token), seen)
         token = token.view(shape).flatten(0, 1)
-        token = token + self.near_attention(
-            self.norms[1](token), edges.near, edges.near_mask
-        )
+        if edges.near is not None and edges.near_mask is not None:
+            token = token + self.near_attention(
+                self.norms[1](token), edges.near, edges.near_mask
+            )
         token = token + self.agent_attention(
             self.norms[2](token), edges.pairs, edges.pairs_mask
         )

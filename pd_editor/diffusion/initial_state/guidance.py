@@ -8,7 +8,7 @@ from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from pd_editor.diffusion.core.config_limits import check_settings
-from pd_editor.diffusion.core.noise_schedule import NoiseSchedule
+from pd_editor.diffusion.core.noise_schedule import NoiseSchedule, relative_noise
 from pd_editor.diffusion.initial_state.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
@@ -99,7 +99,7 @@ class InitialStateGuidance:
         def guide(
             clean: Float[Tensor, "S B A P"], level: float
         ) -> Float[Tensor, "S B A P"]:
-            noise = schedule.sigma(torch.tensor([level], device="cpu"))[0]
+            noise = relative_noise(schedule, torch.tensor([level], device="cpu"))[0]
             if noise * POSITION_UNIT_M > self.first_noise_m:
                 return clean
             start = as_complex(clean[..., :2] * POSITION_UNIT_M)

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pd_editor.diffusion.core.noise_schedule import centered, preconditioning
+from pd_editor.diffusion.core.noise_schedule import centered, noised, relative_noise
 from pd_editor.diffusion.initial_state.conditioning import (
     REACH_M,
     Conditioning,
@@ -84,20 +84,24 @@ def initial_state_loss(
         overlap.
     """
     config = InitialStateLossConfig() if config is None else config
-    scene, task = training_task(scene, random, config)
+    scene, task = training_task(
+        scene, random, config, within_kinds=not model.config.orders_all_kinds
+    )
     clean = model.encode_states(scene)
     level = _levels(scene.num_scenes, random, config).to(clean)
-    scale = model.schedule.sigma(level[..., None, None])
     shape = (config.num_levels, *clean.shape)
     noise = torch.randn(shape, generator=random).to(clean)
     context = model.encode_context(scene, task)
     found = model.denoise(
-        clean + scale * noise, model.encode_level(level, context), context
+        noised(model.schedule, clean, noise, level[..., None, None]),
+        model.encode_level(level, context),
+        context,
     )
     is_sampled = (scene.has_agent & ~task.is_given).to(clean)
     count = is_sampled.sum().clamp_min(1) * config.num_levels
-    error = (found - clean) / preconditioning(scale, model.get_buffer("spread"))[2]
-    noise_m = scale[..., 0] * POSITION_UNIT_M
+    sigma = relative_noise(model.schedule, level[..., None, None])
+    error = (found - clean) / model.output_factors(sigma)[2]
+    noise_m = sigma[..., 0] * POSITION_UNIT_M
     squared = squared_error(error, clean[..., 2:4], noise_m, config)
     of_motion, of_activity = squared.tensor_split([NUM_MOTION_PARTS], dim=-1)
     of_motion = (of_motion * is_sampled[..., None]).sum(dim=(0, 1, 2)) / count
@@ -130,7 +134,11 @@ def squared_error(
 
 
 def training_task(
-    scene: SceneTensors, random: torch.Generator, config: InitialStateLossConfig
+    scene: SceneTensors,
+    random: torch.Generator,
+    config: InitialStateLossConfig,
+    *,
+    within_kinds: bool = True,
 ) -> tuple[SceneTensors, Conditioning]:
     """Sample the conditioning of training scenes, and remove agents that do not count.
 
@@ -167,7 +175,9 @@ def training_task(
     )
     return scene, Conditioning(
         is_given=is_given,
-        order=order_by(scene.agent_pose[..., 0], scene, is_given),
+        order=order_by(
+            scene.agent_pose[..., 0], scene, is_given, within_kinds=within_kinds
+        ),
         moves=attribute_codes(scene.agent_speed >= MOVING_MPS, sampled & some()),
         on_road=attribute_codes(
             is_on_road(scene), sampled & some() & follows_lanes(scene)

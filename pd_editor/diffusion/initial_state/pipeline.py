@@ -223,7 +223,10 @@ def place_agents(
     is_given = torch.zeros_like(scene.has_agent)
     is_given[:, : len(features.agent_row)] = True
     task = sampling_conditioning(
-        scene, is_given, scene.agent_speed.new_tensor([half_side])
+        scene,
+        is_given,
+        scene.agent_speed.new_tensor([half_side]),
+        within_kinds=not model.config.orders_all_kinds,
     )
     further = [placing.square] if placing.square else []
     random = np.random.default_rng([seed, sample, _ATTRIBUTES_KEY, *further])

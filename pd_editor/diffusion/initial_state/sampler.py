@@ -98,7 +98,9 @@ def sample_initial_states(
         square: index of the square; each has separate random numbers.
     """
     config = InitialStateSamplerConfig() if config is None else config
-    task = sampling_conditioning(scene) if task is None else task
+    if task is None:
+        within_kinds = not model.config.orders_all_kinds
+        task = sampling_conditioning(scene, within_kinds=within_kinds)
     name = f"states-{square}" if square else "states"
     streams = RandomStreams(seed, name, samples)
     num_parts = model.config.num_state_parts
@@ -109,10 +111,11 @@ def sample_initial_states(
             scene.agent_pose.new_tensor(levels)[:, None, None], context
         )
         normal = streams.normal(*scene.has_agent.shape, num_parts)
-        sigma = model.schedule.sigma(torch.ones(1, device=scene.agent_pose.device))
+        first = torch.ones(1, device=scene.agent_pose.device)
+        sigma = model.schedule.sigma(first)
         # Standard deviation of traffic with noise.
-        spread = model.get_buffer("spread")
-        start = normal.to(scene.agent_pose) * (sigma.square() + spread.square()).sqrt()
+        signal = model.schedule.alpha(first) * model.get_buffer("spread")
+        start = normal.to(scene.agent_pose) * (sigma.square() + signal.square()).sqrt()
         side = (task.half_side_m / POSITION_UNIT_M)[:, None, None]
 
     def denoise(noisy: Tensor, step: int) -> Tensor:

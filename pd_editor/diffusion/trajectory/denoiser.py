@@ -7,7 +7,7 @@ describe neighbours at the waypoints that the previous block has predicted.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -86,6 +86,11 @@ class TrajectoryConfig:
     """Whether known activities (parked, waiting, driving) are an input."""
     knows_leaders: bool = _added(True, before=False)
     """Whether some candidates follow the agent ahead of them."""
+    sees_candidates: bool = _added(True, before=True)
+    """Whether Frenet candidates are an input (the paper's P)."""
+    sees_attributes: bool = _added(True, before=True)
+    """Whether kinds, sizes and speeds of agents are an input. Latents are residuals of
+    constant velocity in any case."""
     schedule: ScheduleKind = "cosine"
     prediction: Prediction = "velocity"
 
@@ -140,7 +145,13 @@ class TrajectoryDenoiser(nn.Module):
 
     def encode_context(self, scene: SceneTensors) -> TrajectoryContext:
         """Compute the values that do not depend on noisy trajectories."""
-        config, features = self.config, agent_features(scene)
+        config = self.config
+        if not config.sees_candidates:
+            nothing = torch.zeros_like(scene.has_candidate)
+            scene = replace(scene, has_candidate=nothing)
+        features = agent_features(scene)
+        if not config.sees_attributes:
+            features = torch.zeros_like(features)
         neighbors = Neighbors.of(scene, config.num_near_agents)
         agent = self.agent_in(features)
         edges = self.edge_in(neighbors.edge_features(features))

@@ -1,7 +1,7 @@
 """Training loss of the trajectory network."""
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal
 
 import torch
 from jaxtyping import Bool, Float
@@ -40,6 +40,9 @@ class TrajectoryLossConfig:
     overlap_weight: float = 2.0
     starting_weight: float = 1.0
     """Weight of stationary agents that start, which makes starts more likely."""
+    counted_error: Literal["clean", "noise"] = "clean"
+    """Whether the error of the clean latents counts, relative to the noise but at most
+    five times, or that of the noise, as in the paper."""
     unknown_scenes: float = 0.4
     """Share of scenes without known activities."""
     unknown_agents: float = 0.2
@@ -73,9 +76,13 @@ def trajectory_loss(
     )
     context = model.encode_context(scene)
     predictions = model.predictions(noisy, model.encode_level(level), context)
-    weight = is_sampled / model.schedule.sigma(level).square().clamp_min(
-        _LEAST_VARIANCE
-    )
+    noise_share = model.schedule.sigma(level).square()
+    if config.counted_error == "noise":
+        ratio = model.schedule.alpha(level).square() / noise_share
+        # Given agents have no noise.
+        weight = torch.where(is_sampled, ratio, 0.0)
+    else:
+        weight = is_sampled / noise_share.clamp_min(_LEAST_VARIANCE)
     weight = weight / (is_sampled.sum() * config.num_levels).clamp_min(1)
     weight = torch.where(starts(model, scene), config.starting_weight * weight, weight)
     scale = model.decoder.get_buffer("scale_m")

@@ -5,9 +5,13 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 from pd_editor.diffusion.initial_state.denoiser import InitialStateConfig
+from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.loss import InitialStateLossConfig
+from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
+from pd_editor.diffusion.trajectory.guidance import TrajectoryGuidance
 from pd_editor.diffusion.trajectory.loss import TrajectoryLossConfig
+from pd_editor.diffusion.trajectory.sampler import TrajectorySamplerConfig
 from pd_editor.training.config.run_config import Optimisation
 
 PresetName = Literal["default", "gpu", "av2", "tiny"]
@@ -34,6 +38,11 @@ LOSSES: Final[Mapping[str, type[Any]]] = {
     "init": InitialStateLossConfig,
 }
 """Type of each stage's loss settings; all presets use the defaults."""
+SAMPLING: Final[Mapping[str, Mapping[str, type[Any]]]] = {
+    "traj": {"sampler": TrajectorySamplerConfig, "guidance": TrajectoryGuidance},
+    "init": {"sampler": InitialStateSamplerConfig, "guidance": InitialStateGuidance},
+}
+"""Types of each stage's settings of the sampling, stored beside the weights."""
 _GO_ON: Final = Optimisation(batch_size=64, learning_rate=5e-4, ema_decay=0.9995)
 _TRY_OUT: Final = Optimisation(batch_size=4, warmup_steps=10, ema_decay=0.98)
 PRESETS: Final[Mapping[str, Mapping[PresetName, Preset]]] = {

@@ -132,6 +132,9 @@ class RunConfig:
     """Settings of the stage's loss; missing ones have their defaults."""
     augmentation: Mapping[str, Any] = field(default_factory=dict)
     """Settings of the augmentation; those that are missing are as usual."""
+    sampling: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Settings of the stage's sampler and guidance that differ from those of the model
+    to start from, or from the defaults."""
     start: str = ""
     """Folder of the model whose weights initialise the network; empty: random weights."""
     validate: tuple[str, ...] = ()

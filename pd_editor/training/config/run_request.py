@@ -12,6 +12,7 @@ from pd_editor.training.config.presets import (
     LOSSES,
     NETWORKS,
     PRESETS,
+    SAMPLING,
     Preset,
     PresetName,
 )
@@ -79,6 +80,7 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
         augmentation=asdict(
             with_settings(Augmentation(), given.get("augmentation", {}), "augmentation")
         ),
+        sampling=_sampling_of(request),
         start=request.start or "",
         validate=request.validate or (),
         windows=request.windows or preset.windows,
@@ -152,7 +154,19 @@ def _model_of(request: RunRequest, preset: Preset) -> Mapping[str, Any]:
     return asdict(with_settings(network, request.settings.get("model", {}), "model"))
 
 
+def _sampling_of(request: RunRequest) -> Mapping[str, Mapping[str, Any]]:
+    """Settings of the sampling that were given, checked."""
+    found: dict[str, Mapping[str, Any]] = {}
+    for name, kind in SAMPLING[request.stage].items():
+        if given := request.settings.get(name):
+            with_settings(kind(), given, name)
+            found[name] = dict(given)
+    return found
+
+
 def _of_section(config: RunConfig, section: str) -> Mapping[str, Any]:
+    if section in SAMPLING[config.stage]:
+        return config.sampling.get(section, {})
     found = asdict(config)[section]
     # Values of a file are lists where a config has tuples.
     return {

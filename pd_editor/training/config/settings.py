@@ -13,10 +13,17 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from pd_editor.errors import TrainingError
+from pd_editor.errors import ModelError, TrainingError
 from pd_editor.regular_file import read_regular
 
-SECTIONS: Final = ("model", "loss", "optimisation", "augmentation")
+SECTIONS: Final = (
+    "model",
+    "loss",
+    "optimisation",
+    "augmentation",
+    "sampler",
+    "guidance",
+)
 STAGES: Final = ("init", "traj")
 _MAX_BYTES: Final = 1_000_000
 _Value = TypeVar("_Value")
@@ -25,15 +32,15 @@ Settings = Mapping[str, Mapping[str, Any]]
 """Values of fields, by section."""
 
 
-def settings_of(file: Path | None, texts: Sequence[str], stage: str) -> Settings:
-    """What a file and texts say for a stage; texts count before the file.
+def settings_of(files: Sequence[Path], texts: Sequence[str], stage: str) -> Settings:
+    """What files and texts say for a stage; texts count before files, later ones first.
 
     Raises:
-        TrainingError: the file is no TOML, a text is no ``key=value``, or a section is
+        TrainingError: a file is no TOML, a text is no ``key=value``, or a section is
             unknown.
     """
     found: dict[str, dict[str, Any]] = {}
-    given = [] if file is None else [(str(file), _read(file))]
+    given = [(str(file), _read(file)) for file in files]
     given += [(f"--set {text}", _parsed(text)) for text in texts]
     for place, tree in given:
         own = tree.get(stage, {})
@@ -66,6 +73,8 @@ def with_settings(value: _Value, given: Mapping[str, Any], section: str) -> _Val
     except msgspec.ValidationError as error:
         reason = str(error).replace("`$.", f"`{section}.")
         raise TrainingError(f"{section}: {reason}.") from error
+    except ModelError as error:
+        raise TrainingError(f"{section}: {error}") from error
 
 
 def _check_name(place: str, name: str, known: Iterable[str], what: str) -> None:

@@ -36,13 +36,16 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_a_file_has_values_for_both_stages_and_for_one(file: Path):
-    assert settings_of(file, (), "init")["model"] == {"width": 64, "is_ordered": False}
-    assert settings_of(file, (), "traj")["model"] == {"width": 64, "num_blocks": 2}
+    assert settings_of([file], (), "init")["model"] == {
+        "width": 64,
+        "is_ordered": False,
+    }
+    assert settings_of([file], (), "traj")["model"] == {"width": 64, "num_blocks": 2}
 
 
 def test_texts_count_before_the_file(file: Path):
     texts = ("model.width=32", "traj.model.num_blocks=1", "augmentation.warp_share=0.5")
-    found = settings_of(file, texts, "traj")
+    found = settings_of([file], texts, "traj")
     assert found["model"] == {"width": 32, "num_blocks": 1}
     assert found["augmentation"]["warp_share"] == 0.5
 
@@ -52,7 +55,7 @@ def request(file: Path | None = None, *texts: str) -> RunRequest:
         stage="init",
         data=("/data",),
         preset="tiny",
-        settings=settings_of(file, texts, "init"),
+        settings=settings_of([] if file is None else [file], texts, "init"),
     )
 
 
@@ -80,7 +83,13 @@ def test_a_run_goes_on_with_its_own_settings_only(file: Path):
     [
         ("model.widht=96", "model: there is no field 'widht'; the nearest is width."),
         ("modle.width=96", "no section 'modle'; the nearest is model."),
-        ("sampler.steps=3", "no section 'sampler'; expected one of model, loss, opt"),
+        ("zzz.steps=3", "no section 'zzz'; expected one of model, loss, opt"),
+        ("sampler.steps=3", "sampler: there is no field 'steps'; the nearest is num_s"),
+        ("guidance.push=-1", "guidance: push is -1; expected a finite number"),
+        (
+            "model.sees_relations=false",
+            "model: sees_relations is false; expected sees_b",
+        ),
         ("model.width=wide", r"model: Expected `int`, got `str` - at `model\.width`"),
         ("augmentation.warp_share=2", "warp_share is 2.0; expected 0 to 1"),
         ("optimisation.ema_decay=1.5", "ema_decay is 1.5; expected at least 0"),
@@ -105,9 +114,9 @@ def test_files_that_are_no_settings_are_refused(tmp_path: Path):
     ):
         path.write_text(text)
         with pytest.raises(TrainingError, match=sentence):
-            settings_of(path, (), "init")
+            settings_of([path], (), "init")
     with pytest.raises(TrainingError, match="No such file"):
-        settings_of(tmp_path / "absent.toml", (), "init")
+        settings_of([tmp_path / "absent.toml"], (), "init")
 
 
 def test_a_config_that_is_given_nothing_is_the_same():
@@ -119,13 +128,13 @@ def test_a_config_that_is_given_nothing_is_the_same():
 def test_the_variants_of_the_documents_are_the_default_but_for_their_fields(
     path: Path, stage: str
 ):
-    def config(file: Path | None) -> RunConfig:
-        given = settings_of(file, (), stage)
+    def config(*files: Path) -> RunConfig:
+        given = settings_of(files, (), stage)
         asked = RunRequest(stage=stage, data=("/data",), settings=given)
         return new_config(asked, is_gpu=False)
 
-    plain, variant = config(None), config(path)
-    given = settings_of(path, (), stage)
+    plain, variant = config(), config(path)
+    given = settings_of([path], (), stage)
     assert (variant != plain) == bool(given)
     for section in ("model", "loss", "augmentation"):
         changed = {
