@@ -6,7 +6,7 @@ from typing import Final
 
 from pd_editor.editor.commands.agents import DeleteAgents
 from pd_editor.editor.commands.command import Command
-from pd_editor.editor.commands.locks import applied
+from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.motion import SlowToFrictionLimit
 from pd_editor.editor.commands.poses import SnapToLane
 from pd_editor.editor.commands.road import SetRoadWarp
@@ -124,7 +124,7 @@ def _helps(
     """Whether the problem is gone after a command, without a new one."""
     assert cure.command is not None
     try:
-        after = applied(cure.command, scenario)
+        after = apply_within_locks(cure.command, scenario)
     except PdEditorError:
         return False
     if after is scenario:

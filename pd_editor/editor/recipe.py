@@ -18,6 +18,7 @@ from pd_editor.editor.commands import (
     traffic_command,
 )
 from pd_editor.editor.commands.json_values import from_json, to_json
+from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.variant import Variant
 from pd_editor.errors import PdEditorError, RecipeError
 from pd_editor.generation import ScenarioGenerator, run_to_end
@@ -217,7 +218,7 @@ def applied(command: Command, scenario: Scenario, number: int) -> Scenario:
         RecipeError: the entry does not apply; the sentence names it.
     """
     try:
-        return command.apply(scenario)
+        return apply_within_locks(command, scenario)
     except PdEditorError as error:
         raise RecipeError(f"Entry {number} ({command.label}): {error}") from error
 

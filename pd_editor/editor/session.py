@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from pd_editor.editor.commands.command import Command
-from pd_editor.editor.commands.locks import applied
+from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
 from pd_editor.editor.recipe import Recipe, check_base
 from pd_editor.editor.variant import Variant, proposed_name
@@ -417,7 +417,7 @@ class EditorSession:
 
 def _after(command: Command, start: Snapshot) -> Snapshot:
     """State after a command, with the selection that the command sets."""
-    scenario = applied(command, start.scenario)
+    scenario = apply_within_locks(command, start.scenario)
     if scenario is start.scenario:
         return start
     wanted = start.selection if command.selects is None else command.selects

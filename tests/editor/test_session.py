@@ -19,7 +19,7 @@ from pd_editor.editor.commands import (
     DuplicateAgents,
     TransformAgents,
 )
-from pd_editor.editor.commands.locks import applied
+from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession, SessionState
 from pd_editor.editor.variant import Variant
@@ -93,7 +93,7 @@ class SessionAgainstList(RuleBasedStateMachine):
     def commit(self, command: Command) -> None:
         here = self.states[self.cursor]
         try:
-            result = applied(command, here)
+            result = apply_within_locks(command, here)
         except EditError:
             with pytest.raises(EditError):
                 self.session.apply(command)

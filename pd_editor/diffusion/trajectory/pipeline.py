@@ -21,6 +21,7 @@ from pd_editor.diffusion.trajectory.joint_selection import (
     TrajectoryChoices,
     select_jointly,
 )
+from pd_editor.diffusion.trajectory.kept_beginning import KeptBeginning, projected
 from pd_editor.diffusion.trajectory.sampler import (
     KnownNoise,
     TrajectorySamplerConfig,
@@ -61,6 +62,7 @@ class TrajectoryTask:
     scene: SceneTensors
     is_given: Bool[np.ndarray, "A"]
     is_sampled: Bool[np.ndarray, "A"]
+    kept: KeptBeginning
 
     @classmethod
     def of(
@@ -90,6 +92,7 @@ class TrajectoryTask:
             scene=scene,
             is_given=is_given,
             is_sampled=is_sampled,
+            kept=KeptBeginning.of(scenario, features.agent_row, is_sampled),
         )
 
     def to(self, device: torch.device) -> "TrajectoryTask":
@@ -112,14 +115,28 @@ class TrajectoryTask:
         """Decode the motion of all A agents of the features."""
         agents, now = self.scenario.agents, self.scenario.current_step
         rows = self.features.agent_row
-        return motion_of(
-            basis,
-            latent[:, 0].double().cpu().numpy(),
-            agents.position_m[rows, now],
-            agents.heading_rad[rows, now],
-            agents.velocity_mps[rows, now],
-            self.scenario.time_axis,
+        return self.kept.joined(
+            motion_of(
+                basis,
+                latent[:, 0].double().cpu().numpy(),
+                agents.position_m[rows, now],
+                agents.heading_rad[rows, now],
+                agents.velocity_mps[rows, now],
+                self.scenario.time_axis,
+            )
         )
+
+    def keep(
+        self, basis: TrajectoryBasis
+    ) -> Callable[[torch.Tensor], torch.Tensor] | None:
+        """Projection of latents to those of locked beginnings; None without any."""
+        if not len(self.kept):
+            return None
+        tables = self.kept.projection(basis, self.scene.has_agent.shape[1])
+        matrix, offset = (
+            torch.from_numpy(one)[None].to(self.scene.future) for one in tables
+        )
+        return lambda latent: projected(latent, matrix, offset)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,6 +172,7 @@ def sample_task(
     guide = NearestCandidateGuide.of(
         model, task.scene, pull, options.guidance, options.sampler.num_steps
     )
+    keep = task.keep(basis)
     motions: list[Motion] = []
     at_once = max(1, _MOST_AT_ONCE // tries)
     for first in range(0, len(samples), at_once):
@@ -172,6 +190,7 @@ def sample_task(
             config=options.sampler,
             guide=guide if bool(pull.any()) else None,
             known_noise=None if continues is None else continues.known,
+            keep=keep,
         )
         latent = None
         for step in steps:

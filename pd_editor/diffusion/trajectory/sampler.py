@@ -59,6 +59,7 @@ def sample_trajectories(
     config: TrajectorySamplerConfig | None = None,
     guide: TrajectoryGuide | None = None,
     known_noise: KnownNoise | None = None,
+    keep: Callable[[Tensor], Tensor] | None = None,
 ) -> Iterator[SamplerStep]:
     """Sample trajectories of all agents of B scenes that are not given.
 
@@ -78,6 +79,7 @@ def sample_trajectories(
         config: Settings of the sampler.
         guide: Changes the predicted clean latents of each step.
         known_noise: Initial noise of some agents in the first of the samples.
+        keep: Moves them to those of locked beginnings, after the guide.
     """
     config = TrajectorySamplerConfig() if config is None else config
     streams = RandomStreams(seed, "futures", samples)
@@ -106,7 +108,8 @@ def sample_trajectories(
 
     def denoise(noisy: Tensor, step: int) -> Tensor:
         clean = model.denoise(held(noisy), encoded.at(step), context)
-        return held(clean if guide is None else guide(clean, levels[step]))
+        clean = clean if guide is None else guide(clean, levels[step])
+        return held(clean if keep is None else keep(clean))
 
     return sample_steps(
         denoise,

@@ -50,7 +50,7 @@ class SetLocks(Command):
         return replace(scenario, locks=locks)
 
 
-def applied(command: Command, scenario: Scenario) -> Scenario:
+def apply_within_locks(command: Command, scenario: Scenario) -> Scenario:
     """Apply a command that may not change what locks keep.
 
     A command that moves the road moves locked agents with it, and agents that it deletes

@@ -18,7 +18,7 @@ from pd_editor.editor.commands import (
     command_to_json,
     traffic_command,
 )
-from pd_editor.editor.commands.locks import applied
+from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import EditError, LockedAgentError, PdEditorError
@@ -79,7 +79,7 @@ def test_no_edit_changes_what_is_locked(data: st.DataObject):
     before = replace(BASE, locks=chosen)
     command = data.draw(any_command(before))
     try:
-        after = applied(command, before)
+        after = apply_within_locks(command, before)
     except LockedAgentError:
         return
     except PdEditorError:
@@ -218,7 +218,7 @@ def test_generated_traffic_leaves_the_kept_beginning_bit_identical():
     command = traffic_command(
         request, traffic_of(moved_sample(scenario, IDS[:2], 0.003))
     )
-    after = applied(command, scenario)
+    after = apply_within_locks(command, scenario)
     assert kept_parts(after) == kept_parts(scenario)
     end = scenario.current_step + 21
     moved = after.agents.position_m[0, end:] - scenario.agents.position_m[0, end:]
