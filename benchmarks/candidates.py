@@ -21,12 +21,12 @@ from pd_editor.scene.scenario import Scenario
 REPEATS = 60
 
 
-def full_scenarios() -> list[Scenario]:
-    """Every train and val scenario; these have a logged future."""
+def full_scenarios(*splits: str) -> list[Scenario]:
+    """Every scenario of some splits, or of train and val; these have a logged future."""
     root = Path(os.environ["PD_EDITOR_AV2"])
     files = [
         path
-        for split in ("train", "val")
+        for split in splits or ("train", "val")
         for path in sorted((root / split).glob("*/scenario_*.parquet"))
     ]
     return [read_scenario(path.parent) for path in files]

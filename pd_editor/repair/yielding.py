@@ -129,8 +129,9 @@ def yielding(
     """Which agents yield to avoid collisions, and how they drive then.
 
     Of two that would collide the one yields that has the other in front of it, or the
-    other one if that does not help. Pairs that overlap now are left out, and so are
-    agents that are not there now. Agents that cannot avoid anything drive on as before.
+    other one if that does not help. Pairs that overlap now are left out. Agents that
+    enter later are avoided from then on; they do not yield. Agents that cannot avoid
+    anything drive on as before.
     """
     scene = _Scene.of(agents, now, may_yield, step_s)
     plans = _Plans.of(scene)
@@ -195,7 +196,6 @@ class _Scene:
         position = np.concatenate([position, more], axis=1)
         heading = np.pad(heading, [(0, 0), (0, beyond)], mode="edge")
         is_valid = np.pad(is_valid, [(0, 0), (0, beyond)], mode="edge")
-        is_valid = is_valid & is_valid[:, :1]
         way = np.linalg.norm(np.diff(position, axis=1), axis=-1)
         mean = (way[:, 1:] + way[:, :-1]) / 2
         speed = np.concatenate([way[:, :1], mean, way[:, -1:]], axis=1) / step_s
@@ -207,7 +207,8 @@ class _Scene:
 
         def apart(grown_m: Float[np.ndarray, "A 2"]) -> Bool[np.ndarray, "P"]:
             one, two = pairs.T
-            return ~boxes_touch(
+            # Agents that enter later are nowhere yet.
+            return ~is_valid[pairs, 0].all(axis=1) | ~boxes_touch(
                 position[two, 0] - position[one, 0],
                 heading[one, 0],
                 heading[two, 0],

@@ -7,6 +7,7 @@ from jaxtyping import Int
 
 from pd_editor.generation import TrafficSample
 from pd_editor.repair import yield_to_others
+from pd_editor.scene.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 
 
@@ -15,8 +16,9 @@ def with_yielding(
 ) -> tuple[TrafficSample, tuple[str, ...]]:
     """Slow agents of a sample that would collide later along their own paths.
 
-    ``rows`` are the sample's agents in the scenario; others move as recorded. Current
-    states stay. Also returns the ids of the agents that yield.
+    ``rows`` are the sample's agents in the scenario; others move as recorded. Late agents
+    that continue the track of a sampled one are no obstacles. Current states stay. Also
+    returns the ids of the agents that yield.
     """
     now, agents = scenario.current_step, scenario.agents
     driven = agents.with_rows(
@@ -28,6 +30,10 @@ def with_yielding(
             agents.is_valid, rows, now, np.ones(sample.heading_rad.shape, bool)
         ),
     )
+    late = LateAgents.of(scenario)
+    doubles = np.setdiff1d(late.row, late.but_continuing(rows).row)
+    if len(doubles):
+        driven = driven.with_rows(doubles, is_valid=np.array(False))
     waiting, ids = yield_to_others(
         scenario.with_agents(driven), sample.ids, keep_ids=()
     )
