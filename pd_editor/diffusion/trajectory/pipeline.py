@@ -29,10 +29,13 @@ from pd_editor.diffusion.trajectory.sampler import (
 )
 from pd_editor.features.encoded_scene import packed
 from pd_editor.features.scene_features import SceneFeatures, scene_features
+from pd_editor.scene.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 
 _LEAST_KNOWN_STEPS: Final = 10
 """A context agent with fewer future steps is sampled like the others, and kept."""
+_LATE_S: Final = 4.0
+"""Agents that enter within this time are given, extended back to the current step."""
 _MOST_AT_ONCE: Final = 24
 """Largest number of trajectories of an agent that are denoised together."""
 
@@ -62,6 +65,8 @@ class TrajectoryTask:
     scene: SceneTensors
     is_given: Bool[np.ndarray, "A"]
     is_sampled: Bool[np.ndarray, "A"]
+    late: Int[np.ndarray, "L"]
+    """Rows of the scenario's agents that enter later and are to be avoided."""
     kept: KeptBeginning
 
     @classmethod
@@ -73,17 +78,19 @@ class TrajectoryTask:
         *,
         knows_leaders: bool = True,
     ) -> "TrajectoryTask":
-        """Make a task of all road users at the current step.
+        """Make a task of all road users at the current step and those that enter soon.
 
         Agents that are not sampled are given if their trajectories are known. With
         ``knows_leaders`` some candidates follow the agent ahead.
         """
-        features = scene_features(scenario, knows_leaders=knows_leaders)
+        late = LateAgents.of(scenario).but_continuing(rows)
+        known = _with_late_agents(scenario, late)
+        features = scene_features(known, knows_leaders=knows_leaders)
         scene = _without_gaps(batch_of([packed(features, basis.encode)]))
         is_sampled = np.isin(features.agent_row, rows)
         is_given = ~is_sampled & features.has_future
         partly = np.flatnonzero(~is_sampled & ~is_given)
-        latent, is_known = _completed(scenario, features, partly, basis)
+        latent, is_known = _completed(known, features, partly, basis)
         scene.future[0, partly[is_known]] = torch.from_numpy(latent).float()
         is_given[partly[is_known]] = True
         return cls(
@@ -92,6 +99,7 @@ class TrajectoryTask:
             scene=scene,
             is_given=is_given,
             is_sampled=is_sampled,
+            late=late.row,
             kept=KeptBeginning.of(scenario, features.agent_row, is_sampled),
         )
 
@@ -291,7 +299,7 @@ def _with_the_rest(
     agents, now = task.scenario.agents, task.scenario.current_step
     rows, is_sampled = task.features.agent_row, task.is_sampled
     rest = np.setdiff1d(np.arange(len(agents)), rows[is_sampled])
-    rest = rest[agents.is_valid[rest, now:].any(axis=1)]
+    rest = rest[agents.is_valid[rest, now] | np.isin(rest, task.late)]
     shape = (len(position), len(rest), *position.shape[2:])
     return TrajectoryChoices(
         position_m=np.concatenate(
@@ -309,6 +317,15 @@ def _with_the_rest(
         ),
         size_m=np.concatenate([agents.size_m[rows], agents.size_m[rest]]),
     ), np.concatenate([is_sampled, np.zeros(len(rest), bool)])
+
+
+def _with_late_agents(scenario: Scenario, late: LateAgents) -> Scenario:
+    """The scenario in which late agents that are seen soon enough exist from now on."""
+    axis = scenario.time_axis
+    soon = late.entering_by(axis.current_step + round(_LATE_S / axis.step_s))
+    if not len(soon.row):
+        return scenario
+    return replace(scenario, agents=soon.extended_backwards(scenario))
 
 
 def _completed(
