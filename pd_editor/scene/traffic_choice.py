@@ -75,14 +75,18 @@ def trajectory_locked_ids(scenario: Scenario) -> frozenset[str]:
 def resamplable_agent_ids(
     scenario: Scenario, agent_ids: Iterable[str]
 ) -> tuple[str, ...]:
-    """Ids of those agents whose states are not locked.
+    """Ids of the road users among some agents whose states are not locked.
 
     Raises:
-        GenerationError: all of them are locked.
+        GenerationError: all of them are locked, or none is a road user.
     """
-    wanted = tuple(agent_ids)
+    wanted = agent_ids_of_kinds(scenario, agent_ids, ROAD_USER_KINDS)
     free = tuple(name for name in wanted if name not in scenario.locks)
-    if wanted and not free:
+    if not wanted:
+        raise GenerationError(
+            "None of these agents is a road user, so there is no state to resample."
+        )
+    if not free:
         raise GenerationError(
             "The states of all these agents are locked, so there is none to resample; "
             "unlock an agent first."

@@ -100,11 +100,9 @@ class KeptBeginning:
         size = len(basis.scale_m)
         first = self.position_m[place, 0]
         turn = np.exp(-1j * self.heading_rad[place, 0])
-        speed = np.hypot(*self.velocity_mps[place, 0])
-        mean = basis.decode(np.zeros(size), speed)
-        # Unit latents: [10 H 2], decoded without the mean.
-        shape = basis.decode(np.eye(size), np.zeros(size))
-        shape = shape - basis.decode(np.zeros(size), np.zeros(()))
+        speed = np.full(size + 1, np.hypot(*self.velocity_mps[place, 0]))
+        units = basis.decode(np.concatenate([np.zeros((1, size)), np.eye(size)]), speed)
+        mean, shape = units[0], units[1:] - units[0]
         steps = np.flatnonzero(self.is_kept[place, 1 : basis.num_steps + 1])
         gap = self.position_m[place, steps + 1] - first
         local = (gap[:, 0] + 1j * gap[:, 1]) * turn

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import shapely
 from hypothesis import given, settings
@@ -5,6 +7,7 @@ from hypothesis import given, settings
 from pd_editor.diffusion.trajectory.sample_yielding import with_yielding
 from pd_editor.generation import TrafficSample
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.locks import STATE_LOCK, Lock
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import crowded_road, crowds, overlaps_later
@@ -81,3 +84,43 @@ def test_agents_keep_to_their_paths_and_no_more_overlap(crowd):
         assert shapely.distance(path, points).max() < 1e-6
         moved = not np.array_equal(sample.position_m[index], drawn.position_m[index])
         assert name in waiting or not moved
+
+
+def entering(scenario: Scenario, row: int, step: int) -> Scenario:
+    """The scenario in which an agent is recorded from a step on."""
+    is_valid = scenario.agents.is_valid[row].copy()
+    is_valid[:step] = False
+    agents = scenario.agents.with_rows(np.array([row]), is_valid=is_valid)
+    return scenario.with_agents(agents)
+
+
+def test_a_sampled_follower_waits_behind_a_car_that_enters_later():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (40, 0, 0, 0)]))
+    scenario = entering(scenario, 1, NOW + 20)
+    rows = np.array([0])
+    sample, waiting = with_yielding(scenario, rows, straight_on(scenario, rows))
+    assert waiting == (scenario.agents.ids[0],)
+    reach = sample.position_m[0, -1, 0] + scenario.agents.size_m[:, 0].sum() / 2
+    assert reach < 40
+
+
+def test_an_agent_does_not_wait_for_the_continuation_of_its_own_track():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (0, 0.2, 0, 10)]))
+    agents = scenario.agents
+    is_valid = agents.is_valid.copy()
+    is_valid[0, NOW + 10 :] = is_valid[1, : NOW + 15] = False
+    rows = np.array([0, 1])
+    lost = scenario.with_agents(agents.with_rows(rows, is_valid=is_valid))
+    _, waiting = with_yielding(lost, rows[:1], straight_on(scenario, rows[:1]))
+    assert waiting == ()
+
+
+def test_agents_with_a_locked_beginning_do_not_wait():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (40, 0, 0, 0)]))
+    rows, name = np.array([0]), scenario.agents.ids[0]
+    asked = straight_on(scenario, rows)
+    for lock, waits in ((Lock(kept_s=1.0), False), (STATE_LOCK, True)):
+        locked = replace(scenario, locks={name: lock})
+        sample, waiting = with_yielding(locked, rows, asked)
+        assert bool(waiting) is waits
+        assert (sample is asked) is not waits
