@@ -11,7 +11,7 @@ from pd_editor.editor.commands import (
     ReplaceTraffic,
     traffic_command,
 )
-from pd_editor.editor.commands.locks import applied
+from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.regenerated_edit import carried_to
 from pd_editor.editor.newest_run import NewestRun
 from pd_editor.editor.session import EditorSession
@@ -95,7 +95,7 @@ class LiveRegeneration:
         if gesture is None:
             self._session.preview(edit)
             return
-        edited = applied(edit, gesture.start)
+        edited = apply_within_locks(edit, gesture.start)
         gesture.edit, gesture.edited = edit, edited
         self._show(gesture)
         self._ask(gesture, gesture.requests.draft)

@@ -246,6 +246,7 @@ def sampled_from(
         config=options.sampler,
         guide=guide if bool(pull.any()) else None,
         known_noise=known_noise,
+        keep=task.keep(model.decoder.basis),
     )
     *_, last = steps
     return last.clean[0]
