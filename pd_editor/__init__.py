@@ -16,6 +16,10 @@ with the folders, the scenarios and remarks::
 
     pd_editor.evaluate(data="argoverse/val", warps=("all",), out="table")
 
+So does ``study``, which returns a ``Study``::
+
+    pd_editor.study(data="argoverse/val", search=54, out="study")
+
 ``synth`` takes none; it makes scenarios of simulated traffic, and returns a ``Synthesis``::
 
     pd_editor.synth(num=100, seed=1, out="synthetic")
@@ -41,6 +45,7 @@ if TYPE_CHECKING:
     from pd_editor.cli.model import model
     from pd_editor.cli.outcome import Outcome
     from pd_editor.cli.replay import replay
+    from pd_editor.cli.study import study
     from pd_editor.cli.synth import synth
     from pd_editor.cli.train import train
     from pd_editor.cli.warp import warp
@@ -67,6 +72,7 @@ __all__ = [
     "model",
     "open_scenario",
     "replay",
+    "study",
     "synth",
     "train",
     "warp",
@@ -86,6 +92,7 @@ _HOMES = {
     "model": "pd_editor.cli.model",
     "open_scenario": "pd_editor.scenario_store",
     "replay": "pd_editor.cli.replay",
+    "study": "pd_editor.cli.study",
     "synth": "pd_editor.cli.synth",
     "train": "pd_editor.cli.train",
     "warp": "pd_editor.cli.warp",

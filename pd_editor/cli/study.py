@@ -19,27 +19,34 @@ from pd_editor.evaluation.road_condition import DEFAULT_ANCHOR, road_conditions
 from pd_editor.generation import MAX_SAMPLES, MAX_SEED
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import WARP_KINDS
-from pd_editor.study.gallery import GALLERY_NAME, export_cases, worst_of_scenes
-from pd_editor.study.severity import severity_curves
-from pd_editor.study.study_folder import (
+from pd_editor.studies.avoidable_danger import AvoidableDanger, dangers_of_scene
+from pd_editor.studies.gallery import (
+    GALLERY_NAME,
+    GalleryEntry,
+    export_cases,
+    export_danger,
+    worst_of_scenes,
+)
+from pd_editor.studies.severity import severity_curves
+from pd_editor.studies.study_folder import (
     VARIANTS_NAME,
     StudyFolder,
     StudyRecord,
     run_study,
 )
-from pd_editor.study.study_plan import (
+from pd_editor.studies.study_plan import (
     GRID_POWERS,
     StudyPlan,
     grid_conditions,
     study_items,
 )
-from pd_editor.study.study_report import (
+from pd_editor.studies.study_report import (
     StudyFindings,
     severity_figures,
     study_report,
 )
-from pd_editor.study.variant_rows import STUDY_METRICS
-from pd_editor.study.worst_case import (
+from pd_editor.studies.variant_rows import STUDY_METRICS
+from pd_editor.studies.worst_case import (
     SearchItem,
     SearchSettings,
     WorstCase,
@@ -103,6 +110,7 @@ def study(
     metric: Annotated[str, tyro.conf.arg(metavar="METRIC")] = STUDY_METRICS[0],
     penalty: Annotated[float, tyro.conf.arg(metavar="X")] = 10.0,
     gallery: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
+    dangers: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     limit: Annotated[
         int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
     ] = None,
@@ -137,6 +145,7 @@ def study(
         metric: What the worst cases are worst in.
         penalty: Penalty of the search for each kind of warp beyond the first; 0 searches sums.
         gallery: Number of worst scenes that are exported for the editor.
+        dangers: Number of dangerous but avoidable behaviours of agents that are searched over all scenes and exported; 0 does not search.
         limit: Use only the first N scenarios.
         engine: Processes of this machine, or Ray (extra "cluster").
         address: Address of a Ray cluster, such as auto or ray://head:10001.
@@ -174,16 +183,26 @@ def study(
         penalty=penalty,
     )
     num_shown = within(0, gallery, 1000, "gallery")
+    num_dangers = within(0, dangers, 1000, "dangers")
     runner = _engine(engine, address, workers)
     found = scenes_of(plan.data, plan.limit)
     folder = StudyFolder(Path(out), plan.settings, resume=resume)
-    return _run(plan, settings, num_shown, found, folder, runner, _command(plan, out))
+    shown = _Shown(num_worst=num_shown, num_dangers=num_dangers)
+    return _run(plan, settings, shown, found, folder, runner, _command(plan, out))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Shown:
+    """Numbers of scenarios in the gallery."""
+
+    num_worst: int
+    num_dangers: int
 
 
 def _run(
     plan: StudyPlan,
     settings: SearchSettings,
-    num_shown: int,
+    shown: _Shown,
     found: FoundScenes,
     folder: StudyFolder,
     engine: WorkEngine,
@@ -213,10 +232,11 @@ def _run(
         search=[searched[key] for key in sorted(searched)],
         settings=settings,
         gallery=export_cases(
-            worst_of_scenes((*grid, *searched.values()), num_shown),
+            worst_of_scenes((*grid, *searched.values()), shown.num_worst),
             list(items.values()),
             folder.path / GALLERY_NAME,
         ),
+        dangers=_dangers(found, folder, engine, shown.num_dangers),
     )
     report = study_report(plan, record, findings, len(found.scenes), command)
     files = (
@@ -227,6 +247,29 @@ def _run(
         folder.path / VARIANTS_NAME,
     )
     return Study(folder=folder.path, files=files, record=record, findings=findings)
+
+
+def _dangers(
+    found: FoundScenes, folder: StudyFolder, engine: WorkEngine, count: int
+) -> tuple[GalleryEntry, ...]:
+    """The avoidable dangers with the hardest impacts over all scenes."""
+    if not count:
+        return ()
+    by_scene: dict[str, tuple[AvoidableDanger, ...]] = {}
+    folders = {f"{one.split}/{one.folder.name}": one.folder for one in found.scenes}
+    run_items(
+        engine,
+        dangers_of_scene,
+        folders,
+        on_value=by_scene.__setitem__,
+        on_progress=work_shown("scenes searched for dangers"),
+    )
+    dangers = [(key, one) for key, dangers in by_scene.items() for one in dangers]
+    dangers.sort(key=lambda pair: (-pair[1].impact_mps, pair[0], pair[1].agent_id))
+    return tuple(
+        export_danger(danger, folders[key], folder.path / GALLERY_NAME)
+        for key, danger in dangers[:count]
+    )
 
 
 def _engine(engine: Engine, address: str | None, workers: int | None) -> WorkEngine:

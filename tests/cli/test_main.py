@@ -3,7 +3,16 @@ import pytest
 from pd_editor.cli import main as main_module
 from tests.cli.shell import JUNCTION, Shell, run_in_process
 
-COMMANDS = ("edit", "warp", "generate", "export", "replay", "evaluate", "synth")
+COMMANDS = (
+    "edit",
+    "warp",
+    "generate",
+    "export",
+    "replay",
+    "evaluate",
+    "study",
+    "synth",
+)
 
 
 def test_help_names_commands_and_demos(shell: Shell):

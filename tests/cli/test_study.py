@@ -49,6 +49,7 @@ def test_a_study_writes_rows_report_and_gallery(
     ("options", "words"),
     [
         (("--methods", "foo"), "There is no method 'foo'"),
+        (("--dangers", "-1"), "--dangers is -1"),
         (("--powers", "12"), "Power 12 is not possible"),
         (("--kinds", "bend"), "Warp 'bend' is not known"),
         (("--anchors", "me"), "Anchor 'me' is not known"),

@@ -18,7 +18,7 @@ from pd_editor.evaluation.road_condition import (
 from pd_editor.generation import MAX_SEED
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import MAX_POWER, WARP_KINDS, WarpKind
-from pd_editor.study.variant_rows import StudyItem
+from pd_editor.studies.variant_rows import StudyItem
 
 GRID_POWERS: Final = tuple(float(p) for p in (*range(-9, 0), *range(1, 10)))
 """The 18 powers of Scene-Attack's grid."""

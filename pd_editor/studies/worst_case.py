@@ -16,7 +16,7 @@ import pyarrow as pa
 from pd_editor.errors import InputError
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.scene.road_warp import MAX_POWER, WARP_KINDS, WarpKind
-from pd_editor.study.variant_rows import (
+from pd_editor.studies.variant_rows import (
     STUDY_AGENTS,
     StudyAgents,
     StudyItem,

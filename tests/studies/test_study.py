@@ -13,12 +13,12 @@ from pd_editor.evaluation.road_condition import RoadCondition, road_conditions
 from pd_editor.metrics.scene_metrics import agent_values
 from pd_editor.metrics.traffic_view import recorded_traffic
 from pd_editor.scenario_store import open_scenario
-from pd_editor.study.gallery import export_cases, worst_of_scenes
-from pd_editor.study.severity import severity_curves
-from pd_editor.study.study_folder import VARIANTS_NAME, StudyFolder, run_study
-from pd_editor.study.study_plan import StudyPlan, grid_conditions, study_items
-from pd_editor.study.variant_rows import STUDY_AGENTS, STUDY_METRICS
-from pd_editor.study.worst_case import (
+from pd_editor.studies.gallery import export_cases, worst_of_scenes
+from pd_editor.studies.severity import severity_curves
+from pd_editor.studies.study_folder import VARIANTS_NAME, StudyFolder, run_study
+from pd_editor.studies.study_plan import StudyPlan, grid_conditions, study_items
+from pd_editor.studies.variant_rows import STUDY_AGENTS, STUDY_METRICS
+from pd_editor.studies.worst_case import (
     SearchItem,
     SearchSettings,
     grid_worst_cases,

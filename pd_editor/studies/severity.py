@@ -13,7 +13,7 @@ from pd_editor.evaluation.scene_bootstrap import (
     mean_over_scenes,
     scene_weights,
 )
-from pd_editor.study.variant_rows import STUDY_AGENTS, STUDY_METRICS, StudyAgents
+from pd_editor.studies.variant_rows import STUDY_AGENTS, STUDY_METRICS, StudyAgents
 
 _SEED: Final = 0
 

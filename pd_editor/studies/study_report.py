@@ -13,11 +13,12 @@ from pd_editor.evaluation.report.figures import (
 )
 from pd_editor.evaluation.report.sections import FIGURES_TITLE, Report, Section
 from pd_editor.evaluation.report.tables import ReportTable, cell, unit_of
-from pd_editor.study.gallery import GalleryEntry
-from pd_editor.study.severity import SeverityCurve
-from pd_editor.study.study_folder import StudyRecord
-from pd_editor.study.study_plan import StudyPlan
-from pd_editor.study.worst_case import SearchSettings, WorstCase
+from pd_editor.studies.avoidable_danger import AvoidableDanger
+from pd_editor.studies.gallery import GalleryEntry
+from pd_editor.studies.severity import SeverityCurve
+from pd_editor.studies.study_folder import StudyRecord
+from pd_editor.studies.study_plan import StudyPlan
+from pd_editor.studies.worst_case import SearchSettings, WorstCase
 
 SHOWN: Final = (
     ("off_drivable_steps", "SOR, %"),
@@ -41,6 +42,7 @@ class StudyFindings:
     search: Sequence[WorstCase] = ()
     settings: SearchSettings = field(default_factory=SearchSettings)
     gallery: Sequence[GalleryEntry] = ()
+    dangers: Sequence[GalleryEntry] = ()
 
 
 def study_report(
@@ -64,6 +66,7 @@ def study_report(
                 tables=tuple(_curve_table(curve) for curve in findings.curves),
             ),
             *_worst_sections(findings),
+            Section(title="Dangerous but avoidable", tables=tuple(_dangers(findings))),
             Section(title="What failed", tables=tuple(_failures(record))),
             Section(title="How to repeat it", paragraphs=(f"`{command}`",)),
         ),
@@ -208,6 +211,7 @@ def _worst_sections(findings: StudyFindings) -> tuple[Section, ...]:
                         f"`pd-editor edit {Path('gallery') / one.folder.name}`",
                     )
                     for one in findings.gallery
+                    if isinstance(one.case, WorstCase)
                 ),
             )
         )
@@ -251,6 +255,34 @@ def _compared_table(findings: StudyFindings) -> ReportTable:
         note=f"The search found at least as bad a variant in {share:.0f} % of "
         f"{len(rows)} cases, with {findings.settings.num_trials} trials each.",
     )
+
+
+def _dangers(findings: StudyFindings) -> list[ReportTable]:
+    rows = [
+        (
+            one.folder.name,
+            found.agent_id,
+            found.ego_id,
+            f"{found.time_s:.1f} s",
+            f"{found.impact_mps:.1f} m/s",
+            str(found.num_avoiding),
+            f"`pd-editor edit {Path('gallery') / one.folder.name}`",
+        )
+        for one in findings.dangers
+        if isinstance(found := one.case, AvoidableDanger)
+    ]
+    if not rows:
+        return []
+    header = ("scenario", "agent", "hit by", "after", "impact", "ways out", "open")
+    return [
+        ReportTable(
+            title="Behaviours that the ego hits, and could avoid",
+            header=header,
+            rows=tuple(rows),
+            note="A behaviour is a Frenet candidate of the agent; ways out are the ego's "
+            "candidates that collide with nothing. All others move as recorded.",
+        )
+    ]
 
 
 def _failures(record: StudyRecord) -> list[ReportTable]:

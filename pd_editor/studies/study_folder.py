@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pd_editor.regular_file import unwritable
-from pd_editor.study.study_plan import StudySettings
-from pd_editor.study.variant_rows import (
+from pd_editor.studies.study_plan import StudySettings
+from pd_editor.studies.variant_rows import (
     STUDY_AGENTS,
     VARIANT_SCHEMA,
     StudyItem,

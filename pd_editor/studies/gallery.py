@@ -17,17 +17,18 @@ from pd_editor.evaluation.road_condition import RoadCondition, road_conditions
 from pd_editor.generation import GeneratedTraffic, TrafficSample
 from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.scenario_store import export_into, open_scenario
-from pd_editor.study.variant_rows import StudyItem
-from pd_editor.study.worst_case import WorstCase
+from pd_editor.studies.avoidable_danger import AvoidableDanger
+from pd_editor.studies.variant_rows import StudyItem
+from pd_editor.studies.worst_case import WorstCase
 
 GALLERY_NAME: Final = "gallery"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class GalleryEntry:
-    """A worst case with the folder that the editor opens."""
+    """A scenario of the gallery with the folder that the editor opens."""
 
-    case: WorstCase
+    case: WorstCase | AvoidableDanger
     folder: Path
     thumbnail: str
     """Small top view as SVG."""
@@ -93,6 +94,26 @@ def export_cases(
         except PdEditorError:
             continue
     return tuple(entries)
+
+
+def export_danger(danger: AvoidableDanger, source: Path, out: Path) -> GalleryEntry:
+    """Export a scene in which an agent has a dangerous behaviour.
+
+    Raises:
+        PdEditorError: the folder cannot be written.
+    """
+    session = EditorSession(open_scenario(source))
+    name = f"{short_id(session.scenario.scenario_id)} danger {danger.agent_id}"
+    escape = (
+        f"{danger.num_avoiding} trajectories of {danger.ego_id} avoid the collision."
+    )
+    session.describe(Variant(name=name_from_text(name), note=escape))
+    session.apply(danger.behaviour)
+    recipe = replace(session.recipe(), created_at="")
+    folder = export_into(out, session.scenario, recipe, overwrite=True)
+    return GalleryEntry(
+        case=danger, folder=folder, thumbnail=thumbnail(session.scenario)
+    )
 
 
 def _warp_command(
