@@ -17,7 +17,7 @@ from pd_editor.editor.commands import ReplaceTraffic, RequestSummary
 from pd_editor.generation import (
     GenerationRequest,
     TrafficSample,
-    guidance_terms,
+    guidance_settings,
     run_to_end,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
@@ -36,7 +36,7 @@ def sampled(scenario: Scenario, count: int) -> Iterator[TrafficSample]:
         scenario=scenario,
         agent_ids=drivable_agent_ids(scenario, None),
         num_samples=count,
-        guidance=guidance_terms(None, 0),
+        guidance=guidance_settings(None, 0),
     )
     yield from run_to_end(make_generator(DEFAULT_GENERATOR).generate(request)).samples
 

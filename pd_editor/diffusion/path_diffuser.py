@@ -376,6 +376,9 @@ def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptio
         sampler=sampler,
         guidance=guidance,
         lane_agent_ids=lanes[-1].agent_ids if lanes else (),
+        terms=request.terms,
+        term_guidance=stage.sampling["terms"],
+        samples_unguided=request.reports_cost,
         num_tries=max(_num_tries(request), 1),
         seed=request.seed,
     )

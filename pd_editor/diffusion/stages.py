@@ -14,7 +14,8 @@ from pd_editor.diffusion.trajectory.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,
 )
-from pd_editor.diffusion.trajectory.guidance import TrajectoryGuidance
+from pd_editor.diffusion.trajectory.guidance.nearest_candidate import TrajectoryGuidance
+from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.diffusion.trajectory.sampler import TrajectorySamplerConfig
 from pd_editor.diffusion.version_1 import initial_state as initial_state_version_1
 from pd_editor.diffusion.version_1 import trajectory as trajectory_version_1
@@ -35,7 +36,11 @@ TRAJECTORIES: Final = StageKind(
     file_name="trajectories.safetensors",
     config_type=TrajectoryConfig,
     make_model=TrajectoryDenoiser,
-    sampling_types={"sampler": TrajectorySamplerConfig, "guidance": TrajectoryGuidance},
+    sampling_types={
+        "sampler": TrajectorySamplerConfig,
+        "guidance": TrajectoryGuidance,
+        "terms": TermGuidance,
+    },
     upgraded_tensors=trajectory_version_1.upgraded_tensors,
 )
 STAGE_KINDS: Final[Mapping[str, StageKind]] = {

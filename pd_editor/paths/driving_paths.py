@@ -140,10 +140,15 @@ def paths_along_routes(
     agent = choice.agent[route]
     line = _route_points(choice, route, num_points)
     normal = mitred_normals(line)[:, 1:-1]
-    offset = _lateral_profile(choice, route, speed_mps, final_offset_m, num_points)
+    offset = lateral_offsets(
+        choice.offset_m[route],
+        final_offset_m,
+        choice.turn_rad[route],
+        speed_mps[agent],
+        num_points,
+    )
     x = line[:, 1:-1, 0] + offset * normal[..., 0]
     y = line[:, 1:-1, 1] + offset * normal[..., 1]
-    agent = choice.agent[route]
     # The foot point on the resampled line differs slightly from that on the lane.
     gap = position_m[agent] - np.stack([x[:, 0], y[:, 0]], axis=-1)
     fade = np.maximum(1 - np.arange(num_points) * (SPACING_M / _GAP_FADES_M), 0.0)
@@ -151,30 +156,30 @@ def paths_along_routes(
     x += gap[:, :1] * fade
     y += gap[:, 1:] * fade
     x[:, 0], y[:, 0] = position_m[agent].T
-    return _with_limits(x, y, heading_rad[agent], heading_rad[agent])
+    return with_limits(x, y, heading_rad[agent], heading_rad[agent])
 
 
-def _lateral_profile(
-    choice: RouteChoice,
-    route: Int[np.ndarray, "P"],
-    speed_mps: Float[np.ndarray, "A"],
-    final_offset_m: Float[np.ndarray, "P"],
+def lateral_offsets(
+    start_m: Float[np.ndarray, "P"],
+    final_m: Float[np.ndarray, "P"],
+    turn_rad: Float[np.ndarray, "P"],
+    speed_mps: Float[np.ndarray, "P"],
     num_points: int,
 ) -> Float[np.ndarray, "P M"]:
     """Lateral offset: one quintic for the shift, another one for the initial slope."""
     parameter = np.arange(num_points) * SPACING_M
-    speed = speed_mps[choice.agent[route]]
-    start = choice.offset_m[route]
-    shift = final_offset_m - start
-    shift_length = np.maximum(np.maximum(12.0, 3.5 * speed), 9 * np.sqrt(np.abs(shift)))
+    shift = final_m - start_m
+    shift_length = np.maximum(
+        np.maximum(12.0, 3.5 * speed_mps), 9 * np.sqrt(np.abs(shift))
+    )
     u = np.minimum(parameter * (1 / shift_length)[:, None], 1.0)
     offset = u * (6 * u - 15)
     offset += 10
     offset *= shift[:, None]
     offset *= u * u * u
-    offset += start[:, None]
-    turn = np.clip(choice.turn_rad[route], -_MAX_START_TURN_RAD, _MAX_START_TURN_RAD)
-    turn_length = np.maximum(8.0, 2.5 * speed)
+    offset += start_m[:, None]
+    turn = np.clip(turn_rad, -_MAX_START_TURN_RAD, _MAX_START_TURN_RAD)
+    turn_length = np.maximum(8.0, 2.5 * speed_mps)
     w = np.minimum(parameter * (1 / turn_length)[:, None], 1.0)
     swing = w * (8 - 3 * w)
     swing -= 6
@@ -234,7 +239,7 @@ def free_paths(
         direction_rad[:, None] + np.clip(bend, -np.pi, np.pi)
     )
     points = np.cumsum(np.concatenate([position_m[:, None], step], axis=1), axis=1)
-    return _with_limits(points[..., 0], points[..., 1], heading_rad, direction_rad)
+    return with_limits(points[..., 0], points[..., 1], heading_rad, direction_rad)
 
 
 def joined_paths(first: DrivingPaths, second: DrivingPaths) -> DrivingPaths:
@@ -249,7 +254,7 @@ def joined_paths(first: DrivingPaths, second: DrivingPaths) -> DrivingPaths:
     )
 
 
-def _with_limits(
+def with_limits(
     x_m: Float[np.ndarray, "P M"],
     y_m: Float[np.ndarray, "P M"],
     heading_rad: Float[np.ndarray, "P"],

@@ -223,7 +223,7 @@ def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
     if not isinstance(given, dict) or not given.keys() <= kind.sampling_types.keys():
         raise ModelError(
             f"{source}: 'sampling' must hold "
-            f"{' and '.join(sorted(kind.sampling_types)) or 'nothing'} only."
+            f"{', '.join(sorted(kind.sampling_types)) or 'nothing'} only."
         )
     found = kind.default_sampling()
     for name, values in given.items():

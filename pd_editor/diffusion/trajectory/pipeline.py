@@ -8,15 +8,28 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.diffusion.core.noise_schedule import even_levels
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.trajectory.continuation import Continuation
-from pd_editor.diffusion.trajectory.decoding import Motion, motion_of
+from pd_editor.diffusion.trajectory.decoding import (
+    Motion,
+    TrajectoryDecoder,
+    motion_of,
+)
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory.guidance import (
+from pd_editor.diffusion.trajectory.guidance.latent_motion import (
+    KnownMotion,
+    LatentMotion,
+)
+from pd_editor.diffusion.trajectory.guidance.nearest_candidate import (
     NearestCandidateGuide,
     TrajectoryGuidance,
 )
+from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
+from pd_editor.diffusion.trajectory.guidance.term_guide import TermGuide
+from pd_editor.diffusion.trajectory.guidance.term_table import trajectory_terms
+from pd_editor.diffusion.trajectory.guidance.trajectory_term import TermContext
 from pd_editor.diffusion.trajectory.joint_selection import (
     TrajectoryChoices,
     select_jointly,
@@ -24,18 +37,27 @@ from pd_editor.diffusion.trajectory.joint_selection import (
 from pd_editor.diffusion.trajectory.kept_beginning import KeptBeginning, projected
 from pd_editor.diffusion.trajectory.sampler import (
     KnownNoise,
+    TrajectoryGuide,
     TrajectorySamplerConfig,
     sample_trajectories,
 )
 from pd_editor.features.encoded_scene import packed
-from pd_editor.features.scene_features import SceneFeatures, scene_features
+from pd_editor.features.scene_features import (
+    NUM_FUTURE_STEPS,
+    STEP_S,
+    SceneFeatures,
+    scene_features,
+)
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import STANDING_MPS
 
 _LEAST_KNOWN_STEPS: Final = 10
 """A context agent with fewer future steps is sampled like the others, and kept."""
 _LATE_S: Final = 4.0
 """Agents that enter within this time are given, extended back to the current step."""
+_SAME_STEP_S: Final = 1e-6
 _MOST_AT_ONCE: Final = 24
 """Largest number of trajectories of an agent that are denoised together."""
 
@@ -51,6 +73,11 @@ class TrajectoryOptions:
     guidance: TrajectoryGuidance = field(default_factory=TrajectoryGuidance)
     lane_agent_ids: tuple[str, ...] = ()
     """Agents that are guided to their candidates; empty means all."""
+    terms: tuple[GuidanceTerm, ...] = ()
+    """What the user asks of trajectories."""
+    term_guidance: TermGuidance = field(default_factory=TermGuidance)
+    samples_unguided: bool = False
+    """Whether each sample is also made without the terms, from the same noise."""
     num_tries: int = 1
     """Trajectories sampled per sample, from which the least colliding ones are selected."""
     seed: int = 0
@@ -107,6 +134,57 @@ class TrajectoryTask:
         """Move the tensors to a device."""
         return replace(self, scene=self.scene.to(device))
 
+    def term_context(self, config: TermGuidance) -> TermContext:
+        """What guidance terms are made from."""
+        agents, now = self.scenario.agents, self.scenario.current_step
+        rows = self.features.agent_row
+        return TermContext(
+            scenario=self.scenario,
+            config=config,
+            ids=tuple(agents.ids[row] for row in rows),
+            kinds=tuple(agents.kinds[row] for row in rows),
+            is_sampled=self.is_sampled,
+            is_standing=agents.speed_mps()[rows, now] < STANDING_MPS,
+            like=self.scene.agent_speed,
+            duration_s=NUM_FUTURE_STEPS * STEP_S,
+        )
+
+    def latent_motion(self, decoder: TrajectoryDecoder) -> LatentMotion:
+        """Motion of all A agents as a function of latents, in the scene frame."""
+        agents, axis = self.scenario.agents, self.scenario.time_axis
+        now, rows = self.scenario.current_step, self.features.agent_row
+        like = self.scene.agent_speed
+
+        def tensor(values: np.ndarray) -> torch.Tensor:
+            return torch.from_numpy(values).to(like)
+
+        count = decoder.num_steps
+        steps = slice(now, now + count + 1)
+        exists = agents.is_valid[rows, steps]
+        missing = [(0, 0), (0, count + 1 - exists.shape[1])]
+        # Recorded positions are at the model's steps only on the same time axis.
+        same = abs(axis.step_s - STEP_S) < _SAME_STEP_S
+        is_known = np.pad(exists & ~self.is_sampled[:, None], missing) & same
+        pairs = [*missing, (0, 0)]
+        return LatentMotion.of(
+            decoder,
+            num_steps=count,
+            origin_m=tensor(agents.position_m[rows, now]),
+            heading_rad=tensor(agents.heading_rad[rows, now]),
+            speed_mps=tensor(agents.speed_mps()[rows, now]),
+            size_m=tensor(agents.size_m[rows]),
+            is_sampled=torch.from_numpy(self.is_sampled).to(like.device),
+            known=KnownMotion(
+                position_m=tensor(np.pad(agents.position_m[rows, steps], pairs)),
+                velocity_mps=tensor(np.pad(agents.velocity_mps[rows, steps], pairs)),
+                heading_rad=tensor(np.pad(agents.heading_rad[rows, steps], missing)),
+                exists=torch.from_numpy(is_known | self.is_sampled[:, None]).to(
+                    like.device
+                ),
+                is_known=torch.from_numpy(is_known).to(like.device),
+            ),
+        )
+
     def no_motion(self, num_samples: int) -> Motion:
         """Zero motion, if no agent is sampled."""
         steps = self.scenario.time_axis.num_future_steps + 1
@@ -154,6 +232,8 @@ class SampledTrajectories:
     motion: Motion
     lane_cost_m: tuple[float, float]
     """Mean distance to the nearest candidate before and after the last guided step."""
+    unguided: Motion | None = None
+    """The same samples without terms, if they were asked for."""
 
 
 def sample_task(
@@ -181,22 +261,30 @@ def sample_task(
         model, task.scene, pull, options.guidance, options.sampler.num_steps
     )
     keep = task.keep(basis)
+    term_guide = _term_guide(model, task, options)
+    compares = term_guide is not None and options.samples_unguided
+    if continuation is not None:
+        compares = False
     motions: list[Motion] = []
-    at_once = max(1, _MOST_AT_ONCE // tries)
+    unguided: list[Motion] = []
+    at_once = max(1, _MOST_AT_ONCE // (tries * (1 + compares)))
     for first in range(0, len(samples), at_once):
         chunk = samples[first : first + at_once]
         continues = continuation if first == 0 else None
+        numbers = [sample * tries + t for sample in chunk for t in range(tries)]
         steps = sample_trajectories(
             model,
             task.scene,
-            samples=[sample * tries + t for sample in chunk for t in range(tries)],
+            samples=numbers * (1 + compares),
             seed=options.seed,
             is_given=torch.from_numpy(task.is_given)[None].to(
                 task.scene.has_agent.device
             ),
             num_tries=tries,
             config=options.sampler,
-            guide=guide if bool(pull.any()) else None,
+            guide=_joined(
+                guide if bool(pull.any()) else None, term_guide, len(numbers)
+            ),
             known_noise=None if continues is None else continues.known,
             keep=keep,
         )
@@ -204,7 +292,7 @@ def sample_task(
         for step in steps:
             latent = step.clean
             share = (step.index + 1) / step.num_steps * len(chunk)
-            predicted = latent[::tries]
+            predicted = latent[: len(numbers) : tries]
             yield progress(
                 (first + share) / len(samples),
                 lambda predicted=predicted: task.motion(basis, predicted),
@@ -212,17 +300,60 @@ def sample_task(
         assert latent is not None, "there is at least one step"
         if continues is not None:
             latent = continues.corrected(latent, model.decoder)
+        if term_guide is not None:
+            count = len(numbers)
+            closed = term_guide.closed(latent[:count], keep)
+            latent = torch.cat([closed, latent[count:]])
         sampled = task.motion(basis, latent)
-        for index in range(len(chunk)):
+        for index in range(len(chunk) * (1 + compares)):
             part = slice(index * tries, (index + 1) * tries)
-            motions.append(_chosen(task, sampled, part))
+            found = motions if index < len(chunk) else unguided
+            found.append(_chosen(task, sampled, part))
     return SampledTrajectories(
-        motion=Motion(
-            position_m=np.stack([one.position_m[0] for one in motions]),
-            heading_rad=np.stack([one.heading_rad[0] for one in motions]),
-            velocity_mps=np.stack([one.velocity_mps[0] for one in motions]),
-        ),
+        motion=_stacked(motions),
         lane_cost_m=guide.cost_m(),
+        unguided=_stacked(unguided) if compares else None,
+    )
+
+
+def _stacked(motions: Sequence[Motion]) -> Motion:
+    return Motion(
+        position_m=np.stack([one.position_m[0] for one in motions]),
+        heading_rad=np.stack([one.heading_rad[0] for one in motions]),
+        velocity_mps=np.stack([one.velocity_mps[0] for one in motions]),
+    )
+
+
+def _joined(
+    lanes: TrajectoryGuide | None, terms: TrajectoryGuide | None, num_guided: int
+) -> TrajectoryGuide | None:
+    """Guide to the lanes, then by the terms, which apply to the first samples only."""
+    if terms is None:
+        return lanes
+
+    def guide(clean: torch.Tensor, level: float) -> torch.Tensor:
+        if lanes is not None:
+            clean = lanes(clean, level)
+        guided = terms(clean[:num_guided], level)
+        return torch.cat([guided, clean[num_guided:]])
+
+    return guide
+
+
+def _term_guide(
+    model: TrajectoryDenoiser, task: TrajectoryTask, options: TrajectoryOptions
+) -> TermGuide | None:
+    """Guide by the terms in force; None if none applies."""
+    if not options.terms:
+        return None
+    terms = trajectory_terms(options.terms, task.term_context(options.term_guidance))
+    if not terms:
+        return None
+    return TermGuide(
+        motion=task.latent_motion(model.decoder),
+        terms=terms,
+        config=options.term_guidance,
+        last_level=even_levels(options.sampler.num_steps)[-1],
     )
 
 

@@ -246,9 +246,9 @@ def test_sampling_settings_are_stored_with_the_model(shipped_copy):
 @pytest.mark.parametrize(
     ("sampling", "message"),
     [
-        ([], "must hold guidance and sampler only"),
+        ([], "must hold guidance, sampler, terms only"),
         ({"sampler": 3}, "sampler: holds no fields"),
-        ({"strange": {}}, "must hold guidance and sampler only"),
+        ({"strange": {}}, "must hold guidance, sampler, terms only"),
         ({"sampler": {"steps": 3}}, "field 'steps'"),
         ({"sampler": {"num_steps": "many"}}, "num_steps is 'many'"),
         ({"sampler": {"num_steps": 0}}, "num_steps is 0; expected a finite number"),

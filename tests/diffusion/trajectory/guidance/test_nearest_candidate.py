@@ -1,6 +1,6 @@
 import torch
 
-from pd_editor.diffusion.trajectory.guidance import (
+from pd_editor.diffusion.trajectory.guidance.nearest_candidate import (
     NearestCandidateGuide,
     TrajectoryGuidance,
 )

@@ -1,0 +1,320 @@
+"""Terms on the speed of agents along their own predicted paths."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotion
+from pd_editor.diffusion.trajectory.guidance.target_motion import (
+    Curves,
+    TargetMotion,
+    accelerated_in_time,
+    braked_in_time,
+    distances,
+    extended,
+    predicted_curves,
+    speeds,
+)
+from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
+    ResidualRows,
+    TermContext,
+)
+from pd_editor.scene.agent_kind import (
+    LANE_FOLLOWER_KINDS,
+    MOTOR_VEHICLE_KINDS,
+    ROAD_USER_KINDS,
+)
+from pd_editor.scene.guidance_terms import (
+    ComfortLimits,
+    SpeedLimit,
+    StopAtLine,
+    TargetSpeed,
+)
+
+_RAMP_SHARE: Final = 0.6
+"""Share of the time in which a target speed should be reached."""
+_LEAST_CHANGE_M: Final = 0.05
+"""A retimed prediction that differs by less is met."""
+_STAYS_M: Final = 0.5
+"""A stationary agent predicted to move less is left alone, unless it is named."""
+_NUM_RATES: Final = 4
+"""Number of braking rates that are tried for a stop."""
+_STANDS_STEPS: Final = 5
+_LINE_MARGIN_M: Final = 2.0
+"""A stop line also counts this far beside its ends."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pace:
+    """Predicted paths and pace of the guided agents of a term."""
+
+    curves: Curves
+    along_m: Float[Tensor, "S G T"]
+    speed_mps: Float[Tensor, "S G T"]
+    step_s: float
+
+    @classmethod
+    def of(cls, motion: PredictedMotion, agents: Int[Tensor, "G"]) -> "_Pace":
+        curves = predicted_curves(motion, agents)
+        first = motion.velocity_mps[:, agents, 0].norm(dim=-1)
+        return cls(
+            curves=curves,
+            along_m=curves.along_m,
+            speed_mps=speeds(curves.along_m, first, motion.step_s),
+            step_s=motion.step_s,
+        )
+
+    def changed(self, along_m: Float[Tensor, "S G T"]) -> Bool[Tensor, "S G 1"]:
+        """Whether a retimed motion differs from the predicted one."""
+        gap = (along_m - self.along_m).abs().amax(dim=-1, keepdim=True)
+        return gap > _LEAST_CHANGE_M
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpeedTerm:
+    """Reaches and keeps a speed."""
+
+    context: TermContext
+    agents: Int[Tensor, "G"]
+    is_named: bool
+    is_standing: Bool[Tensor, "G"]
+    speed_mps: float
+    weight: float
+    is_closed: bool = True
+
+    @classmethod
+    def of(cls, term: TargetSpeed, context: TermContext) -> "SpeedTerm | None":
+        """Make the term; None if no agent of it is sampled."""
+        agents = context.guided(term.agent_ids, MOTOR_VEHICLE_KINDS)
+        if not len(agents):
+            return None
+        standing = torch.from_numpy(context.is_standing).to(agents.device)
+        return cls(
+            context=context,
+            agents=agents,
+            is_named=bool(term.agent_ids),
+            is_standing=standing[agents],
+            speed_mps=term.speed_mps,
+            weight=term.weight,
+        )
+
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals to a ramp to the speed along the predicted or planned path."""
+        config, pace = self.context.config, _Pace.of(motion, self.agents)
+        first = pace.speed_mps[..., :1]
+        change = self.speed_mps - first
+        needed = change.abs() / (_RAMP_SHARE * motion.time_s[-1])
+        rate = torch.where(
+            change > 0,
+            needed.clamp(config.acceleration_mps2, config.max_acceleration_mps2),
+            needed.clamp(config.braking_mps2, config.max_braking_mps2),
+        )
+        done = (rate * motion.time_s).minimum(change.abs())
+        along = distances(first + change.sign() * done, motion.step_s)
+        wanted = pace.changed(along)
+        if not self.is_named:
+            moved = pace.along_m[..., -1:]
+            wanted = wanted & ~(self.is_standing[:, None] & (moved < _STAYS_M))
+        curves = extended(pace.curves, self.context, self.agents)
+        return TargetMotion.along(self.agents, curves, along, motion.step_s).rows(
+            along_m=config.speed_m,
+            speed_mps=config.speed_mps,
+            across_m=config.held_path_m,
+            strength=self.weight,
+            is_wanted=wanted,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LimitTerm:
+    """Keeps a speed limit."""
+
+    context: TermContext
+    agents: Int[Tensor, "G"]
+    speed_mps: float
+    weight: float
+    is_closed: bool = True
+
+    @classmethod
+    def of(cls, term: SpeedLimit, context: TermContext) -> "LimitTerm | None":
+        """Make the term; None if no agent of it is sampled."""
+        agents = context.guided(term.agent_ids, ROAD_USER_KINDS)
+        if not len(agents):
+            return None
+        return cls(
+            context=context,
+            agents=agents,
+            speed_mps=term.speed_mps,
+            weight=term.weight,
+        )
+
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals of the agents that are predicted to exceed the limit."""
+        config, pace = self.context.config, _Pace.of(motion, self.agents)
+        limit = max(self.speed_mps - config.limit_margin_mps, 0.0)
+        # The current speed is given, and may be above the limit.
+        lost = config.braking_mps2 * motion.time_s
+        cap = (pace.speed_mps[..., :1] - lost).clamp_min(limit)
+        kept = pace.speed_mps.minimum(cap)
+        along = distances(kept, motion.step_s)
+        is_over = (pace.speed_mps[..., 1:] > limit).any(dim=-1, keepdim=True)
+        return TargetMotion.along(self.agents, pace.curves, along, motion.step_s).rows(
+            along_m=config.speed_m,
+            speed_mps=config.speed_mps,
+            across_m=config.held_path_m,
+            strength=self.weight,
+            is_wanted=is_over & pace.changed(along),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComfortTerm:
+    """Keeps limits of acceleration, braking and lateral acceleration."""
+
+    context: TermContext
+    agents: Int[Tensor, "G"]
+    limits: ComfortLimits
+    is_closed: bool = True
+
+    @classmethod
+    def of(cls, term: ComfortLimits, context: TermContext) -> "ComfortTerm | None":
+        """Make the term; None if no agent of it is sampled."""
+        agents = context.guided(term.agent_ids, LANE_FOLLOWER_KINDS)
+        if not len(agents):
+            return None
+        return cls(context=context, agents=agents, limits=term)
+
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals of the agents that are predicted to exceed a limit."""
+        config, limits = self.context.config, self.limits
+        pace = _Pace.of(motion, self.agents)
+        speed = pace.speed_mps
+        direction = pace.curves.direction
+        turn = torch.nn.functional.pad(
+            (
+                direction[..., :-2, 0] * direction[..., 2:, 1]
+                - direction[..., :-2, 1] * direction[..., 2:, 0]
+            ),
+            (1, 1),
+        )
+        bend = turn.abs() / (2 * motion.step_s * speed).clamp_min(0.1)
+        slow = (limits.max_lateral_mps2 / bend.clamp_min(1e-3)).sqrt()
+        kept = braked_in_time(
+            speed.minimum(slow.maximum(speed.new_tensor(1.0))),
+            limits.max_braking_mps2,
+            motion.step_s,
+        )
+        kept = accelerated_in_time(kept, limits.max_acceleration_mps2, motion.step_s)
+        along = distances(kept, motion.step_s)
+        return TargetMotion.along(self.agents, pace.curves, along, motion.step_s).rows(
+            along_m=config.speed_m,
+            speed_mps=config.speed_mps,
+            across_m=config.held_path_m,
+            strength=limits.weight,
+            is_wanted=pace.changed(along),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StopTerm:
+    """Stops in front of a line, if the agent would cross it."""
+
+    context: TermContext
+    agents: Int[Tensor, "1"]
+    line_m: Float[Tensor, "2 2"]
+    weight: float
+    is_closed: bool = True
+
+    @classmethod
+    def of(cls, term: StopAtLine, context: TermContext) -> "StopTerm | None":
+        """Make the term; None if the agent is not sampled."""
+        agents = context.guided((term.agent_id,), ROAD_USER_KINDS)
+        if not len(agents):
+            return None
+        return cls(
+            context=context,
+            agents=agents,
+            line_m=context.tensor(np.array(term.line_m)),
+            weight=term.weight,
+        )
+
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals to a stop with constant braking."""
+        config, pace = self.context.config, _Pace.of(motion, self.agents)
+        curves = extended(pace.curves, self.context, self.agents)
+        stop_m, exists = self._place(curves, motion)
+        stopped, crosses = self._stopped(pace, stop_m, motion.time_s, 0)
+        for harder in range(1, _NUM_RATES):
+            # Braking as late and as hard as it takes to stand within the time.
+            later, _ = self._stopped(pace, stop_m, motion.time_s, harder)
+            stands = stopped[..., -_STANDS_STEPS:].diff(dim=-1).amax(dim=-1) < 0.01
+            stopped = torch.where(stands[..., None], stopped, later)
+        crosses = crosses & exists
+        return TargetMotion.along(self.agents, curves, stopped, motion.step_s).rows(
+            along_m=config.stop_m,
+            speed_mps=config.stop_mps,
+            across_m=config.held_path_m,
+            strength=self.weight,
+            is_wanted=crosses & pace.changed(stopped),
+        )
+
+    def _stopped(
+        self,
+        pace: _Pace,
+        stop_m: Float[Tensor, "S 1 1"],
+        time_s: Float[Tensor, "T"],
+        harder: int,
+    ) -> tuple[Float[Tensor, "S 1 T"], Bool[Tensor, "S 1 1"]]:
+        """Arc lengths of a stop with constant braking, and whether one is needed."""
+        config = self.context.config
+        share = harder / (_NUM_RATES - 1)
+        braking = (
+            config.braking_mps2
+            + (config.hard_braking_mps2 - config.braking_mps2) * share
+        )
+        speed, along = pace.speed_mps, pace.along_m
+        is_late = along + speed.square() / (2 * braking) >= stop_m
+        first = is_late.to(torch.uint8).argmax(dim=-1, keepdim=True)
+        begin, rate = along.gather(-1, first), speed.gather(-1, first)
+        least = rate.square() / (2 * config.max_braking_mps2)
+        gap = (stop_m - begin).maximum(least).clamp_min(0.0)
+        duration = 2 * gap / rate.clamp_min(0.1)
+        since = time_s - time_s[first]
+        done = (since / duration.clamp_min(0.1)).clamp(0, 1)
+        braked = begin + gap * (1 - (1 - done) ** 2)
+        # Without a late step the agent stops, or ends, before the line by itself.
+        needed = is_late.any(dim=-1, keepdim=True)
+        return torch.where(since < 0, along, braked), needed
+
+    def _place(
+        self, curves: Curves, motion: PredictedMotion
+    ) -> tuple[Float[Tensor, "S 1 1"], Bool[Tensor, "S 1 1"]]:
+        """Arc length at which the agent stands in front of the line, if it crosses it."""
+        first, last = self.line_m
+        across = last - first
+        length = across.norm()
+        across = across / length
+        normal = torch.stack([-across[1], across[0]])
+        side = (curves.points_m - first) @ normal
+        place = (curves.points_m - first) @ across
+        crosses = side[..., :-1] * side[..., 1:] <= 0
+        near = (place > -_LINE_MARGIN_M) & (place < length + _LINE_MARGIN_M)
+        crosses = crosses & (near[..., :-1] | near[..., 1:])
+        node = crosses.to(torch.uint8).argmax(dim=-1, keepdim=True)
+        before, after = side.gather(-1, node), side.gather(-1, node + 1)
+        share = before / (before - after).abs().clamp_min(1e-4) * before.sign()
+        low, high = curves.along_m.gather(-1, node), curves.along_m.gather(-1, node + 1)
+        along = torch.lerp(low, high, share.abs().clamp(0, 1))
+        index = node[..., None].expand(*node.shape, 2)
+        course = curves.direction.gather(-2, index)[..., 0, :]
+        ahead = (course @ normal).abs().clamp_min(0.3)[..., None]
+        half = motion.size_m[self.agents] / 2
+        beside = (course @ across).abs()[..., None]
+        reach = half[:, :1] + half[:, 1:] * beside / ahead
+        front = reach + self.context.config.stop_gap_m / ahead
+        return along - front, crosses.any(dim=-1, keepdim=True)

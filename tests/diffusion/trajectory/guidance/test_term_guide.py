@@ -1,0 +1,178 @@
+"""Guidance terms on sampled trajectories: each is obeyed, also by a network that knows
+nothing (random weights), and changes the agents alone that it names."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from pd_editor.diffusion.path_diffuser import PathDiffuser
+from pd_editor.diffusion.stages import TRAJECTORIES
+from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
+from pd_editor.diffusion.trajectory.guidance.term_table import TERM_MAKERS
+from pd_editor.diffusion.trajectory.pipeline import TrajectoryTask
+from pd_editor.errors import ModelError
+from pd_editor.generation import TrafficSample
+from pd_editor.scene.guidance_terms import (
+    ComfortLimits,
+    FollowLane,
+    FollowPath,
+    GoalPoint,
+    GuidanceTerm,
+    SpeedLimit,
+    StopAtLine,
+    TargetSpeed,
+)
+from pd_editor.scene.scenario import Scenario
+from tests.builders import scenario_with, straight_drivers
+from tests.diffusion.generated_traffic import SINGLE, generated, same
+from tests.diffusion.trajectory.scenes import small_model
+
+
+@pytest.fixture
+def scenario() -> Scenario:
+    """Three drivers on two lanes, and one that stands."""
+    return scenario_with(
+        straight_drivers(
+            [(0, 0, 0, 10), (-30, 0, 0, 8), (0, 3.5, 0, 9), (90, 3.5, 0, 0)]
+        )
+    )
+
+
+def guided(
+    diffuser: PathDiffuser, scenario: Scenario, *terms: GuidanceTerm
+) -> TrafficSample:
+    found = generated(
+        diffuser, scenario, scenario.agents.ids, guidance=(SINGLE, *terms), seed=3
+    )
+    return found.samples[0]
+
+
+def speeds(sample: TrafficSample, row: int) -> np.ndarray:
+    return np.hypot(*sample.velocity_mps[row].T)
+
+
+def test_a_goal_is_reached_at_its_time_and_others_keep_their_noise(
+    diffuser: PathDiffuser, scenario: Scenario
+):
+    goal = GoalPoint(agent_id="100", point_m=(48.0, 2.0))
+    early = GoalPoint(agent_id="100", point_m=(33.0, 0.0), at_s=4.0)
+    at_end = guided(diffuser, scenario, goal).position_m[0, 59]
+    at_4_s = guided(diffuser, scenario, early).position_m[0, 40]
+    assert np.linalg.norm(at_end - goal.point_m) < 0.3
+    assert np.linalg.norm(at_4_s - early.point_m) < 0.3
+
+
+def test_target_speed_is_reached_and_kept(diffuser: PathDiffuser, scenario: Scenario):
+    sample = guided(diffuser, scenario, TargetSpeed(agent_ids=("100",), speed_mps=6.0))
+    assert abs(speeds(sample, 0)[-10:].mean() - 6.0) < 0.5
+
+
+def test_a_speed_limit_is_kept_once_it_can_be(
+    diffuser: PathDiffuser, scenario: Scenario
+):
+    sample = guided(diffuser, scenario, SpeedLimit(speed_mps=7.0))
+    for row in range(3):
+        first = speeds(sample, row)[0]
+        time = 0.1 * np.arange(60)
+        assert (speeds(sample, row) < np.maximum(7.0, first - 2.0 * time) + 0.5).all()
+
+
+def test_an_agent_stops_in_front_of_a_line(diffuser: PathDiffuser, scenario: Scenario):
+    line = StopAtLine(agent_id="100", line_m=((40.0, -2.0), (40.0, 2.0)))
+    fast = TargetSpeed(agent_ids=("100",), speed_mps=10.0)
+    assert guided(diffuser, scenario, fast).position_m[0, -1, 0] > 45
+    sample = guided(diffuser, scenario, line)
+    front = sample.position_m[0, :, 0] + sample.size_m[0, 0] / 2
+    assert front.max() < 40.3
+
+
+def test_a_path_and_a_lane_are_followed(diffuser: PathDiffuser, scenario: Scenario):
+    change = FollowLane(agent_id="100", lane_ids=(3, 4))
+    assert abs(guided(diffuser, scenario, change).position_m[0, -1, 1] - 3.5) < 0.5
+    swerve = FollowPath(
+        agent_id="101", points_m=((-30.0, 0.0), (-5.0, 2.0), (20.0, 2.0), (40.0, 2.0))
+    )
+    assert abs(guided(diffuser, scenario, swerve).position_m[1, -1, 1] - 2.0) < 0.5
+
+
+def test_comfort_limits_lower_accelerations(diffuser: PathDiffuser, scenario: Scenario):
+    def hardest(*terms: GuidanceTerm) -> float:
+        sample = guided(diffuser, scenario, *terms)
+        return max(np.abs(np.diff(speeds(sample, row))).max() * 10 for row in range(3))
+
+    limits = ComfortLimits(max_acceleration_mps2=0.5, max_braking_mps2=0.5, weight=5.0)
+    assert hardest(limits) < 0.7 * hardest()
+
+
+def test_terms_that_are_off_or_of_no_weight_change_nothing(
+    diffuser: PathDiffuser, scenario: Scenario
+):
+    goal = GoalPoint(agent_id="100", point_m=(48.0, 2.0))
+    plain = guided(diffuser, scenario)
+    assert same(guided(diffuser, scenario, replace(goal, is_on=False)), plain)
+    assert same(guided(diffuser, scenario, replace(goal, weight=0.0)), plain)
+
+
+def test_terms_of_the_scenario_are_in_force_like_those_of_the_run(
+    diffuser: PathDiffuser, scenario: Scenario
+):
+    goal = GoalPoint(agent_id="100", point_m=(48.0, 2.0))
+    with_goal = replace(scenario, guidance=(goal,))
+    assert same(guided(diffuser, with_goal), guided(diffuser, scenario, goal))
+
+
+def test_standing_agents_are_moved_only_if_they_are_named(
+    diffuser: PathDiffuser, scenario: Scenario
+):
+    named = guided(diffuser, scenario, TargetSpeed(agent_ids=("103",), speed_mps=5.0))
+    assert abs(speeds(named, 3)[-5:].mean() - 5.0) < 0.5
+
+
+def test_the_unguided_sample_in_the_batch_changes_nothing(
+    diffuser: PathDiffuser, scenario: Scenario
+):
+    goal = GoalPoint(agent_id="100", point_m=(48.0, 2.0))
+    asked = {"guidance": (SINGLE, goal), "num_samples": 2, "seed": 5}
+    ids = scenario.agents.ids
+    alone = generated(diffuser, scenario, ids, reports_cost=False, **asked)
+    paired = generated(diffuser, scenario, ids, reports_cost=True, **asked)
+    for one, other in zip(alone.samples, paired.samples, strict=True):
+        np.testing.assert_allclose(one.position_m, other.position_m, atol=1e-3)
+
+
+def test_derivatives_are_those_of_the_decoded_motion(scenario: Scenario):
+    model = small_model()
+    rows = scenario.agents.rows(scenario.agents.ids)
+    task = TrajectoryTask.of(scenario, rows, model.decoder.basis)
+    table = task.latent_motion(model.decoder)
+    latent = torch.randn(2, 4, 10, generator=torch.Generator().manual_seed(0))
+    predicted = table.predicted(latent, 0.5)
+    exact = task.motion(model.decoder.basis, latent[:, None])
+    moves = slice(0, 3)
+    position = predicted.position_m.numpy()[:, moves]
+    np.testing.assert_allclose(position, exact.position_m[:, moves, :60], atol=1e-3)
+    velocity = predicted.velocity_mps.numpy()[:, moves]
+    np.testing.assert_allclose(velocity, exact.velocity_mps[:, moves, :60], atol=1e-2)
+    second = np.diff(position, 2, axis=2) / 0.01
+    found = predicted.acceleration_mps2.numpy()[:, moves, 1:-1]
+    np.testing.assert_allclose(found, second, atol=5e-2)
+
+
+def test_agents_that_are_not_sampled_move_as_recorded(scenario: Scenario):
+    model = small_model()
+    task = TrajectoryTask.of(scenario, np.array([0]), model.decoder.basis)
+    predicted = task.latent_motion(model.decoder).predicted(torch.zeros(1, 4, 10), 1.0)
+    recorded = scenario.agents.position_m[1:, 50:]
+    np.testing.assert_allclose(predicted.position_m[0, 1:], recorded, atol=1e-4)
+    assert predicted.is_sampled.tolist() == [True, False, False, False]
+    goal = GoalPoint(agent_id="101", point_m=(48.0, 2.0))
+    context = task.term_context(TermGuidance())
+    assert TERM_MAKERS[GoalPoint]([goal], context) == []
+
+
+def test_the_settings_are_stored_with_the_model_and_checked():
+    assert TRAJECTORIES.default_sampling()["terms"] == TermGuidance()
+    with pytest.raises(ModelError, match="goal_m"):
+        TermGuidance(goal_m=-1.0)
