@@ -106,7 +106,7 @@ class LatentMotion:
         base = _derivatives(mean[None], torch.zeros_like(mean[:1]), step_s)
         pairs = (table[:, :, None] * table[:, None]).flatten(1, 2).mT
         is_x = torch.arange(LATENT_SIZE, device=origin_m.device) < NUM_ALONG
-        kind = (~is_x).to(int)[:, None] + (~is_x).to(int)
+        kind = (~is_x).long()[:, None] + (~is_x).long()
         products = [pairs * (kind.flatten() == one) for one in range(3)]
         return cls(
             matrix=table,
