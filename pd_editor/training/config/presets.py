@@ -9,7 +9,8 @@ from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.loss import InitialStateLossConfig
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
-from pd_editor.diffusion.trajectory.guidance import TrajectoryGuidance
+from pd_editor.diffusion.trajectory.guidance.nearest_candidate import TrajectoryGuidance
+from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.diffusion.trajectory.loss import TrajectoryLossConfig
 from pd_editor.diffusion.trajectory.sampler import TrajectorySamplerConfig
 from pd_editor.training.config.run_config import Optimisation
@@ -39,7 +40,11 @@ LOSSES: Final[Mapping[str, type[Any]]] = {
 }
 """Type of each stage's loss settings; all presets use the defaults."""
 SAMPLING: Final[Mapping[str, Mapping[str, type[Any]]]] = {
-    "traj": {"sampler": TrajectorySamplerConfig, "guidance": TrajectoryGuidance},
+    "traj": {
+        "sampler": TrajectorySamplerConfig,
+        "guidance": TrajectoryGuidance,
+        "terms": TermGuidance,
+    },
     "init": {"sampler": InitialStateSamplerConfig, "guidance": InitialStateGuidance},
 }
 """Types of each stage's settings of the sampling, stored beside the weights."""
