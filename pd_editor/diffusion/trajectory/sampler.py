@@ -99,8 +99,6 @@ def sample_trajectories(
 
     known = scene.future if given is None else given.to(scene.future)
 
-    known = scene.future if given is None else given.to(scene.future)
-
     def held(latent: Float[Tensor, "S B A 10"]) -> Float[Tensor, "S B A 10"]:
         if is_given is None:
             return latent
