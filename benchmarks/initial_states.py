@@ -171,7 +171,7 @@ def _drawn_states(
     key = zlib.crc32(real.scenario.scenario_id.encode())
     random = np.random.default_rng([key, sample])
     task = with_attributes(
-        sampling_conditioning(scene), scene, model.agent_counts, random, wishes
+        sampling_conditioning(scene), scene, model.agent_counts, [random], wishes
     )
     steps = sample_initial_states(
         model,

@@ -58,8 +58,10 @@ Preview = Callable[[], tuple[TrafficSample, ...]]
 
 _MOST_NAMED: Final = 6
 """Number of agents that a note lists."""
-_PLACING_SHARE: Final = 0.5
-"""Share of the progress of the first stage in a sample with both stages."""
+_PLACING_SHARE: Final = 0.8
+"""Share of the progress of the first stage in samples with both stages."""
+_MOST_PLACED_TOGETHER: Final = 16
+"""Largest number of samples whose states are sampled before their trajectories."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,34 +169,37 @@ class PathDiffuser:
         stage = self._initial_states()
         model = stage.model
         assert isinstance(model, InitialStateDenoiser)
+        placings = {
+            index: _placings(stage, request, index)
+            for index in range(request.num_samples)
+        }
         samples: list[_Sampled] = []
         placed: list[tuple[Scenario, tuple[str, ...]]] = []
-        share = _PLACING_SHARE / request.num_samples
-        for index in range(request.num_samples):
-            done = index / request.num_samples
-            label = f"Sample {index + 1} of {request.num_samples}"
-            placings = _placings(stage, request, index)
-            scenario = yield from place_in_squares(
+        for first in range(0, request.num_samples, _MOST_PLACED_TOGETHER):
+            batch = range(
+                first, min(first + _MOST_PLACED_TOGETHER, request.num_samples)
+            )
+            scenes = yield from place_in_squares(
                 model,
                 request.scenario,
-                placings,
-                sample=index,
+                {index: placings[index] for index in batch},
                 seed=request.seed,
                 sampler=_state_sampler(request, stage),
                 guidance=stage.sampling["guidance"],
-                progress=partial(_placing_progress, label, done, share),
+                progress=partial(_placing_progress, batch, request.num_samples),
             )
-            placed.append((scenario, tuple(n for one in placings for n in one.ids)))
-            new_ids = tuple(name for one in placings for name in one.new_ids)
-            ids = request.agent_ids + new_ids
-            driven = yield from self._sampled_trajectories(
-                request,
-                scenario,
-                ids,
-                range(index, index + 1),
-                partial(_progress, label, done + share, share),
-            )
-            samples.append(driven)
+            for number, (index, scenario) in enumerate(zip(batch, scenes, strict=True)):
+                squares = placings[index]
+                placed.append((scenario, tuple(n for one in squares for n in one.ids)))
+                new_ids = tuple(name for one in squares for name in one.new_ids)
+                driven = yield from self._sampled_trajectories(
+                    request,
+                    scenario,
+                    request.agent_ids + new_ids,
+                    range(index, index + 1),
+                    partial(_driving_progress, batch, number, request.num_samples),
+                )
+                samples.append(driven)
         notes = list(attribute_notes(placed, _attribute_request(request)))
         num_empty = sum(not ids for _, ids in placed)
         if num_empty:
@@ -294,11 +299,29 @@ class _Sampled:
 
 
 def _placing_progress(
-    label: str, done: float, share: float, part: float
+    batch: range, num_samples: int, share: float
 ) -> GenerationProgress:
+    done = (batch.start + len(batch) * _PLACING_SHARE * share) / num_samples
     return GenerationProgress(
-        fraction=done + share * part, message=f"{label}: placing agents"
+        fraction=done, message=f"{_named(batch, num_samples)}: placing agents"
     )
+
+
+def _driving_progress(
+    batch: range, number: int, num_samples: int, share: float, preview: Preview
+) -> DenoisingProgress:
+    of_batch = _PLACING_SHARE + (1 - _PLACING_SHARE) * (number + share) / len(batch)
+    return DenoisingProgress(
+        fraction=(batch.start + len(batch) * of_batch) / num_samples,
+        message=f"Sample {batch[number] + 1} of {num_samples}",
+        preview=preview,
+    )
+
+
+def _named(batch: range, num_samples: int) -> str:
+    if len(batch) == 1:
+        return f"Sample {batch.start + 1} of {num_samples}"
+    return f"Samples {batch.start + 1} to {batch.stop} of {num_samples}"
 
 
 def _progress(

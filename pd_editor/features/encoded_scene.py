@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.features.scene_features import SceneFeatures
 from pd_editor.features.scene_fields import (
@@ -45,6 +46,19 @@ class PackedScene(SceneTokens):
                 changed[field.name] = np.concatenate([old, new])
         return replace(self, **changed)
 
+    def only_agents(self, rows: Int[np.ndarray, "K"]) -> "PackedScene":
+        """Keep some agents only; the nearest tokens and agents of each become unset."""
+        changed = {}
+        for field in (*SCENE_FIELDS, *CANDIDATE_FIELDS):
+            if field.axis == "agent":
+                values = getattr(self, field.name)[rows]
+                if field.name in _NEAREST:
+                    values = np.full_like(values, field.fill)
+                changed[field.name] = values
+        return replace(self, **changed)
+
+
+_NEAREST: Final = ("near_pieces", "near_boundary", "near_agents")
 
 Encoder = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Encoder of trajectories [.. H 2] at speeds; see ``TrajectoryBasis.encode``."""

@@ -33,3 +33,11 @@ def same(one: TrafficSample, two: TrafficSample) -> bool:
         np.array_equal(getattr(one, name), getattr(two, name))
         for name in ("position_m", "heading_rad", "velocity_mps")
     )
+
+
+def close(one: TrafficSample, two: TrafficSample) -> bool:
+    """Whether they are the same apart from rounding, which grows from step to step."""
+    return one.ids == two.ids and all(
+        np.allclose(getattr(one, name), getattr(two, name), atol=0.02)
+        for name in ("position_m", "velocity_mps")
+    )

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 _GOLDEN_RATIO: Final = (5**0.5 - 1) / 2
@@ -61,6 +61,44 @@ class RandomStreams:
             place = shifts[sample % num_tries] + sample // num_tries * _GOLDEN_RATIO
             row[..., 0] = torch.special.ndtri(place.frac().clamp(1e-12, 1 - 1e-12))
         return normal
+
+
+class SceneStreams(RandomStreams):
+    """One generator for each of B scenes, each of which is a sample of its own.
+
+    A scene's numbers depend neither on the padding of the batch nor on the agents that
+    were left out of it.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        stage: str,
+        samples: Sequence[int],
+        rows: Sequence[tuple[int, Int[np.ndarray, "_"]]],
+    ) -> None:
+        """Make the generators.
+
+        Args:
+            seed: of all samples.
+            stage: name of the stage.
+            samples: index of each scene's sample.
+            rows: number of agents of each whole scene, and which of them it keeps.
+        """
+        super().__init__(seed, stage, samples)
+        self._rows = tuple(rows)
+
+    def normal(self, *shape: int) -> Float[Tensor, "1 B A ..."]:
+        """Standard normal numbers of shape [1, *shape], 0 for padding."""
+        table = torch.zeros((1, *shape), device="cpu")
+        for scene, (generator, (count, kept)) in enumerate(
+            zip(self._generators, self._rows, strict=True)
+        ):
+            numbers = torch.randn(
+                (1, count, *shape[2:]), generator=generator, device="cpu"
+            )
+            table[0, scene, : len(kept)] = numbers[0, torch.from_numpy(kept)]
+        return table
 
 
 def _generator(key: Sequence[int]) -> torch.Generator:

@@ -187,13 +187,18 @@ def lane_length_m(
 
 
 def cells_of(
-    scene: SceneTensors, counts: Bool[np.ndarray, "A"]
-) -> Int[np.ndarray, "K 2 2"]:
-    """Numbers of some agents of one scene (B = 1), as in ``AgentCounts.counts``."""
-    on_road = (is_on_road(scene) | ~follows_lanes(scene))[0].cpu().numpy()
-    moves = scene.agent_speed[0].cpu().numpy() >= MOVING_MPS
-    cell = 4 * scene.agent_kind[0].cpu().numpy() + 2 * moves + on_road
-    return np.bincount(cell[counts], minlength=_NUM_CELLS).reshape(_CELLS)
+    scene: SceneTensors, counts: Bool[np.ndarray, "B A"]
+) -> Int[np.ndarray, "B K 2 2"]:
+    """Numbers of some agents of each scene, as in ``AgentCounts.counts``."""
+    on_road = (is_on_road(scene) | ~follows_lanes(scene)).cpu().numpy()
+    moves = scene.agent_speed.cpu().numpy() >= MOVING_MPS
+    cells = 4 * scene.agent_kind.cpu().numpy() + 2 * moves + on_road
+    return np.stack(
+        [
+            np.bincount(cell[counted], minlength=_NUM_CELLS).reshape(_CELLS)
+            for cell, counted in zip(cells, counts, strict=True)
+        ]
+    )
 
 
 def _counted(scene: PackedScene) -> dict[float, list[float]]:
@@ -206,7 +211,7 @@ def _counted(scene: PackedScene) -> dict[float, list[float]]:
         length = lane_length_m(
             scene.piece_pose, scene.piece_shape, scene.piece_kind, side
         )
-        found[side] = [length, *cells_of(tensors, inside).flatten().tolist()]
+        found[side] = [length, *cells_of(tensors, inside[None]).flatten().tolist()]
     return found
 
 

@@ -39,7 +39,7 @@ def with_attributes(
     task: Conditioning,
     scene: SceneTensors,
     counts: AgentCounts,
-    random: np.random.Generator,
+    randoms: Sequence[np.random.Generator],
     request: AttributeRequest | None = None,
 ) -> Conditioning:
     """Add the attributes of all sampled agents to a conditioning, if any are requested.
@@ -48,10 +48,10 @@ def with_attributes(
     request agents are unconditioned: the network samples which ones park.
 
     Args:
-        task: conditioning of one scene (B = 1).
-        scene: the same scene.
+        task: conditioning of B scenes.
+        scene: the same scenes.
         counts: counts of training squares.
-        random: random generator.
+        randoms: random generator of each scene.
         request: requested attributes.
 
     Raises:
@@ -65,28 +65,36 @@ def with_attributes(
             "These weights do not know moving and parked agents apart; leave out the "
             "share that moves, and where they may be."
         )
-    half_side_m = float(task.half_side_m[0])
-    pose, shape, kind = (
-        one[scene.has_piece].cpu().numpy()
+    half_side_m = task.half_side_m.cpu().numpy().astype(float)
+    pieces = [
+        one.cpu().numpy()
         for one in (scene.piece_pose, scene.piece_shape, scene.piece_kind)
-    )
-    is_sampled = (scene.has_agent & ~task.is_given)[0].cpu().numpy()
-    is_inside = (scene.agent_pose[0, :, :2].abs() <= half_side_m).all(dim=-1)
-    is_present = (scene.has_agent & task.is_given)[0] & is_inside
-    sampled = counts.sample_attributes(
-        scene.agent_kind[0].cpu().numpy()[is_sampled],
-        cells_of(scene, is_present.cpu().numpy()),
-        lane_length_m(pose, shape, kind, half_side_m),
-        half_side_m,
-        random,
-        moving_share=request.moving_share,
-        only_on_road=request.only_on_road,
-    )
+    ]
+    has_piece = scene.has_piece.cpu().numpy()
+    is_sampled = (scene.has_agent & ~task.is_given).cpu().numpy()
+    offset = scene.agent_pose[..., :2].abs().amax(dim=-1)
+    is_inside = offset <= task.half_side_m[:, None]
+    is_present = scene.has_agent & task.is_given & is_inside
+    present = cells_of(scene, is_present.cpu().numpy())
+    kinds = scene.agent_kind.cpu().numpy()
     codes = np.zeros((2, *is_sampled.shape), int)
-    codes[:, is_sampled] = np.where(
-        [sampled.moves, sampled.on_road], CONDITIONED_YES, CONDITIONED_NO
-    )
-    moves, on_road = torch.from_numpy(codes[:, None]).to(task.moves.device)
+    for index, random in enumerate(randoms):
+        counted = is_sampled[index]
+        of_map = index if len(has_piece) > 1 else 0
+        pose, shape, kind = (one[of_map][has_piece[of_map]] for one in pieces)
+        sampled = counts.sample_attributes(
+            kinds[index][counted],
+            present[index],
+            lane_length_m(pose, shape, kind, half_side_m[index]),
+            half_side_m[index],
+            random,
+            moving_share=request.moving_share,
+            only_on_road=request.only_on_road,
+        )
+        codes[:, index, counted] = np.where(
+            [sampled.moves, sampled.on_road], CONDITIONED_YES, CONDITIONED_NO
+        )
+    moves, on_road = torch.from_numpy(codes).to(task.moves.device)
     return replace(task, moves=moves, on_road=on_road * follows_lanes(scene))
 
 

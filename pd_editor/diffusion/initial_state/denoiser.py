@@ -392,7 +392,7 @@ class InitialStateDenoiser(nn.Module):
         position_m = states[..., :2] * level.position_m
         poses = NoisyPoses(
             position_m=as_complex(position_m),
-            direction=torch.sgn(as_complex(states[..., 2:4])),
+            direction=as_complex(_directions(states[..., 2:4])),
         )
         position = waves(position_m, POSITION_WAVELENGTHS_M) * level.position_fading
         scaled = states * level.factor_in
@@ -548,7 +548,8 @@ class InitialStateLayer(nn.Module):
     ) -> Float[Tensor, "B S A D"]:
         """Apply the layer to the tokens of S versions of B scenes."""
         shape = token.shape
-        token = token.flatten(1, 2)
+        # One row of agents per map, which several scenes may share.
+        token = token.reshape(len(seen.keys), -1, shape[-1])
         token = token + self.map_attention(self.norms[0](token), seen)
         token = token.view(shape).flatten(0, 1)
         if edges.near is not None and edges.near_mask is not None:
@@ -575,6 +576,16 @@ def _agents_that_count(scene: SceneTensors, task: Conditioning) -> Bool[Tensor, 
     """All agents but given ones that are further out than in training."""
     is_near = torch.all(scene.agent_pose[..., :2].abs() <= REACH_M, dim=-1)
     return scene.has_agent & (is_near | ~task.is_given)
+
+
+def _directions(vectors: Float[Tensor, "*b 2"]) -> Float[Tensor, "*b 2"]:
+    """Unit vectors, and 0 for 0.
+
+    Unlike ``torch.sgn`` of complex numbers, which rounds the last numbers of a tensor
+    differently, the result does not depend on the batch.
+    """
+    length = vectors.square().sum(dim=-1, keepdim=True).sqrt()
+    return vectors / length.clamp_min(1e-12)
 
 
 def _token_inputs(

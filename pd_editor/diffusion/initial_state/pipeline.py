@@ -1,7 +1,8 @@
 """Pipeline of the first stage: samples initial states on a scenario and repairs them."""
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Final, TypeVar
 
 import numpy as np
@@ -27,9 +28,9 @@ from pd_editor.diffusion.initial_state.sampler import (
     sample_initial_states,
 )
 from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
-from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.diffusion.inputs.scene_batch import batch_of, padded_size
 from pd_editor.errors import GenerationError
-from pd_editor.features.encoded_scene import LATENT_SIZE, packed
+from pd_editor.features.encoded_scene import LATENT_SIZE, PackedScene, packed
 from pd_editor.features.lane_tokens import CROSSWALK_KIND, lane_pieces
 from pd_editor.features.scene_features import (
     AGENT_KINDS,
@@ -51,6 +52,10 @@ from pd_editor.scene.scenario import Scenario
 
 _KIND_INDEX: Final = {kind: index for index, kind in enumerate(AGENT_KINDS)}
 _LEAST_HALF_SIDE_M: Final = 5.0
+_MOST_ROWS_AT_ONCE: Final = 255
+"""Largest number of agents times samples in a batch, for which one thread is used."""
+_MOST_GPU_PAIRS: Final = 1_000_000
+"""The same on a GPU: pairs of agents, each of which takes about a kilobyte."""
 _Progress = TypeVar("_Progress")
 _ATTRIBUTES_KEY: Final = 1
 """Key of the random numbers of attributes, different from those of agent counts."""
@@ -113,7 +118,7 @@ class SquareContent:
         features = scene_features(scenario, with_candidates=False, center_m=center)
         is_inside = (np.abs(features.agent_pose[:, :2]) <= half_side).all(axis=1)
         scene = batch_of([packed(features, _no_latents)])
-        cells = cells_of(scene, np.resize(is_inside, scene.has_agent.shape[1]))
+        cells = cells_of(scene, np.resize(is_inside, scene.has_agent.shape))[0]
         present = cells[..., 1] if only_on_road else cells.sum(axis=-1)
         return cls(
             half_side_m=half_side,
@@ -149,62 +154,93 @@ def sample_agent_counts(
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SquareTask:
+    """Agents to place in one square of one sample."""
+
+    sample: int
+    """Index of the sample."""
+    kept: Scenario
+    """The scenario without the agents to place."""
+    placing: SquarePlacement
+    placed: AgentTracks
+    """Tracks of the agents to place, without any state."""
+    features: SceneFeatures
+    """Of the kept agents."""
+    rows: Int[np.ndarray, "K"]
+    """Agents that are within reach of the network: kept ones, then all to place."""
+
+    @classmethod
+    def of(
+        cls, scenario: Scenario, kept: Scenario, sample: int, placing: SquarePlacement
+    ) -> "SquareTask":
+        """Make a task.
+
+        Args:
+            scenario: the scenario, which still contains the agents to resample.
+            kept: the scenario without the agents to place.
+            sample: index of the sample.
+            placing: agents to place.
+
+        Raises:
+            GenerationError: there is no road, or an agent is no road user.
+        """
+        center, _ = _square(placing.region)
+        features = scene_features(kept, with_candidates=False, center_m=center)
+        is_near = (np.abs(features.piece_pose[:, :2]) <= REACH_M).all(axis=1)
+        if not (is_near & (features.piece_kind < CROSSWALK_KIND)).any():
+            raise GenerationError(no_lanes(kept, center))
+        placed = _agents_to_place(scenario, placing)
+        # Others only take time: they are masked, and too far away for guidance.
+        reached = (np.abs(features.agent_pose[:, :2]) <= REACH_M).all(axis=1)
+        return cls(
+            sample=sample,
+            kept=kept,
+            placing=placing,
+            placed=placed,
+            features=features,
+            rows=np.flatnonzero(np.append(reached, np.ones(len(placed), bool))),
+        )
+
+    @property
+    def num_agents(self) -> int:
+        """Number of kept agents and agents to place."""
+        return len(self.features.agent_row) + len(self.placed)
+
+    @property
+    def num_given(self) -> int:
+        """Number of kept agents within reach."""
+        return len(self.rows) - len(self.placed)
+
+    def packed(self) -> PackedScene:
+        """The agents within reach; of those to place, only kinds and sizes are known."""
+        kinds = np.array([_KIND_INDEX[kind] for kind in self.placed.kinds], int)
+        scene = packed(self.features, _no_latents).with_agents(
+            len(self.placed), agent_size=self.placed.size_m, agent_kind=kinds
+        )
+        return scene.only_agents(self.rows)
+
+
 def place_in_squares(
     model: InitialStateDenoiser,
     scenario: Scenario,
-    placings: Sequence[SquarePlacement],
+    placings: Mapping[int, Sequence[SquarePlacement]],
     *,
-    sample: int,
     seed: int,
     sampler: InitialStateSamplerConfig | None = None,
     guidance: InitialStateGuidance | None = None,
     progress: Callable[[float], _Progress] = lambda share: share,
-) -> Generator[_Progress, None, Scenario]:
-    """Sample initial states square by square; returns the scenario with the agents.
+) -> Generator[_Progress, None, list[Scenario]]:
+    """Sample initial states square by square; returns each sample's scenario.
 
-    Each square is conditioned on the agents placed before. Placed agents exist at the
-    current step only. Yields ``progress`` of the share that is done.
-
-    Raises:
-        GenerationError: there is no road where agents are to be placed.
-    """
-    resampled = [name for placing in placings for name in placing.resampled_ids]
-    placed = scenario.without_agents(resampled)
-    for index, placing in enumerate(placings):
-        placed = yield from place_agents(
-            model,
-            placed,
-            placing,
-            _agents_to_place(scenario, placing),
-            sample=sample,
-            seed=seed,
-            sampler=sampler,
-            guidance=guidance,
-            progress=lambda share, done=index: progress((done + share) / len(placings)),
-        )
-    return placed
-
-
-def place_agents(
-    model: InitialStateDenoiser,
-    kept: Scenario,
-    placing: SquarePlacement,
-    placed: AgentTracks,
-    *,
-    sample: int,
-    seed: int,
-    sampler: InitialStateSamplerConfig | None = None,
-    guidance: InitialStateGuidance | None = None,
-    progress: Callable[[float], _Progress] = lambda share: share,
-) -> Generator[_Progress, None, Scenario]:
-    """Sample the initial states of one square; returns the scenario with the agents.
+    All samples of a square are denoised in one batch. Each square is conditioned on the
+    agents of the sample that were placed before. Placed agents exist at the current step
+    only. Yields ``progress`` of the share that is done.
 
     Args:
         model: The network.
-        kept: The scenario without the agents to place.
-        placing: Agents to place.
-        placed: Their tracks, without any state.
-        sample: Index of the sample.
+        scenario: The scenario, which still contains the agents to resample.
+        placings: Squares of each sample, by the index of the sample.
         seed: Of all samples.
         sampler: Steps and noise.
         guidance: Of predicted states.
@@ -213,32 +249,110 @@ def place_agents(
     Raises:
         GenerationError: there is no road where agents are to be placed.
     """
+    bare: dict[tuple[str, ...], Scenario] = {}
+    found: dict[int, Scenario] = {}
+    for sample, squares in placings.items():
+        resampled = tuple(name for one in squares for name in one.resampled_ids)
+        if resampled not in bare:
+            bare[resampled] = scenario.without_agents(resampled)
+        found[sample] = bare[resampled]
+    by_square: dict[int, list[tuple[int, SquarePlacement]]] = {}
+    for sample, squares in placings.items():
+        for placing in squares:
+            by_square.setdefault(placing.square, []).append((sample, placing))
+    total, done = sum(map(len, by_square.values())), 0
+    for square in sorted(by_square):
+        tasks = [
+            SquareTask.of(scenario, found[sample], sample, placing)
+            for sample, placing in by_square[square]
+        ]
+        for batch in _batches(tasks, model.get_buffer("counted").device):
+            share = partial(_share_of, done, len(batch), total)
+            scenes = yield from place_agents(
+                model,
+                batch,
+                seed=seed,
+                sampler=sampler,
+                guidance=guidance,
+                progress=lambda part, share=share: progress(share(part)),
+            )
+            found.update(zip((one.sample for one in batch), scenes, strict=True))
+            done += len(batch)
+    return list(found.values())
+
+
+def _share_of(done: int, count: int, total: int, part: float) -> float:
+    return (done + count * part) / total
+
+
+def _batches(
+    tasks: Sequence[SquareTask], device: torch.device
+) -> Iterator[list[SquareTask]]:
+    """Tasks that are denoised together: of equal size, and few enough for one thread.
+
+    Sums over agents are then in the same order as in a batch of one, and so are most
+    products of matrices. That matters, since differences in the last digits grow from step
+    to step: some agents were metres away from those of the sample alone.
+    """
+    by_size: dict[int, list[SquareTask]] = {}
+    for task in tasks:
+        by_size.setdefault(padded_size(len(task.rows)), []).append(task)
+    for size, alike in by_size.items():
+        most = _MOST_ROWS_AT_ONCE if device.type == "cpu" else _MOST_GPU_PAIRS // size
+        at_once = max(1, most // size)
+        for first in range(0, len(alike), at_once):
+            yield alike[first : first + at_once]
+
+
+def place_agents(
+    model: InitialStateDenoiser,
+    tasks: Sequence[SquareTask],
+    *,
+    seed: int,
+    sampler: InitialStateSamplerConfig | None = None,
+    guidance: InitialStateGuidance | None = None,
+    progress: Callable[[float], _Progress] = lambda share: share,
+) -> Generator[_Progress, None, list[Scenario]]:
+    """Sample the initial states of one square of several samples, in one batch.
+
+    Returns each sample's scenario with the agents. A sample does not depend on the
+    others, apart from rounding.
+
+    Raises:
+        GenerationError: there is no road where agents are to be placed.
+    """
+    placing = tasks[0].placing
     center, half_side = _square(placing.region)
-    features = scene_features(kept, with_candidates=False, center_m=center)
-    is_near = (np.abs(features.piece_pose[:, :2]) <= REACH_M).all(axis=1)
-    if not (is_near & (features.piece_kind < CROSSWALK_KIND)).any():
-        raise GenerationError(no_lanes(kept, center))
     device = model.get_buffer("counted").device
-    scene = _scene(features, placed).to(device)
-    is_given = torch.zeros_like(scene.has_agent)
-    is_given[:, : len(features.agent_row)] = True
+    scenes_of_square = batch_of([one.packed() for one in tasks], pads_single=True)
+    # The tokens of the map, which all samples share, are encoded once.
+    scene = scenes_of_square.with_one_map().to(device)
+    row = torch.arange(scene.has_agent.shape[1], device=device)
+    num_given = torch.tensor([one.num_given for one in tasks], device=device)
     task = sampling_conditioning(
         scene,
-        is_given,
-        scene.agent_speed.new_tensor([half_side]),
+        row < num_given[:, None],
+        scene.agent_speed.new_full((len(tasks),), half_side),
         within_kinds=not model.config.orders_all_kinds,
     )
     further = [placing.square] if placing.square else []
-    random = np.random.default_rng([seed, sample, _ATTRIBUTES_KEY, *further])
-    task = with_attributes(task, scene, model.agent_counts, random, placing.traits)
+    randoms = [
+        np.random.default_rng([seed, one.sample, _ATTRIBUTES_KEY, *further])
+        for one in tasks
+    ]
+    if placing.traits != AttributeRequest():
+        task = with_attributes(task, scene, model.agent_counts, randoms, placing.traits)
     guidance = InitialStateGuidance() if guidance is None else guidance
     if placing.traits.only_on_road:
         guidance = guidance.within_lanes()
-    may_stop = random.random(scene.has_agent.shape) < guidance.stopped_in_junctions
+    may_stop = np.zeros(scene.has_agent.shape, bool)
+    for stops, one, random in zip(may_stop, tasks, randoms, strict=True):
+        numbers = random.random(one.num_agents)[one.rows]
+        stops[: len(numbers)] = numbers < guidance.stopped_in_junctions
     steps = sample_initial_states(
         model,
         scene,
-        samples=[sample],
+        samples=[one.sample for one in tasks],
         seed=seed,
         task=task,
         config=sampler,
@@ -246,21 +360,31 @@ def place_agents(
             scene, model.schedule, task, torch.from_numpy(may_stop).to(device)
         ),
         square=placing.square,
+        rows=[(one.num_agents, one.rows) for one in tasks],
     )
     clean = None
     for step in steps:
         clean = step.clean
         yield progress((step.index + 1) / step.num_steps)
     assert clean is not None, "there is at least one step"
-    states = finished_states(scene, task, clean)
-    own = slice(len(features.agent_row), None)
-    sampled = states[0, 0, own].double().cpu().numpy()
-    activity = finished_activity(scene, task, clean)[0, 0, own].cpu().numpy()
-    tracks = _with_states(placed, sampled, activity, center, kept.current_step)
-    result = kept.with_agents(kept.agents.joined(tracks))
-    if not placing.repairs:
-        return result
-    return _repaired(result, placing, task.on_road[0, own].cpu().numpy())
+    states = finished_states(scene, task, clean)[0].double().cpu().numpy()
+    activity = finished_activity(scene, task, clean)[0].cpu().numpy()
+    on_road = task.on_road.cpu().numpy()
+    scenes: list[Scenario] = []
+    for index, one in enumerate(tasks):
+        own = slice(one.num_given, len(one.rows))
+        tracks = _with_states(
+            one.placed,
+            states[index, own],
+            activity[index, own],
+            center,
+            one.kept.current_step,
+        )
+        result = one.kept.with_agents(one.kept.agents.joined(tracks))
+        if one.placing.repairs:
+            result = _repaired(result, one.placing, on_road[index, own])
+        scenes.append(result)
+    return scenes
 
 
 def _repaired(
@@ -373,15 +497,6 @@ def _agents_to_place(scenario: Scenario, placing: SquarePlacement) -> AgentTrack
         observed=np.zeros((count, steps), bool),
     )
     return old.joined(new)
-
-
-def _scene(features: SceneFeatures, placed: AgentTracks) -> SceneTensors:
-    """Scene with the kept agents, then those to place with known kind and size only."""
-    count = len(placed)
-    kinds = np.array([_KIND_INDEX[kind] for kind in placed.kinds], int)
-    kept = packed(features, _no_latents)
-    sizes = placed.size_m
-    return batch_of([kept.with_agents(count, agent_size=sizes, agent_kind=kinds)])
 
 
 def _no_latents(

@@ -4,13 +4,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.core.config_limits import check_settings
 from pd_editor.diffusion.core.noise_schedule import centered_levels
-from pd_editor.diffusion.core.random_streams import RandomStreams
+from pd_editor.diffusion.core.random_streams import RandomStreams, SceneStreams
 from pd_editor.diffusion.core.sampler import (
     SamplerConfig,
     SamplerStep,
@@ -79,6 +80,7 @@ def sample_initial_states(
     config: InitialStateSamplerConfig | None = None,
     guide: InitialStateGuide | None = None,
     square: int = 0,
+    rows: Sequence[tuple[int, Int[np.ndarray, "_"]]] | None = None,
 ) -> Iterator[SamplerStep]:
     """Sample initial states of all agents of B scenes that are not given.
 
@@ -96,15 +98,23 @@ def sample_initial_states(
         config: settings of the sampler.
         guide: changes the predicted clean states of each step.
         square: index of the square; each has separate random numbers.
+        rows: number of agents of each whole scene, and which of them ``scene`` keeps.
+            Each of the B scenes then has one of the samples (S = B), and the result is
+            [1, B, A, P]; None: all samples of all scenes.
     """
     config = InitialStateSamplerConfig() if config is None else config
     if task is None:
         within_kinds = not model.config.orders_all_kinds
         task = sampling_conditioning(scene, within_kinds=within_kinds)
     name = f"states-{square}" if square else "states"
-    streams = RandomStreams(seed, name, samples)
+    num_versions = len(samples) if rows is None else 1
+    streams = (
+        RandomStreams(seed, name, samples)
+        if rows is None
+        else SceneStreams(seed, name, samples, rows)
+    )
     num_parts = model.config.num_state_parts
-    with sampling_mode(len(samples) * scene.has_agent.numel()):
+    with sampling_mode(num_versions * scene.has_agent.numel()):
         context = model.encode_context(scene, task)
         levels = centered_levels(config.num_steps, config.level_emphasis)
         encoded = model.encode_level(

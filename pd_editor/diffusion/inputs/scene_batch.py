@@ -28,18 +28,20 @@ _SIZE_STEP: Final = 8
 class SceneTensors:
     """B scenes of up to P pieces, E of the boundary and A agents, with D latent numbers.
 
+    Scenes that share one map may hold it once.
+
     Fields mean what those of ``PackedScene`` mean; indices are -1 where there is
     none, and everything is 0 where ``has_piece``, ``has_boundary`` or ``has_agent`` is
     false.
     """
 
-    piece_pose: Float[Tensor, "B P 3"]
-    piece_shape: Float[Tensor, "B P F"]
-    piece_kind: Int[Tensor, "B P"]
-    has_piece: Bool[Tensor, "B P"]
-    boundary_pose: Float[Tensor, "B E 3"]
-    boundary_shape: Float[Tensor, "B E G"]
-    has_boundary: Bool[Tensor, "B E"]
+    piece_pose: Float[Tensor, "#B P 3"]
+    piece_shape: Float[Tensor, "#B P F"]
+    piece_kind: Int[Tensor, "#B P"]
+    has_piece: Bool[Tensor, "#B P"]
+    boundary_pose: Float[Tensor, "#B E 3"]
+    boundary_shape: Float[Tensor, "#B E G"]
+    has_boundary: Bool[Tensor, "#B E"]
     agent_pose: Float[Tensor, "B A 3"]
     agent_speed: Float[Tensor, "B A"]
     agent_size: Float[Tensor, "B A 2"]
@@ -58,6 +60,16 @@ class SceneTensors:
     def num_scenes(self) -> int:
         """Number of scenes B."""
         return len(self.has_agent)
+
+    def with_one_map(self) -> "SceneTensors":
+        """The scenes with the map of the first one, which they all share."""
+        return replace(
+            self,
+            **{
+                name: getattr(self, name)[:1]
+                for name in (*_MAP_FIELDS, "has_piece", "has_boundary")
+            },
+        )
 
     def to(
         self, device: torch.device | str, dtype: torch.dtype | None = None
@@ -103,15 +115,26 @@ class SceneTensors:
         )
 
 
-def batch_of(scenes: Sequence[PackedScene]) -> SceneTensors:
-    """Batch scenes, padded to the largest of them."""
+_MAP_FIELDS: Final = tuple(
+    one.name for one in SCENE_FIELDS if one.axis in ("piece", "boundary")
+)
+
+
+def batch_of(
+    scenes: Sequence[PackedScene], *, pads_single: bool = False
+) -> SceneTensors:
+    """Batch scenes, padded to the largest of them; a single scene only on request."""
     assert scenes, "a batch holds at least one scene"
     counts: dict[Axis, list[int]] = {
         "piece": [len(scene.piece_pose) for scene in scenes],
         "boundary": [len(scene.boundary_pose) for scene in scenes],
         "agent": [len(scene.agent_pose) for scene in scenes],
     }
-    sizes = {axis: _padded_size(count) for axis, count in counts.items()}
+    pads = pads_single or len(scenes) > 1
+    sizes = {
+        axis: padded_size(max(count)) if pads else max(*count, 1)
+        for axis, count in counts.items()
+    }
 
     def padded(field: SceneField) -> Tensor:
         first = field.in_memory(getattr(scenes[0], field.name)[:0])
@@ -135,10 +158,9 @@ def batch_of(scenes: Sequence[PackedScene]) -> SceneTensors:
     )
 
 
-def _padded_size(counts: list[int]) -> int:
-    if len(counts) == 1:
-        return max(counts[0], 1)
-    return -(-max(counts) // _SIZE_STEP) * _SIZE_STEP or _SIZE_STEP
+def padded_size(count: int) -> int:
+    """Size to which a batch is padded that holds so many rows."""
+    return -(-count // _SIZE_STEP) * _SIZE_STEP or _SIZE_STEP
 
 
 def _turned(

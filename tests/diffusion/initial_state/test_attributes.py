@@ -28,9 +28,9 @@ def test_with_a_wish_all_is_told_but_where_pedestrians_are():
     is_given[:, :10] = True
     task = sampling_conditioning(scene, is_given)
     random = np.random.default_rng(0)
-    assert with_attributes(task, scene, COUNTS, random) is task
+    assert with_attributes(task, scene, COUNTS, [random]) is task
     wishes = AttributeRequest(moving_share=0.5)
-    found = with_attributes(task, scene, COUNTS, random, wishes)
+    found = with_attributes(task, scene, COUNTS, [random], wishes)
     assert ((found.moves != UNCONDITIONED) == ~is_given).all()
     drives = scene.agent_kind != 4
     assert ((found.on_road != UNCONDITIONED) == (~is_given & drives)).all()
@@ -41,7 +41,9 @@ def test_wishes_are_told():
     scene = scene_batch(30)
     wishes = AttributeRequest(moving_share=1.0, only_on_road=True)
     random = np.random.default_rng(0)
-    found = with_attributes(sampling_conditioning(scene), scene, COUNTS, random, wishes)
+    found = with_attributes(
+        sampling_conditioning(scene), scene, COUNTS, [random], wishes
+    )
     assert (found.moves == CONDITIONED_YES).all()
     assert (found.on_road[scene.agent_kind != 4] == CONDITIONED_YES).all()
 
@@ -49,8 +51,12 @@ def test_wishes_are_told():
 def test_weights_without_counts_take_no_requests():
     scene, random = scene_batch(3), np.random.default_rng(0)
     task = sampling_conditioning(scene)
-    assert with_attributes(task, scene, AgentCounts.none(), random) is task
+    assert with_attributes(task, scene, AgentCounts.none(), [random]) is task
     with pytest.raises(GenerationError, match="share that moves"):
         with_attributes(
-            task, scene, AgentCounts.none(), random, AttributeRequest(only_on_road=True)
+            task,
+            scene,
+            AgentCounts.none(),
+            [random],
+            AttributeRequest(only_on_road=True),
         )

@@ -15,15 +15,13 @@ from pd_editor.diffusion.initial_state.conditioning import (
 )
 from pd_editor.diffusion.initial_state.sampler import sample_initial_states
 from pd_editor.diffusion.path_diffuser import PathDiffuser
-from pd_editor.generation import (
-    Region,
-)
+from pd_editor.generation import GenerationRequest, Region
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.repair import slow_for_gaps
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
-from tests.diffusion.generated_traffic import SINGLE, generated, same
+from tests.diffusion.generated_traffic import SINGLE, close, generated, same
 
 
 def test_agents_are_added_and_placed_anew(
@@ -51,7 +49,52 @@ def test_agents_are_added_and_placed_anew(
         num_new_agents={AgentKind.PEDESTRIAN: 1, AgentKind.VEHICLE: 2},
         region=Region(center_m=(20.0, 0.0), half_side_m=30.0),
     )
-    assert same(alone.samples[0], one)
+    assert close(alone.samples[0], one)
+
+
+def test_samples_of_a_batch_are_those_made_alone(
+    diffuser: PathDiffuser, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Several squares; the number of agents differs from sample to sample."""
+    asked = {
+        "redrawn_state_ids": scenario.agents.ids[:1],
+        "draws_num_agents": True,
+        "region": Region(center_m=(0.0, 0.0), half_side_m=120.0),
+        "num_samples": 5,
+        "only_on_road": True,
+        "seed": 3,
+    }
+    batches: list[int] = []
+    place = pipeline.place_agents
+
+    def counted(model: Any, tasks: Any, **more: Any) -> Any:
+        batches.append(len(tasks))
+        return place(model, tasks, **more)
+
+    monkeypatch.setattr(pipeline, "place_agents", counted)
+    together = generated(diffuser, scenario, scenario.agents.ids[:1], **asked)
+    assert max(batches) > 1
+    monkeypatch.setattr(path_diffuser, "_MOST_PLACED_TOGETHER", 1)
+    alone = generated(diffuser, scenario, scenario.agents.ids[:1], **asked)
+    for one, two in zip(alone.samples, together.samples, strict=True):
+        assert close(one, two)
+    assert len({sample.ids for sample in together.samples}) > 1
+
+
+def test_a_batch_of_samples_is_cancelled_between_steps(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    request = GenerationRequest(
+        scenario=scenario,
+        agent_ids=scenario.agents.ids,
+        redrawn_state_ids=scenario.agents.ids,
+        num_samples=4,
+    )
+    steps = diffuser.generate(request)
+    shares = [next(steps).fraction for _ in range(3)]
+    steps.close()
+    assert shares == sorted(set(shares))
+    assert shares[-1] < 0.4
 
 
 def test_whoever_is_placed_can_brake_behind_those_ahead(diffuser: PathDiffuser) -> None:
@@ -111,12 +154,12 @@ def test_wishes_about_those_placed_are_answered(
     wishes = {"moving_share": 0.75, "only_on_road": True}
     traffic = generated(diffuser, scenario, (), **asked, **wishes)
     for task in tasks:
-        kept, drives, walks = task.moves[0].split([2, 6, 1])
+        kept, drives, walks = task.moves[0, :9].split([2, 6, 1])
         assert (kept == UNCONDITIONED).all()
         assert 4 <= (drives == CONDITIONED_YES).sum() <= 5
         assert (drives == CONDITIONED_NO).sum() + (drives == CONDITIONED_YES).sum() == 6
         assert walks != UNCONDITIONED
-        assert task.on_road[0].tolist() == [UNCONDITIONED] * 2 + [
+        assert task.on_road[0, :9].tolist() == [UNCONDITIONED] * 2 + [
             CONDITIONED_YES
         ] * 6 + [UNCONDITIONED]
     numbers = []

@@ -257,12 +257,12 @@ def test_placed_agents_are_parked_wait_or_drive(
     ids, found = wide.agents.ids[2:], set()
     for seed in range(4):
         placings = placed(model, scenario, resampled_ids=ids)
-        steps = place_in_squares(model, scenario, placings, sample=0, seed=seed)
+        steps = place_in_squares(model, scenario, {0: placings}, seed=seed)
         try:
             while True:
                 next(steps)
         except StopIteration as stop:
-            agents = stop.value.agents
+            agents = stop.value[0].agents
         rows = agents.rows(ids)
         speed = np.hypot(*agents.velocity_mps[rows, scenario.current_step].T)
         assert ((agents.activity[rows] == Activity.DRIVING) == (speed > 0)).all()
