@@ -64,8 +64,8 @@ class LiveRegeneration:
             session: the editing session.
             post: runs an action on the session's thread; of neighbours with equal keys
                 only the newest.
-            requests: returns what to generate for edits of a scenario; None if nothing
-                reacts.
+            requests: returns what to generate for an edit, given the edited scenario;
+                None if nothing reacts.
             on_change: called when ``is_refining`` has changed.
             on_end: called when a gesture was committed with its final trajectories.
             on_error: called with an error of the generator, once per gesture.
@@ -91,11 +91,12 @@ class LiveRegeneration:
         Raises:
             EditError: the edit is not valid; the last preview stays.
         """
-        gesture = self._begun()
+        start = self._session.committed_scenario
+        edited = apply_within_locks(edit, start)
+        gesture = self._begun(start, edited)
         if gesture is None:
             self._session.preview(edit)
             return
-        edited = apply_within_locks(edit, gesture.start)
         gesture.edit, gesture.edited = edit, edited
         self._show(gesture)
         self._ask(gesture, gesture.requests.draft)
@@ -127,14 +128,13 @@ class LiveRegeneration:
         self.drop()
         self._run.close(CLOSE_WAIT_S)
 
-    def _begun(self) -> "_Gesture | None":
+    def _begun(self, start: Scenario, edited: Scenario) -> "_Gesture | None":
         """The gesture in progress, or a new one; None if nothing reacts."""
         gesture = self._gesture
         if gesture is not None and self._is_current(gesture) and not gesture.is_over:
             return gesture
         self.drop()
-        start = self._session.committed_scenario
-        requests = self._requests(start)
+        requests = self._requests(edited)
         if requests is None:
             return None
         self._gesture = _Gesture(start=start, requests=requests)

@@ -137,9 +137,9 @@ class Scenario:
         return kept_steps(self.agents, self.time_axis, self.locks)
 
     def with_agents(self, agents: AgentTracks, note: str | None = None) -> "Scenario":
-        """Replace the agents, with a note on what is not recorded."""
+        """Replace the agents, with a note on what is not recorded; none is repeated."""
         provenance = self.provenance
-        if note is not None:
+        if note is not None and note not in provenance.notes:
             provenance = replace(provenance, notes=(*provenance.notes, note))
         return replace(self, agents=agents, provenance=provenance)
 

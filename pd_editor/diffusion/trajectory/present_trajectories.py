@@ -72,8 +72,11 @@ class PresentTrajectories:
         )
 
     def _sample(self, options: TrajectoryOptions) -> torch.Tensor:
-        """The sample from the noise in the scenario itself."""
-        options = replace(options, num_tries=1)
+        """The sample from the noise in the scenario itself, without guidance terms.
+
+        Terms are what an edit may change, and a guided sample obeys those in force.
+        """
+        options = replace(options, num_tries=1, terms=(), samples_unguided=False)
         sample = self._samples.get(options)
         if sample is None:
             sample = sampled_from(self._model, self._task, self._known, options)

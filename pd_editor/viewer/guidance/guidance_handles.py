@@ -164,7 +164,7 @@ class GuidanceHandles:
                 self._ui.abort_gesture()
             self._ui.notify("Not set", grab.refusal, "error")
         elif self._ui.gesture == grab.owner:
-            self._ui.commit_gesture()
+            self._ui.end_gesture()
             if grab.index == OFFER:
                 self._on_chosen(len(grab.scenario.guidance))
 

@@ -260,7 +260,7 @@ class GuidancePanel:
         )
         self._ui.preview(owner, command, has_end=True)
         if event.get("isEnd") is True and self._ui.gesture == owner:
-            self._ui.commit_gesture()
+            self._ui.end_gesture()
 
     def _select_agents(self, term: GuidanceTerm) -> None:
         session = self._ui.session

@@ -397,7 +397,7 @@ class GenerationPanel:
         )
 
     def _live_requests(self, scenario: Scenario) -> LiveRequests | None:
-        """What reacts to edits of a scenario; None if nothing does."""
+        """What is generated for an edit that led to a scenario; None if nothing reacts."""
         if not self.live_switch.is_on or self._result.is_running:
             return None
         ids = self.live_switch.reacting_ids(scenario)
@@ -420,6 +420,7 @@ class GenerationPanel:
             guidance=guidance_settings(
                 self._lane_weight(offer), 0 if has_tries else None
             ),
+            reports_cost=False,
         )
         return LiveRequests(
             generator=LazyGenerator(name=name, make=offer.make),

@@ -55,7 +55,7 @@ class LiveSwitch:
         self._set(not self.is_on)
 
     def reacting_ids(self, scenario: Scenario) -> tuple[str, ...]:
-        """Ids of the agents that react to edits of a scenario; empty if none does.
+        """Ids of the agents that react to an edit; empty if none does.
 
         Besides generated agents, those react whose trajectory guidance changes.
         """

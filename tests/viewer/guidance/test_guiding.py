@@ -161,6 +161,7 @@ def drag(tab: FakeTab, index: int, *points, drop=None, kind="drop") -> None:
 
 
 def test_the_flag_at_the_end_of_a_trajectory_is_dragged_as_one_edit(tab: FakeTab):
+    tab.run(tab.tab._generation_panel.live_switch.toggle)
     agent_id, place = focal(tab)
     assert not any(m["index"] == OFFER for m in shown(tab, "guidance_marks")["marks"])
     tab.run(lambda: tab.session.select((agent_id,)))
