@@ -48,8 +48,10 @@ from pd_editor.generation import (
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,
+    GuidanceReport,
     TrafficSample,
 )
+from pd_editor.guidance.report import guidance_report
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
@@ -155,6 +157,7 @@ class PathDiffuser:
             elapsed_s=time.perf_counter() - began,
             notes=(*found.notes, *found.yielding_notes(), *_notes(request)),
             slowed_ids=found.slowed_ids if any(found.slowed_ids) else (),
+            guidance=found.reports,
         )
 
     def _initial_states(self) -> TrainedStage:
@@ -211,6 +214,7 @@ class PathDiffuser:
             samples=tuple(one for driven in samples for one in driven.samples),
             slowed_ids=tuple(one for driven in samples for one in driven.slowed_ids),
             notes=tuple(notes),
+            reports=tuple(one for driven in samples for one in driven.reports),
         )
 
     def _sampled_trajectories(
@@ -252,13 +256,28 @@ class PathDiffuser:
             notes.append(
                 f"Distance to lanes: {before:.1f} -> {after:.1f} m by guidance."
             )
-        samples = [(one, ()) for one in _samples(task, rows, sampled.motion)]
-        if _yields(request):
-            samples = [with_yielding(scenario, rows, one) for one, _ in samples]
+        samples = _yielding(
+            request, scenario, rows, _samples(task, rows, sampled.motion)
+        )
+        unguided = ()
+        if sampled.unguided is not None:
+            unguided = _samples(task, rows, sampled.unguided)
+            unguided = tuple(
+                one for one, _ in _yielding(request, scenario, rows, unguided)
+            )
+        reports = ()
+        if request.terms and request.before_edit is None:
+            reports = tuple(
+                guidance_report(
+                    scenario, sample, request.terms, unguided, index, slowed
+                )
+                for index, (sample, slowed) in enumerate(samples)
+            )
         return _Sampled(
             samples=tuple(sample for sample, _ in samples),
             slowed_ids=tuple(slowed for _, slowed in samples),
             notes=tuple(notes),
+            reports=reports,
         )
 
     def _present_trajectories(
@@ -283,6 +302,7 @@ class _Sampled:
     samples: tuple[TrafficSample, ...]
     slowed_ids: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...]
+    reports: tuple[GuidanceReport, ...] = ()
 
     def yielding_notes(self) -> list[str]:
         """Note on the agents that were slowed."""
@@ -385,6 +405,18 @@ def _yields(request: GenerationRequest) -> bool:
     avoids = [term for term in request.settings if term.name == AVOIDANCE]
     wanted = avoids[-1].parameters.get("yields", 1.0) if avoids else 1.0
     return bool(_num_tries(request)) and wanted > 0
+
+
+def _yielding(
+    request: GenerationRequest,
+    scenario: Scenario,
+    rows: Int[np.ndarray, "G"],
+    samples: tuple[TrafficSample, ...],
+) -> list[tuple[TrafficSample, tuple[str, ...]]]:
+    """Samples after agents yield, if they do, with the ids of those that were slowed."""
+    if not _yields(request):
+        return [(one, ()) for one in samples]
+    return [with_yielding(scenario, rows, one) for one in samples]
 
 
 def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptions:

@@ -176,3 +176,19 @@ def test_the_settings_are_stored_with_the_model_and_checked():
     assert TRAJECTORIES.default_sampling()["terms"] == TermGuidance()
     with pytest.raises(ModelError, match="goal_m"):
         TermGuidance(goal_m=-1.0)
+
+
+def test_each_sample_comes_with_a_report(diffuser: PathDiffuser, scenario: Scenario):
+    goal = GoalPoint(agent_id="100", point_m=(48.0, 2.0))
+    ids = scenario.agents.ids
+    traffic = generated(
+        diffuser, scenario, ids, guidance=(SINGLE, goal), num_samples=2, seed=5
+    )
+    assert len(traffic.guidance) == 2
+    for report in traffic.guidance:
+        (outcome,) = report.outcomes
+        assert outcome.term == goal
+        assert outcome.is_obeyed
+        assert report.cost is not None
+        assert (report.unguided is not None) == report.cost.is_worse
+    assert generated(diffuser, scenario, ids, seed=5).guidance == ()

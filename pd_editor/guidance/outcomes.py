@@ -1,0 +1,336 @@
+"""Outcomes of guidance terms: what was asked, what a sample achieved."""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pd_editor.geometry.frenet import FrenetFrames
+from pd_editor.geometry.oriented_box import box_corners
+from pd_editor.guidance.limits import (
+    LIMIT_BRAKING_MPS2,
+    OBEYED_ACCELERATION_MPS2,
+    OBEYED_GOAL_M,
+    OBEYED_OUTSIDE_M,
+    OBEYED_OVERRUN_M,
+    OBEYED_PATH_M,
+    OBEYED_SPEED_MPS,
+)
+from pd_editor.guidance.road_distance import outside_m
+from pd_editor.guidance.stop_line import overrun_m
+from pd_editor.metrics.motion.kinematics import kinematics
+from pd_editor.metrics.traffic_view import SampledTraffic, generated_traffic
+from pd_editor.paths.drawn_path import lane_line, path_to_follow
+from pd_editor.scene.agent_kind import (
+    LANE_FOLLOWER_KINDS,
+    MOTOR_VEHICLE_KINDS,
+    ROAD_USER_KINDS,
+    AgentKind,
+)
+from pd_editor.scene.guidance_outcome import TermOutcome
+from pd_editor.scene.guidance_terms import (
+    ComfortLimits,
+    FollowLane,
+    FollowPath,
+    GoalPoint,
+    GuidanceTerm,
+    SpeedLimit,
+    StayOnRoad,
+    StopAtLine,
+    TargetSpeed,
+)
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import STANDING_MPS
+
+_LAST_S: Final = 1.0
+"""Time at the end over which a target speed is measured."""
+_MERGED_S: Final = 2.0
+"""Time after which an agent should be on the path that it follows."""
+_ROAD_STRIDE: Final = 3
+_SLOWED: Final = ", slowed to avoid a collision"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What was asked and achieved, in words and as a deviation."""
+
+    asked: str
+    achieved: str
+    error: float
+    unit: str
+    is_obeyed: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Driven:
+    """A sample on its scenario."""
+
+    scenario: Scenario
+    sample: SampledTraffic
+
+    @property
+    def step_s(self) -> float:
+        """Time between two steps."""
+        return self.scenario.time_axis.step_s
+
+    @property
+    def num_steps(self) -> int:
+        """Number of steps, the current one included."""
+        return self.sample.heading_rad.shape[1]
+
+    def row(self, agent_id: str) -> int | None:
+        """Row of an agent in the sample; None if it was not generated."""
+        ids = self.sample.ids
+        return ids.index(agent_id) if agent_id in ids else None
+
+    def rows(
+        self, agent_ids: Collection[str], kinds: Collection[AgentKind]
+    ) -> Int[np.ndarray, "G"]:
+        """Rows of the generated agents among some; without names, those of some kinds."""
+        pairs = zip(self.sample.ids, self.sample.kinds, strict=True)
+        wanted = [
+            name in agent_ids if agent_ids else kind in kinds for name, kind in pairs
+        ]
+        return np.flatnonzero(np.array(wanted, bool))
+
+    def speed_mps(self) -> Float[np.ndarray, "G S"]:
+        """Speeds of all agents."""
+        return np.hypot(*np.moveaxis(self.sample.velocity_mps, -1, 0))
+
+
+def term_outcomes(
+    scenario: Scenario,
+    sample: SampledTraffic,
+    terms: Sequence[GuidanceTerm],
+    infeasible: Collection[GuidanceTerm] = (),
+    slowed_ids: Collection[str] = (),
+) -> tuple[TermOutcome, ...]:
+    """Outcome of each term in a sample; none of agents that were not generated.
+
+    Args:
+        scenario: scenario that the sample was generated for, with its current states.
+        sample: generated trajectories.
+        terms: terms in force.
+        infeasible: terms that were known not to be feasible before the run.
+        slowed_ids: agents that were slowed afterwards to avoid a collision.
+    """
+    driven = Driven(scenario=scenario, sample=sample)
+    found: list[TermOutcome] = []
+    for term in terms:
+        measure = MEASURES.get(type(term))
+        measured = None if measure is None else measure(term, driven)
+        if measured is not None:
+            is_slowed = not set(slowed_ids).isdisjoint(term.guided_ids)
+            found.append(
+                TermOutcome(
+                    term=term,
+                    is_feasible=term not in infeasible,
+                    asked=measured.asked,
+                    achieved=measured.achieved + _SLOWED * is_slowed,
+                    error=measured.error,
+                    unit=measured.unit,
+                    is_obeyed=measured.is_obeyed,
+                )
+            )
+    return tuple(found)
+
+
+def _goal(term: GoalPoint, driven: Driven) -> Measured | None:
+    row = driven.row(term.agent_id)
+    if row is None:
+        return None
+    step = driven.num_steps - 1
+    if term.at_s is not None:
+        step = min(max(round(term.at_s / driven.step_s), 0), step)
+    gap = driven.sample.position_m[row, step] - np.array(term.point_m)
+    error = float(np.hypot(*gap))
+    x, y = term.point_m
+    return Measured(
+        asked=f"at ({x:.1f}, {y:.1f}) m after {step * driven.step_s:.1f} s",
+        achieved=f"{error:.1f} m away",
+        error=error,
+        unit="m",
+        is_obeyed=error <= OBEYED_GOAL_M,
+    )
+
+
+def _path(term: FollowPath, driven: Driven) -> Measured | None:
+    return _line(term.agent_id, np.array(term.points_m), "the path", driven)
+
+
+def _lane(term: FollowLane, driven: Driven) -> Measured | None:
+    line = lane_line(driven.scenario.road_map, term.lane_ids)
+    if line is None or len(line) < 2:
+        return None
+    lanes = "lane" if len(term.lane_ids) == 1 else "lanes"
+    words = f"{lanes} {', '.join(map(str, term.lane_ids[:3]))}"
+    return _line(term.agent_id, line, words, driven)
+
+
+def _line(
+    agent_id: str, line_m: Float[np.ndarray, "N 2"], words: str, driven: Driven
+) -> Measured | None:
+    """Mean distance to the side of the path that joins a line, after the first seconds."""
+    row = driven.row(agent_id)
+    if row is None:
+        return None
+    sample = driven.sample
+    path, length = path_to_follow(
+        line_m,
+        sample.position_m[row, 0],
+        float(sample.heading_rad[row, 0]),
+        float(driven.speed_mps()[row, 0]),
+    )
+    points = np.stack([path.x_m, path.y_m], axis=-1)
+    along, beside = FrenetFrames(points_m=points).to_frenet(
+        sample.position_m[row, None]
+    )
+    counted = along[0] <= length
+    counted[: round(_MERGED_S / driven.step_s)] = False
+    error = float(np.abs(beside[0][counted]).mean()) if counted.any() else 0.0
+    return Measured(
+        asked=f"along {words}",
+        achieved=f"{error:.1f} m beside it",
+        error=error,
+        unit="m",
+        is_obeyed=error <= OBEYED_PATH_M,
+    )
+
+
+def _target_speed(term: TargetSpeed, driven: Driven) -> Measured | None:
+    rows = driven.rows(term.agent_ids, MOTOR_VEHICLE_KINDS)
+    speed = driven.speed_mps()[rows]
+    if not term.agent_ids:
+        # Stationary agents are not moved unless they are named.
+        speed = speed[speed.max(axis=1, initial=0.0) > STANDING_MPS]
+    if not len(speed):
+        return None
+    last = speed[:, -max(round(_LAST_S / driven.step_s), 1) :].mean(axis=1)
+    worst = last[int(np.abs(last - term.speed_mps).argmax())]
+    error = float(abs(worst - term.speed_mps))
+    return Measured(
+        asked=f"{term.speed_mps:.1f} m/s at the end",
+        achieved=_of_several(len(last), f"{worst:.1f} m/s"),
+        error=error,
+        unit="m/s",
+        is_obeyed=error <= OBEYED_SPEED_MPS,
+    )
+
+
+def _speed_limit(term: SpeedLimit, driven: Driven) -> Measured | None:
+    rows = driven.rows(term.agent_ids, ROAD_USER_KINDS)
+    if not len(rows):
+        return None
+    speed = driven.speed_mps()[rows]
+    excess = speed - allowed_mps(term.speed_mps, speed, driven.step_s)
+    worst = float(excess.max())
+    top = float(speed[np.unravel_index(excess.argmax(), excess.shape)])
+    return Measured(
+        asked=f"at most {term.speed_mps:.1f} m/s",
+        achieved=_of_several(len(rows), f"at most {top:.1f} m/s"),
+        error=max(worst, 0.0),
+        unit="m/s",
+        is_obeyed=worst <= OBEYED_SPEED_MPS,
+    )
+
+
+def allowed_mps(
+    limit_mps: float, speed_mps: Float[np.ndarray, "G S"], step_s: float
+) -> Float[np.ndarray, "G S"]:
+    """Speeds that keep a limit; the time to brake from the current speed is allowed."""
+    time_s = step_s * np.arange(speed_mps.shape[1])
+    return np.maximum(limit_mps, speed_mps[:, :1] - LIMIT_BRAKING_MPS2 * time_s)
+
+
+def _comfort(term: ComfortLimits, driven: Driven) -> Measured | None:
+    rows = driven.rows(term.agent_ids, LANE_FOLLOWER_KINDS)
+    if not len(rows):
+        return None
+    motion = kinematics(generated_traffic(driven.scenario, driven.sample))
+    along, across = motion.longitudinal_mps2[rows], np.abs(motion.lateral_mps2[rows])
+    excess = {
+        "acceleration": along.max() - term.max_acceleration_mps2,
+        "braking": -along.min() - term.max_braking_mps2,
+        "lateral acceleration": across.max() - term.max_lateral_mps2,
+    }
+    what = max(excess, key=lambda name: excess[name])
+    error = max(float(excess[what]), 0.0)
+    return Measured(
+        asked=(
+            f"at most {term.max_acceleration_mps2:.1f} forwards, "
+            f"{term.max_braking_mps2:.1f} braking, {term.max_lateral_mps2:.1f} m/s2 "
+            "sideways"
+        ),
+        achieved="within all" if error == 0 else f"{error:.1f} m/s2 more {what}",
+        error=error,
+        unit="m/s2",
+        is_obeyed=error <= OBEYED_ACCELERATION_MPS2,
+    )
+
+
+def _stop(term: StopAtLine, driven: Driven) -> Measured | None:
+    row = driven.row(term.agent_id)
+    if row is None:
+        return None
+    sample = driven.sample
+    beyond = overrun_m(
+        sample.position_m[row],
+        sample.heading_rad[row],
+        sample.size_m[row],
+        np.array(term.line_m),
+    )
+    speed = float(driven.speed_mps()[row, -1])
+    if not np.isfinite(beyond):
+        achieved = "passes beside the line"
+    elif beyond > OBEYED_OVERRUN_M:
+        achieved = f"crosses it by {beyond:.1f} m"
+    else:
+        state = "stands" if speed < 2 * STANDING_MPS else f"rolls with {speed:.1f} m/s"
+        achieved = f"{state} {max(-beyond, 0.0):.1f} m before it"
+    return Measured(
+        asked="stops before the line",
+        achieved=achieved,
+        error=max(beyond, 0.0) if np.isfinite(beyond) else 0.0,
+        unit="m",
+        is_obeyed=bool(beyond <= OBEYED_OVERRUN_M),
+    )
+
+
+def _on_road(term: StayOnRoad, driven: Driven) -> Measured | None:
+    rows = driven.rows(term.agent_ids, LANE_FOLLOWER_KINDS)
+    if not len(rows):
+        return None
+    sample = driven.sample
+    steps = slice(0, None, _ROAD_STRIDE)
+    position = sample.position_m[rows, steps]
+    size = np.broadcast_to(sample.size_m[rows, None], position.shape)
+    corners = box_corners(position, sample.heading_rad[rows, steps], size)
+    outside = outside_m(driven.scenario, corners).max(axis=-1)
+    # An agent that begins off the road, as on a parking lot, may stay as far from it.
+    worst = float((outside - outside[:, :1]).max())
+    return Measured(
+        asked="boxes on the road",
+        achieved="on the road" if worst == 0 else f"a corner {worst:.1f} m outside",
+        error=worst,
+        unit="m",
+        is_obeyed=worst <= OBEYED_OUTSIDE_M,
+    )
+
+
+def _of_several(count: int, words: str) -> str:
+    return words if count == 1 else f"{words} (the worst of {count} agents)"
+
+
+MEASURES: Final[dict[type[GuidanceTerm], Callable[[Any, Driven], Measured | None]]] = {
+    GoalPoint: _goal,
+    FollowPath: _path,
+    FollowLane: _lane,
+    TargetSpeed: _target_speed,
+    SpeedLimit: _speed_limit,
+    ComfortLimits: _comfort,
+    StopAtLine: _stop,
+    StayOnRoad: _on_road,
+}
+"""Measures the terms of each kind; None if none of their agents was generated."""

@@ -1,0 +1,97 @@
+"""Problems of guidance terms before a run, each told with what could be done."""
+
+from dataclasses import replace
+
+import pytest
+
+from pd_editor.guidance.feasibility import guidance_problems, infeasible_terms
+from pd_editor.scene.guidance_terms import (
+    FollowLane,
+    FollowPath,
+    GoalPoint,
+    GuidanceTerm,
+    SpeedLimit,
+    StopAtLine,
+    TargetSpeed,
+)
+from pd_editor.scene.locks import TRAJECTORY_LOCK
+from tests.builders import scenario_with, straight_drivers
+from tests.editor.command_strategies import ABSENT_ID, busy_scenario
+
+SCENE = scenario_with(straight_drivers([(0, 0, 0, 10), (-30, 3.5, 0, 5)]))
+
+FEASIBLE = (
+    GoalPoint(agent_id="100", point_m=(55.0, 0.5)),
+    GoalPoint(agent_id="100", point_m=(20.0, 0.0), at_s=2.5),
+    GoalPoint(agent_id="100", point_m=(60.0, 3.5)),
+    TargetSpeed(agent_ids=("100",), speed_mps=15.0),
+    SpeedLimit(speed_mps=5.0),
+    StopAtLine(agent_id="100", line_m=((40.0, -2.0), (40.0, 2.0))),
+    FollowPath(agent_id="100", points_m=((0.0, 0.0), (60.0, 2.0))),
+    FollowLane(agent_id="100", lane_ids=(3, 4)),
+)
+
+
+@pytest.mark.parametrize("term", FEASIBLE, ids=lambda term: term.kind)
+def test_what_can_be_met_has_no_problem(term: GuidanceTerm):
+    assert guidance_problems(SCENE, (term,), ("100", "101")) == ()
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        (GoalPoint(agent_id="100", point_m=(150.0, 0.0)), "at most"),
+        (GoalPoint(agent_id="100", point_m=(3.0, 0.0)), "to stop"),
+        (GoalPoint(agent_id="100", point_m=(40.0, 80.0)), "off the road"),
+        (GoalPoint(agent_id="100", point_m=(-30.0, 0.0)), "paths"),
+        (GoalPoint(agent_id="100", point_m=(55.0, 0.0), at_s=20.0), "last 5.9 s"),
+        (TargetSpeed(agent_ids=("100",), speed_mps=50.0), "ask for less"),
+        (StopAtLine(agent_id="100", line_m=((5.0, -2.0), (5.0, 2.0))), "brake with"),
+        (StopAtLine(agent_id="100", line_m=((1.0, -2.0), (1.0, 2.0))), "already"),
+        (StopAtLine(agent_id="100", line_m=((40.0, 50.0), (40.0, 60.0))), "none of"),
+        (
+            FollowPath(agent_id="100", points_m=((0.0, 80.0), (50.0, 80.0))),
+            "begins 80 m away",
+        ),
+        (
+            FollowPath(
+                agent_id="100", points_m=((0.0, 0.0), (15.0, 0.0), (15.0, 30.0))
+            ),
+            "too sharply",
+        ),
+        (FollowPath(agent_id="100", points_m=((-30.0, 0.0), (-10.0, 0.0))), "behind"),
+        (FollowLane(agent_id="100", lane_ids=(1, 4)), "does not follow lane 1"),
+    ],
+)
+def test_what_cannot_be_met_is_a_warning(term: GuidanceTerm, said: str):
+    problems = guidance_problems(SCENE, (term,))
+    assert {one.severity for one in problems} == {"warning"}
+    assert any(said in one.message for one in problems), problems
+    assert infeasible_terms(problems) == (term,)
+
+
+def test_agents_that_are_gone_absent_locked_or_left_out_are_told():
+    goal = GoalPoint(agent_id="100", point_m=(55.0, 0.0))
+    (gone,) = guidance_problems(SCENE, (replace(goal, agent_id="9"),))
+    assert gone.severity == "error"
+    assert "is gone" in gone.message
+    (absent,) = guidance_problems(busy_scenario(), (replace(goal, agent_id=ABSENT_ID),))
+    assert "not there at t = 0" in absent.message
+    locked = replace(SCENE, locks={"100": TRAJECTORY_LOCK})
+    (problem,) = guidance_problems(locked, (goal,))
+    assert problem.severity == "error"
+    assert "unlock it" in problem.message
+    (left_out,) = guidance_problems(SCENE, (goal,), ("101",))
+    assert "not regenerated" in left_out.message
+
+
+def test_contradictions_are_told_once():
+    fast = TargetSpeed(agent_ids=("100",), speed_mps=12.0)
+    limit = SpeedLimit(speed_mps=8.0)
+    (found,) = guidance_problems(SCENE, (fast, limit))
+    assert found.term == limit
+    assert "12 m/s above its speed limit of 8 m/s" in found.message
+    slow = TargetSpeed(speed_mps=3.0)
+    (found,) = guidance_problems(SCENE, (fast, slow))
+    assert "keep one" in found.message
+    assert guidance_problems(SCENE, (fast, replace(slow, is_on=False))) == ()

@@ -1,0 +1,127 @@
+"""Outcomes and costs of guided samples."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pd_editor.generation import TrafficSample
+from pd_editor.guidance.outcomes import term_outcomes
+from pd_editor.guidance.report import guidance_report, motion_problems, realism
+from pd_editor.scene.guidance_terms import (
+    ComfortLimits,
+    FollowLane,
+    FollowPath,
+    GoalPoint,
+    GuidanceTerm,
+    SpeedLimit,
+    StayOnRoad,
+    StopAtLine,
+    TargetSpeed,
+)
+from tests.builders import scenario_with, straight_drivers
+
+SCENE = scenario_with(straight_drivers([(0, 0, 0, 10), (-30, 3.5, 0, 5)]))
+
+
+def recorded(shift_m: float = 0.0, pace: float = 1.0) -> TrafficSample:
+    """The recorded trajectories from the current step on, drifting aside, at a pace."""
+    agents, now = SCENE.agents, SCENE.current_step
+    position = agents.position_m[:, now:].copy()
+    share = np.linspace(0, 1, position.shape[1])
+    position = position[:, :1] + pace * (position - position[:, :1])
+    position[..., 1] += shift_m * share
+    return TrafficSample(
+        ids=agents.ids,
+        kinds=agents.kinds,
+        size_m=agents.size_m,
+        position_m=position,
+        heading_rad=agents.heading_rad[:, now:],
+        velocity_mps=pace * agents.velocity_mps[:, now:],
+    )
+
+
+@pytest.mark.parametrize(
+    ("term", "error", "is_obeyed"),
+    [
+        (GoalPoint(agent_id="100", point_m=(59.0, 0.0)), 0.0, True),
+        (GoalPoint(agent_id="100", point_m=(59.0, 2.0)), 2.0, False),
+        (GoalPoint(agent_id="100", point_m=(20.0, 0.0), at_s=2.0), 0.0, True),
+        (TargetSpeed(agent_ids=("101",), speed_mps=5.0), 0.0, True),
+        (TargetSpeed(speed_mps=5.0), 5.0, False),
+        (SpeedLimit(speed_mps=10.2), 0.0, True),
+        (SpeedLimit(agent_ids=("101",), speed_mps=2.0), 3.0, False),
+        (StopAtLine(agent_id="101", line_m=((9.0, 2.0), (9.0, 5.0))), 0.0, True),
+        (FollowLane(agent_id="100", lane_ids=(1, 2)), 0.0, True),
+        (FollowPath(agent_id="100", points_m=((0.0, 0.0), (60.0, 0.0))), 0.0, True),
+        (ComfortLimits(), 0.0, True),
+        (StayOnRoad(), 0.0, True),
+    ],
+)
+def test_errors_are_those_of_the_motion(term: GuidanceTerm, error, is_obeyed):
+    (found,) = term_outcomes(SCENE, recorded(), (term,))
+    assert found.error == pytest.approx(error, abs=0.15)
+    assert found.is_obeyed is is_obeyed
+    assert found.asked
+    assert found.achieved
+
+
+def test_an_overrun_is_measured_at_the_front():
+    line = StopAtLine(agent_id="100", line_m=((50.0, -2.0), (50.0, 2.0)))
+    (found,) = term_outcomes(SCENE, recorded(), (line,))
+    length = SCENE.agents.size_m[0, 0]
+    assert found.error == pytest.approx(59.0 + length / 2 - 50.0, abs=0.01)
+    assert "crosses it by" in found.achieved
+
+
+def test_slowed_agents_and_absent_ones():
+    goal = GoalPoint(agent_id="100", point_m=(59.0, 0.0))
+    (found,) = term_outcomes(SCENE, recorded(), (goal,), (goal,), ("100",))
+    assert "slowed to avoid a collision" in found.achieved
+    assert not found.is_feasible
+    only = recorded()
+    only = TrafficSample(
+        ids=only.ids[1:],
+        kinds=only.kinds[1:],
+        size_m=only.size_m[1:],
+        position_m=only.position_m[1:],
+        heading_rad=only.heading_rad[1:],
+        velocity_mps=only.velocity_mps[1:],
+    )
+    assert term_outcomes(SCENE, only, (goal,)) == ()
+
+
+def test_a_worse_sample_holds_the_best_unguided_one():
+    """A drift off the road is worse; the unguided sample is offered."""
+    goal = GoalPoint(agent_id="100", point_m=(59.0, 30.0))
+    good, bad = recorded(), recorded(shift_m=30.0)
+    report = guidance_report(SCENE, bad, (goal,), (bad, good), index=1)
+    assert report.cost is not None
+    assert report.cost.is_worse
+    assert any("off the road" in one for one in report.cost.worse())
+    assert report.unguided is good
+    same = guidance_report(SCENE, good, (goal,), (good,))
+    assert same.cost is not None
+    assert not same.cost.is_worse
+    assert same.unguided is None
+
+
+def test_realism_counts_collisions_and_distance():
+    near = recorded(pace=4.0)
+    assert realism(SCENE, recorded()).num_collisions == 0
+    together = replace(near, position_m=near.position_m.copy())
+    together.position_m[1, 20:] = together.position_m[0, 20:]
+    assert realism(SCENE, together).num_collisions == 2
+    assert realism(SCENE, recorded(shift_m=8.0)).lateral_deviation_m > 1.0
+
+
+def test_impossible_motion_is_told():
+    assert motion_problems(SCENE, recorded()) == ()
+    swerve = recorded()
+    position = swerve.position_m.copy()
+    position[0, :, 1] += 8 * np.sin(np.arange(position.shape[1]) / 4)
+    (found,) = motion_problems(SCENE, replace(swerve, position_m=position))
+    assert "Agent 100" in found
+    back = replace(swerve, position_m=swerve.position_m.copy())
+    back.position_m[0, :, 0] = 20 * np.sin(np.linspace(0, 2.5, 60))
+    assert any("backwards" in one for one in motion_problems(SCENE, back))
