@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -10,6 +11,7 @@ import tyro
 from pd_editor.cli.arguments import FolderOption, NameOption, ScenarioArgument, Switch
 from pd_editor.cli.outcome import Outcome, described, write_session
 from pd_editor.cli.progress import run_showing_progress
+from pd_editor.cli.sample_table import SampleTable
 from pd_editor.diffusion.defaults import (
     DEFAULT_WEIGHT,
     NUM_STEPS,
@@ -29,6 +31,7 @@ from pd_editor.generation import (
     guidance_settings,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.metrics.sample_ranking import Ranking
 from pd_editor.scenario_store import check_free, open_scenario
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
@@ -66,6 +69,10 @@ WeightOption = Annotated[
 ShareOption = Annotated[
     float | None, tyro.conf.arg(metavar="P", help_behavior_hint="(as on such roads)")
 ]
+RankOption = Annotated[Ranking, tyro.conf.arg(metavar="METRIC")]
+PickOption = Annotated[
+    int | None, tyro.conf.arg(metavar="K", help_behavior_hint="(default: all)")
+]
 
 
 def generate(
@@ -85,6 +92,8 @@ def generate(
     waiting: StandingOption = (),
     quality: Quality = "fast",
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
+    rank: RankOption = "realism",
+    pick: PickOption = None,
     steps: StepsOption = None,
     keep_to_lanes: WeightOption = None,
     tries: TriesOption = None,
@@ -111,7 +120,9 @@ def generate(
         parked: Ids of standing agents that are parked; fewer of them start.
         waiting: Ids of standing agents that wait in traffic.
         quality: Quality of sampled states: fast, or high with more denoising steps.
-        samples: Number of samples.
+        samples: Number of samples; several are listed in a table with their numbers, which DIR/<name>-samples.csv keeps.
+        rank: Order of the table: realism, collisions (fewest), off-road (least), interaction (closest) or movement (most).
+        pick: Write only so many samples, the most diverse ones.
         steps: Denoising steps of trajectories; for states the model has its own number.
         keep_to_lanes: Strength of the guidance towards the lanes, from 0 for none to 1.
         tries: Trajectories sampled per agent, of which the least colliding combination is used; agents that would still collide yield. 0: raw model.
@@ -151,22 +162,39 @@ def generate(
         guidance=_guidance(keep_to_lanes, tries, yields=not no_yielding),
         seed=seed,
     )
+    if pick is not None and not 1 <= pick <= samples:
+        raise GenerationError(
+            f"--pick is {pick}; expected 1 to {samples}, the number of samples."
+        )
     names = _names(opened, name, request)
     for one in names:
         check_free(out, one, opened, overwrite=overwrite)
     traffic = run_showing_progress(generator.generate(request))
-    sessions = [EditorSession(opened) for _ in names]
-    for index, session in enumerate(sessions):
+    table, written = None, range(len(names))
+    if samples > 1:
+        table = SampleTable.of(request.scenario, traffic.samples, rank, pick)
+        written = sorted(table.picked)
+    sessions = {index: EditorSession(opened) for index in written}
+    for index, session in sessions.items():
         session.describe(described(names[index]))
         replacement = traffic_command(request, traffic, index, removed_ids=removed)
         for command in (*activities, replacement):
             session.apply(command)
+    folders = tuple(
+        write_session(out, session, overwrite=overwrite)
+        for session in sessions.values()
+    )
+    if table is not None:
+        whole = names[0].removesuffix("-1")
+        table.write(Path(out) / f"{whole}-samples.csv", names)
     return Outcome(
-        folders=tuple(
-            write_session(out, session, overwrite=overwrite) for session in sessions
+        folders=folders,
+        scenarios=tuple(session.scenario for session in sessions.values()),
+        remarks=(
+            *(() if table is None else table.lines(names)),
+            *_left_out(opened, wanted, request.agent_ids),
+            *traffic.notes,
         ),
-        scenarios=tuple(session.scenario for session in sessions),
-        remarks=(*_left_out(opened, wanted, request.agent_ids), *traffic.notes),
     )
 
 

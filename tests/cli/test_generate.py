@@ -1,3 +1,4 @@
+import csv
 import json
 from pathlib import Path
 
@@ -53,11 +54,34 @@ def test_samples_get_folders_of_their_own(shell: Shell, tmp_path: Path):
     result = shell.run("generate", JUNCTION, "--samples", 2, "--out", tmp_path)
     folders = [tmp_path / f"{JUNCTION}-s0-1", tmp_path / f"{JUNCTION}-s0-2"]
     assert result.lines[:2] == [str(folder) for folder in folders]
-    assert sorted(tmp_path.iterdir()) == folders
+    table = tmp_path / f"{JUNCTION}-s0-samples.csv"
+    assert sorted(tmp_path.iterdir()) == [*folders, table]
     one, two = (open_scenario(folder).agents.position_m for folder in folders)
     assert not np.array_equal(one, two)
     (alone,) = generate(JUNCTION, out=tmp_path / "alone").scenarios
     np.testing.assert_allclose(one, alone.agents.position_m, atol=1e-3)
+
+
+def test_samples_are_ranked_in_a_table_and_the_most_diverse_are_written(
+    shell: Shell, tmp_path: Path
+):
+    options = ("--samples", 3, "--rank", "movement", "--pick", 2)
+    result = shell.run("generate", JUNCTION, *options, "--out", tmp_path)
+    with (tmp_path / f"{JUNCTION}-s0-samples.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["rank"] for row in rows] == ["1", "2", "3"]
+    moved = [float(row["moving"]) * float(row["speed_mps"]) for row in rows]
+    assert moved == sorted(moved, reverse=True)
+    picked = {row["sample"] for row in rows if row["picked"] == "yes"}
+    assert len(picked) == 2
+    assert rows[0]["sample"] in picked
+    assert {path.name for path in tmp_path.iterdir() if path.is_dir()} == picked
+    assert result.lines[2].split()[:3] == ["rank", "sample", "agents"]
+    assert result.lines[3].split()[:2] == ["1", rows[0]["sample"]]
+    refused = shell.refused(
+        "generate", JUNCTION, "--samples", 3, "--pick", 4, "--out", tmp_path
+    )
+    assert "--pick is 4; expected 1 to 3" in refused
 
 
 def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):

@@ -1,0 +1,108 @@
+"""The samples of one run as a table: on the shell, and as a file beside the exports."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from pd_editor.errors import ExportError
+from pd_editor.generation import TrafficSample
+from pd_editor.metrics.sample_ranking import (
+    Ranking,
+    SampleNumbers,
+    numbers_of,
+    ranked,
+    spread_pick,
+)
+from pd_editor.metrics.traffic_view import generated_traffic
+from pd_editor.scene.scenario import Scenario
+
+COLUMNS: Final = (
+    "rank",
+    "sample",
+    "agents",
+    "realism",
+    "collisions",
+    "off_road",
+    "lateral_m",
+    "moving",
+    "speed_mps",
+    "ttc_s",
+    "picked",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleTable:
+    """Numbers of all samples in the order of a ranking, and which of them are picked."""
+
+    numbers: tuple[SampleNumbers, ...]
+    order: tuple[int, ...]
+    """Indices of the samples, the best one first."""
+    picked: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        samples: Sequence[TrafficSample],
+        ranking: Ranking,
+        pick: int | None,
+    ) -> "SampleTable":
+        """Rank samples among a scenario's other agents; None picks all of them."""
+        numbers = tuple(numbers_of(generated_traffic(scenario, one)) for one in samples)
+        order = ranked(numbers, ranking)
+        count = len(samples) if pick is None else pick
+        return cls(
+            numbers=numbers,
+            order=order,
+            picked=spread_pick(samples, count, first=order[0]),
+        )
+
+    def lines(self, names: Sequence[str]) -> tuple[str, ...]:
+        """The table for people, one line per sample."""
+        rows = [COLUMNS, *self._rows(names)]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        return tuple(
+            "  ".join(
+                cell.rjust(width) for cell, width in zip(row, widths, strict=True)
+            )
+            for row in rows
+        )
+
+    def write(self, path: Path, names: Sequence[str]) -> None:
+        """Write the table as CSV.
+
+        Raises:
+            ExportError: the file cannot be written.
+        """
+        try:
+            with path.open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file, lineterminator="\n").writerows(
+                    [COLUMNS, *self._rows(names)]
+                )
+        except OSError as error:
+            raise ExportError(f"{path} cannot be written: {error.strerror}.") from error
+
+    def _rows(self, names: Sequence[str]) -> list[tuple[str, ...]]:
+        rows: list[tuple[str, ...]] = []
+        for rank, index in enumerate(self.order, start=1):
+            one = self.numbers[index]
+            time = one.time_to_collision_s
+            rows.append(
+                (
+                    str(rank),
+                    names[index],
+                    str(one.num_agents),
+                    f"{one.realism:.0f}",
+                    str(one.num_collisions),
+                    f"{one.off_road_share:.3f}",
+                    f"{one.lateral_deviation_m:.2f}",
+                    f"{one.moving_share:.2f}",
+                    f"{one.mean_speed_mps:.1f}",
+                    "" if time is None else f"{time:.1f}",
+                    "yes" if index in self.picked else "no",
+                )
+            )
+        return rows

@@ -1,0 +1,164 @@
+"""Compares the samples of one run: numbers of each, rankings, and a diverse choice."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.metrics.collisions.box_collision import box_overlap
+from pd_editor.metrics.collisions.safety import safety_values
+from pd_editor.metrics.motion.kinematics import kinematics
+from pd_editor.metrics.road.lane_deviation import lane_deviation
+from pd_editor.metrics.road.off_road import is_off_road
+from pd_editor.metrics.traffic_view import SampledTraffic, TrafficView
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.thresholds import MOVING_MPS
+
+Ranking = Literal["realism", "collisions", "off-road", "interaction", "movement"]
+RANKINGS: Final[tuple[Ranking, ...]] = get_args(Ranking)
+RANKING_WORDS: Final[dict[Ranking, str]] = {
+    "realism": "Most realistic",
+    "collisions": "Fewest collisions",
+    "off-road": "Least off-road",
+    "interaction": "Closest interaction",
+    "movement": "Most movement",
+}
+USUAL_COLLIDING_SHARE: Final = 0.02
+USUAL_OFF_ROAD_SHARE: Final = 0.17
+USUAL_DEVIATION_M: Final = 1.9
+USUAL_HARSH_SHARE: Final = 0.075
+"""Medians of 40 recordings of ``val`` (of collisions the mean); with all, realism is 50."""
+MOST_APART_M: Final = 30.0
+"""Larger distances between two samples of an agent count as this one: it went elsewhere,
+or is in one of both samples only."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleNumbers:
+    """Numbers of one sample, about its generated agents."""
+
+    num_agents: int
+    num_collisions: int
+    """Agents whose boxes come to overlap others; at the current step they did not."""
+    off_road_share: float
+    """Share of the time of moving vehicles and cyclists with the centre off the road."""
+    lateral_deviation_m: float
+    """Mean distance of moving agents to the nearest reachable centre line."""
+    moving_share: float
+    """Share of agents that are under way at any time."""
+    mean_speed_mps: float
+    """Of these agents."""
+    time_to_collision_s: float | None
+    """Shortest one of any agent; None: no agents are on a collision course."""
+    harsh_share: float
+    """Share of time beyond comfortable acceleration, jerk or yaw rate."""
+
+    @property
+    def realism(self) -> float:
+        """From 0 to 100: how near collisions, road, lanes and accelerations are to usual."""
+        agents = max(self.num_agents, 1)
+        excess = (
+            self.num_collisions / agents / USUAL_COLLIDING_SHARE
+            + self.off_road_share / USUAL_OFF_ROAD_SHARE
+            + self.lateral_deviation_m / USUAL_DEVIATION_M
+            + self.harsh_share / USUAL_HARSH_SHARE
+        )
+        return 100.0 / (1.0 + excess / 4)
+
+
+def numbers_of(view: TrafficView) -> SampleNumbers:
+    """Numbers of a sample's trajectories among the scene's other agents."""
+    agents = view.agents
+    valid = agents.is_valid
+    speed = np.hypot(agents.velocity_mps[..., 0], agents.velocity_mps[..., 1])
+    moves = np.any(valid & (speed >= MOVING_MPS), axis=1)
+    follows = np.array([kind in LANE_FOLLOWER_KINDS for kind in agents.kinds], bool)
+    on_road_steps = valid & (follows & moves)[:, None]
+    off = is_off_road(view.scenario, agents.position_m[on_road_steps])
+    deviation = lane_deviation(view).values()["lateral_deviation_mean"]
+    lateral = deviation.value[deviation.is_valid & moves]
+    times = safety_values(view)["time_to_collision"].valid()
+    motion = kinematics(view)
+    harsh = motion.is_uncomfortable()[motion.is_valid]
+    return SampleNumbers(
+        num_agents=len(agents),
+        num_collisions=int(box_overlap(view).newly().value.sum()),
+        off_road_share=_mean(off),
+        lateral_deviation_m=_mean(lateral),
+        moving_share=_mean(moves),
+        mean_speed_mps=_mean(speed[moves][valid[moves]]),
+        time_to_collision_s=float(times.min()) if len(times) else None,
+        harsh_share=_mean(harsh),
+    )
+
+
+def ranked(
+    numbers: Sequence[SampleNumbers], ranking: Ranking = "realism"
+) -> tuple[int, ...]:
+    """Indices of the samples, the best one first; equal ones by realism, then by index."""
+
+    def key(index: int) -> tuple[float, float, int]:
+        one = numbers[index]
+        time = one.time_to_collision_s
+        value = {
+            "realism": -one.realism,
+            "collisions": float(one.num_collisions),
+            "off-road": one.off_road_share,
+            "interaction": np.inf if time is None else time,
+            "movement": -one.moving_share * one.mean_speed_mps,
+        }[ranking]
+        return value, -one.realism, index
+
+    return tuple(sorted(range(len(numbers)), key=key))
+
+
+def spread_pick(
+    samples: Sequence[SampledTraffic], count: int, first: int = 0
+) -> tuple[int, ...]:
+    """Indices of the most diverse samples: each is the farthest from those before it.
+
+    Args:
+        samples: of one run.
+        count: how many to pick; all if there are fewer.
+        first: index of the first one.
+    """
+    if not samples:
+        return ()
+    apart = distances_m(samples)
+    picked = [first]
+    while len(picked) < min(count, len(samples)):
+        nearest = apart[:, picked].min(axis=1)
+        nearest[picked] = -1.0
+        picked.append(int(nearest.argmax()))
+    return tuple(picked)
+
+
+def distances_m(
+    samples: Sequence[SampledTraffic],
+) -> Float[np.ndarray, "S S"]:
+    """Mean distance between the agents of each two samples, over all steps.
+
+    Agents are matched by id; one that only one sample has is ``MOST_APART_M`` away.
+    """
+    ids = list(dict.fromkeys(name for one in samples for name in one.ids))
+    row = {name: index for index, name in enumerate(ids)}
+    steps = max((one.position_m.shape[1] for one in samples), default=0)
+    place = np.full((len(samples), len(ids), steps, 2), np.nan, np.float32)
+    for index, one in enumerate(samples):
+        place[index, [row[name] for name in one.ids]] = one.position_m
+    apart = np.zeros((len(samples), len(samples)))
+    for index in range(len(samples)):
+        gap = np.linalg.norm(place - place[index], axis=-1)
+        in_neither = np.isnan(place[..., 0]) & np.isnan(place[index, ..., 0])
+        gap = np.minimum(np.where(np.isnan(gap), MOST_APART_M, gap), MOST_APART_M)
+        counts = (~in_neither).sum(axis=(1, 2))
+        apart[index] = np.where(in_neither, 0.0, gap).sum(axis=(1, 2)) / np.maximum(
+            counts, 1
+        )
+    return apart
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(np.mean(values)) if np.size(values) else 0.0

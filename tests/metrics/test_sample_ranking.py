@@ -1,0 +1,99 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pd_editor.metrics.sample_ranking import (
+    MOST_APART_M,
+    RANKING_WORDS,
+    RANKINGS,
+    SampleNumbers,
+    distances_m,
+    numbers_of,
+    ranked,
+    spread_pick,
+)
+from tests.builders import scenario_with, straight_drivers
+from tests.metrics.traffic_builders import generated, sample_of
+
+PLAIN = SampleNumbers(
+    num_agents=10,
+    num_collisions=0,
+    off_road_share=0.0,
+    lateral_deviation_m=0.2,
+    moving_share=0.5,
+    mean_speed_mps=8.0,
+    time_to_collision_s=2.0,
+    harsh_share=0.0,
+)
+
+
+def paths(*rows: tuple[float, float, float]) -> np.ndarray:
+    """Paths along x: start, y, speed."""
+    time = 0.1 * np.arange(60)
+    return np.stack(
+        [np.stack([x + speed * time, np.full(60, y)], axis=-1) for x, y, speed in rows]
+    )
+
+
+def test_numbers_are_those_of_the_generated_agents():
+    scenario = scenario_with(
+        straight_drivers([(0, 0, 0, 5), (40, 0, 0, 0), (0, 3.5, 0, 5)])
+    )
+    ids = scenario.agents.ids[:2]
+    apart = numbers_of(generated(scenario, ids, paths((0, 0, 5), (60, 0, 0.0))))
+    meets = numbers_of(generated(scenario, ids, paths((0, 0, 10), (40, 0, 0.0))))
+    assert (apart.num_agents, apart.num_collisions) == (2, 0)
+    assert meets.num_collisions == 2
+    assert apart.moving_share == 0.5
+    assert apart.mean_speed_mps == pytest.approx(5.0)
+    assert meets.mean_speed_mps == pytest.approx(10.0)
+    assert meets.time_to_collision_s == pytest.approx(0.0)
+    assert meets.realism < apart.realism
+
+
+def test_off_road_counts_moving_vehicles():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 5), (20, 0, 0, 0)]))
+    view = generated(scenario, scenario.agents.ids, paths((0, 60, 5), (20, 60, 0.0)))
+    assert numbers_of(view).off_road_share == 1.0
+    stands = generated(scenario, scenario.agents.ids, paths((0, 0, 5), (20, 60, 0.0)))
+    assert numbers_of(stands).off_road_share < 0.5
+
+
+def test_rankings():
+    samples = (
+        replace(PLAIN, num_collisions=2, time_to_collision_s=0.1),
+        PLAIN,
+        replace(PLAIN, off_road_share=0.3, mean_speed_mps=11.0),
+        replace(PLAIN, time_to_collision_s=None, num_collisions=1),
+    )
+    assert set(RANKING_WORDS) == set(RANKINGS)
+    assert ranked(samples)[0] == 1
+    assert ranked(samples, "collisions") == (1, 2, 3, 0)
+    assert ranked(samples, "off-road") == (1, 3, 0, 2)
+    assert ranked(samples, "interaction") == (0, 1, 2, 3)
+    assert ranked(samples, "movement")[0] == 2
+    assert ranked(()) == ()
+    assert PLAIN.realism > 90 > samples[2].realism > 0
+
+
+def test_the_pick_spreads():
+    near, also_near, far, farther = (
+        sample_of(("a", "b"), paths((0, y, 5), (50, 0, 5))) for y in (0, 0.5, 9, 20)
+    )
+    samples = [near, also_near, far, farther]
+    assert spread_pick(samples, 2) == (0, 3)
+    assert spread_pick(samples, 3) == (0, 3, 2)
+    assert spread_pick(samples, 9, first=2) == (2, 3, 0, 1)
+    assert spread_pick([], 3) == ()
+    apart = distances_m(samples)
+    assert np.allclose(apart, apart.T)
+    assert apart[0, 3] == pytest.approx(10.0)
+
+
+def test_an_agent_that_one_sample_lacks_is_far_away():
+    one = sample_of(("a", "b"), paths((0, 0, 5), (50, 0, 5)))
+    two = sample_of(("a",), paths((0, 0, 5)))
+    assert distances_m([one, two])[0, 1] == pytest.approx(MOST_APART_M / 2)
+    nothing = sample_of((), np.zeros((0, 60, 2)))
+    assert distances_m([nothing, nothing])[0, 1] == 0
