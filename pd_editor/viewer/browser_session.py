@@ -259,7 +259,9 @@ class BrowserSession:
                 is_running=lambda: self._is_built and self._generation_panel.is_running,
             )
         with tabs.add_tab("Drive"):
-            self._candidates_panel = CandidatesPanel(ui, self._candidates)
+            self._candidates_panel = CandidatesPanel(
+                ui, self._candidates, self._steering.mode.follow_path
+            )
             self._generation_panel = GenerationPanel(
                 ui,
                 self._generators,

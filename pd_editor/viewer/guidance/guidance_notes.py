@@ -4,7 +4,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pd_editor.generation import GuidanceReport
-from pd_editor.scene.guidance_outcome import GuidanceCost, GuidanceProblem, TermOutcome
+from pd_editor.scene.guidance_outcome import (
+    GuidanceCost,
+    GuidanceProblem,
+    Realism,
+    TermOutcome,
+)
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.ui_context import UiContext
 
@@ -25,6 +30,8 @@ class RunReport:
     """What a run as a whole came to."""
 
     lines: tuple[Line, ...] = ()
+    figures: tuple[tuple[str, str, str], ...] = ()
+    """Realism: name, guided and unguided value; the first row has the titles."""
     action: str | None = None
     """Label of the button that takes the unguided sample; None: not offered."""
 
@@ -96,35 +103,39 @@ def report_of(report: GuidanceReport) -> RunReport:
         obeyed = sum(outcome.is_obeyed for outcome in report.outcomes)
         count = len(report.outcomes)
         tone: Tone = "good" if obeyed == count else "bad"
-        lines.append(Line(tone=tone, text=f"{obeyed} of {count} terms obeyed"))
+        lines.append(Line(tone=tone, text=f"Terms obeyed: {obeyed} of {count}"))
     cost = report.cost
-    if cost is not None:
-        lines += cost_lines(cost)
+    worse = () if cost is None else cost.worse()
+    if worse:
+        text = f"Guidance made the scene worse: {'; '.join(worse)}."
+        lines.append(Line(tone="warn", text=text))
     lines += [Line(tone="warn", text=text) for text in report.motion_problems]
     return RunReport(
         lines=tuple(lines),
+        figures=() if cost is None else figures_of(cost),
         action=None if report.unguided is None else TAKE_UNGUIDED,
     )
 
 
-def cost_lines(cost: GuidanceCost) -> list[Line]:
-    """Realism of the guided against the unguided sample."""
-    guided, other = cost.guided, cost.unguided
-    text = (
-        f"Collisions {guided.num_collisions} (unguided {other.num_collisions}), "
-        f"off the road {guided.off_road:.1%} ({other.off_road:.1%}), "
-        f"from lanes {guided.lateral_deviation_m:.1f} m "
-        f"({other.lateral_deviation_m:.1f}), "
-        f"acceleration {guided.acceleration_mps2:.1f} m/s\u00b2 "
-        f"({other.acceleration_mps2:.1f})"
+def figures_of(cost: GuidanceCost) -> tuple[tuple[str, str, str], ...]:
+    """Realism of the guided and of the unguided sample of the same seed."""
+    guided, other = _in_words(cost.guided), _in_words(cost.unguided)
+    names = (
+        "Agents in new collisions",
+        "Time off the road",
+        "Distance to lanes",
+        "Mean acceleration",
     )
-    lines = [Line(tone="plain", text=text)]
-    worse = cost.worse()
-    if worse:
-        lines.append(
-            Line(
-                tone="warn",
-                text=f"Guidance made the scene worse: {'; '.join(worse)}.",
-            )
-        )
-    return lines
+    return (
+        ("Realism", "guided", "unguided"),
+        *zip(names, guided, other, strict=True),
+    )
+
+
+def _in_words(realism: Realism) -> tuple[str, ...]:
+    return (
+        f"{realism.num_collisions}",
+        f"{realism.off_road:.1%}",
+        f"{realism.lateral_deviation_m:.2f} m",
+        f"{realism.acceleration_mps2:.2f} m/s\u00b2",
+    )

@@ -150,6 +150,7 @@ class GuidancePanel:
                 "report": [
                     {"tone": line.tone, "text": line.text} for line in report.lines
                 ],
+                "figures": [list(row) for row in report.figures],
                 "action": report.action,
             },
         )

@@ -163,6 +163,14 @@ class Guiding:
         """
         self._put(stop_term(self._ui.session.scenario, agent_id, point_m))
 
+    def follow_path(self, agent_id: str, points_m: np.ndarray) -> None:
+        """Let an agent follow a path.
+
+        Raises:
+            EditError: the path is too short, or leaves the map.
+        """
+        self._put(path_term(self._ui.session.scenario, agent_id, points_m))
+
     def pair(self, kind: str, agent_id: str, other_id: str) -> None:
         """Let an agent yield to another one, or threaten it."""
         pair = YieldTo if kind == YieldTo.kind else Threaten

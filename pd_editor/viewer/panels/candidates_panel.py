@@ -1,5 +1,6 @@
 """The candidates panel: trajectories that a selected agent could take."""
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -26,9 +27,21 @@ SELECT_ONE: Final = "Select one agent to see its possible trajectories."
 class CandidatesPanel:
     """Shows an agent's candidates, one of which can be adopted."""
 
-    def __init__(self, ui: UiContext, view: CandidatesView) -> None:
-        """Build it into the current tab."""
+    def __init__(
+        self,
+        ui: UiContext,
+        view: CandidatesView,
+        on_guided: Callable[[str, np.ndarray], None],
+    ) -> None:
+        """Build it into the current tab.
+
+        Args:
+            ui: the session and its page.
+            view: draws the fan.
+            on_guided: guides an agent along the points of a candidate.
+        """
         self._ui = ui
+        self._on_guided = on_guided
         self._view = view
         self._agent_id: str | None = None
         self._base: Scenario | None = None
@@ -43,10 +56,17 @@ class CandidatesPanel:
             self._note = FixedText(gui, 2)
             self._legend = gui.add_html("")
             self._adopt = gui.add_button("Use this trajectory", disabled=True)
+            self._guide = gui.add_button(
+                "Guide along this trajectory",
+                color="gray",
+                disabled=True,
+                hint="The model follows its path at a speed of its own",
+            )
         self._ui.on_click(self._show, self.toggle_candidates)
         self._ui.on_click(
             self._adopt, self._adopt_chosen, failure="Trajectory not used"
         )
+        self._ui.on_click(self._guide, self._guide_along, failure="Path not set")
         self._ui.on_change(self._choice, lambda _value: self._highlight())
 
     @property
@@ -90,7 +110,8 @@ class CandidatesPanel:
         set_property(self._show, "label", SHOW)
         self._offer((NO_CANDIDATE,))
         set_property(self._choice, "disabled", True)
-        set_property(self._adopt, "disabled", True)
+        for button in (self._adopt, self._guide):
+            set_property(button, "disabled", True)
         self._note.show()
 
     def point_at(self, point_m: np.ndarray | None) -> bool:
@@ -154,7 +175,8 @@ class CandidatesPanel:
         chosen = self._chosen_index()
         index = chosen if self._pointed is None else self._pointed
         self._view.show(shown, self._ui.session.scenario.road_map, index)
-        set_property(self._adopt, "disabled", chosen is None)
+        for button in (self._adopt, self._guide):
+            set_property(button, "disabled", chosen is None)
         if index is None:
             self._note.show("", "Choose one here, or click one on the road.")
             return
@@ -166,12 +188,28 @@ class CandidatesPanel:
         return collision_in_words(scenario, self._collisions[index])
 
     def _adopt_chosen(self) -> None:
+        self._adopt_candidate(self._needed_index())
+
+    def _guide_along(self) -> None:
+        """Guide the agent along the path of the chosen candidate."""
+        index, found, agent_id = self._needed_index(), self._view.shown, self._agent_id
+        assert found is not None
+        assert agent_id is not None
+        self.hide_candidates()
+        self._on_guided(agent_id, found.position_m[0, index])
+
+    def _needed_index(self) -> int:
+        """Index of the chosen candidate.
+
+        Raises:
+            EditError: none is chosen.
+        """
         index = self._chosen_index()
         if index is None:
             raise EditError(
                 "Choose a trajectory in the list, or click one on the road."
             )
-        self._adopt_candidate(index)
+        return index
 
     def _adopt_candidate(self, index: int) -> None:
         found, agent_id = self._view.shown, self._agent_id

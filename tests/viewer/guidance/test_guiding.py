@@ -317,3 +317,17 @@ def test_what_a_new_term_replaces():
     assert like(new, goal) == replace(new, at_s=3.0, weight=2.0)
     assert replaced_index(terms, YieldTo(agent_id="a", other_id="c")) is None
     assert replaced_index(terms, YieldTo(agent_id="a", other_id="b")) == 2
+
+
+def test_an_agent_is_guided_along_a_possible_trajectory(tab: FakeTab):
+    agent_id, place = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    candidates = tab.tab._candidates_panel
+    tab.run(candidates.toggle_candidates)
+    options = tuple(candidates._choice.options)
+    candidates._choice.value = options[1]
+    tab.run(candidates._guide_along)
+    (term,) = guidance(tab)
+    assert isinstance(term, FollowPath)
+    assert np.linalg.norm(np.array(term.points_m[0]) - place) < 1.0
+    assert not candidates.shows_candidates

@@ -61,7 +61,7 @@ pdOverlay.define("guidance_marks", (api) => {
     const from = mark.from && api.project(mark.from);
     if (from && !mark.isFaint)
       parent.append(shape("path", "pd-guide-leader", { d: along([from, foot]) }));
-    const picture = flag();
+    const picture = flag(mark.isOffer);
     for (const [key, value] of Object.entries(moved(foot))) picture.setAttribute(key, value);
     parent.append(picture);
     if (mark.isBad) warn(parent, foot[0] + 20, foot[1] - 31);

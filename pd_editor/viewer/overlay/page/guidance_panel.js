@@ -13,7 +13,7 @@ pdOverlay.define("guidance_panel", (api) => {
   const run = api.make("button", "pd-guidance-run", { type: "button" });
   run.addEventListener("click", () => send({ kind: "run" }));
   box.append(about, tools, run, foot, list);
-  let state = { tools: [], rows: [], weights: [], report: [] };
+  let state = { tools: [], rows: [], weights: [], report: [], figures: [] };
   let version = null;
   const rows = new Map();
 
@@ -159,9 +159,21 @@ pdOverlay.define("guidance_panel", (api) => {
     }
   }
 
+  function figures() {
+    const table = api.make("table", "", { "aria-label": "Realism of the last run" });
+    for (const [place, cells] of state.figures.entries()) {
+      const line = api.make("tr");
+      for (const cell of cells)
+        line.append(api.make(place ? "td" : "th", "", {}, cell));
+      table.append(line);
+    }
+    return table;
+  }
+
   function showFoot() {
     foot.replaceChildren(...state.report.map(({ tone, text }) =>
       api.make("div", `pd-guidance-note pd-tone-${tone}`, {}, text)));
+    if (state.figures.length) foot.append(figures());
     foot.hidden = !state.report.length && !state.action;
     if (!state.action) return;
     const button = api.make("button", "pd-guidance-take", { type: "button" }, state.action);

@@ -10,7 +10,7 @@ pdOverlay.guidance = (() => {
     "yield-to": "M3 4.5h14L10 16.5z",
     threaten: "M11.5 2.5 5 11h4.3L8 17.5l7-9h-4.6z",
     "target-speed": "M3.7 15a7.3 7.3 0 1 1 12.6 0M10 12l3.4-4.4",
-    "speed-limit": "M10 2.8a7.2 7.2 0 1 1 0 14.4a7.2 7.2 0 1 1 0-14.4M7 10h6",
+    "speed-limit": "M10 2.5a7.5 7.5 0 1 1 0 15a7.5 7.5 0 1 1 0-15M10 6.3a3.7 3.7 0 1 1 0 7.4a3.7 3.7 0 1 1 0-7.4",
     "keep-gap": "M3 4.5v11M17 4.5v11M6 10h8M8 7.8 5.8 10 8 12.2M12 7.8l2.2 2.2-2.2 2.2",
     "avoid-collisions": "M10.5 17.5c0-6-5.5-4-5.5-10V4M2.8 6.2 5 4l2.2 2.2M12 8.5l5 5M17 8.5l-5 5",
     "stay-on-road": "M4.5 17 7.7 3M15.5 17 12.3 3M10 3.5v2.2M10 8.7v2.6M10 14.2v2.6",
@@ -41,12 +41,14 @@ pdOverlay.guidance = (() => {
     return group;
   }
 
-  // A flag whose foot is the origin.
-  function flag() {
+  // A flag whose foot is the origin. That of an offer leaves the ground to the agents.
+  function flag(isOffer = false) {
     const group = shape("g", "pd-guide-flag");
     const cloth = "M0 -29H19L14 -22.5L19 -16H0z";
     group.append(
-      shape("path", "pd-guide-hit", { d: "M-9 -34H24V8H-9z" }),
+      shape("path", "pd-guide-hit", {
+        d: isOffer ? "M-6 -34H23V-12H-6z" : "M-9 -34H24V8H-9z",
+      }),
       shape("ellipse", "pd-guide-foot", { rx: 6, ry: 3.4 }),
       shape("path", "pd-guide-halo", { d: `M0 0V-29${cloth}` }),
       shape("path", "pd-guide-cloth", { d: cloth }),

@@ -1,0 +1,144 @@
+"""What the panel says of a guided run, and the unguided sample instead of it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.commands import AddGuidance, ChangeGuidance
+from pd_editor.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    GuidanceReport,
+    TrafficSample,
+)
+from pd_editor.scene.guidance_outcome import GuidanceCost, Realism, TermOutcome
+from pd_editor.scene.guidance_terms import TargetSpeed
+from pd_editor.viewer.guidance.guidance_notes import TAKE_UNGUIDED
+from pd_editor.viewer.panels.generation_run import GenerationInput
+from tests.viewer.fake_browser import FakeTab
+
+TERM = TargetSpeed(agent_ids=("100",), speed_mps=5.0)
+
+
+def realism(collisions: int) -> Realism:
+    return Realism(
+        off_road=0.01 * collisions,
+        num_collisions=collisions,
+        lateral_deviation_m=0.4,
+        acceleration_mps2=0.8,
+    )
+
+
+def sample_at(scenario, agent_id: str, speed_mps: float) -> TrafficSample:
+    """An agent that drives straight ahead at a constant speed."""
+    agents, now = scenario.agents, scenario.current_step
+    (row,) = agents.rows([agent_id])
+    count = scenario.time_axis.num_future_steps + 1
+    seconds = np.arange(count) * scenario.time_axis.step_s
+    position = agents.position_m[row, now] + np.outer(seconds, [speed_mps, 0.0])
+    return TrafficSample(
+        ids=(agent_id,),
+        kinds=(agents.kinds[row],),
+        size_m=agents.size_m[[row]],
+        position_m=position[None],
+        heading_rad=np.full((1, count), agents.heading_rad[row, now]),
+        velocity_mps=np.tile([speed_mps, 0.0], (1, count, 1)),
+    )
+
+
+class Ready:
+    """A generator that returns what it was given."""
+
+    name = "ready"
+
+    def __init__(self, traffic: GeneratedTraffic) -> None:
+        self.traffic = traffic
+
+    def generate(self, request):
+        yield from ()
+        return self.traffic
+
+
+@pytest.fixture
+def guided(tab: FakeTab) -> FakeTab:
+    """A tab after a guided run that made the scene worse."""
+    agent_id = tab.session.scenario.agents.ids[0]
+    assert agent_id == "100"
+    tab.run(lambda: tab.ui.apply(AddGuidance(term=TERM)))
+    scenario = tab.session.scenario
+    outcome = TermOutcome(
+        term=TERM,
+        is_feasible=True,
+        asked="5.0 m/s",
+        achieved="4.9 m/s",
+        error=0.1,
+        unit="m/s",
+        is_obeyed=True,
+    )
+    report = GuidanceReport(
+        outcomes=(outcome,),
+        cost=GuidanceCost(guided=realism(2), unguided=realism(0)),
+        unguided=sample_at(scenario, agent_id, 3.0),
+        motion_problems=("Agent 100 brakes with 9.1 m/s2.",),
+    )
+    traffic = GeneratedTraffic(
+        samples=(sample_at(scenario, agent_id, 5.0),),
+        generator="ready",
+        guidance=(report,),
+    )
+    run = tab.tab._generation_panel._result
+    task = GenerationInput(
+        base=scenario,
+        request=GenerationRequest(scenario=scenario, agent_ids=(agent_id,)),
+    )
+    tab.run(lambda: run._finished(task, traffic, 0.0))
+    return tab
+
+
+def panel(tab: FakeTab) -> dict:
+    return json.loads(tab.tab._overlay._shown["guidance_panel"])
+
+
+def speed(tab: FakeTab) -> float:
+    scenario = tab.session.scenario
+    return float(scenario.agents.velocity_mps[0, scenario.current_step + 5, 0])
+
+
+def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
+    state = panel(guided)
+    assert speed(guided) == 5.0
+    (row,) = state["rows"]
+    assert row["notes"] == [{"tone": "good", "text": "asked 5.0 m/s, achieved 4.9 m/s"}]
+    tones = {line["text"]: line["tone"] for line in state["report"]}
+    assert tones["Terms obeyed: 1 of 1"] == "good"
+    assert tones["Agent 100 brakes with 9.1 m/s2."] == "warn"
+    (worse,) = (text for text in tones if text.startswith("Guidance made the scene"))
+    assert "2 instead of 0 agents collide" in worse
+    assert ["Agents in new collisions", "2", "0"] in state["figures"]
+    assert state["action"] == TAKE_UNGUIDED
+
+
+def test_the_unguided_sample_is_taken_and_undone(guided: FakeTab):
+    panel_ = guided.tab._steering._panel
+    count = len(guided.session.entries)
+    guided.run(lambda: panel_._heard({"kind": "take"}))
+    assert speed(guided) == 3.0
+    assert len(guided.session.entries) == count + 1
+    assert guided.session.scenario.guidance == (TERM,)
+    assert panel(guided)["action"] is None
+    assert panel(guided)["rows"][0]["notes"] == []
+    guided.run(guided.session.undo)
+    # The guided traffic is back, and with it its report.
+    assert speed(guided) == 5.0
+    assert panel(guided)["action"] == TAKE_UNGUIDED
+    guided.run(guided.session.undo)
+    assert panel(guided)["report"] == []
+
+
+def test_a_term_that_changes_after_the_run_has_no_outcome(guided: FakeTab):
+    changed = TargetSpeed(agent_ids=("100",), speed_mps=6.0)
+    guided.run(lambda: guided.ui.apply(ChangeGuidance(index=0, term=changed)))
+    state = panel(guided)
+    assert state["rows"][0]["notes"] == []
+    assert state["action"] == TAKE_UNGUIDED
