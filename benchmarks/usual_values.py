@@ -1,0 +1,51 @@
+"""What is usual in recordings: quantiles of the scorecard's metrics over scenes.
+
+Reads the train folder under PD_EDITOR_AV2; ``--write`` replaces the package's table.
+"""
+
+import csv
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from pd_editor.av2_io.read import read_scenario
+from pd_editor.metrics import scorecard as scorecard_module
+from pd_editor.metrics.scorecard import TITLES, UsualRange, scene_means, scorecard
+
+TARGET = Path(scorecard_module.__file__).with_name("usual_values.csv")
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+FIELDS = ("low", "quarter", "median", "three_quarters", "high")
+NOTHING = UsualRange(low=0, quarter=0, median=0, three_quarters=0, high=0, num_scenes=0)
+
+
+def main() -> None:
+    """Print the table, and the time of a scorecard."""
+    root = Path(os.environ["PD_EDITOR_AV2"]) / "train"
+    if not TARGET.exists():
+        scorecard_module.usual_ranges = lambda: dict.fromkeys(TITLES, NOTHING)
+    means, times = [], []
+    for folder in sorted(path.parent for path in root.glob("*/scenario*.parquet")):
+        scenario = read_scenario(folder)
+        scorecard(scenario)
+        began = time.perf_counter()
+        means.append(scene_means(scenario))
+        times.append(1e3 * (time.perf_counter() - began))
+    rows = []
+    for name in TITLES:
+        values = np.array([one[name] for one in means])
+        values = values[np.isfinite(values)]
+        quantiles = np.quantile(values, QUANTILES).round(4)
+        cells = dict(zip(FIELDS, quantiles.tolist(), strict=True))
+        rows.append({"name": name, **cells, "num_scenes": len(values)})
+    target = TARGET.open("w", newline="") if "--write" in sys.argv else sys.stdout
+    table = csv.DictWriter(target, ("name", *FIELDS, "num_scenes"), lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    print(f"a scorecard: median {np.median(times):.1f} ms, most {max(times):.1f} ms")
+
+
+if __name__ == "__main__":
+    main()
