@@ -11,6 +11,7 @@ import viser
 from pd_editor.editor.session import SessionState
 from pd_editor.errors import PdEditorError
 from pd_editor.generators import GeneratorCatalogue
+from pd_editor.metrics.scorecard import Occurrence
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.steering import Steering
 from pd_editor.viewer.interaction.comparison import Comparison
@@ -31,6 +32,7 @@ from pd_editor.viewer.overlay.key_sheet import KeySheet
 from pd_editor.viewer.overlay.legend import Legend
 from pd_editor.viewer.overlay.measure import Measure
 from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.overlay.scorecard_drawer import ScorecardDrawer
 from pd_editor.viewer.overlay.side_panel import SidePanel
 from pd_editor.viewer.overlay.status_chip import ChipActions, StatusChip
 from pd_editor.viewer.overlay.timeline import Timeline
@@ -232,6 +234,12 @@ class BrowserSession:
             on_pointed=self._agent_pointed,
             on_opened=self._agent_list_opened,
         )
+        self._scorecard = ScorecardDrawer(
+            ui,
+            self._overlay,
+            go_to=self._show_occurrence,
+            on_opened=self._scorecard_opened,
+        )
         tabs = gui.add_tab_group()
         with tabs.add_tab("Scene"):
             self._scenario_panel = ScenarioPanel(ui)
@@ -376,6 +384,12 @@ class BrowserSession:
                     is_active=lambda: agent_list.is_open,
                 ),
                 Tool(
+                    icon="scorecard",
+                    press=self._scorecard.toggle,
+                    hint=lambda: "Scorecard: metrics beside recordings (I)",
+                    is_active=lambda: self._scorecard.is_open,
+                ),
+                Tool(
                     icon="compare",
                     press=self._comparison.hold,
                     release=self._comparison.release,
@@ -462,6 +476,7 @@ class BrowserSession:
         key("Invert the selection", self._selecting.invert, "I", "cmd/ctrl")
         key("Select all of the same kind", self._selecting.same_kind)
         key("Agent list", self._agent_list.toggle, "F", "cmd/ctrl")
+        key("Scorecard", self._scorecard.toggle, "I")
         key("Place an agent", self._placing.toggle, "P")
         self._steering.add_hotkeys()
         key("Show possible trajectories", self._candidates_panel.toggle_candidates, "G")
@@ -629,6 +644,7 @@ class BrowserSession:
         self._timeline.show()
         self._chip.show()
         self._agent_list.show()
+        self._scorecard.show()
         self._toolbar.show()
         self._measure.show()
         self._show_legend()
@@ -793,7 +809,20 @@ class BrowserSession:
             self._show_panels(self._workspace.session.state)
 
     def _agent_list_opened(self) -> None:
+        if self._agent_list.is_open:
+            self._scorecard.set_open(False)
         self._toolbar.show()
+
+    def _scorecard_opened(self) -> None:
+        if self._scorecard.is_open and self._agent_list.is_open:
+            self._agent_list.toggle()
+        self._toolbar.show()
+
+    def _show_occurrence(self, worst: Occurrence) -> None:
+        """Select the agent of an occurrence, and show it at that time."""
+        self._timeline.seek(float(worst.step))
+        self._workspace.session.select((worst.agent_id,))
+        self._viewpoint.frame_selection()
 
     def _agent_pointed(self, agent_id: str | None) -> None:
         self._pointed_id = agent_id

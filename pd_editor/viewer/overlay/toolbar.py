@@ -16,6 +16,7 @@ Icon = Literal[
     "measure",
     "place",
     "agents",
+    "scorecard",
     "compare",
     "live",
     "help",

@@ -141,6 +141,7 @@
     let wasPlaying = null;
     let drawnMarks = "";
     drawHead = (step) => {
+      window.dispatchEvent(new CustomEvent("pd-playhead", { detail: seconds(step) }));
       knob.style.left = `${share(step)}%`;
       const words = inWords(step);
       if (shown.textContent !== words) {

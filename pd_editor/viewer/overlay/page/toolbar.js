@@ -11,6 +11,7 @@ pdOverlay.define("toolbar", (api) => {
     measure: "M2.5 13.5l11-11 4 4-11 11zM5.5 10.5l1.6 1.6M8 8l2.3 2.3M10.5 5.5l1.6 1.6",
     place: "M10 3.5v13M3.5 10h13",
     agents: "M3 5h2M8 5h9M3 10h2M8 10h9M3 15h2M8 15h9",
+    scorecard: "M3 16.5V10h3.5v6.5M8.2 16.5V4h3.5v12.5M13.5 16.5V7.5H17v9",
     compare: "M10 3v14M8 5.5H3.5v9H8M12 5.5h4.5v9H12",
     live: "M2 10h3.5l2-5.5 4 11 2.5-7.5 1.2 2H18",
     help: "M7.2 7.4a2.8 2.8 0 1 1 4.4 2.3c-1 .7-1.6 1.2-1.6 2.5M10 15.2v.4",

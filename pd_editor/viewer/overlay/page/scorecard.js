@@ -1,0 +1,130 @@
+// The scorecard: metrics beside what is usual, and charts of the selected agents.
+(() => {
+  const SVG = "http://www.w3.org/2000/svg";
+  const WIDTH = 276;
+  const HEIGHT = 66;
+  const TOP = 8;
+  const LEFT = 30;
+  // Level is told by shape as well as by colour.
+  const SHAPES = { usual: "\u25cf", unusual: "\u25b2", extreme: "\u25a0" };
+  const COLORS = ["#1c6fd1", "#d1600c", "#0e8a5f"];
+  let showTime = () => {};
+  let setCharts = () => {};
+
+  pdOverlay.define("scorecard", (api) => {
+    const { make } = api;
+    const drawer = make("div", "pd-solid pd-agents pd-score", {
+      role: "region", "aria-label": "Scorecard",
+    });
+    drawer.hidden = true;
+    const head = make("div", "pd-agents-head");
+    head.append(make("b", "pd-score-title", {}, "Scorecard"));
+    const close = make("button", "pd-close", {
+      type: "button", "aria-label": "Close the scorecard", title: "Close (I)",
+    }, "\u00d7");
+    close.addEventListener("click", () => api.send({ kind: "close" }));
+    head.append(close);
+    const note = make("div", "pd-score-note", {},
+      "Motor vehicles, beside 5 to 95 % of recorded scenes");
+    const list = make("div", "pd-score-rows", { role: "list" });
+    const charts = make("div", "pd-charts");
+    drawer.append(head, note, list, charts);
+    api.box.append(drawer);
+
+    function shape(name, attributes) {
+      const element = document.createElementNS(SVG, name);
+      for (const [key, value] of Object.entries(attributes))
+        element.setAttribute(key, String(value));
+      return element;
+    }
+
+    function chart(title, lines, time, ids) {
+      const known = lines.flat().filter((value) => value !== null);
+      if (!known.length) return null;
+      const low = Math.min(0, ...known);
+      const high = Math.max(low + 1, ...known);
+      const x = (t) => LEFT + ((t - time[0]) / (time.at(-1) - time[0] || 1)) * (WIDTH - LEFT - 4);
+      const y = (v) => TOP + (1 - (v - low) / (high - low)) * (HEIGHT - TOP - 4);
+      const svg = shape("svg", {
+        viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img",
+        "aria-label": `${title} of ${ids.join(", ")}`,
+      });
+      for (const value of [low, high]) {
+        svg.append(shape("line", {
+          x1: LEFT, x2: WIDTH - 4, y1: y(value), y2: y(value), class: "pd-chart-grid",
+        }));
+        const text = shape("text", { x: LEFT - 4, y: y(value) + 3.5, class: "pd-chart-text" });
+        text.textContent = Math.abs(value) >= 100 ? value.toFixed(0) : value.toFixed(1);
+        svg.append(text);
+      }
+      lines.forEach((line, index) => {
+        let path = "";
+        let isDrawing = false;
+        line.forEach((value, step) => {
+          if (value === null) isDrawing = false;
+          else {
+            path += `${isDrawing ? "L" : "M"}${x(time[step]).toFixed(1)} ${y(value).toFixed(1)}`;
+            isDrawing = true;
+          }
+        });
+        svg.append(shape("path", { d: path, stroke: COLORS[index], class: "pd-chart-line" }));
+      });
+      const playhead = shape("line", { y1: TOP - 4, y2: HEIGHT - 2, class: "pd-chart-head" });
+      svg.append(playhead);
+      const box = make("div", "pd-chart");
+      box.append(make("div", "pd-chart-title", {}, title), svg);
+      return { box, move: (t) => {
+        playhead.setAttribute("x1", x(t));
+        playhead.setAttribute("x2", x(t));
+      } };
+    }
+
+    let moves = [];
+    let now = 0;
+    showTime = (t) => {
+      now = t;
+      if (!drawer.hidden) for (const move of moves) move(t);
+    };
+    setCharts = (state) => {
+      const made = state.charts
+        .map(({ title, lines }) => chart(title, lines, state.time, state.ids))
+        .filter((one) => one !== null);
+      moves = made.map((one) => one.move);
+      const legend = make("div", "pd-chart-legend");
+      state.ids.forEach((id, index) => {
+        const name = make("span", "", { title: id }, id);
+        name.style.setProperty("--line", COLORS[index]);
+        legend.append(name);
+      });
+      const empty = make("div", "pd-score-note", {},
+        "Select up to three agents to see speed, acceleration and gap.");
+      charts.replaceChildren(...(made.length ? [legend, ...made.map((one) => one.box)] : [empty]));
+      showTime(now);
+    };
+    api.listen(window, "pd-playhead", (event) => showTime(event.detail));
+
+    return (state) => {
+      drawer.hidden = !state.isOpen;
+      if (!state.isOpen) return;
+      list.replaceChildren(...state.rows.map((row) => {
+        const item = make("button", "pd-score-row", {
+          type: "button",
+          title: row.where ? `Go to the worst: ${row.where}` : "No agent stands out",
+          "aria-label": `${row.title}: ${row.value}, ${row.level}; usual ${row.usual}`,
+        });
+        item.disabled = !row.where;
+        item.append(
+          make("span", `pd-score-dot pd-${row.tone}`, { "aria-hidden": "true" },
+            SHAPES[row.level]),
+          make("span", "pd-score-name", {}, row.title),
+          make("span", "pd-score-value", {}, row.value),
+          make("span", "pd-score-usual", {}, row.usual),
+        );
+        item.addEventListener("click", () => api.send({ kind: "row", name: row.name }));
+        return item;
+      }));
+    };
+  });
+
+  pdOverlay.define("charts", () => (state) => setCharts(state));
+})();
