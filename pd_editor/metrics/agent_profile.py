@@ -58,7 +58,7 @@ def _acceleration(scenario: Scenario, row: int) -> Float[np.ndarray, "T"]:
     there = agents.is_valid[row]
     found = np.full(len(there), np.nan)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]])))
-    for start, end in edges.reshape(-1, 2):
+    for start, end in edges.reshape(-1, 2).tolist():
         window = min(WINDOW_STEPS, end - start)
         if window <= DEGREE:
             continue

@@ -115,7 +115,7 @@ def _row(scenario: Scenario, row: ScoreRow) -> dict[str, Any]:
         "tone": _TONE[row.level],
         "level": row.level,
         "value": value,
-        "usual": f"{low} to {high} {unit}",
+        "usual": f"{low} \u2013 {high}",
         "where": where,
     }
 

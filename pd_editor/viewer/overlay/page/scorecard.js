@@ -24,11 +24,14 @@
     }, "\u00d7");
     close.addEventListener("click", () => api.send({ kind: "close" }));
     head.append(close);
-    const note = make("div", "pd-score-note", {},
-      "Motor vehicles, beside 5 to 95 % of recorded scenes");
+    const columns = make("div", "pd-score-row pd-score-head");
+    for (const [name, text] of [["dot", ""], ["name", "Motor vehicles"], ["value", "scene"],
+      ["usual", "usual"]])
+      columns.append(make("span", `pd-score-${name}`, {}, text));
+    columns.title = "Usual: 5 to 95 % of recorded scenes";
     const list = make("div", "pd-score-rows", { role: "list" });
     const charts = make("div", "pd-charts");
-    drawer.append(head, note, list, charts);
+    drawer.append(head, columns, list, charts);
     api.box.append(drawer);
 
     function shape(name, attributes) {
@@ -109,7 +112,8 @@
       list.replaceChildren(...state.rows.map((row) => {
         const item = make("button", "pd-score-row", {
           type: "button",
-          title: row.where ? `Go to the worst: ${row.where}` : "No agent stands out",
+          title: `${row.title}. ` +
+            (row.where ? `Go to the worst: ${row.where}` : "No agent stands out"),
           "aria-label": `${row.title}: ${row.value}, ${row.level}; usual ${row.usual}`,
         });
         item.disabled = !row.where;
