@@ -120,6 +120,8 @@ class GenerationRequest:
     around the focal agent."""
     quality: Quality = "fast"
     """Quality of sampled states: "high" takes more denoising steps."""
+    refines_states: bool = True
+    """Whether sampled states are guided and repaired; if not, they are raw output."""
     num_samples: int = 1
     num_denoising_steps: int | None = None
     """Denoising steps of trajectories; None: the generator's default."""

@@ -1,6 +1,7 @@
 """``pd-editor evaluate``: evaluate generators on many scenes."""
 
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -8,7 +9,15 @@ from typing import Annotated, Final
 
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, Switch, num_workers, several
+from pd_editor.cli.arguments import (
+    FolderOption,
+    OptionalFolders,
+    Switch,
+    folders,
+    num_workers,
+    several,
+)
+from pd_editor.cli.paper import PaperEvaluation, evaluate_paper
 from pd_editor.cli.progress import work_shown
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import GenerationError, InputError
@@ -37,7 +46,12 @@ from pd_editor.evaluation.report.sections import Findings, report_of
 from pd_editor.evaluation.results_folder import EvaluationFolder
 from pd_editor.evaluation.road_condition import road_conditions
 from pd_editor.evaluation.summary import Summary, summarise
-from pd_editor.generation import MAX_SAMPLES, MAX_SEED, is_reference
+from pd_editor.generation import (
+    MAX_SAMPLES,
+    MAX_SEED,
+    ScenarioGenerator,
+    is_reference,
+)
 from pd_editor.generators import (
     DEFAULT_GENERATOR,
     GENERATORS,
@@ -110,8 +124,10 @@ def evaluate(
         float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: none)")
     ] = None,
     device: DeviceName = "auto",
+    paper: Switch = False,
+    models: OptionalFolders = (),
     resume: Switch = False,
-) -> Evaluation:
+) -> "Evaluation | PaperEvaluation":
     """Evaluate methods on many scenes and write rows, tables and a report.
 
     Args:
@@ -128,20 +144,34 @@ def evaluate(
         workers: Processes to use; they do not change the numbers.
         time_limit: Seconds that a method may take for a scene; a method that takes longer has no rows of that scene, and the rest goes on.
         device: Where models compute; auto takes a GPU if there is one.
+        paper: Print the tables of the paper instead, with all its systems, and draw its figures, into paper.html; roads are all unless given.
+        models: With --paper, folders of trained variants, or of such folders, as make variants leaves them; NAME-seedK is the variant NAME trained with seed K.
         resume: Go on with an earlier run of the same settings.
     """
     task = EvaluationTask(states=states, agents=agents)
+    _check_paper(methods, task, models, paper=paper)
+    roads = ("all",) if paper and several(warps) == ("none",) else several(warps)
     plan = EvaluationPlan(
         task=task,
         data=tuple(map(Path, several(data))),
-        methods=_methods(methods, device, task),
-        conditions=road_conditions(several(warps)),
+        methods=() if paper else _methods(methods, device, task),
+        conditions=road_conditions(roads),
         num_samples=within(1, samples, MAX_SAMPLES, "samples"),
         seed=within(0, seed, MAX_SEED, "seed"),
         limit=None if limit is None else within(1, limit, MAX_SEED, "limit"),
         development=several(development),
         limit_s=None if time_limit is None else limit_in_s(time_limit),
     )
+    if paper:
+        return evaluate_paper(
+            plan,
+            folders(models) if models else (),
+            Path(out),
+            _maker(device),
+            workers=num_workers(workers),
+            resume=resume,
+            command=_paper_command(plan, out, models),
+        )
     engine = LocalProcesses(num_workers=num_workers(workers))
     found = scenes_of(plan.data, plan.limit)
     folder = EvaluationFolder(Path(out), plan.settings, resume=resume)
@@ -209,9 +239,7 @@ def checked_methods(
     Raises:
         GenerationError: a name is not known, or does not fit the task.
     """
-    make = make_generator
-    if device != "auto":
-        make = partial(make_generator, device=device)
+    make = _maker(device)
     known = [*REFERENCE_METHODS, *GENERATORS]
     methods = tuple(Method(name=name, make_generator=make) for name in asked)
     for name, method in zip(asked, methods, strict=True):
@@ -235,6 +263,45 @@ def checked_methods(
             f"No method was asked for; choose among {', '.join(known)}."
         )
     return methods
+
+
+def _maker(device: DeviceName) -> Callable[[str], ScenarioGenerator]:
+    """Factory of generators; a module-level function, so that workers can have it."""
+    return (
+        make_generator if device == "auto" else partial(make_generator, device=device)
+    )
+
+
+def _check_paper(
+    methods: str | tuple[str, ...] | None,
+    task: EvaluationTask,
+    models: str | Path | tuple[str | Path, ...],
+    *,
+    paper: bool,
+) -> None:
+    """Raise for options that belong to the other kind of evaluation."""
+    if paper and (methods is not None or task != DRIVING):
+        raise InputError(
+            "--paper chooses methods, states and agents itself; leave out --methods, "
+            "--states and --agents, and give variants by --models."
+        )
+    if models and not paper:
+        raise InputError(
+            "--models is for --paper; give folders of models by --methods otherwise."
+        )
+
+
+def _paper_command(
+    plan: EvaluationPlan, out: str | Path, models: str | Path | tuple[str | Path, ...]
+) -> str:
+    """Command line that reproduces the tables."""
+    words = ["pd-editor", "evaluate", "--paper"]
+    words += ["--data", *map(str, plan.data), "--out", str(out)]
+    words += ["--models", *map(str, several(models))] if models else []
+    words += ["--warps", *(one.label for one in plan.conditions)]
+    words += ["--samples", str(plan.num_samples), "--seed", str(plan.seed)]
+    words += [] if plan.limit is None else ["--limit", str(plan.limit)]
+    return shlex.join(words)
 
 
 def _places_agents(name: str) -> bool:

@@ -23,6 +23,7 @@ from pd_editor.diffusion.initial_state.attributes import (
     attribute_notes,
 )
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.pipeline import SquarePlacement, place_in_squares
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.initial_state.squares import Placement, placings_of
@@ -188,7 +189,7 @@ class PathDiffuser:
                 {index: placings[index] for index in batch},
                 seed=request.seed,
                 sampler=_state_sampler(request, stage),
-                guidance=stage.sampling["guidance"],
+                guidance=_state_guidance(request, stage),
                 progress=partial(_placing_progress, batch, request.num_samples),
             )
             for number, (index, scenario) in enumerate(zip(batch, scenes, strict=True)):
@@ -373,7 +374,14 @@ def _placings(
             f"The road asks for {number} more agents; the model takes {MOST_AGENTS} "
             "in all."
         )
-    return placings
+    return tuple(replace(one, repairs=request.refines_states) for one in placings)
+
+
+def _state_guidance(
+    request: GenerationRequest, stage: TrainedStage
+) -> InitialStateGuidance:
+    guidance = stage.sampling["guidance"]
+    return guidance if request.refines_states else guidance.at_no_level()
 
 
 def _state_sampler(

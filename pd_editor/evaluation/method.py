@@ -20,7 +20,12 @@ from pd_editor.generation import (
 )
 from pd_editor.metrics.traffic_view import TrafficView, generated_traffic
 
-_OPTIONS: Final = {"steps": MAX_DENOISING_STEPS, "lanes": 1, "tries": MAX_TRIES}
+_OPTIONS: Final = {
+    "steps": MAX_DENOISING_STEPS,
+    "lanes": 1,
+    "tries": MAX_TRIES,
+    "raw": 1,
+}
 """Options of a method, and the largest value of each."""
 
 
@@ -30,7 +35,8 @@ class Method:
 
     A generator's name may have options: ``path-diffuser:lanes=0.6,tries=4,steps=10``
     sets the strength of lane guidance, the number of trajectories sampled per agent, and
-    the denoising steps.
+    the denoising steps. ``raw=1`` is what the networks sample, without guidance, repair
+    and yielding.
     """
 
     name: str
@@ -81,7 +87,7 @@ class Method:
             if name not in _OPTIONS or not least <= found[name] <= _OPTIONS[name]:
                 raise GenerationError(
                     f"The method {self.name[:60]!r} has the option {text[:30]!r}; "
-                    "expected steps, lanes or tries, such as lanes=0.6."
+                    "expected steps, lanes, tries or raw, such as lanes=0.6."
                 )
         return found
 
@@ -97,7 +103,7 @@ class Method:
                 raise GenerationError(f"{self.name} samples no initial states.")
             return EvaluatedTraffic(samples=reference.traffic(request))
         generator = _generator(self.make_generator, self.generator_name)
-        traffic = run_to_end(generator.generate(self._with_options(request)))
+        traffic = run_to_end(generator.generate(self.with_options(request)))
         check_traffic(traffic, request)
         return EvaluatedTraffic(
             samples=tuple(
@@ -107,14 +113,19 @@ class Method:
             model_sha256=traffic.model_sha256,
         )
 
-    def _with_options(self, request: GenerationRequest) -> GenerationRequest:
+    def with_options(self, request: GenerationRequest) -> GenerationRequest:
+        """The request with the options of the name."""
         options = self.options
-        steps, tries = options.get("steps"), options.get("tries")
+        is_raw = bool(options.get("raw", 0))
+        usual = {"lanes": 0.0, "tries": 0.0} if is_raw else {}
+        steps, tries = options.get("steps"), options.get("tries", usual.get("tries"))
         return replace(
             request,
             num_denoising_steps=None if steps is None else int(steps),
+            refines_states=not is_raw,
             guidance=guidance_settings(
-                options.get("lanes"), None if tries is None else int(tries)
+                options.get("lanes", usual.get("lanes")),
+                None if tries is None else int(tries),
             ),
         )
 
@@ -127,7 +138,7 @@ class EvaluatedTraffic:
     model_sha256: str = ""
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=32)
 def _generator(
     make_generator: Callable[[str], ScenarioGenerator], name: str
 ) -> ScenarioGenerator:

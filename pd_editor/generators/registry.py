@@ -56,7 +56,7 @@ def _lane_follower() -> ScenarioGenerator:
     return LaneFollower()
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _path_diffuser(
     folder: Path, name: str, device: DeviceName = "auto"
 ) -> "PathDiffuser":

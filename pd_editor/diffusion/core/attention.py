@@ -175,16 +175,23 @@ class DifferentialAttention(nn.Module):
         self, tokens: Float[Tensor, "B Q D"], seen: KeysValues
     ) -> Float[Tensor, "B Q D"]:
         """Attend from Q tokens to a set."""
+        weights, _ = self.scores(tokens, seen)
+        found = batched_product(weights.to(seen.values.dtype), seen.values)
+        if self.num_maps == 2:
+            found = self.norm(found.float()).to(found.dtype)
+        return self.to_output(found.transpose(1, 2).flatten(2))
+
+    def scores(
+        self, tokens: Float[Tensor, "B Q D"], seen: KeysValues
+    ) -> tuple[Float[Tensor, "B H Q K"], Mask]:
+        """Weights of the K tokens of the set, and their mask."""
         queries = self.to_queries(tokens).unflatten(-1, (seen.keys.shape[1], -1))
         logits = batched_product(queries.transpose(1, 2), seen.keys.mT)
         weights = seen.mask.weights(logits)
         if seen.second_share is not None:
             first, second = weights.unflatten(1, (self.num_heads, 2)).unbind(2)
             weights = torch.addcmul(first, seen.second_share, second)
-        found = batched_product(weights.to(seen.values.dtype), seen.values)
-        if self.num_maps == 2:
-            found = self.norm(found.float()).to(found.dtype)
-        return self.to_output(found.transpose(1, 2).flatten(2))
+        return weights, seen.mask
 
     def lambda_(self) -> Float[Tensor, ""]:
         """Weight of the second softmax."""
@@ -243,6 +250,33 @@ class EdgeAttention(nn.Module):
         The mask is of shape [N A 1 M], or has a row for each head. The result is 0 for
         a token without an edge, if there is one group only.
         """
+        weights, values = self._weights(tokens, edges, mask)
+        weights = weights.to(edges.dtype)
+        seen = batched_product(weights, edges).flatten(2)
+        if values is not None:
+            of_tokens = batched_product(weights.transpose(1, 2), values).transpose(1, 2)
+            seen = torch.cat([seen, of_tokens.flatten(2)], dim=-1)
+        found = self.to_output(seen)
+        if self.num_groups > 1 or mask.sees_any is None:
+            return found
+        return found * mask.sees_any[:, :, 0]
+
+    def scores(
+        self,
+        tokens: Float[Tensor, "N A D"],
+        edges: Float[Tensor, "N A M R"],
+        mask: Mask,
+    ) -> tuple[Float[Tensor, "N A H M"], Mask]:
+        """Weights of the M edges of each token, and their mask."""
+        return self._weights(tokens, edges, mask)[0], mask
+
+    def _weights(
+        self,
+        tokens: Float[Tensor, "N A D"],
+        edges: Float[Tensor, "N A M R"],
+        mask: Mask,
+    ) -> tuple[Float[Tensor, "N A H M"], Float[Tensor, "N H A C"] | None]:
+        """Weights of edges, and the values of tokens if they count."""
         to_edges, *to_tokens = self.project(tokens).split(self.sizes, dim=-1)
         queries = to_edges.unflatten(-1, (self.num_groups * self.num_heads, -1))
         logits = batched_product(queries, edges.mT)
@@ -253,15 +287,7 @@ class EdgeAttention(nn.Module):
                 for part in to_tokens
             )
             logits = logits + batched_product(query, keys.mT).transpose(1, 2)
-        weights = mask.weights(logits).to(edges.dtype)
-        seen = batched_product(weights, edges).flatten(2)
-        if values is not None:
-            of_tokens = batched_product(weights.transpose(1, 2), values).transpose(1, 2)
-            seen = torch.cat([seen, of_tokens.flatten(2)], dim=-1)
-        found = self.to_output(seen)
-        if self.num_groups > 1 or mask.sees_any is None:
-            return found
-        return found * mask.sees_any[:, :, 0]
+        return mask.weights(logits), values
 
 
 def visible_agents(

@@ -77,6 +77,10 @@ class InitialStateGuidance:
         offset = self.within_lanes_offset_m
         return replace(self, moving_offset_m=offset, on_road_offset_m=offset)
 
+    def at_no_level(self) -> "InitialStateGuidance":
+        """No guidance at any noise level."""
+        return replace(self, first_noise_m=0.0)
+
     def of(
         self,
         scene: SceneTensors,

@@ -17,6 +17,7 @@ from pd_editor.diffusion.initial_state.attributes import (
 from pd_editor.diffusion.initial_state.conditioning import (
     CONDITIONED_NO,
     REACH_M,
+    only_agents,
     sampling_conditioning,
 )
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
@@ -497,6 +498,18 @@ def _agents_to_place(scenario: Scenario, placing: SquarePlacement) -> AgentTrack
         observed=np.zeros((count, steps), bool),
     )
     return old.joined(new)
+
+
+def recorded_states(scenario: Scenario) -> SceneTensors:
+    """The agents of a scenario around its focal agent, with their own states.
+
+    Raises:
+        GenerationError: an agent has no finite state at the current step.
+    """
+    features = scene_features(scenario, with_candidates=False)
+    scene = batch_of([packed(features, _no_latents)])
+    is_inside = scene.agent_pose[..., :2].abs().amax(dim=-1) <= POSITION_UNIT_M
+    return only_agents(scene, is_inside)
 
 
 def _no_latents(

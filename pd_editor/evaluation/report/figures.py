@@ -50,8 +50,10 @@ FIGURE_STYLE: Final[dict[Any, Any]] = {
 class Figure:
     """A picture with its caption."""
 
-    svg: bytes
+    data: bytes
     caption: str
+    media: str = "svg+xml"
+    """Type of the data, such as ``png``."""
 
 
 def figures_of(
@@ -64,7 +66,7 @@ def figures_of(
         return ()
     figures = [
         Figure(
-            svg=_intervals_svg(summary, shown),
+            data=_intervals_svg(summary, shown),
             caption=f"{_GROUP.capitalize()}: means with intervals. Filled: plain roads; "
             "hollow: perturbed roads.",
         )
@@ -81,7 +83,7 @@ def figures_of(
     if by_kind:
         figures.append(
             Figure(
-                svg=_powers_svg(summary, by_kind),
+                data=_powers_svg(summary, by_kind),
                 caption=f"{_GROUP.capitalize()}: median final lateral deviation, m, by "
                 "power of the bend; 0 is the plain road.",
             )

@@ -175,7 +175,7 @@ def test_figures_are_valid_svg_with_a_panel_for_each_metric_and_kind_of_road(fou
     assert figures == figures_of(evaluated.summary, plan.conditions)
     metrics = [named(name).removesuffix(" *paper*") for name in SHOWN]
     for figure, titles in zip(figures, (metrics, ["smooth-turn"]), strict=True):
-        parts = ET.fromstring(figure.svg).iter("{http://www.w3.org/2000/svg}text")
+        parts = ET.fromstring(figure.data).iter("{http://www.w3.org/2000/svg}text")
         texts = {"".join(part.itertext()) for part in parts}
         assert {*titles, *evaluated.summary.methods} <= texts
 

@@ -1,0 +1,118 @@
+"""Systems of the paper's tables: references, and the variants found in folders."""
+
+import json
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from pd_editor.errors import InputError
+from pd_editor.evaluation.reference_methods import GROUND_TRUTH
+
+CONFIG_NAME: Final = "config.json"
+RUNS_NAME: Final = "runs"
+STATES, TRAJECTORIES = "init", "traj"
+_SEEDED: Final = re.compile(r"(?P<name>.+)-seed(?P<seed>\d+)")
+_LABELS: Final = {
+    GROUND_TRUTH: "GT",
+    "constant-velocity": "constant velocity",
+    "lane-follower": "lane follower",
+    "mha": "MHA",
+    "pd_minus_cdb": "PD - CDB",
+    "vd": "VD",
+    "pd_minus_p": "PD - P",
+    "pd": "PD",
+    "paper": "PD as in the paper",
+    "pd_with_warps": "PD trained with warps",
+    "path-diffuser": "PD, shipped weights",
+}
+"""Labels of the known systems, in the order of the tables."""
+REFERENCES: Final = (GROUND_TRUTH, "constant-velocity", "lane-follower")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trained:
+    """One trained model of a system."""
+
+    system: str
+    seed: int
+    method: str
+    """Name as a method: a folder, or a shipped generator."""
+    stages: tuple[str, ...]
+    """The stages that are the system's own; others are borrowed from PD."""
+    warp_share: float = 0.0
+    """Share of warped roads in the training of the trajectories."""
+
+
+def label_of(system: str) -> str:
+    """Label of a system in tables and figures."""
+    return _LABELS.get(system, system)
+
+
+def in_table_order(systems: Iterable[str]) -> tuple[str, ...]:
+    """Systems without duplicates: the known ones first."""
+    known = list(_LABELS)
+    return tuple(
+        sorted(
+            dict.fromkeys(systems),
+            key=lambda name: (known.index(name) if name in known else len(known), name),
+        )
+    )
+
+
+def trained_systems(
+    roots: Sequence[Path], shipped: Sequence[tuple[str, Path]] = ()
+) -> tuple[Trained, ...]:
+    """Find the models of folders; ``NAME-seedK`` is system NAME, trained with seed K.
+
+    Args:
+        roots: folders of models, or of such folders.
+        shipped: names and folders of generators of the program.
+
+    Raises:
+        InputError: a root holds no model.
+    """
+    found = [_trained(folder, name) for name, folder in shipped]
+    for root in roots:
+        folders = [root] if (root / CONFIG_NAME).is_file() else []
+        if not folders and root.is_dir():
+            folders = sorted(
+                path.parent
+                for path in root.glob(f"*/{CONFIG_NAME}")
+                if _stages_of(path.parent)
+            )
+        if not folders:
+            raise InputError(
+                f"{root}: holds no trained model; expected {CONFIG_NAME} in it or in the "
+                "folders directly in it."
+            )
+        found += [_trained(folder) for folder in folders]
+    return tuple(found)
+
+
+def _trained(folder: Path, name: str = "") -> Trained:
+    stages = _stages_of(folder)
+    seeded = _SEEDED.fullmatch(folder.name)
+    runs = folder / RUNS_NAME
+    own = tuple(
+        stage for stage in stages if not runs.is_dir() or (runs / stage).is_dir()
+    )
+    record = stages.get(TRAJECTORIES, {}).get("training", {})
+    return Trained(
+        system=name or (seeded["name"] if seeded else folder.resolve().name),
+        seed=int(seeded["seed"]) if seeded else 0,
+        method=name or str(folder),
+        stages=own,
+        warp_share=float(record.get("augmentation", {}).get("warp_share", 0.0)),
+    )
+
+
+def _stages_of(folder: Path) -> dict[str, Any]:
+    """Stages of a model folder by name; empty if it is none."""
+    try:
+        content = json.loads((folder / CONFIG_NAME).read_bytes())
+    except (OSError, ValueError):
+        return {}
+    stages = content.get("stages") if isinstance(content, dict) else None
+    return stages if isinstance(stages, dict) else {}

@@ -1,0 +1,108 @@
+"""``pd-editor evaluate --paper`` from trained folders to the page."""
+
+from pathlib import Path
+
+import pytest
+
+from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
+from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
+from tests.cli.shell import Shell
+from tests.diffusion.initial_state.scenes import small_model as small_placer
+from tests.diffusion.trajectory.scenes import small_model as small_driver
+from tests.evaluation.small_dataset import write_dataset
+
+
+def write_variant(folder: Path, *own: str) -> None:
+    """A model with random weights, whose own stages have runs beside it."""
+    driver, placer = small_driver(), small_placer()
+    save_model(
+        folder,
+        {
+            "traj": TrainedStage(kind=TRAJECTORIES, config=driver.config, model=driver),
+            "init": TrainedStage(
+                kind=INITIAL_STATES, config=placer.config, model=placer
+            ),
+        },
+    )
+    for stage in own:
+        (folder / "runs" / stage).mkdir(parents=True)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study")
+    write_variant(folder / "models" / "pd-seed0", "init", "traj")
+    write_variant(folder / "models" / "mha-seed0", "init")
+    write_dataset(folder / "data")
+    return folder
+
+
+def command(study: Path, out: Path, *more: str) -> list[str]:
+    data, models = str(study / "data" / "val"), str(study / "models")
+    words = ["evaluate", "--paper", "--data", data, "--models", models]
+    words += ["--out", str(out), "--samples", "1", "--workers", "1"]
+    return [*words, *more]
+
+
+def test_the_page_has_all_tables_and_figures_and_the_run_goes_on(
+    shell: Shell, study: Path, tmp_path: Path
+):
+    out = tmp_path / "report"
+    roads = ["--warps", "none", "smooth-turn:6"]
+    result = shell(*command(study, out, *roads))
+    assert result.code == 0, result.err
+    page = (out / "paper.html").read_text()
+    for number in ("I:", "II:", "II, corrected", "III:", "IV:"):
+        assert f"Table {number}" in page
+    for name in ("MHA, raw", "PD, guided", "constant velocity", "lane follower", "GT"):
+        assert name in page
+    assert page.count("data:image/png;base64") == 5
+    text = (out / "paper.md").read_text()
+    assert text in result.out
+    # What is finished is not done again, and the numbers are the same.
+    rows = out / "states" / "rows.parquet"
+    before = rows.read_bytes()
+    assert shell(*command(study, out, *roads, "--resume")).code == 0
+    assert rows.read_bytes() == before
+    assert (out / "paper.md").read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        (["--methods", "path-diffuser"], "--paper chooses methods"),
+        (["--states", "drawn"], "--paper chooses methods"),
+    ],
+)
+def test_options_of_the_other_evaluation_are_refused(
+    shell: Shell, study: Path, tmp_path: Path, more: list[str], sentence: str
+):
+    result = shell(*command(study, tmp_path / "x", *more))
+    assert result.code == 2
+    assert sentence in result.err
+    assert not (tmp_path / "x").exists()
+
+
+def test_models_without_the_paper_are_refused(
+    shell: Shell, study: Path, tmp_path: Path
+):
+    words = command(study, tmp_path / "x")
+    words.remove("--paper")
+    result = shell(*words)
+    assert result.code == 2
+    assert "--models is for --paper" in result.err
+
+
+def test_weights_that_do_not_fit_are_refused_at_once(
+    shell: Shell, study: Path, tmp_path: Path
+):
+    write_variant(tmp_path / "models" / "pd-seed0", "init", "traj")
+    config = tmp_path / "models" / "pd-seed0" / "config.json"
+    config.write_text(config.read_text().replace('"width": 32', '"width": 64'))
+    words = command(study, tmp_path / "x")
+    words[words.index("--models") + 1] = str(tmp_path / "models")
+    result = shell(*words)
+    assert result.code == 2
+    assert "safetensors" in result.err
+    assert "expected" in result.err
+    assert not (tmp_path / "x").exists()
