@@ -50,9 +50,9 @@ _COUNTS: Final = (4, 10, 20)
 """Numbers of agents on one map."""
 _NUM_SAMPLES: Final = 3
 _BENT: Final = (
-    RoadCondition(kind="smooth-turn", power=6),
-    RoadCondition(kind="double-turn", power=6),
-    RoadCondition(kind="ripple-road", power=6),
+    RoadCondition(terms=(("smooth-turn", 6.0),)),
+    RoadCondition(terms=(("double-turn", 6.0),)),
+    RoadCondition(terms=(("ripple-road", 6.0),)),
 )
 _SEED: Final = 1
 
