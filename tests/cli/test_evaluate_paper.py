@@ -2,10 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from pd_editor.cli import paper
 from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
+from pd_editor.diffusion.initial_state.agent_count_prior import AgentCounts
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
+from pd_editor.evaluation.paper.pictures import Picture
 from tests.cli.shell import Shell
 from tests.diffusion.initial_state.scenes import small_model as small_placer
 from tests.diffusion.trajectory.scenes import small_model as small_driver
@@ -15,6 +19,13 @@ from tests.evaluation.small_dataset import write_dataset
 def write_variant(folder: Path, *own: str) -> None:
     """A model with random weights, whose own stages have runs beside it."""
     driver, placer = small_driver(), small_placer()
+    placer.set_agent_counts(
+        AgentCounts(
+            half_side_m=np.full(3, 62.0),
+            lane_m=np.full(3, 200.0),
+            counts=np.ones((3, 5, 2, 2), int),
+        )
+    )
     save_model(
         folder,
         {
@@ -45,24 +56,27 @@ def command(study: Path, out: Path, *more: str) -> list[str]:
 
 
 def test_the_page_has_all_tables_and_figures_and_the_run_goes_on(
-    shell: Shell, study: Path, tmp_path: Path
+    shell: Shell, study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
+    drawn = Picture(name="states", caption="A caption.", png=b"png", pdf=b"pdf")
+    monkeypatch.setattr(paper, "_pictures", lambda *_: [drawn])
     out = tmp_path / "report"
-    roads = ["--warps", "none", "smooth-turn:6"]
-    result = shell(*command(study, out, *roads))
+    roads = ["--warps", "smooth-turn:6"]
+    result = shell.run(*command(study, out, *roads))
     assert result.code == 0, result.err
     page = (out / "paper.html").read_text()
     for number in ("I:", "II:", "II, corrected", "III:", "IV:"):
         assert f"Table {number}" in page
     for name in ("MHA, raw", "PD, guided", "constant velocity", "lane follower", "GT"):
         assert name in page
-    assert page.count("data:image/png;base64") == 5
+    assert page.count("data:image/png;base64") == 1
+    assert (out / "figures" / "states.pdf").read_bytes() == b"pdf"
     text = (out / "paper.md").read_text()
     assert text in result.out
     # What is finished is not done again, and the numbers are the same.
     rows = out / "states" / "rows.parquet"
     before = rows.read_bytes()
-    assert shell(*command(study, out, *roads, "--resume")).code == 0
+    assert shell.run(*command(study, out, *roads, "--resume")).code == 0
     assert rows.read_bytes() == before
     assert (out / "paper.md").read_text() == text
 
@@ -77,9 +91,7 @@ def test_the_page_has_all_tables_and_figures_and_the_run_goes_on(
 def test_options_of_the_other_evaluation_are_refused(
     shell: Shell, study: Path, tmp_path: Path, more: list[str], sentence: str
 ):
-    result = shell(*command(study, tmp_path / "x", *more))
-    assert result.code == 2
-    assert sentence in result.err
+    assert sentence in shell.refused(*command(study, tmp_path / "x", *more))
     assert not (tmp_path / "x").exists()
 
 
@@ -88,9 +100,7 @@ def test_models_without_the_paper_are_refused(
 ):
     words = command(study, tmp_path / "x")
     words.remove("--paper")
-    result = shell(*words)
-    assert result.code == 2
-    assert "--models is for --paper" in result.err
+    assert "--models is for --paper" in shell.refused(*words)
 
 
 def test_weights_that_do_not_fit_are_refused_at_once(
@@ -101,8 +111,7 @@ def test_weights_that_do_not_fit_are_refused_at_once(
     config.write_text(config.read_text().replace('"width": 32', '"width": 64'))
     words = command(study, tmp_path / "x")
     words[words.index("--models") + 1] = str(tmp_path / "models")
-    result = shell(*words)
-    assert result.code == 2
-    assert "safetensors" in result.err
-    assert "expected" in result.err
+    told = shell.refused(*words)
+    assert "safetensors" in told
+    assert "expected" in told
     assert not (tmp_path / "x").exists()

@@ -1,12 +1,13 @@
 """Values of the paper's tables, from rows: means and distances over scenes and seeds."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
@@ -20,7 +21,7 @@ from pd_editor.evaluation.scene_bootstrap import (
 )
 from pd_editor.metrics.distributions.distribution_distance import (
     Histogram,
-    jensen_shannon_divergence,
+    jensen_shannon_divergences,
 )
 from pd_editor.metrics.distributions.mean_discrepancy import maximum_mean_discrepancy
 
@@ -57,7 +58,8 @@ class RowTable:
     """False for rows about all samples of an agent together."""
     is_whole: Bool[np.ndarray, "R"]
     """Whether the log has the agent at all later steps."""
-    columns: Mapping[str, Sequence[float | list[float] | None]]
+    columns: Mapping[str, Float[np.ndarray, "R"] | list[list[float] | None]]
+    """Values of each metric, NaN where there is none; lists of metrics with several."""
     num_scenes: int
     seed: int
 
@@ -96,7 +98,7 @@ class RowTable:
             ),
             is_sample=np.array(table["sample"].is_valid(), bool),
             is_whole=np.array(table["recorded"].to_pylist(), float) == 1.0,
-            columns={name: table[name].to_pylist() for name in metrics},
+            columns={name: _column(table[name]) for name in metrics},
             num_scenes=len(number),
             seed=seed,
         )
@@ -158,8 +160,8 @@ class RowTable:
         self, metric: str, line: Line, *, plain: bool
     ) -> tuple[list[Float[np.ndarray, "N"]], list[Float[np.ndarray, "N"]]]:
         """Sums and counts of a metric in each scene, for each seed of a line."""
-        column = self.columns[metric]
-        values = np.array([np.nan if one is None else one for one in column], float)
+        values = self.columns[metric]
+        assert isinstance(values, np.ndarray)
         known = np.isfinite(values)
         sums, counts = [], []
         for rows in self.rows(line, plain=plain):
@@ -230,7 +232,7 @@ class RowTable:
         for rows in self.rows(line, plain=True):
             values: list[list[float]] = [[] for _ in range(self.num_scenes)]
             for row in np.flatnonzero(rows & self.is_sample):
-                values[self.scene[row]] += _numbers(column[row])
+                values[self.scene[row]].extend(_numbers(column[row]))
             found.append(np.stack([histogram.counts(np.array(v)) for v in values]))
         return found
 
@@ -256,19 +258,19 @@ def _distances(
     first: Float[np.ndarray, "K B"], second: Float[np.ndarray, "K B"]
 ) -> Float[np.ndarray, "K"]:
     """Jensen-Shannon distance of pairs of histograms; NaN if one is empty."""
-    measure: Callable[[np.ndarray, np.ndarray], float] = jensen_shannon_divergence
-    return np.array(
-        [
-            np.sqrt(measure(one, two)) if one.any() and two.any() else np.nan
-            for one, two in zip(first, second, strict=True)
-        ]
-    )
+    return np.sqrt(jensen_shannon_divergences(first, second))
+
+
+def _column(column: pa.ChunkedArray) -> "Float[np.ndarray, 'R'] | list[Any]":
+    if pa.types.is_list(column.type):
+        return column.to_pylist()
+    return column.to_numpy().astype(float)
 
 
 def _numbers(value: float | list[float] | None) -> list[float]:
-    if value is None:
-        return []
-    return value if isinstance(value, list) else [value]
+    if isinstance(value, list):
+        return value
+    return [] if value is None or np.isnan(value) else [float(value)]
 
 
 def _mean_of(value: float | list[float] | None) -> float:

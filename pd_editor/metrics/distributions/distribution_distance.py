@@ -111,11 +111,19 @@ def jensen_shannon_divergence(
     first: Float[np.ndarray, "B"], second: Float[np.ndarray, "B"]
 ) -> float:
     """Jensen-Shannon divergence of two non-empty histograms; natural logarithm."""
-    p, q = first / first.sum(), second / second.sum()
+    return float(jensen_shannon_divergences(first[None], second[None])[0])
+
+
+def jensen_shannon_divergences(
+    first: Float[np.ndarray, "N B"], second: Float[np.ndarray, "N B"]
+) -> Float[np.ndarray, "N"]:
+    """Divergences of pairs of histograms; NaN where one is empty."""
+    with np.errstate(invalid="ignore"):
+        p, q = (one / one.sum(axis=1, keepdims=True) for one in (first, second))
     middle = (p + q) / 2
     safe = np.where(middle > 0, middle, 1.0)
-    total = 0.0
+    total = np.zeros(len(first))
     for share in (p, q):
         ratio = np.where(share > 0, share / safe, 1.0)
-        total += float((share * np.log(ratio)).sum()) / 2
-    return max(total, 0.0)
+        total += (share * np.log(ratio)).sum(axis=1) / 2
+    return np.maximum(total, 0.0)

@@ -51,7 +51,7 @@ def rows(metrics=("speed",), is_plain=True) -> RowTable:
         is_sample=np.ones(count, bool),
         is_whole=np.ones(count, bool),
         columns={
-            name: lists if name == "local_density" else column for name in metrics
+            name: lists if name == "local_density" else values for name in metrics
         },
         num_scenes=NUM_SCENES,
         seed=0,
@@ -135,13 +135,13 @@ def test_claims_are_told_whichever_way_they_come_out():
             entry("pd", 0),
             entry("pd_minus_cdb", 0),
         )
-        values = np.array(one.columns["init_overlap"])
+        values = one.columns["init_overlap"].copy()
         values[one.entry == 3] += shift_of_pd
         return RowTable(
             **{
                 **{name: getattr(one, name) for name in one.__dataclass_fields__},
                 "entries": other,
-                "columns": {"init_overlap": values.tolist()},
+                "columns": {"init_overlap": values},
             }
         )
 
