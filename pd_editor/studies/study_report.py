@@ -86,7 +86,7 @@ def severity_figures(curves: Sequence[SeverityCurve]) -> tuple[Figure, ...]:
     agents = curves[0].agents
     return tuple(
         Figure(
-            svg=_severity_svg(curves, families, name, title),
+            data=_severity_svg(curves, families, name, title),
             caption=f"{title}, {agents}, by power of the warp (0: plain road). Bands: "
             "95 % intervals over scenes.",
         )

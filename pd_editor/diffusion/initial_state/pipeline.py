@@ -29,7 +29,11 @@ from pd_editor.diffusion.initial_state.sampler import (
     sample_initial_states,
 )
 from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
-from pd_editor.diffusion.inputs.scene_batch import batch_of, padded_size
+from pd_editor.diffusion.inputs.scene_batch import (
+    SceneTensors,
+    batch_of,
+    padded_size,
+)
 from pd_editor.errors import GenerationError
 from pd_editor.features.encoded_scene import LATENT_SIZE, PackedScene, packed
 from pd_editor.features.lane_tokens import CROSSWALK_KIND, lane_pieces

@@ -188,7 +188,7 @@ class RowTable:
         counts = self._counts(histogram, line)
         if not np.any(counts):
             return Measured(value=np.nan)
-        whole = sum(counts).sum(axis=0)
+        whole = np.sum(counts, axis=(0, 1))
         value = _distances(whole[None], log.sum(axis=0)[None])[0]
         resampled = _distances(
             self._weights(len(counts)) @ np.concatenate(counts), weights @ log

@@ -81,14 +81,17 @@ def paper_plan(
             return Entry(system=system, seed=seed, mode=mode, method=method)
 
         # Yielding is no part of the network: without it in both modes.
-        guided = "" if stage == STATES else ":tries=0"
+        options: dict[Mode, str] = {
+            "unguided": ":raw=1",
+            "guided": "" if stage == STATES else ":tries=0",
+        }
         return (
             *(entry(name, 0, "", name) for name in references),
             *(
-                entry(one.system, one.seed, mode, one.method + options)
+                entry(one.system, one.seed, mode, one.method + text)
                 for one in trained
                 if stage in one.stages
-                for mode, options in (("unguided", ":raw=1"), ("guided", guided))
+                for mode, text in options.items()
             ),
         )
 
