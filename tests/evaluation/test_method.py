@@ -41,6 +41,17 @@ def test_without_options_the_generators_own_settings_count():
     assert not seen.guidance
 
 
+def test_raw_is_what_the_networks_sample():
+    method = Method(name="x:raw=1", make_generator=make_nothing)
+    usual = GenerationRequest(scenario=two_agents_that_pass(), agent_ids=())
+    request = method.with_options(usual)
+    assert usual.refines_states
+    assert not request.refines_states
+    lanes, avoidance = request.guidance
+    assert lanes.weight == 0.0
+    assert avoidance.parameters == {"tries": 0.0}
+
+
 def test_references_but_the_log_draw_no_states():
     scenario = two_agents_that_pass()
     ids = scenario.agents.ids
@@ -62,7 +73,7 @@ def test_references_but_the_log_draw_no_states():
     "options", ["speed=3", "lanes", "lanes=-1", "tries=-1", "steps=0", "steps=x"]
 )
 def test_unknown_options_are_refused(options: str):
-    with pytest.raises(GenerationError, match="expected steps, lanes or tries"):
+    with pytest.raises(GenerationError, match="expected steps, lanes, tries or raw"):
         _ = Method(name=f"x:{options}", make_generator=make_nothing).options
 
 
