@@ -59,6 +59,18 @@ class TermGuidance:
     """Lateral acceleration up to which paths are followed."""
     limit_margin_mps: float = 0.15
     """How far below a speed limit agents are asked to stay."""
+    box_m: float = 0.05
+    """Accepted deviation from where boxes are apart."""
+    avoided_aside_m: float = 0.3
+    """Gap to the side that is asked for between boxes."""
+    avoided_ahead_m: float = 0.6
+    """Gap ahead that is asked for between boxes."""
+    max_swerve_m: float = 2.5
+    """Agents swerve by no more to avoid a collision."""
+    yield_gap_m: float = 1.0
+    """Gap to what the other agent will block, of an agent that yields."""
+    gap_m: float = 0.1
+    """Accepted deviation from the gap to the agent ahead."""
 
     def __post_init__(self) -> None:
         check_settings(self)

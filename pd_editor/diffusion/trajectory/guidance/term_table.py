@@ -3,6 +3,11 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
+from pd_editor.diffusion.trajectory.guidance.interaction_terms import (
+    AvoidTerm,
+    GapTerm,
+    YieldTerm,
+)
 from pd_editor.diffusion.trajectory.guidance.path_terms import GoalTerm, PathTerm
 from pd_editor.diffusion.trajectory.guidance.speed_terms import (
     ComfortTerm,
@@ -15,14 +20,17 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
     TrajectoryTerm,
 )
 from pd_editor.scene.guidance_terms import (
+    AvoidCollisions,
     ComfortLimits,
     FollowLane,
     FollowPath,
     GoalPoint,
     GuidanceTerm,
+    KeepGap,
     SpeedLimit,
     StopAtLine,
     TargetSpeed,
+    YieldTo,
 )
 
 TermMaker = Callable[[Sequence[Any], TermContext], Sequence[TrajectoryTerm]]
@@ -47,6 +55,9 @@ TERM_MAKERS: Final[dict[type[GuidanceTerm], TermMaker]] = {
     SpeedLimit: each(LimitTerm.of),
     ComfortLimits: each(ComfortTerm.of),
     StopAtLine: each(StopTerm.of),
+    KeepGap: each(GapTerm.of),
+    AvoidCollisions: each(AvoidTerm.of),
+    YieldTo: each(YieldTerm.of),
 }
 """Maker of each kind of value. One term may guide the agents of several values: its cost
 is that of its tensor operations, not of their sizes."""
