@@ -17,7 +17,8 @@ from jaxtyping import Float, Int
 
 from pd_editor.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.metrics.road.off_road import is_off_road
-from pd_editor.paths.motion_primitives import candidates
+from pd_editor.paths.driving_paths import velocity_of
+from pd_editor.paths.motion_primitives import candidate_positions
 from pd_editor.scene.guidance_terms import Approach
 from pd_editor.scene.scenario import Scenario
 from pd_editor.threats.encounter import Track, counted_gaps_m, gaps_m
@@ -38,6 +39,7 @@ _CLOSING_MPS: Final = (1.5, 3.0, 5.0)
 _SETTLE_S: Final = 1.0
 """Time constant with which deviations and speed differences fade after a meeting."""
 _BRAKES_AFTER_CONTACT_MPS2: Final = 6.0
+_NUM_CANDIDATES: Final = 32
 _WAITS: Final = (0.0, 0.35, 0.6)
 """Cut-ins begin at once, or after this share of the time, when there is room."""
 _CROSSING_COS: Final = 0.77
@@ -97,6 +99,7 @@ def threat_plans(
     *,
     reference_m: Float[np.ndarray, "H 2"] | None = None,
     others: Sequence[Track] = (),
+    step_s: float | None = None,
     fitted: Callable[[Float[np.ndarray, "N H 2"]], Float[np.ndarray, "N H 2"]]
     | None = None,
     most: int = 8,
@@ -105,8 +108,20 @@ def threat_plans(
 
     Of equal plans, those closer to ``reference_m``, such as the unguided trajectory,
     come first, and those that do not hit ``others`` on the way.
+
+    Args:
+        scenario: the scene, with the attacker's current state.
+        row: row of the attacker.
+        threatened: trajectory of the threatened agent.
+        aim: what is asked for.
+        reference_m: trajectory that plans should be near.
+        others: trajectories of other agents.
+        step_s: time between the steps of all trajectories; None: the scenario's.
+        fitted: maps planned positions to what a model can represent.
+        most: number of plans that are returned.
     """
-    attacker = _Attacker.of(scenario, row)
+    axis_step_s = scenario.time_axis.step_s if step_s is None else step_s
+    attacker = _Attacker.of(scenario, row, len(threatened.position_m), axis_step_s)
     meetings = _meetings(attacker, threatened, aim)
     tracks, at = _planned(attacker, threatened, aim, meetings)
     if fitted is not None:
@@ -183,20 +198,29 @@ class _Attacker:
     step_s: float
 
     @classmethod
-    def of(cls, scenario: Scenario, row: int) -> "_Attacker":
+    def of(
+        cls, scenario: Scenario, row: int, num_steps: int, step_s: float
+    ) -> "_Attacker":
         agents, now = scenario.agents, scenario.current_step
-        found = candidates(scenario, np.array([row]), max_candidates=32)
-        valid = found.is_valid[0]
+        position, _, _ = candidate_positions(
+            scenario,
+            np.array([row]),
+            max_candidates=_NUM_CANDIDATES,
+            num_steps=num_steps - 1,
+            step_s=step_s,
+            knows_leaders=False,
+        )
+        first = np.broadcast_to(agents.velocity_mps[row, now], (len(position), 2))
         limits = limits_of(agents.kinds[row])
         return cls(
-            candidate_m=found.position_m[0, valid],
-            candidate_mps=found.velocity_mps[0, valid],
+            candidate_m=position,
+            candidate_mps=velocity_of(position, first, step_s),
             velocity_mps=agents.velocity_mps[row, now],
             heading_rad=float(agents.heading_rad[row, now]),
             size_m=agents.size_m[row],
             limits=limits,
             walks=bool(np.isinf(limits.curvature_1pm)),
-            step_s=scenario.time_axis.step_s,
+            step_s=step_s,
         )
 
     def track(self, position_m: Float[np.ndarray, "N H 2"]) -> Track:

@@ -56,20 +56,33 @@ class BoxTracks:
     exists: Bool[Tensor, "A K"]
     time_s: Float[Tensor, "K"]
     size_m: Float[Tensor, "A 2"]
+    braked: Int[Tensor, "S A K"]
+    """Step of the own path that an agent at least reaches by each step if it brakes."""
 
     @classmethod
-    def of(cls, motion: PredictedMotion) -> "BoxTracks":
+    def of(cls, motion: PredictedMotion, braking_mps2: float) -> "BoxTracks":
         """The boxes of a prediction."""
         count = motion.position_m.shape[2]
-        later = torch.arange(count - 1, 0, -_STRIDE, device=motion.size_m.device).flip(0)
+        later = torch.arange(count - 1, 0, -_STRIDE, device=motion.size_m.device).flip(
+            0
+        )
         step = torch.nn.functional.pad(later, (1, 0))
+        position, time = motion.position_m[:, :, step], motion.time_s[step]
+        along = position.diff(dim=2).norm(dim=-1).cumsum(dim=-1)
+        speed = motion.velocity_mps[:, :, :1].norm(dim=-1)
+        lasts = time.minimum(speed / braking_mps2)
+        least = speed * lasts - braking_mps2 / 2 * lasts.square()
+        along = torch.nn.functional.pad(along, (1, 0)).contiguous()
         return cls(
             step=step,
-            position_m=motion.position_m[:, :, step],
+            position_m=position,
             heading_rad=motion.heading_rad[:, :, step],
             exists=motion.exists[:, step],
-            time_s=motion.time_s[step],
+            time_s=time,
             size_m=motion.size_m,
+            braked=torch.searchsorted(along, least.contiguous()).clamp_max(
+                len(step) - 1
+            ),
         )
 
     def pairs_that_meet(

@@ -73,7 +73,7 @@ class AvoidTerm:
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of agents whose boxes are predicted to overlap, or nearly so."""
-        tracks = BoxTracks.of(motion)
+        tracks = BoxTracks.of(motion, self.context.config.hardest_mps2)
         either = self.avoids[:, None] | self.avoids
         sample, one, two = tracks.pairs_that_meet(self.counts & either)
         if not len(sample):
@@ -287,7 +287,8 @@ class YieldTerm:
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals that hold the agent before what the other one will still block."""
-        config, tracks = self.context.config, BoxTracks.of(motion)
+        config = self.context.config
+        tracks = BoxTracks.of(motion, config.hardest_mps2)
         count, size = len(tracks.step), motion.num_samples
         sample = torch.arange(size, device=self.agents.device)
         own = self.agents.expand(size)
@@ -346,11 +347,13 @@ class GapTerm:
         gap, first = gaps_ahead(motion, self.agents)
         shorter = first.minimum(first.new_tensor(self.gap_m))
         wanted = (shorter + _OPENS_MPS * motion.time_s).clamp_max(self.gap_m)
-        short = (wanted - gap).clamp_min(0)
-        short[..., 0] = 0
+        position = motion.position_m[:, self.agents]
         heading = motion.heading_rad[:, self.agents]
         forward = torch.stack([heading.cos(), heading.sin()], dim=-1)
-        place = (motion.position_m[:, self.agents] * forward).sum(-1)
+        # Agents wait rather than reverse.
+        moved = ((position - position[:, :, :1]) * forward).sum(-1).clamp_min(0)
+        short = (wanted - gap).clamp_min(0).minimum(moved)
+        place = (position * forward).sum(-1)
         weight = row_weights(self.context.config.gap_m, self.weight, place)
         if not bool((short > 0).any()):
             return []
@@ -407,7 +410,9 @@ def held_rows(
     least = last.new_full((samples * agents, count), count)
     index = (sample * agents + own)[:, None].expand(-1, count)
     least = least.scatter_reduce(0, index, last, "amin").view(samples, agents, count)
-    held, place = least < count, least.clamp_max(count - 1)
+    held = least < count
+    # No agent can brake harder than it can.
+    place = least.maximum(tracks.braked).clamp_max(count - 1)
     spot = tracks.position_m.gather(2, place[..., None].expand(*place.shape, 2))
     heading = tracks.heading_rad.gather(2, place)
     forward = torch.stack([heading.cos(), heading.sin()], dim=-1)

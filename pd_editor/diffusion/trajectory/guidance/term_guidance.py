@@ -67,10 +67,16 @@ class TermGuidance:
     """Gap ahead that is asked for between boxes."""
     max_swerve_m: float = 2.5
     """Agents swerve by no more to avoid a collision."""
+    hardest_mps2: float = 7.0
+    """Agents are not asked to brake harder to let others pass."""
     yield_gap_m: float = 1.0
     """Gap to what the other agent will block, of an agent that yields."""
     gap_m: float = 0.1
     """Accepted deviation from the gap to the agent ahead."""
+    threat_m: float = 0.5
+    """Accepted deviation from the plan of a threat."""
+    threat_meeting_m: float = 0.05
+    """The same around the meeting."""
 
     def __post_init__(self) -> None:
         check_settings(self)
