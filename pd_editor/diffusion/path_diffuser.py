@@ -35,6 +35,7 @@ from pd_editor.diffusion.request_check import (
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
 from pd_editor.diffusion.trajectory.decoding import Motion
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.guidance.threat_run import threats_in_force
 from pd_editor.diffusion.trajectory.pipeline import (
     TrajectoryOptions,
     TrajectoryTask,
@@ -424,7 +425,9 @@ def _yielding(
     """Samples after agents yield, if they do, with the ids of those that were slowed."""
     if not _yields(request):
         return [(one, ()) for one in samples]
-    return [with_yielding(scenario, rows, one) for one in samples]
+    # Agents that threaten others, and those, drive as they do.
+    kept = {name for one in threats_in_force(request.terms) for name in one.named_ids}
+    return [with_yielding(scenario, rows, one, kept) for one in samples]
 
 
 def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptions:

@@ -1,6 +1,6 @@
 """Pipeline of the second stage: samples trajectories of agents on a scenario."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, TypeVar
 
@@ -29,6 +29,12 @@ from pd_editor.diffusion.trajectory.guidance.nearest_candidate import (
 from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.diffusion.trajectory.guidance.term_guide import TermGuide
 from pd_editor.diffusion.trajectory.guidance.term_table import trajectory_terms
+from pd_editor.diffusion.trajectory.guidance.threat_run import (
+    ThreatRun,
+    ThreatScene,
+    ThreatTerm,
+    threats_in_force,
+)
 from pd_editor.diffusion.trajectory.guidance.trajectory_term import TermContext
 from pd_editor.diffusion.trajectory.joint_selection import (
     TrajectoryChoices,
@@ -48,7 +54,7 @@ from pd_editor.features.scene_features import (
     SceneFeatures,
     scene_features,
 )
-from pd_editor.scene.guidance_terms import GuidanceTerm
+from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
 from pd_editor.scene.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
@@ -255,7 +261,9 @@ def sample_task(
             motion=task.no_motion(len(samples)), lane_cost_m=(0.0, 0.0)
         )
     basis = model.decoder.basis
-    tries = options.num_tries
+    threats = threats_in_force(options.terms)
+    # A threat is planned against one trajectory, so tries cannot be mixed.
+    tries = 1 if threats else options.num_tries
     pull = _pull(task, options)
     guide = NearestCandidateGuide.of(
         model, task.scene, pull, options.guidance, options.sampler.num_steps
@@ -304,6 +312,28 @@ def sample_task(
             count = len(numbers)
             closed = term_guide.closed(latent[:count], keep)
             latent = torch.cat([closed, latent[count:]])
+        if threats:
+            if not compares and options.samples_unguided and term_guide is None:
+                # Without other terms, the first sampling is the unguided one.
+                unguided.extend(
+                    _chosen(task, task.motion(basis, latent), slice(index, index + 1))
+                    for index in range(len(chunk))
+                )
+            second = _threatened(
+                model,
+                task,
+                options,
+                threats,
+                latent[: len(numbers)],
+                numbers,
+                continues,
+            )
+            for step in second:
+                yield progress(
+                    (first + len(chunk)) / len(samples),
+                    lambda step=step: task.motion(basis, step),
+                )
+                latent = torch.cat([step, latent[len(numbers) :]])
         sampled = task.motion(basis, latent)
         for index in range(len(chunk) * (1 + compares)):
             part = slice(index * tries, (index + 1) * tries)
@@ -312,7 +342,7 @@ def sample_task(
     return SampledTrajectories(
         motion=_stacked(motions),
         lane_cost_m=guide.cost_m(),
-        unguided=_stacked(unguided) if compares else None,
+        unguided=_stacked(unguided) if unguided else None,
     )
 
 
@@ -341,12 +371,16 @@ def _joined(
 
 
 def _term_guide(
-    model: TrajectoryDenoiser, task: TrajectoryTask, options: TrajectoryOptions
+    model: TrajectoryDenoiser,
+    task: TrajectoryTask,
+    options: TrajectoryOptions,
+    planned: tuple[ThreatTerm, ...] = (),
 ) -> TermGuide | None:
-    """Guide by the terms in force; None if none applies."""
+    """Guide by the terms in force and planned threats; None if none applies."""
     if not options.terms:
         return None
-    terms = trajectory_terms(options.terms, task.term_context(options.term_guidance))
+    context = task.term_context(options.term_guidance)
+    terms = trajectory_terms(options.terms, context) + planned
     if not terms:
         return None
     return TermGuide(
@@ -355,6 +389,66 @@ def _term_guide(
         config=options.term_guidance,
         last_level=even_levels(options.sampler.num_steps)[-1],
     )
+
+
+def _threatened(
+    model: TrajectoryDenoiser,
+    task: TrajectoryTask,
+    options: TrajectoryOptions,
+    threats: Sequence[Threaten],
+    latent: Float[torch.Tensor, "S 1 A 10"],
+    numbers: Sequence[int],
+    continuation: Continuation | None,
+) -> Iterator[Float[torch.Tensor, "S 1 A 10"]]:
+    """Sample once more with threats to agents whose trajectories are then given.
+
+    Yields predicted latents after each step; the last ones are the result.
+    """
+    basis = model.decoder.basis
+    scene = ThreatScene(
+        scenario=task.scenario,
+        rows=task.features.agent_row,
+        is_sampled=task.is_sampled,
+        basis=basis,
+    )
+    run = ThreatRun.of(
+        scene, threats, latent[:, 0].double().cpu().numpy(), options.term_guidance
+    )
+    planned = run.terms(task.scene.agent_speed)
+    if not planned:
+        return
+    device = latent.device
+    is_threatened = torch.from_numpy(run.is_given())[None].to(device)
+    pull = _pull(task, options)
+    pull[:, [one.attacker for one in run.threats]] = 0.0
+    lanes = NearestCandidateGuide.of(
+        model, task.scene, pull, options.guidance, options.sampler.num_steps
+    )
+    guide = _term_guide(model, task, options, planned)
+    assert guide is not None, "there are terms"
+    keep = task.keep(basis)
+    steps = sample_trajectories(
+        model,
+        task.scene,
+        samples=numbers,
+        seed=options.seed,
+        is_given=torch.from_numpy(task.is_given)[None].to(device) | is_threatened,
+        given=torch.where(is_threatened[..., None], latent, task.scene.future),
+        config=options.sampler,
+        guide=_joined(lanes if bool(pull.any()) else None, guide, len(numbers)),
+        known_noise=None if continuation is None else continuation.known,
+        keep=keep,
+    )
+    result = latent
+    for step in steps:
+        result = step.clean
+        yield result
+    closed = torch.where(is_threatened[..., None], latent, guide.closed(result, keep))
+    done = run.completed(closed[:, 0].double().cpu().numpy())
+    attackers = [one.attacker for one in run.threats]
+    result = closed.clone()
+    result[:, 0, attackers] = torch.from_numpy(done[:, attackers]).to(result)
+    yield result
 
 
 def sampled_from(

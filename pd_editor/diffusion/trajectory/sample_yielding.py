@@ -1,5 +1,6 @@
 """Yielding: agents that would still collide slow down on their own paths."""
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -12,13 +13,16 @@ from pd_editor.scene.scenario import Scenario
 
 
 def with_yielding(
-    scenario: Scenario, rows: Int[np.ndarray, "G"], sample: TrafficSample
+    scenario: Scenario,
+    rows: Int[np.ndarray, "G"],
+    sample: TrafficSample,
+    keep_ids: Collection[str] = (),
 ) -> tuple[TrafficSample, tuple[str, ...]]:
     """Slow agents of a sample that would collide later along their own paths.
 
     ``rows`` are the sample's agents in the scenario; others move as recorded. Late agents
-    that continue the track of a sampled one are no obstacles. Current states stay. Also
-    returns the ids of the agents that yield.
+    that continue the track of a sampled one are no obstacles. Current states stay, and
+    agents with ``keep_ids`` do not yield. Also returns the ids of the agents that yield.
     """
     now, agents = scenario.current_step, scenario.agents
     driven = agents.with_rows(
@@ -35,7 +39,7 @@ def with_yielding(
     if len(doubles):
         driven = driven.with_rows(doubles, is_valid=np.array(False))
     waiting, ids = yield_to_others(
-        scenario.with_agents(driven), sample.ids, keep_ids=()
+        scenario.with_agents(driven), sample.ids, keep_ids=keep_ids
     )
     if not ids:
         return sample, ()

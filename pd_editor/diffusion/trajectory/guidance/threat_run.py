@@ -26,7 +26,7 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
     row_weights,
 )
 from pd_editor.geometry.angles import unit_vector
-from pd_editor.scene.guidance_terms import Threaten
+from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 from pd_editor.threats.encounter import Track, encounter
@@ -41,6 +41,15 @@ _NEAR_STEPS: Final = 4
 _MOST_OTHERS: Final = 12
 _OTHERS_WITHIN_M: Final = 60.0
 _SAME_STEP_S: Final = 1e-6
+
+
+def threats_in_force(terms: Sequence[GuidanceTerm]) -> tuple[Threaten, ...]:
+    """Threats that are on."""
+    return tuple(
+        term
+        for term in terms
+        if isinstance(term, Threaten) and term.is_on and term.weight > 0
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
