@@ -15,14 +15,22 @@ _NUM_EXPECTED: Final = 3
 """Candidates that stand for a trajectory that is not known yet."""
 
 
-def expected_tracks(scenario: Scenario, row: int) -> tuple[Track, ...]:
-    """Trajectories that an agent may have: the one it has, else natural candidates."""
+def expected_tracks(
+    scenario: Scenario, row: int, *, is_kept: bool = False
+) -> tuple[Track, ...]:
+    """Trajectories that an agent may have: the one it has, and natural candidates.
+
+    With ``is_kept`` only the one it has, if it has one.
+    """
     agents, now = scenario.agents, scenario.current_step
+    known: tuple[Track, ...] = ()
     if agents.is_valid[row, now:].all() and scenario.time_axis.num_future_steps:
-        return (recorded_track(scenario, row),)
+        known = (recorded_track(scenario, row),)
+        if is_kept:
+            return known
     found = candidates(scenario, np.array([row]), max_candidates=8)
     slots = np.flatnonzero(found.is_valid[0])[:_NUM_EXPECTED]
-    return tuple(
+    return known + tuple(
         Track(
             position_m=found.position_m[0, slot],
             heading_rad=found.heading_rad[0, slot],
@@ -44,7 +52,7 @@ def recorded_track(scenario: Scenario, row: int) -> Track:
     )
 
 
-def is_feasible(scenario: Scenario, term: Threaten) -> bool:
+def is_feasible(scenario: Scenario, term: Threaten, *, is_kept: bool = False) -> bool:
     """Whether most expected trajectories of the threatened agent can be reached.
 
     Agents that are not there at the current step neither threaten nor are threatened.
@@ -54,7 +62,7 @@ def is_feasible(scenario: Scenario, term: Threaten) -> bool:
     if not agents.is_valid[[row, other], now].all():
         return False
     aim = ThreatAim.of(term.approach, term.severity)
-    tracks = expected_tracks(scenario, other)
+    tracks = expected_tracks(scenario, other, is_kept=is_kept)
     reached = [
         len(threat_plans(scenario, row, track, aim, most=1)) > 0 for track in tracks
     ]
