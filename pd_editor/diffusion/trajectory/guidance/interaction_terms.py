@@ -78,15 +78,17 @@ class AvoidTerm:
         sample, one, two = tracks.pairs_that_meet(self.counts & either)
         if not len(sample):
             return []
-        apart, margin, gap = self._margins(motion, sample, one, two)
         depth = depth_m(
             tracks.position_m[sample, two] - tracks.position_m[sample, one],
             (tracks.heading_rad[sample, one], tracks.heading_rad[sample, two]),
             (tracks.size_m[one][:, None], tracks.size_m[two][:, None]),
-            (margin[:, None], margin[:, None]),
         )
         there = tracks.exists[one] & tracks.exists[two]
-        hits = (depth > 0) & there & (apart > 0)[:, None]
+        begin = there.to(torch.uint8).argmax(dim=-1, keepdim=True)
+        apart = -depth.gather(-1, begin)[:, 0]
+        margin, gap = self._margins(apart)
+        # Pairs that overlap from the beginning, or when one enters, are left alone.
+        hits = (depth + margin[:, None] > 0) & there & (apart > 0)[:, None]
         some = hits.any(dim=-1)
         if not bool(some.any()):
             return []
@@ -103,22 +105,12 @@ class AvoidTerm:
         )
 
     def _margins(
-        self,
-        motion: PredictedMotion,
-        sample: Int[Tensor, "P"],
-        one: Int[Tensor, "P"],
-        two: Int[Tensor, "P"],
-    ) -> tuple[Float[Tensor, "P"], Float[Tensor, "P"], Float[Tensor, "P"]]:
-        """Gap now, and wanted gaps to the side and ahead: no more than there is now."""
+        self, apart_m: Float[Tensor, "P"]
+    ) -> tuple[Float[Tensor, "P"], Float[Tensor, "P"]]:
+        """Wanted gaps to the side and ahead: no more than there is now."""
         config = self.context.config
-        apart = -depth_m(
-            motion.position_m[sample, two, 0] - motion.position_m[sample, one, 0],
-            (motion.heading_rad[sample, one, 0], motion.heading_rad[sample, two, 0]),
-            (motion.size_m[one], motion.size_m[two]),
-        )
-        now = _SHARE_OF_GAP * apart
+        now = _SHARE_OF_GAP * apart_m
         return (
-            apart,
             now.clamp(_LEAST_MARGIN_M, config.avoided_aside_m),
             now.clamp(_LEAST_MARGIN_M, config.avoided_ahead_m),
         )

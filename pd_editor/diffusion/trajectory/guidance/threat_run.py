@@ -123,12 +123,12 @@ class ThreatScene:
 
     def _pose(
         self, agent: int
-    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], np.ndarray]:
+    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], Float[np.ndarray, "1"]]:
         agents, now = self.scenario.agents, self.scenario.current_step
         row = self.rows[agent]
-        velocity = agents.velocity_mps[row, now]
+        velocity = agents.velocity_mps[[row], now]
         forward = unit_vector(agents.heading_rad[[row], now])[0]
-        return agents.position_m[row, now], forward, np.hypot(*velocity)
+        return agents.position_m[row, now], forward, np.linalg.norm(velocity, axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
