@@ -265,9 +265,10 @@ class ThreatTerm:
     ) -> "ThreatTerm":
         """Make the term of a planned threat."""
         shape = next(one for one in threat.plans if len(one)).track.position_m.shape
-        target = np.zeros((len(threat.plans), *shape[1:]))
-        near = np.zeros(target.shape[:2], bool)
-        moment = np.arange(target.shape[1])
+        num_steps = shape[1]
+        target = np.zeros((len(threat.plans), num_steps, 2))
+        near = np.zeros((len(threat.plans), num_steps), bool)
+        moment = np.arange(num_steps)
         for sample, plans in enumerate(threat.plans):
             if len(plans):
                 target[sample] = plans.track.position_m[0]
