@@ -93,6 +93,7 @@ class PathDiffuser:
         self._device = sampling_device(device)
         self._model: TrainedModel | None = None
         self._present: PresentTrajectories | None = None
+        self._newest_task: TrajectoryTask | None = None
         self._lock = threading.Lock()
 
     @property
@@ -231,12 +232,7 @@ class PathDiffuser:
         model = stage.model
         assert isinstance(model, TrajectoryDenoiser)
         rows = scenario.agents.rows(ids)
-        task = TrajectoryTask.of(
-            scenario,
-            rows,
-            model.decoder.basis,
-            knows_leaders=model.config.knows_leaders,
-        ).to(self._device)
+        task = self._task(scenario, rows, model)
         options = _options(request, stage)
         continuation = None
         if request.before_edit is not None:
@@ -281,6 +277,25 @@ class PathDiffuser:
             notes=tuple(notes),
             reports=reports,
         )
+
+    def _task(
+        self,
+        scenario: Scenario,
+        rows: Int[np.ndarray, "G"],
+        model: TrajectoryDenoiser,
+    ) -> TrajectoryTask:
+        """The network's input, which edits of the guidance alone do not change."""
+        newest = self._newest_task
+        task = None if newest is None else newest.of_edited(scenario, rows)
+        if task is None:
+            task = TrajectoryTask.of(
+                scenario,
+                rows,
+                model.decoder.basis,
+                knows_leaders=model.config.knows_leaders,
+            ).to(self._device)
+        self._newest_task = task
+        return task
 
     def _present_trajectories(
         self, scenario: Scenario, ids: tuple[str, ...], model: TrajectoryDenoiser

@@ -56,6 +56,9 @@ class LiveRegeneration:
         *,
         on_change: Callable[[], None] = lambda: None,
         on_end: Callable[[], None] = lambda: None,
+        on_result: Callable[[GenerationRequest, GeneratedTraffic], None] = (
+            lambda _request, _traffic: None
+        ),
         on_error: Callable[[PdEditorError], None] = lambda _: None,
     ) -> None:
         """Make it idle.
@@ -68,6 +71,7 @@ class LiveRegeneration:
                 None if nothing reacts.
             on_change: called when ``is_refining`` has changed.
             on_end: called when a gesture was committed with its final trajectories.
+            on_result: called with final trajectories before they are committed.
             on_error: called with an error of the generator, once per gesture.
         """
         self._session = session
@@ -75,6 +79,7 @@ class LiveRegeneration:
         self._requests = requests
         self._on_change = on_change
         self._on_end = on_end
+        self._on_result = on_result
         self._on_error = on_error
         self._run = NewestRun()
         self._gesture: _Gesture | None = None
@@ -177,6 +182,7 @@ class LiveRegeneration:
         gesture.traffic = traffic_command(request, traffic)
         self._show(gesture)
         if is_over:
+            self._on_result(request, traffic)
             self._session.commit_gesture()
             self.drop()
             self._on_end()

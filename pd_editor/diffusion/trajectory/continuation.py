@@ -19,6 +19,7 @@ from torch import Tensor
 from pd_editor.diffusion.core.noise_schedule import even_levels
 from pd_editor.diffusion.core.sampler import sampling_mode
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.diffusion.trajectory.context import TrajectoryContext
 from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.sampler import KnownNoise
@@ -55,13 +56,13 @@ class Continuation:
 def inverted_noise(
     model: TrajectoryDenoiser,
     scene: SceneTensors,
+    context: TrajectoryContext,
     is_given: Bool[Tensor, "B A"],
 ) -> Float[Tensor, "B A 10"]:
     """Noise from which deterministic sampling leads to the trajectories of ``scene``."""
     clean = scene.future
     schedule, levels = model.schedule, even_levels(_NUM_STEPS)
     with sampling_mode(scene.has_agent.numel()):
-        context = model.encode_context(scene)
         table = clean.new_tensor(levels)[:, None, None, None]
         encoded = model.encode_level(torch.where(is_given, 0.0, table))
         edges = clean.new_tensor([*levels, 0.0])[:, None]

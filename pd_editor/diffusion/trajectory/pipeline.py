@@ -9,8 +9,10 @@ import torch
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.diffusion.core.noise_schedule import even_levels
+from pd_editor.diffusion.core.sampler import sampling_mode
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.diffusion.trajectory.context import TrajectoryContext
 from pd_editor.diffusion.trajectory.continuation import Continuation
 from pd_editor.diffusion.trajectory.decoding import (
     Motion,
@@ -101,6 +103,9 @@ class TrajectoryTask:
     late: Int[np.ndarray, "L"]
     """Rows of the scenario's agents that enter later and are to be avoided."""
     kept: KeptBeginning
+    _contexts: dict[TrajectoryDenoiser, TrajectoryContext] = field(
+        default_factory=dict, repr=False
+    )
 
     @classmethod
     def of(
@@ -136,9 +141,30 @@ class TrajectoryTask:
             kept=KeptBeginning.of(scenario, features.agent_row, is_sampled),
         )
 
+    def of_edited(
+        self, scenario: Scenario, rows: Int[np.ndarray, "G"]
+    ) -> "TrajectoryTask | None":
+        """The same task of a scenario whose guidance alone differs, else None."""
+        mine = self.scenario
+        names = ("road_map", "agents", "time_axis", "applied_warp", "locks")
+        is_same = all(getattr(mine, one) is getattr(scenario, one) for one in names)
+        is_same = is_same and mine.focal_id == scenario.focal_id
+        sampled = self.features.agent_row[self.is_sampled]
+        if not is_same or not np.array_equal(sampled, np.sort(rows)):
+            return None
+        return replace(self, scenario=scenario)
+
+    def context(self, model: TrajectoryDenoiser) -> TrajectoryContext:
+        """The encoded scene, computed once."""
+        context = self._contexts.get(model)
+        if context is None:
+            with sampling_mode(self.scene.has_agent.numel()):
+                context = self._contexts[model] = model.encode_context(self.scene)
+        return context
+
     def to(self, device: torch.device) -> "TrajectoryTask":
         """Move the tensors to a device."""
-        return replace(self, scene=self.scene.to(device))
+        return replace(self, scene=self.scene.to(device), _contexts={})
 
     def term_context(self, config: TermGuidance) -> TermContext:
         """What guidance terms are made from."""
@@ -290,6 +316,7 @@ def sample_task(
             ),
             num_tries=tries,
             config=options.sampler,
+            context=task.context(model),
             guide=_joined(
                 guide if bool(pull.any()) else None, term_guide, len(numbers)
             ),
@@ -469,6 +496,7 @@ def sampled_from(
         seed=options.seed,
         is_given=torch.from_numpy(task.is_given)[None].to(task.scene.has_agent.device),
         config=options.sampler,
+        context=task.context(model),
         guide=guide if bool(pull.any()) else None,
         known_noise=known_noise,
         keep=task.keep(model.decoder.basis),

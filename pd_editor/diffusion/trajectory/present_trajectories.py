@@ -44,7 +44,7 @@ class PresentTrajectories:
         scene = task.scene
         is_given = torch.from_numpy(task.is_given)[None].to(scene.has_future.device)
         self._known = KnownNoise(
-            noise=inverted_noise(model, scene, is_given),
+            noise=inverted_noise(model, scene, task.context(model), is_given),
             exists=scene.has_future & ~is_given,
         )
         self._samples: dict[TrajectoryOptions, torch.Tensor] = {}

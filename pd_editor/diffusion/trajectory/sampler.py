@@ -19,6 +19,7 @@ from pd_editor.diffusion.core.sampler import (
 )
 from pd_editor.diffusion.defaults import NUM_STEPS
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.diffusion.trajectory.context import TrajectoryContext
 from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.scene.thresholds import STANDING_MPS
 
@@ -59,6 +60,7 @@ def sample_trajectories(
     config: TrajectorySamplerConfig | None = None,
     guide: TrajectoryGuide | None = None,
     known_noise: KnownNoise | None = None,
+    context: TrajectoryContext | None = None,
     keep: Callable[[Tensor], Tensor] | None = None,
 ) -> Iterator[SamplerStep]:
     """Sample trajectories of all agents of B scenes that are not given.
@@ -79,6 +81,7 @@ def sample_trajectories(
         config: Settings of the sampler.
         guide: Changes the predicted clean latents of each step.
         known_noise: Initial noise of some agents in the first of the samples.
+        context: The encoded scenes, if known already.
         keep: Moves them to those of locked beginnings, after the guide.
     """
     config = TrajectorySamplerConfig() if config is None else config
@@ -86,7 +89,8 @@ def sample_trajectories(
     if is_given is not None and not bool(is_given.any()):
         is_given = None
     with sampling_mode(len(samples) * scene.has_agent.numel()):
-        context = model.encode_context(scene)
+        if context is None:
+            context = model.encode_context(scene)
         levels = even_levels(config.num_steps)
         table = scene.future.new_tensor(levels)[:, None, None, None]
         if is_given is not None:

@@ -157,6 +157,7 @@ class GenerationPanel:
             self._live_requests,
             on_change=on_run,
             on_end=ui.gesture_was_committed,
+            on_result=self._result.tell_reaction,
             on_error=self._live_failed,
         )
         ui.live = self._live

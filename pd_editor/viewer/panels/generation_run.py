@@ -209,6 +209,20 @@ class GenerationRun:
         self._say("")
         self.show()
 
+    def tell_reaction(
+        self, request: GenerationRequest, traffic: GeneratedTraffic
+    ) -> None:
+        """Report on trajectories that were regenerated for the edit that is shown."""
+        self.forget()
+        agents = self._ui.session.scenario.agents
+        run = GuidedRun(request=request, traffic=traffic, index=0)
+        self._ui.workspace.guided_runs.keep(agents, run)
+        count = len(request.agent_ids)
+        self._say(
+            f"{count} agent{'s' if count != 1 else ''} reacted to the edit."
+            f" {' '.join(traffic.notes)}"
+        )
+
     def _use(self) -> Literal["here", "back"] | None:
         """How a waiting result can be applied; None without one, or if it cannot."""
         if self._generated is None or not self._waits:

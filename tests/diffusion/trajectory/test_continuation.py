@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pd_editor.diffusion.path_diffuser import PathDiffuser
-from pd_editor.editor.commands import TransformAgents, traffic_command
+from pd_editor.editor.commands import AddGuidance, TransformAgents, traffic_command
 from pd_editor.generation import (
     AVOIDANCE,
     GenerationRequest,
@@ -14,6 +14,7 @@ from pd_editor.generation import (
     TrafficSample,
     run_to_end,
 )
+from pd_editor.scene.guidance_terms import GoalPoint
 from pd_editor.scene.scenario import Scenario
 
 RAW = GuidanceSetting(name=AVOIDANCE, parameters={"tries": 0.0})
@@ -99,3 +100,27 @@ def test_agents_without_a_past_trajectory_are_sampled_from_random_noise(
     assert gap[1] < gap[0]
     assert np.isfinite(continued.position_m).all()
     assert first == continued.ids[0]
+
+
+def test_edits_of_the_guidance_alone_encode_the_scene_once(
+    diffuser: PathDiffuser, driven: Scenario
+) -> None:
+    ids = driven.agents.ids
+    here = tuple(driven.agents.position_m[0, -1].tolist())
+    goals = [
+        AddGuidance(
+            term=GoalPoint(agent_id=ids[0], point_m=(here[0] + dx, here[1]))
+        ).apply(driven)
+        for dx in (0.0, 2.0)
+    ]
+    encoded = []
+    for edited in (driven, *goals):
+        sampled(diffuser, edited, before_edit=driven)
+        assert diffuser._newest_task is not None
+        encoded.append(diffuser._newest_task.scene)
+    assert encoded[0] is encoded[1] is encoded[2]
+    moved = TransformAgents(agent_ids=ids[:1], dx_m=1.0).apply(driven)
+    sampled(diffuser, moved, before_edit=driven)
+    assert diffuser._newest_task.scene is not encoded[0]
+    fewer = sampled(diffuser, moved, agent_ids=ids[:1], before_edit=driven)
+    assert fewer.ids == ids[:1]
