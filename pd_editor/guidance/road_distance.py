@@ -1,10 +1,13 @@
 """Distance of points outside the road, and the nearest points on it."""
 
+from functools import lru_cache
+
 import numpy as np
 import shapely
 from jaxtyping import Float
 
 from pd_editor.metrics.road.off_road import drivable_ground, is_off_road
+from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
 
@@ -29,7 +32,16 @@ def nearest_on_road(
     """
     applied = scenario.applied_warp
     local = points_m if applied is None else applied.warp.undo(points_m)
-    edge = shapely.boundary(drivable_ground(scenario.original_road_map))
-    lines = shapely.shortest_line(edge, shapely.points(local))
+    lines = shapely.shortest_line(
+        _edge(scenario.original_road_map), shapely.points(local)
+    )
     nearest = shapely.get_coordinates(shapely.get_point(lines, 0))
     return nearest if applied is None else applied.warp.apply(nearest)
+
+
+@lru_cache(maxsize=16)
+def _edge(road_map: RoadMap) -> shapely.Geometry:
+    """Edge of the road, cached as long as the map is in use."""
+    edge = shapely.boundary(drivable_ground(road_map))
+    shapely.prepare(edge)
+    return edge

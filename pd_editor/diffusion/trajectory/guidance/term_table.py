@@ -9,6 +9,7 @@ from pd_editor.diffusion.trajectory.guidance.interaction_terms import (
     YieldTerm,
 )
 from pd_editor.diffusion.trajectory.guidance.path_terms import GoalTerm, PathTerm
+from pd_editor.diffusion.trajectory.guidance.road_terms import RoadTerm
 from pd_editor.diffusion.trajectory.guidance.speed_terms import (
     ComfortTerm,
     LimitTerm,
@@ -28,6 +29,7 @@ from pd_editor.scene.guidance_terms import (
     GuidanceTerm,
     KeepGap,
     SpeedLimit,
+    StayOnRoad,
     StopAtLine,
     TargetSpeed,
     YieldTo,
@@ -55,6 +57,7 @@ TERM_MAKERS: Final[dict[type[GuidanceTerm], TermMaker]] = {
     SpeedLimit: each(LimitTerm.of),
     ComfortLimits: each(ComfortTerm.of),
     StopAtLine: each(StopTerm.of),
+    StayOnRoad: each(RoadTerm.of),
     KeepGap: each(GapTerm.of),
     AvoidCollisions: each(AvoidTerm.of),
     YieldTo: each(YieldTerm.of),

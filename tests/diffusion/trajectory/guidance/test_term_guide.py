@@ -21,6 +21,7 @@ from pd_editor.scene.guidance_terms import (
     GoalPoint,
     GuidanceTerm,
     SpeedLimit,
+    StayOnRoad,
     StopAtLine,
     TargetSpeed,
 )
@@ -192,3 +193,16 @@ def test_each_sample_comes_with_a_report(diffuser: PathDiffuser, scenario: Scena
         assert report.cost is not None
         assert (report.unguided is not None) == report.cost.is_worse
     assert generated(diffuser, scenario, ids, seed=5).guidance == ()
+
+
+def test_boxes_that_would_leave_the_road_stay_on_it(
+    diffuser: PathDiffuser, scenario: Scenario
+):
+    """Without the term a path leads off the road."""
+    away = FollowPath(
+        agent_id="101", points_m=((-30.0, 0.0), (0.0, -4.0), (40.0, -5.0))
+    )
+    stay = StayOnRoad(agent_ids=("101",), weight=10.0)
+    assert guided(diffuser, scenario, away).position_m[1, :, 1].min() < -3.0
+    low = guided(diffuser, scenario, stay).position_m[1, :, 1].min()
+    assert low - scenario.agents.size_m[1, 1] / 2 > -2.05
