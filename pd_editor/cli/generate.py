@@ -1,5 +1,6 @@
 """``pd-editor generate``: regenerate trajectories, or resample all traffic."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,8 @@ import numpy as np
 import tyro
 
 from pd_editor.cli.arguments import FolderOption, NameOption, ScenarioArgument, Switch
+from pd_editor.cli.guidance_table import GuidanceTable, reports_of
+from pd_editor.cli.guide_option import guidance_terms_of
 from pd_editor.cli.outcome import Outcome, described, write_session
 from pd_editor.cli.progress import run_showing_progress
 from pd_editor.cli.sample_table import SampleTable
@@ -18,7 +21,7 @@ from pd_editor.diffusion.defaults import (
     NUM_TRIES,
     DeviceName,
 )
-from pd_editor.editor.commands import SetAgentActivity, traffic_command
+from pd_editor.editor.commands import AddGuidance, SetAgentActivity, traffic_command
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.errors import GenerationError
@@ -31,10 +34,12 @@ from pd_editor.generation import (
     guidance_settings,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.guidance.feasibility import guidance_problems
 from pd_editor.metrics.sample_ranking import Ranking
 from pd_editor.scenario_store import check_free, open_scenario
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import drivable_agent_ids, replaceable_agent_ids
 
@@ -49,6 +54,10 @@ StandingOption = Annotated[
 NumAgentsOption = Annotated[
     str | tuple[str, ...],
     tyro.conf.arg(metavar="N|KIND=N|fit", help_behavior_hint="(optional)"),
+]
+GuideOption = Annotated[
+    str | tuple[str, ...],
+    tyro.conf.arg(metavar="TERM [TERM ...]", help_behavior_hint="(optional)"),
 ]
 RegionOption = Annotated[
     tuple[float, float, float] | None,
@@ -95,6 +104,7 @@ def generate(
     rank: RankOption = "realism",
     pick: PickOption = None,
     steps: StepsOption = None,
+    guide: GuideOption = (),
     keep_to_lanes: WeightOption = None,
     tries: TriesOption = None,
     no_yielding: Switch = False,
@@ -124,6 +134,7 @@ def generate(
         rank: Order of the table: realism, collisions (fewest), off-road (least), interaction (closest) or movement (most).
         pick: Write only so many samples, the most diverse ones.
         steps: Denoising steps of trajectories; for states the model has its own number.
+        guide: What agents should do, as KIND:FIELD=VALUE,... such as goal-point:agent=12,point=3.5/10 (metres of the scene), target-speed:agents=12+13,speed=8, stop-at-line:agent=12,line=3/1+3/5, or a JSON file with a list of terms. DIR/<name>-guidance.csv tells what was achieved.
         keep_to_lanes: Strength of the guidance towards the lanes, from 0 for none to 1.
         tries: Trajectories sampled per agent, of which the least colliding combination is used; agents that would still collide yield. 0: raw model.
         no_yielding: Do not slow agents that would collide.
@@ -134,9 +145,13 @@ def generate(
         overwrite: Replace what earlier runs wrote.
     """
     generator, opened = make_generator(model, device=device), open_scenario(scenario)
-    activities = _activities(parked, waiting)
+    terms = guidance_terms_of((guide,) if isinstance(guide, str) else guide)
+    edits = (
+        *_activities(parked, waiting),
+        *(AddGuidance(term=term) for term in terms),
+    )
     session = EditorSession(opened)
-    for command in activities:
+    for command in edits:
         session.apply(command)
     base = session.scenario
     asked_region = None if region is None else _region(opened, *region)
@@ -169,6 +184,7 @@ def generate(
     names = _names(opened, name, request)
     for one in names:
         check_free(out, one, opened, overwrite=overwrite)
+    _tell_problems(request, terms)
     traffic = run_showing_progress(generator.generate(request))
     table, written = None, range(len(names))
     if samples > 1:
@@ -178,7 +194,7 @@ def generate(
     for index, session in sessions.items():
         session.describe(described(names[index]))
         replacement = traffic_command(request, traffic, index, removed_ids=removed)
-        for command in (*activities, replacement):
+        for command in (*edits, replacement):
             session.apply(command)
     folders = tuple(
         write_session(out, session, overwrite=overwrite)
@@ -187,15 +203,38 @@ def generate(
     if table is not None:
         whole = names[0].removesuffix("-1")
         table.write(Path(out) / f"{whole}-samples.csv", names)
+    found = GuidanceTable(
+        names=tuple(names[index] for index in written),
+        reports=reports_of(traffic.guidance, list(written)),
+    )
+    if found.reports:
+        found.write(Path(out) / f"{names[0].removesuffix('-1')}-guidance.csv")
     return Outcome(
         folders=folders,
         scenarios=tuple(session.scenario for session in sessions.values()),
         remarks=(
             *(() if table is None else table.lines(names)),
+            *(found.lines() if found.reports else ()),
             *_left_out(opened, wanted, request.agent_ids),
             *traffic.notes,
         ),
     )
+
+
+def _tell_problems(request: GenerationRequest, terms: tuple[GuidanceTerm, ...]) -> None:
+    """Write what is doubtful about guidance to stderr.
+
+    Raises:
+        GenerationError: a term cannot be run.
+    """
+    adds = request.draws_num_agents or any(request.num_new_agents.values())
+    problems = guidance_problems(
+        request.scenario, terms, None if adds else request.agent_ids
+    )
+    for problem in problems:
+        if problem.severity == "error":
+            raise GenerationError(f"--guide: {problem.message}")
+        sys.stderr.write(f"pd-editor: {problem.message}\n")
 
 
 def _activities(

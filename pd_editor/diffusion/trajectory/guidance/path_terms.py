@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotion
@@ -31,6 +31,7 @@ from pd_editor.scene.guidance_terms import FollowLane, FollowPath, GoalPoint
 
 _PREFERENCE_M: Final = 1.0
 """How much nearer a planned path must come to a goal than the predicted path."""
+_SAME_GOAL_M: Final = 0.5
 _ROUNDS: Final = 2
 
 
@@ -121,7 +122,8 @@ class GoalTerm:
     """Reaches a point at a step, along the predicted path or a planned one.
 
     The path that comes nearest to the goal is retimed with the least change of
-    acceleration, and shifted sideways to the goal.
+    acceleration, and shifted sideways to the goal. Of a goal out of reach, the nearest
+    place in reach is aimed at.
     """
 
     context: TermContext
@@ -161,6 +163,9 @@ class GoalTerm:
         early = share.clamp_max(1.0)
         # Least squared acceleration; then at the speed that was reached.
         growth = (3 * early**2 - early**3) / 2 + 1.5 * (share - early)
+        goal_along, goal_left, is_reached = self._within_reach(
+            goal_along, goal_left, motion, step
+        )
         gap = goal_along[..., None] - pace[..., step, None]
         along = (pace + gap * growth).clamp_min(0.0).cummax(dim=-1).values
         target = TargetMotion.along(self.agents, curves, along, motion.step_s)
@@ -171,7 +176,9 @@ class GoalTerm:
         )
         way = replace(target, position_m=target.position_m + aside[..., None] * left)
         is_goal = torch.arange(num_steps, device=along.device) == step
-        goal = replace(way, position_m=self.point_m.expand_as(way.position_m))
+        nearest = way.position_m[..., step, None, :]
+        place = torch.where(is_reached[..., None, None], self.point_m, nearest)
+        goal = replace(way, position_m=place.expand_as(way.position_m))
         # The way matters up to the goal; at the goal it is one of many steps.
         every = motion.time_s <= motion.time_s[step]
         accepted = config.goal_m * (10.0 / num_steps) ** 0.5
@@ -189,6 +196,24 @@ class GoalTerm:
                 is_wanted=is_goal.expand(along.shape),
             ),
         ]
+
+    def _within_reach(
+        self,
+        along_m: Float[Tensor, "S 1"],
+        left_m: Float[Tensor, "S 1"],
+        motion: PredictedMotion,
+        step: int,
+    ) -> tuple[Float[Tensor, "S 1"], Float[Tensor, "S 1"], Bool[Tensor, "S 1"]]:
+        """Place of the goal, moved to where the agent can be, and whether it stayed."""
+        config, time_s = self.context.config, motion.time_s[step]
+        speed = motion.velocity_mps[:, self.agents, 0].norm(dim=-1)
+        most = speed * time_s + config.max_acceleration_mps2 * time_s.square() / 2
+        braking_s = time_s.minimum(speed / config.max_braking_mps2)
+        least = speed * braking_s - config.max_braking_mps2 * braking_s.square() / 2
+        along = along_m.maximum(least).minimum(most)
+        left = left_m.clamp(-config.goal_aside_m, config.goal_aside_m)
+        stayed = (along - along_m).abs() + (left - left_m).abs() < _SAME_GOAL_M
+        return along, left, stayed
 
     def _curves(
         self, predicted: Curves

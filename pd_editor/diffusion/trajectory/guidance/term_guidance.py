@@ -25,6 +25,8 @@ class TermGuidance:
     """Accepted distance to a goal point."""
     goal_way_m: float = 2.0
     """Accepted deviation from a smooth way to a goal point."""
+    goal_aside_m: float = 4.0
+    """Farthest that a goal point may be beside a path."""
     path_m: float = 0.3
     """Accepted distance to the side of a path."""
     pace_m: float = 1.5

@@ -206,3 +206,12 @@ def test_boxes_that_would_leave_the_road_stay_on_it(
     assert guided(diffuser, scenario, away).position_m[1, :, 1].min() < -3.0
     low = guided(diffuser, scenario, stay).position_m[1, :, 1].min()
     assert low - scenario.agents.size_m[1, 1] / 2 > -2.05
+
+
+def test_a_goal_out_of_reach_is_approached_within_limits(
+    diffuser: PathDiffuser, scenario: Scenario
+):
+    far = GoalPoint(agent_id="100", point_m=(190.0, 0.0))
+    sample = guided(diffuser, scenario, far)
+    assert 95 < sample.position_m[0, -1, 0] < 105
+    assert np.abs(np.diff(speeds(sample, 0))).max() < 0.5
