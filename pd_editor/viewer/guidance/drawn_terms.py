@@ -8,7 +8,7 @@ import shapely
 from jaxtyping import Float
 
 from pd_editor.errors import EditError
-from pd_editor.metrics.road.off_road import drivable_ground
+from pd_editor.guidance.road_distance import outside_m
 from pd_editor.paths.cross_line import cross_line
 from pd_editor.paths.lane_chain import lane_chain
 from pd_editor.paths.nearest_lane import DRIVING_LANES, nearest_lanes
@@ -55,7 +55,7 @@ def goal_term(
     Raises:
         EditError: the point is off the map.
     """
-    away = off_map_m(scenario, point_m)
+    away = float(outside_m(scenario, point_m[None])[0])
     if away > _reach_m(scenario, agent_id):
         raise EditError(
             f"The goal is {away:.0f} m off the road; drop it on the road or close to it."
@@ -82,7 +82,7 @@ def path_term(
         tolerance *= 2
         simple = shapely.get_coordinates(line.simplify(tolerance))
     reach = _reach_m(scenario, agent_id)
-    away = max(off_map_m(scenario, point) for point in simple)
+    away = float(outside_m(scenario, simple).max())
     if away > reach:
         raise EditError(
             f"The path leads {away:.0f} m off the road; draw it on the road or close to "
@@ -162,14 +162,6 @@ def usual_term(
             return ComfortLimits(agent_ids=ids)
         case _:
             return None
-
-
-def off_map_m(scenario: Scenario, point_m: Float[np.ndarray, "2"]) -> float:
-    """Distance from a point to the drivable area, in metres of the original road."""
-    if scenario.applied_warp is not None:
-        point_m = scenario.applied_warp.warp.undo(point_m[None])[0]
-    ground = drivable_ground(scenario.original_road_map)
-    return float(shapely.distance(ground, shapely.Point(*map(float, point_m))))
 
 
 def _usual_speed(scenario: Scenario, agent_ids: tuple[str, ...]) -> float:

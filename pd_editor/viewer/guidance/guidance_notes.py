@@ -1,20 +1,24 @@
 """What is said of guidance terms: problems before a run, and outcomes after it."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from pd_editor.generation import GuidanceReport
+from pd_editor.guidance.feasibility import guidance_problems
 from pd_editor.scene.guidance_outcome import (
     GuidanceCost,
     GuidanceProblem,
     Realism,
     TermOutcome,
 )
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.ui_context import UiContext
 
 Tone = Literal["plain", "good", "warn", "bad"]
-TAKE_UNGUIDED: str = "Take the unguided sample"
+TAKE_UNGUIDED: Final = "Take the unguided sample"
+MAX_DRAGGED_TERMS: Final = 2
+"""More terms that change at once, as in a warp, are checked when the edit is over."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +46,36 @@ class GuidanceNotes:
     def __init__(self, ui: UiContext) -> None:
         """Make notes of a tab's session."""
         self._ui = ui
-        self._scenario: Scenario | None = None
+        self._terms: tuple[GuidanceTerm, ...] = ()
         self._problems: dict[int, tuple[GuidanceProblem, ...]] = {}
+        self._checked: Scenario | None = None
+        self._is_partial = False
+
+    def refresh(self) -> bool:
+        """Check the session's terms; returns whether what is said has changed.
+
+        While an edit is being made, only terms that it changes are checked.
+        """
+        state = self._ui.session.state
+        scenario, is_partial = state.scenario, state.is_previewing
+        if scenario is self._checked and not self._is_partial:
+            return False
+        former, terms = self._problems, scenario.guidance
+        if is_partial:
+            checked = [i for i, term in enumerate(terms) if term not in self._terms]
+            if len(checked) > MAX_DRAGGED_TERMS:
+                checked = []
+            kept = set(range(len(terms))) - set(checked)
+            found = {index: former[index] for index in kept if index in former}
+        else:
+            checked, found = list(range(len(terms))), {}
+        for problem in guidance_problems(scenario, tuple(terms[i] for i in checked)):
+            for index in checked:
+                if terms[index] == problem.term:
+                    found[index] = (*found.get(index, ()), problem)
+        self._problems, self._terms = found, terms
+        self._checked, self._is_partial = scenario, is_partial
+        return found != former
 
     def of_term(self, index: int) -> tuple[Line, ...]:
         """Lines beside a term: its problems, and what the last run achieved."""
@@ -53,7 +85,7 @@ class GuidanceNotes:
                 tone="bad" if problem.severity == "error" else "warn",
                 text=problem.message,
             )
-            for problem in self._problems_of(scenario).get(index, ())
+            for problem in self._problems.get(index, ())
         ]
         run = self._ui.workspace.guided_runs.of(scenario.agents)
         term = scenario.guidance[index]
@@ -67,10 +99,9 @@ class GuidanceNotes:
 
     def sentences(self) -> dict[int, tuple[str, ...]]:
         """Sentences of what is wrong with terms, by their indices."""
-        found = self._problems_of(self._ui.session.scenario)
         return {
             index: tuple(problem.message for problem in problems)
-            for index, problems in found.items()
+            for index, problems in self._problems.items()
         }
 
     def report(self) -> RunReport:
@@ -78,21 +109,13 @@ class GuidanceNotes:
         run = self._ui.workspace.guided_runs.of(self._ui.session.scenario.agents)
         return RunReport() if run is None else report_of(run.report)
 
-    def _problems_of(
-        self, scenario: Scenario
-    ) -> dict[int, tuple[GuidanceProblem, ...]]:
-        if scenario is not self._scenario:
-            self._scenario = scenario
-            self._problems = {}
-        return self._problems
-
 
 def outcome_line(outcome: TermOutcome) -> Line:
     """Asked and achieved in one line."""
-    text = f"asked {outcome.asked}, achieved {outcome.achieved}"
+    text = f"Asked: {outcome.asked}. Achieved: {outcome.achieved}"
     if outcome.is_obeyed:
-        return Line(tone="good", text=text)
-    why = "" if outcome.is_feasible else "; it could not be met within the limits"
+        return Line(tone="good", text=f"{text}.")
+    why = "." if outcome.is_feasible else ". It could not be met within the limits."
     return Line(tone="bad", text=f"{text}{why}")
 
 

@@ -89,7 +89,9 @@ class Steering:
             )
 
     def show(self) -> None:
-        """Follow the session."""
+        """Follow the session, after the picture: terms are checked here."""
+        if self._notes.refresh():
+            self._handles.show_again()
         if self._panel is not None:
             self._panel.show()
 

@@ -19,6 +19,7 @@ from pd_editor.generation import (
     guidance_settings,
 )
 from pd_editor.generators import GeneratorCatalogue
+from pd_editor.guidance.feasibility import guidance_problems
 from pd_editor.plain_text import one_line
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
@@ -384,9 +385,22 @@ class GenerationPanel:
             seed=int(self._seed.value),
         )
         task = GenerationInput(base=base, request=request, removed_ids=removed_ids)
+        self._tell_of_guidance(request)
         self._result.start(self._model.value, offer.make, task)
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)
+
+    def _tell_of_guidance(self, request: GenerationRequest) -> None:
+        """Say before the run which guidance cannot be met, and what could be done."""
+        scenario = request.scenario
+        ids = None if request.samples_states else request.agent_ids
+        found = guidance_problems(scenario, scenario.guidance, ids)
+        if not found:
+            return
+        count = len(found)
+        title = "A guidance problem" if count == 1 else f"{count} guidance problems"
+        more = "" if count == 1 else " The tab Guide lists the others."
+        self._ui.notify(title, f"{found[0].message}{more}", "warning")
 
     def _guidance_settings(self, offer: GeneratorSpec) -> tuple[GuidanceSetting, ...]:
         """Settings of lanes and of the avoidance of collisions."""

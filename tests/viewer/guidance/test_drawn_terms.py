@@ -19,7 +19,6 @@ from pd_editor.viewer.guidance.drawn_terms import (
     MAX_PATH_POINTS,
     goal_term,
     lane_term,
-    off_map_m,
     path_term,
     stop_term,
     usual_term,
@@ -109,5 +108,8 @@ def test_on_a_warped_road_the_map_is_where_it_is_drawn(scenario):
     lane = warped.road_map.lane_of[2]
     point = lane.centerline_m[-1]
     assert abs(point[1]) > 20.0
-    assert off_map_m(warped, point) == 0.0
-    assert off_map_m(warped, np.array([point[0], 0.0])) > 10.0
+    assert goal_term(warped, "100", point).point_m == pytest.approx(
+        tuple(point), abs=0.01
+    )
+    with pytest.raises(EditError, match="off the road"):
+        goal_term(warped, "100", np.array([point[0], 0.0]))

@@ -13,7 +13,7 @@ from pd_editor.generation import (
     TrafficSample,
 )
 from pd_editor.scene.guidance_outcome import GuidanceCost, Realism, TermOutcome
-from pd_editor.scene.guidance_terms import TargetSpeed
+from pd_editor.scene.guidance_terms import GoalPoint, SpeedLimit, TargetSpeed
 from pd_editor.viewer.guidance.guidance_notes import TAKE_UNGUIDED
 from pd_editor.viewer.panels.generation_run import GenerationInput
 from tests.viewer.fake_browser import FakeTab
@@ -109,7 +109,9 @@ def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
     state = panel(guided)
     assert speed(guided) == 5.0
     (row,) = state["rows"]
-    assert row["notes"] == [{"tone": "good", "text": "asked 5.0 m/s, achieved 4.9 m/s"}]
+    assert row["notes"] == [
+        {"tone": "good", "text": "Asked: 5.0 m/s. Achieved: 4.9 m/s."}
+    ]
     tones = {line["text"]: line["tone"] for line in state["report"]}
     assert tones["Terms obeyed: 1 of 1"] == "good"
     assert tones["Agent 100 brakes with 9.1 m/s2."] == "warn"
@@ -142,3 +144,50 @@ def test_a_term_that_changes_after_the_run_has_no_outcome(guided: FakeTab):
     state = panel(guided)
     assert state["rows"][0]["notes"] == []
     assert state["action"] == TAKE_UNGUIDED
+
+
+def test_contradictions_are_told_beside_the_terms_and_before_a_run(
+    tab: FakeTab, monkeypatch
+):
+    for term in (
+        TargetSpeed(agent_ids=("100",), speed_mps=9.0),
+        SpeedLimit(agent_ids=("100",), speed_mps=5.0),
+    ):
+        tab.run(lambda term=term: tab.ui.apply(AddGuidance(term=term)))
+    notes = [row["notes"] for row in panel(tab)["rows"]]
+    assert notes[0] == []
+    (note,) = notes[1]
+    assert note["tone"] == "warn"
+    assert "above its speed limit of 5 m/s" in note["text"]
+    told: list[str] = []
+    monkeypatch.setattr(tab.ui, "notify", lambda _title, body="", *_: told.append(body))
+    monkeypatch.setattr(
+        tab.tab._generation_panel._result, "start", lambda *_: told.append("started")
+    )
+    tab.run(tab.tab._generation_panel.regenerate)
+    assert "above its speed limit" in told[0]
+    assert told[1] == "started"
+    # A term that is switched off contradicts nothing.
+    off = SpeedLimit(agent_ids=("100",), speed_mps=5.0, is_on=False)
+    tab.run(lambda: tab.ui.apply(ChangeGuidance(index=1, term=off)))
+    assert [row["notes"] for row in panel(tab)["rows"]] == [[], []]
+
+
+def test_a_goal_that_is_dragged_too_far_is_told_during_the_drag(tab: FakeTab):
+    scenario = tab.session.scenario
+    place = scenario.agents.position_m[0, scenario.current_step]
+    near, far = (
+        GoalPoint(agent_id="100", point_m=(float(place[0]) + ahead, float(place[1])))
+        for ahead in (25.0, 190.0)
+    )
+    tab.run(lambda: tab.ui.apply(AddGuidance(term=near)))
+    assert panel(tab)["rows"][0]["notes"] == []
+    command = ChangeGuidance(index=0, term=far)
+    tab.run(lambda: tab.ui.preview("a drag", command, has_end=True))
+    (note,) = panel(tab)["rows"][0]["notes"]
+    assert "move it" in note["text"]
+    (mark,) = json.loads(tab.tab._overlay._shown["guidance_marks"])["marks"]
+    assert mark["isBad"]
+    assert note["text"] in mark["lines"]
+    tab.run(tab.ui.abort_gesture)
+    assert panel(tab)["rows"][0]["notes"] == []
