@@ -1,7 +1,7 @@
 """``pd-editor generate``: regenerate trajectories, or resample all traffic."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +12,13 @@ import tyro
 from pd_editor.cli.arguments import FolderOption, NameOption, ScenarioArgument, Switch
 from pd_editor.cli.guidance_table import GuidanceTable, reports_of
 from pd_editor.cli.guide_option import guidance_terms_of
+from pd_editor.cli.kept_agents import (
+    agents_within,
+    driven_agents,
+    kept_remarks,
+    lock_commands,
+    wanted_kinds,
+)
 from pd_editor.cli.outcome import Outcome, described, write_session
 from pd_editor.cli.progress import run_showing_progress
 from pd_editor.cli.sample_table import SampleTable
@@ -41,7 +48,7 @@ from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids, replaceable_agent_ids
+from pd_editor.scene.traffic_choice import replaceable_agent_ids, resamplable_agent_ids
 
 AgentsOption = Annotated[
     tuple[str, ...],
@@ -62,6 +69,14 @@ GuideOption = Annotated[
 RegionOption = Annotated[
     tuple[float, float, float] | None,
     tyro.conf.arg(metavar="X Y HALF_SIDE", help_behavior_hint="(optional)"),
+]
+KindsOption = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(metavar="KIND [KIND ...]", help_behavior_hint="(default: all)"),
+]
+LocksOption = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(metavar="ID=WHAT [...]", help_behavior_hint="(optional)"),
 ]
 StepsOption = Annotated[
     int | None,
@@ -97,6 +112,8 @@ def generate(
     moving_share: ShareOption = None,
     only_on_road: Switch = False,
     region: RegionOption = None,
+    only_kinds: KindsOption = (),
+    lock: LocksOption = (),
     parked: StandingOption = (),
     waiting: StandingOption = (),
     quality: Quality = "fast",
@@ -126,7 +143,9 @@ def generate(
         replace_ego_and_focal: Let new agents replace the ego and the focal agent as well.
         moving_share: Fraction of the sampled agents of each kind that moves, 0 to 1.
         only_on_road: Sample no vehicles far from lanes, such as on parking lots.
-        region: Square in which states are sampled, in metres of the scene or of the city; new agents replace those in it alone.
+        region: Square in metres of the scene or of the city: agents in it alone are regenerated, resampled or replaced, and states are sampled in it.
+        only_kinds: Kinds of the agents that are regenerated, resampled or replaced; the others are kept.
+        lock: What is kept of single agents, as ID=WHAT: state, trajectory, or the first seconds of it, such as AV=2.5.
         parked: Ids of standing agents that are parked; fewer of them start.
         waiting: Ids of standing agents that wait in traffic.
         quality: Quality of sampled states: fast, or high with more denoising steps.
@@ -149,7 +168,9 @@ def generate(
     edits = (
         *_activities(parked, waiting),
         *(AddGuidance(term=term) for term in terms),
+        *lock_commands(lock),
     )
+    kinds = wanted_kinds(only_kinds)
     session = EditorSession(opened)
     for command in edits:
         session.apply(command)
@@ -160,17 +181,17 @@ def generate(
         bool(wanted), bool(num_agents), redraw_states, add, replace_ego_and_focal
     )
     removed, driven = _roles(
-        base, wanted, bool(num_agents), add, replace_ego_and_focal, asked_region
+        base, wanted, bool(num_agents), add, replace_ego_and_focal, asked_region, kinds
     )
     request = GenerationRequest(
         scenario=base.without_agents(removed),
         agent_ids=driven,
         num_new_agents=counts,
         draws_num_agents=fits,
-        redrawn_state_ids=driven if redraw_states else (),
+        redrawn_state_ids=resamplable_agent_ids(base, driven) if redraw_states else (),
         moving_share=moving_share,
         only_on_road=only_on_road,
-        region=asked_region,
+        region=asked_region if redraw_states or num_agents else None,
         quality=quality,
         num_samples=samples,
         num_denoising_steps=steps,
@@ -215,7 +236,7 @@ def generate(
         remarks=(
             *(() if table is None else table.lines(names)),
             *(found.lines() if found.reports else ()),
-            *_left_out(opened, wanted, request.agent_ids),
+            *kept_remarks(base, wanted, driven),
             *traffic.notes,
         ),
     )
@@ -358,21 +379,23 @@ def _roles(
     adds: bool,
     replaces_ego_and_focal: bool,
     region: Region | None,
+    kinds: Collection[AgentKind],
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Ids of the agents that are replaced, and of those whose trajectories are generated.
 
     As in the browser, the ego and the focal agent stay by default, so that an export
-    keeps the two tracks that predictors and data sets need. Of a region the agents in it
-    are replaced.
+    keeps the two tracks that predictors and data sets need; so do locked agents. Of a
+    region, or of some kinds, only those agents count.
     """
     removed = ()
     if samples_agents and not adds:
         keeps = not replaces_ego_and_focal
         removed = replaceable_agent_ids(opened, keeps_ego=keeps, keeps_focal=keeps)
-        if region is not None:
-            removed = region.held(opened, removed)
-    drives = not samples_agents or (wanted and adds)
-    return removed, drivable_agent_ids(opened, wanted or None) if drives else ()
+        removed = agents_within(opened, removed, kinds, region)
+    if samples_agents and not (wanted and adds):
+        return removed, ()
+    place = None if samples_agents else region
+    return removed, driven_agents(opened, wanted, kinds, place)
 
 
 def _guidance(
@@ -381,20 +404,3 @@ def _guidance(
     if weight is not None and not 0 <= weight <= 1:
         raise GenerationError(f"--keep-to-lanes must be between 0 and 1, not {weight}.")
     return guidance_settings(weight, tries, yields=yields)
-
-
-def _left_out(
-    scenario: Scenario, wanted: Sequence[str], driven: Sequence[str]
-) -> tuple[str, ...]:
-    """Remark on agents that were named but cannot be driven."""
-    step = scenario.current_step
-    return tuple(
-        f"Agent {name} keeps its trajectory: it is "
-        + (
-            f"a {scenario.agents.kinds[row].value}, not a road user."
-            if scenario.agents.is_valid[row, step]
-            else "not there at the current step."
-        )
-        for name, row in zip(wanted, scenario.agents.rows(wanted), strict=True)
-        if name not in driven
-    )

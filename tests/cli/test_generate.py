@@ -13,7 +13,9 @@ from pd_editor.generators import registry
 from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.scenario import EGO_ID
+from pd_editor.scene.traffic_choice import agent_ids_of_kinds, drivable_agent_ids
 from tests.cli.shell import JUNCTION, Shell, files_of
 from tests.editor.fake_generators import PlacingGenerator
 
@@ -353,3 +355,83 @@ def test_a_region_may_be_given_in_the_frame_of_the_city(
             region=(9000.0, 0.0, 30.0),
             model="placing",
         )
+
+
+def test_locked_agents_are_kept_and_stand_in_the_recipe(shell: Shell, tmp_path: Path):
+    before = open_scenario(JUNCTION)
+    held, some, still = (drivable_agent_ids(before)[place] for place in (0, 1, 2))
+    locks = ("--lock", f"{held}=trajectory", f"{some}=2.5", f"{still}=state")
+    result = shell.run(
+        "generate", JUNCTION, *locks, "--redraw-states", "--out", tmp_path
+    )
+    assert result.code == 0, result.err
+    assert "3 agents are locked and kept." in result.out
+    folder = tmp_path / f"{JUNCTION}-s0"
+    recipe = Recipe.from_text((folder / "recipe.json").read_text())
+    again = replay(recipe, before)
+    assert again.locks == {
+        held: TRAJECTORY_LOCK,
+        some: Lock(kept_s=2.5),
+        still: STATE_LOCK,
+    }
+    old, new, now = before.agents, again.agents, before.current_step
+    for name, steps in (
+        (held, slice(None)),
+        (some, slice(now, now + 26)),
+        (still, slice(now, now + 1)),
+    ):
+        for field in ("position_m", "heading_rad", "velocity_mps", "is_valid"):
+            one = getattr(old, field)[old.row_of[name], steps]
+            two = getattr(new, field)[new.row_of[name], steps]
+            assert one.tobytes() == two.tobytes(), (name, field)
+    free = [name for name in drivable_agent_ids(before) if name not in again.locks]
+    rows, others = old.rows(free), new.rows(free)
+    moved = np.abs(old.position_m[rows, now] - new.position_m[others, now])
+    assert moved.max() > 1
+
+
+def test_only_some_kinds_are_regenerated(tmp_path: Path):
+    before = open_scenario(JUNCTION)
+    ids = drivable_agent_ids(before)
+    kind = str(before.agents.kinds[before.agents.row_of[ids[0]]])
+    done = generate(JUNCTION, only_kinds=(kind,), out=tmp_path)
+    entry = json.loads((done.folder / "recipe.json").read_text())["commands"][0]
+    wanted = agent_ids_of_kinds(before, ids, {AgentKind(kind)})
+    assert tuple(entry["request"]["agent_ids"]) == wanted
+
+
+def test_only_agents_in_a_region_are_regenerated(tmp_path: Path):
+    before = open_scenario(JUNCTION)
+    ids = drivable_agent_ids(before)
+    place = before.agents.position_m[before.agents.row_of[ids[0]], before.current_step]
+    region = (float(place[0]), float(place[1]), 15.0)
+    done = generate(JUNCTION, region=region, out=tmp_path)
+    entry = json.loads((done.folder / "recipe.json").read_text())["commands"][0]
+    held = Region(center_m=region[:2], half_side_m=15.0).held(before, ids)
+    assert 0 < len(held) < len(ids)
+    assert tuple(entry["request"]["agent_ids"]) == held
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--lock", "AV"), "is not ID=WHAT"),
+        (("--lock", "AV=-1"), "is not ID=WHAT"),
+        (("--lock", "AV=nan"), "is not ID=WHAT"),
+        (("--lock", "ghost=state"), "no agent 'ghost'"),
+        (("--only-kinds", "tram"), "'tram' is not a kind"),
+        (("--only-kinds", "bus", "--agents", "AV"), "of the kinds bus"),
+        (("--agents", "AV", "--lock", "AV=trajectory"), "are locked"),
+        (
+            ("--agents", "AV", "--redraw-states", "--lock", "AV=state"),
+            "states of all these agents are locked",
+        ),
+    ],
+)
+def test_bad_locks_and_kinds_are_refused_in_words(
+    shell: Shell, tmp_path: Path, options: tuple[str, ...], sentence: str
+):
+    result = shell.run("generate", JUNCTION, *options, "--out", tmp_path / "out")
+    assert result.code == 2
+    assert sentence in result.err
+    assert not (tmp_path / "out").exists()
