@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -23,6 +23,7 @@ from pd_editor.diffusion.initial_state.attributes import (
     attribute_notes,
 )
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.fitting import limited, without_overlapping
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.pipeline import SquarePlacement, place_in_squares
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
@@ -57,6 +58,7 @@ from pd_editor.guidance.report import guidance_report
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_limits import MAX_AGENTS
 
 Preview = Callable[[], tuple[TrafficSample, ...]]
 
@@ -175,12 +177,12 @@ class PathDiffuser:
         stage = self._initial_states()
         model = stage.model
         assert isinstance(model, InitialStateDenoiser)
-        placings = {
-            index: _placings(stage, request, index)
-            for index in range(request.num_samples)
-        }
+        found = [_placings(stage, request, one) for one in range(request.num_samples)]
+        placings = {index: squares for index, (squares, _) in enumerate(found)}
+        asked = [number for _, number in found]
         samples: list[_Sampled] = []
         placed: list[tuple[Scenario, tuple[str, ...]]] = []
+        fits: list[tuple[int, int]] = []
         for first in range(0, request.num_samples, _MOST_PLACED_TOGETHER):
             batch = range(
                 first, min(first + _MOST_PLACED_TOGETHER, request.num_samples)
@@ -195,20 +197,25 @@ class PathDiffuser:
                 progress=partial(_placing_progress, batch, request.num_samples),
             )
             for number, (index, scenario) in enumerate(zip(batch, scenes, strict=True)):
-                squares = placings[index]
-                placed.append((scenario, tuple(n for one in squares for n in one.ids)))
+                squares, num_asked = placings[index], asked[index]
                 new_ids = tuple(name for one in squares for name in one.new_ids)
+                fitting = scenario
+                if request.refines_states:
+                    fitting, new_ids = without_overlapping(scenario, new_ids)
+                placed.append((fitting, (*request.redrawn_state_ids, *new_ids)))
+                fits.append((len(new_ids), num_asked))
                 driven = yield from self._sampled_trajectories(
                     request,
-                    scenario,
+                    fitting,
                     request.agent_ids + new_ids,
                     range(index, index + 1),
                     partial(_driving_progress, batch, number, request.num_samples),
                 )
                 samples.append(driven)
         notes = list(attribute_notes(placed, _attribute_request(request)))
-        num_empty = sum(not ids for _, ids in placed)
-        if num_empty:
+        notes += _fit_notes(fits)
+        num_empty = sum(not number for _, number in fits)
+        if num_empty and not request.redrawn_state_ids:
             notes.append(
                 f"No agent was placed in {num_empty} of {len(placed)} samples: there are "
                 "as many road users as suit the road."
@@ -371,8 +378,11 @@ def _progress(
 
 def _placings(
     stage: TrainedStage, request: GenerationRequest, sample: int
-) -> tuple[SquarePlacement, ...]:
-    """Agents to place in a sample; each sample may have another number of agents."""
+) -> tuple[tuple[SquarePlacement, ...], int]:
+    """Agents to place in a sample, and the number of new ones that was asked for.
+
+    Each sample may have another number of agents, at most as many as the model takes.
+    """
     assert isinstance(stage.model, InitialStateDenoiser)
     placement = Placement(
         resampled_ids=request.redrawn_state_ids,
@@ -385,12 +395,14 @@ def _placings(
     random = np.random.default_rng([request.seed, sample])
     placings = placings_of(stage.model, request.scenario, placement, random)
     number = sum(len(one.new_ids) for one in placings)
-    if number > MOST_AGENTS - num_present(request.scenario):
-        raise GenerationError(
-            f"The road asks for {number} more agents; the model takes {MOST_AGENTS} "
-            "in all."
-        )
-    return tuple(replace(one, repairs=request.refines_states) for one in placings)
+    room = min(
+        MOST_AGENTS - num_present(request.scenario),
+        MAX_AGENTS - len(request.scenario.agents),
+    )
+    fitting = limited(placings, room, random)
+    return tuple(
+        replace(one, repairs=request.refines_states) for one in fitting
+    ), number
 
 
 def _state_guidance(
@@ -398,6 +410,23 @@ def _state_guidance(
 ) -> InitialStateGuidance:
     guidance = stage.sampling["guidance"]
     return guidance if request.refines_states else guidance.at_no_level()
+
+
+def _fit_notes(fits: Sequence[tuple[int, int]]) -> list[str]:
+    """Notes on samples in which fewer new agents fit than were asked for."""
+    short = [
+        (sample, number, asked)
+        for sample, (number, asked) in enumerate(fits, start=1)
+        if number < asked
+    ]
+    notes = [
+        (f"Sample {sample}: " if len(fits) > 1 else "")
+        + f"{number} of {asked} new agents were placed; no more fit."
+        for sample, number, asked in short[:_MOST_NAMED]
+    ]
+    if len(short) > _MOST_NAMED:
+        notes.append(f"So it is in {len(short) - _MOST_NAMED} more samples.")
+    return notes
 
 
 def _state_sampler(

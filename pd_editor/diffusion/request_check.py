@@ -39,10 +39,10 @@ def check_request(request: GenerationRequest) -> None:
     strange = [kind for kind in request.num_new_agents if kind not in ROAD_USER_KINDS]
     if strange:
         raise GenerationError(f"The model places road users only, not {strange[0]}.")
-    count = num_present(scenario) + sum(request.num_new_agents.values())
+    count = num_present(scenario)
     if count > MOST_AGENTS:
         raise GenerationError(
-            f"The scene would have {count} agents; the model takes {MOST_AGENTS}."
+            f"The scene has {count} agents; the model takes {MOST_AGENTS}."
         )
     axis = scenario.time_axis
     if axis.num_future_steps * axis.step_s > _LONGEST_S:

@@ -129,7 +129,7 @@ def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:
     yield {"moving_share": 1.5}, "must be between 0 and 1"
     yield {"only_on_road": True}, "whose states are sampled"
     yield {"agent_ids": ids[:1], "redrawn_state_ids": ids[1:]}, "another state"
-    yield {"num_new_agents": {AgentKind.VEHICLE: 500}}, "500"
+    yield {"num_new_agents": {AgentKind.VEHICLE: 501}}, "expected 0 to 500"
     yield {"num_new_agents": {AgentKind.STATIC: 1}}, "road users"
     yield {"num_new_agents": {AgentKind.VEHICLE: -1}}, "expected 0 to 500"
     bare = replace(scenario.road_map, lanes=())

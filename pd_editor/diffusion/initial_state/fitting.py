@@ -1,0 +1,63 @@
+"""Limits placed agents to those that fit: into the scene's limit, and beside the others."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pd_editor.diffusion.initial_state.pipeline import SquarePlacement
+from pd_editor.metrics.collisions.box_tests import overlapping_pairs
+from pd_editor.repair.box_overlaps import counted
+from pd_editor.scene.scenario import Scenario
+
+
+def limited(
+    placings: Sequence[SquarePlacement], most_new: int, random: np.random.Generator
+) -> tuple[SquarePlacement, ...]:
+    """Placements with at most ``most_new`` new agents, of which any may be left out."""
+    number = sum(len(one.new_ids) for one in placings)
+    if number <= most_new:
+        return tuple(placings)
+    stays = np.zeros(number, bool)
+    stays[random.permutation(number)[: max(most_new, 0)]] = True
+    fewer: list[SquarePlacement] = []
+    first = 0
+    for one in placings:
+        own = np.flatnonzero(stays[first : first + len(one.new_ids)]).tolist()
+        first += len(one.new_ids)
+        fewer.append(
+            replace(
+                one,
+                new_ids=tuple(one.new_ids[index] for index in own),
+                new_kinds=tuple(one.new_kinds[index] for index in own),
+            )
+        )
+    return tuple(one for one in fewer if one.ids)
+
+
+def without_overlapping(
+    scenario: Scenario, new_ids: Sequence[str]
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Remove new agents whose boxes overlap others, most overlaps first.
+
+    Returns:
+        The scenario, and the ids of the new agents that stay.
+    """
+    agents = scenario.agents
+    pairs = overlapping_pairs(agents, scenario.current_step)
+    pairs = pairs[counted(agents, pairs)]
+    is_new = np.isin(agents.ids, list(new_ids))
+    pairs = pairs[is_new[pairs].any(axis=1)]
+    gone: list[int] = []
+    while len(pairs):
+        number = np.bincount(pairs.ravel(), minlength=len(agents)) * is_new
+        row = int(np.flatnonzero(number == number.max())[-1])
+        gone.append(row)
+        pairs = pairs[(pairs != row).all(axis=1)]
+    if not gone:
+        return scenario, tuple(new_ids)
+    names = {agents.ids[row] for row in gone}
+    kept = scenario.without_agents(tuple(names))
+    # Left-out agents were never in the scenario, so their ids are free.
+    kept = replace(kept, retired_ids=scenario.retired_ids)
+    return kept, tuple(name for name in new_ids if name not in names)

@@ -1,0 +1,67 @@
+"""More agents than fit: as many as fit are placed, and the notes say how many."""
+
+import numpy as np
+from hypothesis import given, settings
+
+from pd_editor.diffusion.initial_state.fitting import without_overlapping
+from pd_editor.diffusion.path_diffuser import PathDiffuser
+from pd_editor.editor.commands import traffic_command
+from pd_editor.generation import GenerationRequest, Region, run_to_end
+from pd_editor.metrics.collisions.box_tests import overlapping_pairs
+from pd_editor.repair.box_overlaps import counted
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.scenario import Scenario
+from tests.builders import scenario_with, straight_drivers
+from tests.repair.scenes import Crowd, crowds
+
+
+def overlaps_of(scenario: Scenario, names: tuple[str, ...]) -> int:
+    agents = scenario.agents
+    pairs = overlapping_pairs(agents, scenario.current_step)
+    pairs = pairs[counted(agents, pairs)]
+    return int(np.isin(pairs, agents.rows(names)).any(axis=1).sum())
+
+
+@settings(max_examples=60, deadline=None)
+@given(crowd=crowds())
+def test_new_agents_that_stay_overlap_no_other(crowd: Crowd):
+    states, kinds = crowd
+    scenario = scenario_with(straight_drivers(states, kinds=kinds))
+    new = scenario.agents.ids[1::2]
+    kept, stays = without_overlapping(scenario, new)
+    assert overlaps_of(kept, stays) == 0
+    assert set(kept.agents.ids) == {*scenario.agents.ids[::2], *stays}
+    if not overlaps_of(scenario, new):
+        assert kept is scenario
+    assert not kept.retired_ids
+
+
+def test_what_fits_is_placed_and_the_number_is_said(diffuser: PathDiffuser):
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 0)]))
+    request = GenerationRequest(
+        scenario=scenario,
+        agent_ids=(),
+        num_new_agents={AgentKind.VEHICLE: 30},
+        region=Region(center_m=(0.0, 0.0), half_side_m=6.0),
+    )
+    traffic = run_to_end(diffuser.generate(request))
+    count = len(traffic.samples[0].ids)
+    assert 0 < count < 30
+    assert f"{count} of 30 new agents were placed; no more fit." in traffic.notes
+    after = traffic_command(request, traffic).apply(scenario)
+    assert overlaps_of(after, traffic.samples[0].ids) == 0
+
+
+def test_no_more_are_placed_than_a_scene_may_have(diffuser: PathDiffuser):
+    states = [(12.0 * (n % 20), 200.0 + 5 * (n // 20), 0.0, 0.0) for n in range(498)]
+    scenario = scenario_with(straight_drivers(states))
+    request = GenerationRequest(
+        scenario=scenario,
+        agent_ids=(),
+        num_new_agents={AgentKind.PEDESTRIAN: 5},
+        region=Region(center_m=(0.0, 0.0), half_side_m=60.0),
+    )
+    traffic = run_to_end(diffuser.generate(request))
+    assert len(traffic.samples[0].ids) <= 2
+    assert any("of 5 new agents were placed" in note for note in traffic.notes)
+    traffic_command(request, traffic).apply(scenario)
