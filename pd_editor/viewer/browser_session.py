@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from pd_editor.editor.session import SessionState
-from pd_editor.errors import PdEditorError
+from pd_editor.errors import LockedAgentError, PdEditorError
 from pd_editor.generators import GeneratorCatalogue
 from pd_editor.metrics.scorecard import Occurrence
 from pd_editor.scene.scenario import Scenario
@@ -58,6 +58,7 @@ from pd_editor.viewer.views.agents_view import AgentsView
 from pd_editor.viewer.views.anchor_view import AnchorView
 from pd_editor.viewer.views.candidates_view import CandidatesView
 from pd_editor.viewer.views.labels_view import LabelsView
+from pd_editor.viewer.views.locks_view import LocksView
 from pd_editor.viewer.views.map_view import MapView
 from pd_editor.viewer.views.marks_view import MarksView
 from pd_editor.viewer.views.ribbons_view import RibbonsView
@@ -176,6 +177,7 @@ class BrowserSession:
             self._ribbons = RibbonsView(client, palette)
             self._marks = MarksView(client, palette)
             self._labels = LabelsView(self._overlay)
+            self._locks = LocksView(self._overlay)
             self._legend, self._hints = Legend(self._overlay), Hints(self._overlay)
             self._key_sheet = KeySheet(self._overlay)
             self._comparison = Comparison(
@@ -233,6 +235,7 @@ class BrowserSession:
             problems=self._problems.problem_ids,
             on_pointed=self._agent_pointed,
             on_opened=self._agent_list_opened,
+            on_lock=self._toggle_lock,
         )
         self._scorecard = ScorecardDrawer(
             ui,
@@ -260,7 +263,9 @@ class BrowserSession:
                 on_frame=self._viewpoint.frame_pose,
             )
         with tabs.add_tab("Agents"):
-            self._agent_panel = AgentPanel(ui, self._placing, self._agent_list.toggle)
+            self._agent_panel = AgentPanel(
+                ui, self._placing, self._banner, self._agent_list.toggle
+            )
         with tabs.add_tab("Guide"):
             self._steering.build_panel(
                 regenerate=self._regenerate,
@@ -472,6 +477,12 @@ class BrowserSession:
             "L",
             failure="Not snapped to a lane",
         )
+        key(
+            "Lock or unlock the selection",
+            self._toggle_lock,
+            "K",
+            failure="Lock not changed",
+        )
         key("Select all agents", self._selecting.select_all, "A", "cmd/ctrl")
         key("Invert the selection", self._selecting.invert, "I", "cmd/ctrl")
         key("Select all of the same kind", self._selecting.same_kind)
@@ -585,6 +596,7 @@ class BrowserSession:
         self._comparison.show()
         notes = self._comparison.notes()
         self._labels.show(session.scenario, poses, step, selection, notes)
+        self._locks.show(session.scenario, poses)
 
     def _comparison_changed(self) -> None:
         with self._client.atomic():
@@ -615,7 +627,7 @@ class BrowserSession:
 
     def _size_for_view(self) -> None:
         self._view = ViewScale.of(self._client.camera)
-        for view in (self._agents, self._marks, self._labels):
+        for view in (self._agents, self._marks, self._labels, self._locks):
             view.set_view(self._view)
 
     def _show_page(self) -> None:
@@ -726,7 +738,10 @@ class BrowserSession:
         self._checks_future_at = time.monotonic() + FUTURE_CHECK_DELAY_S
 
     def _report(self, error: Exception) -> None:
-        self._ui.report(error)
+        if isinstance(error, LockedAgentError) and self._is_built:
+            self._agent_panel.locks.offer(error)
+        else:
+            self._ui.report(error)
         if (
             isinstance(error, PdEditorError)
             and self._is_built
@@ -787,7 +802,7 @@ class BrowserSession:
             self._placing.toggle()
         elif self._candidates_panel.shows_candidates:
             self._candidates_panel.hide_candidates()
-        else:
+        elif not self._agent_panel.locks.withdraw():
             self._workspace.session.select(())
 
     def _theme_chosen(self, is_dark: bool) -> None:
@@ -807,6 +822,9 @@ class BrowserSession:
             self._show_marks()
             self._show_legend()
             self._show_panels(self._workspace.session.state)
+
+    def _toggle_lock(self) -> None:
+        self._agent_panel.locks.toggle()
 
     def _agent_list_opened(self) -> None:
         if self._agent_list.is_open:

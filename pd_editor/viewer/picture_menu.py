@@ -8,6 +8,7 @@ import numpy as np
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.paths.suggested_state import suggested_heading
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.locks import STATE_LOCK
 from pd_editor.viewer.guidance.steering import Steering
 from pd_editor.viewer.interaction.context_menu import Menu, MenuItem
 from pd_editor.viewer.interaction.picking import PointerRay, agent_under
@@ -102,6 +103,7 @@ class PictureMenu:
                 is_enabled=is_there,
                 key="L",
             ),
+            *self._lock_items(is_there),
             MenuItem(
                 label="Duplicate",
                 act=self.agent_panel.duplicate,
@@ -117,6 +119,26 @@ class PictureMenu:
         )
         title = f"{kind} {agent_id}" if is_one else f"{count} agents"
         return Menu(title=title, items=items)
+
+    def _lock_items(self, is_there: bool) -> tuple[MenuItem, ...]:
+        """Unlock what is locked; else the three locks."""
+        session, locks = self.ui.session, self.agent_panel.locks
+        if all(name in session.scenario.locks for name in session.selection):
+            return (MenuItem(label="Unlock", act=locks.toggle, key="K"),)
+        beginning = locks.beginning
+        return (
+            MenuItem(label="Lock trajectory", act=locks.toggle, key="K"),
+            MenuItem(
+                label="Lock state",
+                act=lambda: locks.lock(STATE_LOCK),
+                is_enabled=is_there,
+            ),
+            MenuItem(
+                label=f"Lock {beginning.in_words}",
+                act=lambda: locks.lock(beginning),
+                is_enabled=is_there,
+            ),
+        )
 
     def _of_road(self, point_m: np.ndarray) -> Menu:
         road_map = self.ui.session.scenario.road_map

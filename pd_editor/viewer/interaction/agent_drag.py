@@ -12,7 +12,7 @@ import viser
 from jaxtyping import Float
 
 from pd_editor.editor.commands import TransformAgents
-from pd_editor.errors import EditError
+from pd_editor.errors import EditError, LockedAgentError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.camera import ground_point, projected, ray_through
@@ -147,7 +147,12 @@ class AgentDrag:
         )
         point = ground_point(event.camera.position, direction, grab.start_m[2])
         if point is not None:
-            self._ui.preview(grab.owner, _command_of(grab, point), has_end=True)
+            try:
+                self._ui.preview(grab.owner, _command_of(grab, point), has_end=True)
+            except LockedAgentError:
+                # Said once; the rest of the drag would say it again at each event.
+                self._grab = None
+                raise
             grab.has_moved = True
 
     def _still_holds(self, grab: _Grab) -> bool:

@@ -21,6 +21,7 @@ LATER: Final = 16
 GONE: Final = 32
 PROBLEM: Final = 64
 STALE: Final = 128
+LOCKED: Final = 256
 
 Ids = Collection[str]
 
@@ -39,6 +40,7 @@ class AgentList:
         problems: Callable[[], tuple[Ids, Ids]],
         on_pointed: Callable[[str | None], None],
         on_opened: Callable[[], None],
+        on_lock: Callable[[], None],
     ) -> None:
         """Start closed.
 
@@ -48,12 +50,14 @@ class AgentList:
             problems: agents with a problem at any time, and those with one later.
             on_pointed: called with the agent whose row is under the pointer, or None.
             on_opened: called when the list was opened or closed.
+            on_lock: locks or unlocks the selection.
         """
         self._ui = ui
         self._overlay = overlay
         self._problems = problems
         self._on_pointed = on_pointed
         self._on_opened = on_opened
+        self._on_lock = on_lock
         self._number = 0
         self._listed: tuple[Any, ...] = ()
         self._ids: tuple[str, ...] = ()
@@ -130,6 +134,8 @@ class AgentList:
             ids = self._named(event.get("rows"))
             self._ui.commit_gesture()
             self._ui.session.select(ids)
+        elif kind == "lock":
+            self._on_lock()
         elif kind == "point":
             ids = self._named([event.get("row")])
             self._on_pointed(ids[0] if ids else None)
@@ -178,6 +184,7 @@ def listed_agents(
     for row, agent_id in enumerate(agents.ids):
         mark = int(marks[row])
         mark |= FOCAL * (agent_id == scenario.focal_id) | EGO * (agent_id == EGO_ID)
+        mark |= LOCKED * (agent_id in scenario.locks)
         mark |= PROBLEM * (agent_id in problems) | STALE * (agent_id in stale)
         if agent_id not in known:
             mark |= NEW

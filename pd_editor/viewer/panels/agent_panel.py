@@ -28,6 +28,8 @@ from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.placing import PlacingMode
+from pd_editor.viewer.overlay.banner import Banner
+from pd_editor.viewer.panels.lock_controls import LockControls
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
@@ -50,13 +52,18 @@ class AgentPanel:
     """Numbers, kind and actions of the selected agents, and placing new ones."""
 
     def __init__(
-        self, ui: UiContext, placing: PlacingMode, on_list: Callable[[], None]
+        self,
+        ui: UiContext,
+        placing: PlacingMode,
+        banner: Banner,
+        on_list: Callable[[], None],
     ) -> None:
         """Build it into the current tab.
 
         Args:
             ui: the session and its page.
             placing: the mode of placing, which the panel shows and steers.
+            banner: where unlocking is offered.
             on_list: opens or closes the agent list.
         """
         self._ui = ui
@@ -81,6 +88,7 @@ class AgentPanel:
         for handle in (self._speed, self._position, self._size):
             handle.precision = 2
         self._size_note = FixedText(gui, 2)
+        self.locks = LockControls(ui, banner)
         self._actions = {
             "Snap to lane": gui.add_button("Snap to lane", color="gray"),
             "Duplicate": gui.add_button("Duplicate", color="gray", hint="Ctrl+D"),
@@ -155,6 +163,7 @@ class AgentPanel:
         )
         is_assumed = is_there and not agents.has_known_size[rows].all()
         self._size_note.show("", SIZE_NOTE if is_assumed else "")
+        self.locks.show(scenario, selection)
         if not (self._ui.gesture or "").startswith(_OWN_GESTURE):
             self._show_numbers(scenario, rows if is_there else rows[:0])
 

@@ -8,6 +8,7 @@
     [1, "F", "focal agent", "pd-focal"],
     [2, "E", "ego", "pd-ego"],
     [64, "!", "has a problem", "pd-bad"],
+    [256, "", "locked", "pd-locked"],
     [128, "~", "trajectory no longer fits", "pd-warn"],
     [4, "N", "new", "pd-new"],
     [8, "e", "edited", "pd-edited"],
@@ -108,6 +109,11 @@
       button.addEventListener("click", () => choose(wanted()));
       foot.append(button);
     }
+    const lock = make("button", "", {
+      type: "button", title: "Lock or unlock the selected agents (K)",
+    }, "Lock");
+    lock.addEventListener("click", () => api.send({ kind: "lock", number }));
+    foot.append(lock);
     drawer.append(head, filters, columns, list, count, foot);
     api.box.append(drawer);
 

@@ -1,0 +1,71 @@
+// Padlocks beside locked agents: as large on the screen at every zoom, and never one on
+// another. A closed padlock keeps the whole trajectory, one with a line its first seconds,
+// a hollow one the state alone.
+pdOverlay.define("locks", (api) => {
+  const SIZE_PX = 18;
+  const LEAST_GAP_PX = 17;
+  const SHAPES = {
+    trajectory: ["M3 7h10v7H3z M5 7V5a3 3 0 0 1 6 0v2", "solid"],
+    beginning: ["M3 7h10v7H3z M5 7V5a3 3 0 0 1 6 0v2", "half"],
+    state: ["M3 7h10v7H3z M5 7V5a3 3 0 0 1 6 0v2", "hollow"],
+  };
+  const plates = [];
+  let locks = [];
+
+  function plate(index) {
+    while (plates.length <= index) {
+      const box = api.make("div", "pd-lock", { role: "img" });
+      const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+      svg.setAttribute("viewBox", "0 0 16 16");
+      const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
+      svg.appendChild(path);
+      const text = api.make("span", "pd-lock-seconds");
+      box.append(svg, text);
+      api.box.appendChild(box);
+      plates.push({ box, path, text });
+    }
+    return plates[index];
+  }
+
+  function place() {
+    const taken = [];
+    locks.forEach(({ point, radius }, index) => {
+      const { box } = plate(index);
+      const at = api.project(point);
+      const beside = api.project([point[0] + radius, point[1], point[2]]);
+      const along = api.project([point[0], point[1] + radius, point[2]]);
+      if (!at || !beside || !along) {
+        box.style.display = "none";
+        return;
+      }
+      const reach = Math.max(
+        Math.hypot(beside[0] - at[0], beside[1] - at[1]),
+        Math.hypot(along[0] - at[0], along[1] - at[1]));
+      const x = at[0] - reach * Math.SQRT1_2 - SIZE_PX / 2;
+      const y = at[1] + reach * Math.SQRT1_2 + SIZE_PX / 2;
+      const isFree = taken.every(([left, top]) =>
+        Math.abs(left - x) >= LEAST_GAP_PX || Math.abs(top - y) >= LEAST_GAP_PX);
+      // Of padlocks that would cover each other, the first one stands for all.
+      box.style.display = isFree ? "" : "none";
+      if (!isFree) return;
+      taken.push([x, y]);
+      box.style.transform =
+        `translate(${Math.round(x - SIZE_PX / 2)}px, ${Math.round(y - SIZE_PX / 2)}px)`;
+    });
+    plates.slice(locks.length).forEach(({ box }) => { box.style.display = "none"; });
+  }
+
+  api.onView(place);
+  return (state) => {
+    locks = state.locks;
+    locks.forEach(({ keeps, seconds, label }, index) => {
+      const { box, path, text } = plate(index);
+      const [shape, look] = SHAPES[keeps];
+      if (path.getAttribute("d") !== shape) path.setAttribute("d", shape);
+      box.className = `pd-lock pd-lock-${look}`;
+      box.setAttribute("aria-label", label);
+      if (text.textContent !== seconds) text.textContent = seconds;
+    });
+    place();
+  };
+});
