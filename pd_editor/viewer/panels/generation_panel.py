@@ -24,8 +24,10 @@ from pd_editor.plain_text import one_line
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_choice import (
+    agent_ids_of_kinds,
     drivable_agent_ids,
     replaceable_agent_ids,
+    resamplable_agent_ids,
     road_user_ids,
 )
 from pd_editor.viewer.interaction.region_drawing import RegionDrawing
@@ -48,6 +50,7 @@ AROUND_TRAFFIC: Final = "On the whole mapped road"
 AROUND_VIEW: Final = "In the middle of my view (125 m square)"
 IN_REGION: Final = "In the region I draw"
 DRAW_REGION: Final = "Draw a region"
+ALL_KINDS: Final = "All kinds"
 KIND_LABELS: Final[Mapping[AgentKind, str]] = {
     AgentKind.VEHICLE: "Vehicles",
     AgentKind.BUS: "Buses",
@@ -141,7 +144,16 @@ class GenerationPanel:
                 hint="Agents that would still collide yield",
             )
         with gui.add_folder("Regenerate trajectories"):
-            self._scope = gui.add_dropdown("Agents", (SCOPE_ALL, SCOPE_SELECTION))
+            self._scope = gui.add_dropdown(
+                "Agents",
+                (SCOPE_ALL, SCOPE_SELECTION, IN_REGION),
+                hint="Locked trajectories are kept",
+            )
+            self._kinds = gui.add_dropdown(
+                "Only kinds",
+                (ALL_KINDS, *KIND_LABELS.values()),
+                hint="Of the agents that are regenerated, resampled or replaced",
+            )
             self._run = gui.add_button(
                 "Regenerate", icon=viser.Icon.PLAYER_PLAY, hint="R"
             )
@@ -209,6 +221,8 @@ class GenerationPanel:
         self._drawing.on_change(self._region_changed)
         self._ui.on_click(clear, lambda: self._ui.apply(RemoveAllAgents()))
         self._ui.on_change(self._which, lambda _value: self._show_counts())
+        self._ui.on_change(self._scope, lambda _value: self._scope_chosen())
+        self._ui.on_change(self._kinds, lambda _value: self._show_counts())
         for handle in (self._fits, self._keeps_focal, self._keeps_ego):
             self._ui.on_change(handle, lambda _value: self._show_counts())
 
@@ -217,6 +231,10 @@ class GenerationPanel:
         self._result.show()
         if self._which.value == REPLACE_ALL and self._counted is not scenario:
             self._count_present(scenario)
+        kept = len(scenario.locks)
+        for button, name in ((self._run, "Regenerate"), (self._resample, "Resample")):
+            label = f"{name} ({kept} locked {'is' if kept == 1 else 'are'} kept)"
+            set_property(button, "label", label if kept else name)
 
     def close(self) -> None:
         """Stop a running generation."""
@@ -261,6 +279,13 @@ class GenerationPanel:
                 raise GenerationError(
                     f"Nothing is selected. Select agents, or choose '{SCOPE_ALL}'."
                 )
+        elif self._scope.value == IN_REGION or self._wanted_kinds():
+            scenario = self._ui.session.scenario
+            wanted = drivable_agent_ids(scenario)
+            if self._scope.value == IN_REGION:
+                wanted = self._drawn_region().held(scenario, wanted)
+        if wanted is not None:
+            wanted = self._of_wanted_kinds(wanted)
         self.regenerate_agents(wanted)
 
     def regenerate_agents(self, wanted: tuple[str, ...] | None) -> None:
@@ -291,8 +316,13 @@ class GenerationPanel:
                 raise GenerationError(
                     f"Nothing is selected. Select agents, or choose '{REPLACE_ALL}'."
                 )
-            ids = drivable_agent_ids(scenario, session.selection)
-            self._start(scenario, agent_ids=ids, redrawn_state_ids=ids)
+            wanted = self._of_wanted_kinds(session.selection)
+            ids = drivable_agent_ids(scenario, wanted)
+            self._start(
+                scenario,
+                agent_ids=ids,
+                redrawn_state_ids=resamplable_agent_ids(scenario, ids),
+            )
             return
         counts = {
             kind: int(count.value)
@@ -313,10 +343,39 @@ class GenerationPanel:
             draws_num_agents=bool(self._fits.value),
         )
 
+    def _wanted_kinds(self) -> frozenset[AgentKind]:
+        """Kinds of the agents that are generated; none means all."""
+        return frozenset(
+            kind for kind, label in KIND_LABELS.items() if label == self._kinds.value
+        )
+
+    def _of_wanted_kinds(self, agent_ids: tuple[str, ...]) -> tuple[str, ...]:
+        """Those agents of the wanted kinds.
+
+        Raises:
+            GenerationError: there is none.
+        """
+        scenario, kinds = self._ui.session.scenario, self._wanted_kinds()
+        found = agent_ids_of_kinds(scenario, agent_ids, kinds)
+        if not found:
+            raise GenerationError(
+                "There is no such agent here. Choose other agents, another region, or "
+                f"'{ALL_KINDS}'."
+            )
+        return found
+
+    def _scope_chosen(self) -> None:
+        """Let a region be drawn where there is none."""
+        drawing = self._drawing
+        is_missing = drawing.region is None and not drawing.is_active
+        if self._scope.value == IN_REGION and is_missing:
+            drawing.toggle()
+        self._show_region()
+
     def _where_chosen(self) -> None:
         """Show the region where it counts, and let it be drawn where there is none."""
         is_drawn = self._where.value == IN_REGION
-        self._drawing.set_shown(is_drawn)
+        self._show_region()
         if is_drawn != self._drawing.is_active and self._drawing.region is None:
             self._drawing.toggle()
         self._show_counts()
@@ -331,10 +390,30 @@ class GenerationPanel:
         set_property(self._draw_region, "color", "orange" if is_active else "gray")
         if is_active or drawing.region is not None:
             set_value(self._where, IN_REGION)
-        elif self._where.value == IN_REGION:
-            set_value(self._where, AROUND_TRAFFIC)
-        drawing.set_shown(self._where.value == IN_REGION)
+        else:
+            if self._where.value == IN_REGION:
+                set_value(self._where, AROUND_TRAFFIC)
+            if self._scope.value == IN_REGION:
+                set_value(self._scope, SCOPE_ALL)
+        self._show_region()
         self._show_counts()
+
+    def _show_region(self) -> None:
+        """Show the drawn region where it counts."""
+        self._drawing.set_shown(IN_REGION in (self._where.value, self._scope.value))
+
+    def _drawn_region(self) -> Region:
+        """The drawn region.
+
+        Raises:
+            GenerationError: there is none.
+        """
+        if self._drawing.region is None:
+            raise GenerationError(
+                f"There is no region yet. Press '{DRAW_REGION}' and drag on the road, "
+                f"or choose something else than '{IN_REGION}'."
+            )
+        return self._drawing.region
 
     def _region(self) -> Region | None:
         """Region in which states are sampled.
@@ -343,12 +422,7 @@ class GenerationPanel:
             GenerationError: the drawn region is chosen, and there is none.
         """
         if self._where.value == IN_REGION:
-            if self._drawing.region is None:
-                raise GenerationError(
-                    f"There is no region yet. Press '{DRAW_REGION}' and drag on the "
-                    "road, or choose another place under 'Where'."
-                )
-            return self._drawing.region
+            return self._drawn_region()
         if self._where.value == AROUND_VIEW:
             x, y = (float(value) for value in self._looked_at_m())
             return Region(center_m=(x, y), half_side_m=REGION_HALF_SIDE_M)
@@ -516,6 +590,7 @@ class GenerationPanel:
             keeps_ego=bool(self._keeps_ego.value),
             keeps_focal=bool(self._keeps_focal.value),
         )
+        ids = agent_ids_of_kinds(scenario, ids, self._wanted_kinds())
         if self._where.value == IN_REGION and self._drawing.region is not None:
             return self._drawing.region.held(scenario, ids)
         return ids

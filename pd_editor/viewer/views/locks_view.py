@@ -1,7 +1,5 @@
 """Padlocks beside locked agents, over the picture."""
 
-import numpy as np
-
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.locks import Lock
 from pd_editor.scene.scenario import Scenario
@@ -38,7 +36,7 @@ class LocksView:
                     "seconds": f"{lock.kept_s:g} s" if lock.keeps_beginning else "",
                     "label": f"Locked: {lock.in_words} of agent {agent_id}",
                     "point": [round(float(value), 2) for value in point],
-                    "radius": round(float(np.hypot(*sizes[row])) / 2, 2),
+                    "radius": round(float(sizes[row, 1]) / 2, 2),
                 }
             )
         self._overlay.show("locks", {"locks": locks})

@@ -17,8 +17,8 @@
   ];
   const NEW = 4;
   const MAIN = 3; // focal agent and ego are found by these words, too
-  const SHAPES = { vehicle: "box", bus: "long", pedestrian: "dot", cyclist: "tip",
-    motorcyclist: "tip" };
+  const SHAPES = { vehicle: "box", bus: "long", pedestrian: "dot", cyclist: "peak",
+    motorcyclist: "peak" };
 
   let number = 0;
   let rows = [];

@@ -3,7 +3,7 @@
 // a hollow one the state alone.
 pdOverlay.define("locks", (api) => {
   const SIZE_PX = 18;
-  const LEAST_GAP_PX = 17;
+  const COMPACT_PX = 9; // half the width of an agent that is too narrow for seconds
   const SHAPES = {
     trajectory: ["M3 7h10v7H3z M5 7V5a3 3 0 0 1 6 0v2", "solid"],
     beginning: ["M3 7h10v7H3z M5 7V5a3 3 0 0 1 6 0v2", "half"],
@@ -41,16 +41,23 @@ pdOverlay.define("locks", (api) => {
       const reach = Math.max(
         Math.hypot(beside[0] - at[0], beside[1] - at[1]),
         Math.hypot(along[0] - at[0], along[1] - at[1]));
-      const x = at[0] - reach * Math.SQRT1_2 - SIZE_PX / 2;
-      const y = at[1] + reach * Math.SQRT1_2 + SIZE_PX / 2;
-      const isFree = taken.every(([left, top]) =>
-        Math.abs(left - x) >= LEAST_GAP_PX || Math.abs(top - y) >= LEAST_GAP_PX);
+      box.classList.toggle("pd-compact", reach < COMPACT_PX);
+      box.style.display = "";
+      const width = box.offsetWidth;
+      // Its upper right corner lies on the lower left side of the agent.
+      const right = at[0] - reach * Math.SQRT1_2 + 3;
+      const top = at[1] + reach * Math.SQRT1_2 - 3;
+      const left = right - width;
+      const isFree = taken.every((other) =>
+        left >= other.right || right <= other.left ||
+        Math.abs(top - other.top) >= SIZE_PX);
       // Of padlocks that would cover each other, the first one stands for all.
-      box.style.display = isFree ? "" : "none";
-      if (!isFree) return;
-      taken.push([x, y]);
-      box.style.transform =
-        `translate(${Math.round(x - SIZE_PX / 2)}px, ${Math.round(y - SIZE_PX / 2)}px)`;
+      if (!isFree) {
+        box.style.display = "none";
+        return;
+      }
+      taken.push({ left, right, top });
+      box.style.transform = `translate(${Math.round(left)}px, ${Math.round(top)}px)`;
     });
     plates.slice(locks.length).forEach(({ box }) => { box.style.display = "none"; });
   }
