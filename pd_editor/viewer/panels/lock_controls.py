@@ -17,7 +17,6 @@ STATE: Final = "State"
 BEGINNING: Final = "First seconds"
 TRAJECTORY: Final = "Whole trajectory"
 MIXED: Final = "mixed"
-OPTIONS: Final = (NOT_LOCKED, STATE, BEGINNING, TRAJECTORY)
 USUAL_KEPT_S: Final = 2.0
 _FIXED: Final[Mapping[str, Lock | None]] = {
     NOT_LOCKED: None,
@@ -42,7 +41,7 @@ class LockControls:
         gui = ui.client.gui
         self._kept = gui.add_dropdown(
             "Lock",
-            OPTIONS,
+            _options(),
             hint="What is kept when traffic is generated, repaired or edited",
         )
         self._seconds = gui.add_number(
@@ -100,7 +99,7 @@ class LockControls:
             self.withdraw()
         found = {scenario.locks.get(name) for name in selection}
         shown = {_option(lock) for lock in found}
-        options = (MIXED, *OPTIONS) if len(shown) > 1 else OPTIONS
+        options = _options(MIXED) if len(shown) > 1 else _options()
         if tuple(self._kept.options) != options:
             self._kept.options = options
         option = MIXED if len(shown) > 1 else next(iter(shown), NOT_LOCKED)
@@ -141,6 +140,10 @@ class LockControls:
         if not selection:
             raise EditError("Nothing is selected. Select an agent first.")
         return tuple(selection)
+
+
+def _options(*more: str) -> tuple[str, ...]:
+    return (*more, NOT_LOCKED, STATE, BEGINNING, TRAJECTORY)
 
 
 def _option(lock: Lock | None) -> str:
