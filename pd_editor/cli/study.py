@@ -1,7 +1,5 @@
 """``pd-editor study``: perturbation studies."""
 
-import shlex
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,75 +10,28 @@ from pd_editor.cli.evaluate import checked_methods, limit_in_s, within
 from pd_editor.cli.progress import work_shown
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import InputError
-from pd_editor.evaluation.evaluation import FoundScenes, scenes_of
+from pd_editor.evaluation.evaluation import scenes_of
 from pd_editor.evaluation.evaluation_task import DRIVING
-from pd_editor.evaluation.report.formats import html_of, markdown_of
 from pd_editor.evaluation.road_condition import DEFAULT_ANCHOR, road_conditions
 from pd_editor.generation import MAX_SAMPLES, MAX_SEED
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import WARP_KINDS
-from pd_editor.studies.avoidable_danger import AvoidableDanger, dangers_of_scene
-from pd_editor.studies.gallery import (
-    GALLERY_NAME,
-    GalleryEntry,
-    export_cases,
-    export_danger,
-    worst_of_scenes,
-)
-from pd_editor.studies.severity import severity_curves
-from pd_editor.studies.study_folder import (
-    VARIANTS_NAME,
-    StudyFolder,
-    StudyRecord,
-    run_study,
-)
+from pd_editor.studies.study_folder import StudyFolder
 from pd_editor.studies.study_plan import (
     GRID_POWERS,
     StudyPlan,
     grid_conditions,
-    study_items,
-)
-from pd_editor.studies.study_report import (
-    StudyFindings,
-    severity_figures,
-    study_report,
+    study_command,
 )
 from pd_editor.studies.variant_rows import STUDY_METRICS
-from pd_editor.studies.worst_case import (
-    SearchItem,
-    SearchSettings,
-    WorstCase,
-    grid_worst_cases,
-    search_scene,
-)
-from pd_editor.work_engine import LocalProcesses, WorkEngine, run_items
+from pd_editor.studies.whole_study import Study, StudyExtras, run_whole_study
+from pd_editor.studies.worst_case import SearchSettings
+from pd_editor.work_engine import LocalProcesses, WorkEngine
 from pd_editor.work_engine.ray_cluster import RayCluster
 
 Engine = Literal["local", "ray"]
 _Texts = str | tuple[str, ...]
 _BY_DEFAULT = "(default: -9 to 9 without 0)"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Study:
-    """Result of a study, and the files that were written."""
-
-    folder: Path
-    files: tuple[Path, ...]
-    record: StudyRecord
-    findings: StudyFindings
-
-    def __str__(self) -> str:
-        """One line per file, then notes on failures."""
-        remarks = []
-        if self.record.num_failed_variants:
-            remarks.append(
-                f"{self.record.num_failed_variants} variants failed; the report says "
-                "which and why."
-            )
-        if self.record.failures:
-            remarks.append(f"{len(self.record.failures)} work items failed altogether.")
-        return "\n".join([*map(str, self.files), *remarks])
 
 
 def study(
@@ -177,98 +128,25 @@ def study(
         limit=None if limit is None else within(1, limit, MAX_SEED, "limit"),
         limit_s=None if time_limit is None else limit_in_s(time_limit),
     )
-    settings = SearchSettings(
-        metric=metric,
-        num_trials=within(0, search, 100_000, "search"),
-        penalty=penalty,
+    extras = StudyExtras(
+        search=SearchSettings(
+            metric=metric,
+            num_trials=within(0, search, 100_000, "search"),
+            penalty=penalty,
+        ),
+        num_worst=within(0, gallery, 1000, "gallery"),
+        num_dangers=within(0, dangers, 1000, "dangers"),
     )
-    num_shown = within(0, gallery, 1000, "gallery")
-    num_dangers = within(0, dangers, 1000, "dangers")
     runner = _engine(engine, address, workers)
     found = scenes_of(plan.data, plan.limit)
-    folder = StudyFolder(Path(out), plan.settings, resume=resume)
-    shown = _Shown(num_worst=num_shown, num_dangers=num_dangers)
-    return _run(plan, settings, shown, found, folder, runner, _command(plan, out))
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Shown:
-    """Numbers of scenarios in the gallery."""
-
-    num_worst: int
-    num_dangers: int
-
-
-def _run(
-    plan: StudyPlan,
-    settings: SearchSettings,
-    shown: _Shown,
-    found: FoundScenes,
-    folder: StudyFolder,
-    engine: WorkEngine,
-    command: str,
-) -> Study:
-    """Run the variants and the search, export the worst, write the report."""
-    items = study_items(plan, found.scenes)
-    record = run_study(items, folder, engine, on_progress=work_shown("work items"))
-    grid = grid_worst_cases(record.rows, settings)
-    searched: dict[str, WorstCase] = {}
-    if settings.num_trials:
-        searches = {
-            key: SearchItem(variant=replace(item, conditions=()), settings=settings)
-            for key, item in items.items()
-            if key.endswith("-c0")
-        }
-        run_items(
-            engine,
-            search_scene,
-            searches,
-            on_value=searched.__setitem__,
-            on_progress=work_shown("searches"),
-        )
-    findings = StudyFindings(
-        curves=severity_curves(record.rows),
-        grid=grid,
-        search=[searched[key] for key in sorted(searched)],
-        settings=settings,
-        gallery=export_cases(
-            worst_of_scenes((*grid, *searched.values()), shown.num_worst),
-            list(items.values()),
-            folder.path / GALLERY_NAME,
-        ),
-        dangers=_dangers(found, folder, engine, shown.num_dangers),
-    )
-    report = study_report(plan, record, findings, len(found.scenes), command)
-    files = (
-        folder.write("report.md", markdown_of(report).encode()),
-        folder.write(
-            "report.html", html_of(report, severity_figures(findings.curves)).encode()
-        ),
-        folder.path / VARIANTS_NAME,
-    )
-    return Study(folder=folder.path, files=files, record=record, findings=findings)
-
-
-def _dangers(
-    found: FoundScenes, folder: StudyFolder, engine: WorkEngine, count: int
-) -> tuple[GalleryEntry, ...]:
-    """The avoidable dangers with the hardest impacts over all scenes."""
-    if not count:
-        return ()
-    by_scene: dict[str, tuple[AvoidableDanger, ...]] = {}
-    folders = {f"{one.split}/{one.folder.name}": one.folder for one in found.scenes}
-    run_items(
-        engine,
-        dangers_of_scene,
-        folders,
-        on_value=by_scene.__setitem__,
-        on_progress=work_shown("scenes searched for dangers"),
-    )
-    dangers = [(key, one) for key, dangers in by_scene.items() for one in dangers]
-    dangers.sort(key=lambda pair: (-pair[1].impact_mps, pair[0], pair[1].agent_id))
-    return tuple(
-        export_danger(danger, folders[key], folder.path / GALLERY_NAME)
-        for key, danger in dangers[:count]
+    return run_whole_study(
+        plan,
+        extras,
+        found,
+        StudyFolder(Path(out), plan.settings, resume=resume),
+        runner,
+        study_command(plan, out),
+        progress_of=work_shown,
     )
 
 
@@ -278,19 +156,3 @@ def _engine(engine: Engine, address: str | None, workers: int | None) -> WorkEng
     if address is not None:
         raise InputError("--address is for --engine ray.")
     return LocalProcesses(num_workers=num_workers(workers))
-
-
-def _command(plan: StudyPlan, out: str | Path) -> str:
-    """Command line that reproduces the numbers."""
-    words = ["pd-editor", "study", "--data", *map(str, plan.data), "--out", str(out)]
-    words += ["--methods", *(method.name for method in plan.methods)]
-    kinds = [one for one in plan.conditions if len(one.terms) == 1]
-    sums = [one.label for one in plan.conditions if len(one.terms) > 1]
-    words += ["--kinds", *dict.fromkeys(one.kind.split(":")[0] for one in kinds)]
-    words += ["--powers", *dict.fromkeys(f"{one.power:g}" for one in kinds)]
-    words += ["--anchors", *dict.fromkeys(one.anchor for one in kinds)]
-    words += ["--warps", *sums] if sums else []
-    words += ["--seeds", *map(str, plan.seeds), "--samples", str(plan.num_samples)]
-    words += ["--friction", f"{plan.friction_coefficient or 0:g}"]
-    words += [] if plan.limit is None else ["--limit", str(plan.limit)]
-    return shlex.join(words)

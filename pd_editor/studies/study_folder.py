@@ -91,18 +91,26 @@ def run_study(
     engine: WorkEngine,
     *,
     on_progress: Callable[[WorkProgress], None] | None = None,
+    on_rows: Callable[[pa.Table], None] = lambda _: None,
 ) -> StudyRecord:
     """Run the unfinished items, and write ``variants.parquet`` of all items.
+
+    ``on_rows`` is called with the rows of each item that this run finishes.
 
     Raises:
         ExportError: the folder cannot be written.
     """
     done = folder.finished(items)
+
+    def store(key: str, rows: pa.Table) -> None:
+        folder.store(key, rows)
+        on_rows(rows)
+
     failures = run_items(
         engine,
         study_scene,
         items,
-        on_value=folder.store,
+        on_value=store,
         on_progress=on_progress,
         done=done,
     )

@@ -1,5 +1,6 @@
 """Plan of a perturbation study: scenes, methods, road conditions and seeds."""
 
+import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -138,3 +139,19 @@ def _known_kind(text: str) -> WarpKind:
     raise InputError(
         f"Warp {text[:60]!r} is not known; expected {', '.join(WARP_KINDS)}."
     )
+
+
+def study_command(plan: StudyPlan, out: str | Path) -> str:
+    """Command line that reproduces the numbers."""
+    words = ["pd-editor", "study", "--data", *map(str, plan.data), "--out", str(out)]
+    words += ["--methods", *(method.name for method in plan.methods)]
+    kinds = [one for one in plan.conditions if len(one.terms) == 1]
+    sums = [one.label for one in plan.conditions if len(one.terms) > 1]
+    words += ["--kinds", *dict.fromkeys(one.kind.split(":")[0] for one in kinds)]
+    words += ["--powers", *dict.fromkeys(f"{one.power:g}" for one in kinds)]
+    words += ["--anchors", *dict.fromkeys(one.anchor for one in kinds)]
+    words += ["--warps", *sums] if sums else []
+    words += ["--seeds", *map(str, plan.seeds), "--samples", str(plan.num_samples)]
+    words += ["--friction", f"{plan.friction_coefficient or 0:g}"]
+    words += [] if plan.limit is None else ["--limit", str(plan.limit)]
+    return shlex.join(words)

@@ -47,6 +47,7 @@ from pd_editor.viewer.panels.history_panel import HistoryPanel
 from pd_editor.viewer.panels.panel_style import PanelStyle
 from pd_editor.viewer.panels.road_panel import RoadPanel
 from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
+from pd_editor.viewer.panels.study_panel import StudyPanel
 from pd_editor.viewer.panels.unfinished_panel import UnfinishedPanel
 from pd_editor.viewer.panels.view_panel import ViewPanel
 from pd_editor.viewer.picture_menu import PictureMenu
@@ -125,6 +126,7 @@ class BrowserSession:
             self._inbox.close()
             if self._is_built:
                 self._generation_panel.close()
+                self._study_panel.close()
                 self._workspace.session.remove_listener(self._changed)
                 self._workspace.session.commit_gesture()
                 self._viewpoint.remember()
@@ -282,6 +284,8 @@ class BrowserSession:
                 self._region,
                 self._run_changed,
             )
+        with tabs.add_tab("Study"):
+            self._study_panel = StudyPanel(ui, self._generators.offers)
         with tabs.add_tab("History"):
             self._history_panel = HistoryPanel(ui, style)
         with tabs.add_tab("View"):

@@ -1,0 +1,139 @@
+"""A study in the background, with progress, curves so far, and cancellation."""
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import pyarrow as pa
+
+from pd_editor.errors import ExportError, PdEditorError
+from pd_editor.evaluation.evaluation import FoundScenes
+from pd_editor.studies.study_folder import StudyFolder
+from pd_editor.studies.study_plan import StudyPlan, study_command
+from pd_editor.studies.variant_rows import VARIANT_SCHEMA
+from pd_editor.studies.whole_study import Study, StudyExtras, run_whole_study
+from pd_editor.work_engine import WorkEngine
+from pd_editor.work_engine.work_engine import WorkProgress
+
+_logger: Final = logging.getLogger(__name__)
+
+
+class _Cancelled(Exception):
+    """Ends the run from within a callback."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyProgress:
+    """How far a study is."""
+
+    noun: str
+    """What is being worked on, such as "work items"."""
+    num_done: int
+    num_items: int
+    num_failed: int
+
+    @property
+    def fraction(self) -> float:
+        """Share of the items that are done."""
+        return self.num_done / max(self.num_items, 1)
+
+
+class StudyJob:
+    """One run of a study: progress, then exactly one of result and error.
+
+    Callbacks are called from the job's thread, and none after ``cancel``, which stops
+    running items. Finished items stay in the folder, so that a study can be resumed.
+    """
+
+    def __init__(
+        self,
+        plan: StudyPlan,
+        extras: StudyExtras,
+        found: FoundScenes,
+        folder: StudyFolder,
+        engine: WorkEngine,
+        *,
+        on_progress: Callable[[StudyProgress], None],
+        on_done: Callable[[Study], None],
+        on_error: Callable[[PdEditorError], None],
+    ) -> None:
+        """Prepare the run; ``start`` starts it."""
+        self._run_study = lambda: run_whole_study(
+            plan,
+            extras,
+            found,
+            folder,
+            engine,
+            study_command(plan, folder.path),
+            progress_of=self._progress_of,
+            on_rows=self._keep,
+        )
+        self._on_progress = on_progress
+        self._on_done = on_done
+        self._on_error = on_error
+        self._rows: list[pa.Table] = []
+        self._cancelled = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="study", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread; only once."""
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """Stop running items, without result or error."""
+        self._cancelled.set()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the thread is running."""
+        return self._thread.is_alive()
+
+    def wait(self, timeout_s: float | None = None) -> None:
+        """Wait until the thread ends."""
+        self._thread.join(timeout_s)
+
+    def rows(self) -> pa.Table:
+        """Rows of the items that are finished so far."""
+        return pa.concat_tables([VARIANT_SCHEMA.empty_table(), *self._rows])
+
+    def _progress_of(self, noun: str) -> Callable[[WorkProgress], None]:
+        def tell(progress: WorkProgress) -> None:
+            if self._cancelled.is_set():
+                raise _Cancelled
+            self._on_progress(
+                StudyProgress(
+                    noun=noun,
+                    num_done=progress.num_done,
+                    num_items=progress.num_items,
+                    num_failed=progress.num_failed,
+                )
+            )
+
+        return tell
+
+    def _keep(self, rows: pa.Table) -> None:
+        self._rows.append(rows)
+
+    def _run(self) -> None:
+        try:
+            study = self._run_study()
+        except _Cancelled:
+            return
+        except PdEditorError as error:
+            self._fail(error)
+        except Exception:
+            _logger.exception("The study failed")
+            self._fail(
+                ExportError(
+                    "The study failed by a fault of its own; the log has details."
+                )
+            )
+        else:
+            if not self._cancelled.is_set():
+                self._on_done(study)
+
+    def _fail(self, error: PdEditorError) -> None:
+        if not self._cancelled.is_set():
+            self._on_error(error)

@@ -1,0 +1,186 @@
+"""A whole study: variants, worst-case search, dangers, gallery and report."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import pyarrow as pa
+
+from pd_editor.evaluation.evaluation import FoundScenes
+from pd_editor.evaluation.report.formats import html_of, markdown_of
+from pd_editor.studies.avoidable_danger import AvoidableDanger, dangers_of_scene
+from pd_editor.studies.gallery import (
+    GALLERY_NAME,
+    GalleryEntry,
+    export_cases,
+    export_danger,
+    worst_of_scenes,
+)
+from pd_editor.studies.severity import severity_curves
+from pd_editor.studies.study_folder import (
+    VARIANTS_NAME,
+    StudyFolder,
+    StudyRecord,
+    run_study,
+)
+from pd_editor.studies.study_plan import StudyPlan, study_items
+from pd_editor.studies.study_report import (
+    StudyFindings,
+    severity_figures,
+    study_report,
+)
+from pd_editor.studies.variant_rows import StudyItem
+from pd_editor.studies.worst_case import (
+    SearchItem,
+    SearchSettings,
+    WorstCase,
+    grid_worst_cases,
+    search_scene,
+)
+from pd_editor.work_engine import WorkEngine, run_items
+from pd_editor.work_engine.work_engine import WorkProgress
+
+ProgressOf = Callable[[str], Callable[[WorkProgress], None]]
+"""Makes the display of progress of work on items of a name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyExtras:
+    """What is done after the variants."""
+
+    search: SearchSettings = field(default_factory=lambda: SearchSettings(num_trials=0))
+    """Worst cases; without trials, those of the grid only."""
+    num_worst: int = 6
+    """Number of worst scenes that are exported."""
+    num_dangers: int = 0
+    """Number of dangerous but avoidable behaviours that are searched and exported."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Study:
+    """Result of a study, and the files that were written."""
+
+    folder: Path
+    files: tuple[Path, ...]
+    record: StudyRecord
+    findings: StudyFindings
+
+    def __str__(self) -> str:
+        """One line per file, then notes on failures."""
+        remarks = []
+        if self.record.num_failed_variants:
+            remarks.append(
+                f"{self.record.num_failed_variants} variants failed; the report says "
+                "which and why."
+            )
+        if self.record.failures:
+            remarks.append(f"{len(self.record.failures)} work items failed altogether.")
+        return "\n".join([*map(str, self.files), *remarks])
+
+
+def run_whole_study(
+    plan: StudyPlan,
+    extras: StudyExtras,
+    found: FoundScenes,
+    folder: StudyFolder,
+    engine: WorkEngine,
+    command: str,
+    *,
+    progress_of: ProgressOf,
+    on_rows: Callable[[pa.Table], None] = lambda _: None,
+) -> Study:
+    """Run the variants and the searches, export the worst, write the report.
+
+    Args:
+        plan: the study.
+        extras: what is done after the variants.
+        found: the scenes.
+        folder: where results are written.
+        engine: where items run.
+        command: shell command of the study, for the report.
+        progress_of: makes displays of progress.
+        on_rows: called with the rows of each finished item.
+
+    Raises:
+        ExportError: a file cannot be written.
+    """
+    items = study_items(plan, found.scenes)
+    record = run_study(
+        items, folder, engine, on_progress=progress_of("work items"), on_rows=on_rows
+    )
+    grid = grid_worst_cases(record.rows, extras.search)
+    searched = _searched(items, extras.search, engine, progress_of)
+    findings = StudyFindings(
+        curves=severity_curves(record.rows),
+        grid=grid,
+        search=searched,
+        settings=extras.search,
+        gallery=export_cases(
+            worst_of_scenes((*grid, *searched), extras.num_worst),
+            list(items.values()),
+            folder.path / GALLERY_NAME,
+        ),
+        dangers=_dangers(found, folder, engine, extras.num_dangers, progress_of),
+    )
+    report = study_report(plan, record, findings, len(found.scenes), command)
+    page = html_of(report, severity_figures(findings.curves))
+    files = (
+        folder.write("report.md", markdown_of(report).encode()),
+        folder.write("report.html", page.encode()),
+        folder.path / VARIANTS_NAME,
+    )
+    return Study(folder=folder.path, files=files, record=record, findings=findings)
+
+
+def _searched(
+    items: dict[str, StudyItem],
+    settings: SearchSettings,
+    engine: WorkEngine,
+    progress_of: ProgressOf,
+) -> list[WorstCase]:
+    """Worst cases of the search, one for each scene, method and seed."""
+    if not settings.num_trials:
+        return []
+    by_scene = {(one.folder, one.method.name, one.seed): one for one in items.values()}
+    searches = {
+        f"{item.split}/{folder.name}/{method}/{seed}": SearchItem(
+            variant=replace(item, conditions=()), settings=settings
+        )
+        for (folder, method, seed), item in by_scene.items()
+    }
+    found: dict[str, WorstCase] = {}
+    run_items(
+        engine,
+        search_scene,
+        searches,
+        on_value=found.__setitem__,
+        on_progress=progress_of("searches"),
+    )
+    return [found[key] for key in searches if key in found]
+
+
+def _dangers(
+    found: FoundScenes,
+    folder: StudyFolder,
+    engine: WorkEngine,
+    count: int,
+    progress_of: ProgressOf,
+) -> tuple[GalleryEntry, ...]:
+    """The avoidable dangers with the hardest impacts over all scenes."""
+    if not count:
+        return ()
+    by_scene: dict[str, tuple[AvoidableDanger, ...]] = {}
+    folders = {f"{one.split}/{one.folder.name}": one.folder for one in found.scenes}
+    run_items(
+        engine,
+        dangers_of_scene,
+        folders,
+        on_value=by_scene.__setitem__,
+        on_progress=progress_of("scenes searched for dangers"),
+    )
+    dangers = [(key, one) for key, dangers in by_scene.items() for one in dangers]
+    dangers.sort(key=lambda pair: (-pair[1].impact_mps, pair[0], pair[1].agent_id))
+    return tuple(
+        export_danger(danger, folders[key], folder.path / GALLERY_NAME)
+        for key, danger in dangers[:count]
+    )

@@ -1,0 +1,287 @@
+"""The study panel: perturbation studies on many scenes, with live curves."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import viser
+from viser import uplot
+
+from pd_editor.errors import InputError, PdEditorError
+from pd_editor.evaluation.evaluation import scenes_of
+from pd_editor.evaluation.method import Method
+from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
+from pd_editor.generation import GeneratorSpec, ScenarioGenerator
+from pd_editor.scene.road_warp import WARP_KINDS
+from pd_editor.studies.severity import SeverityCurve, severity_curves
+from pd_editor.studies.study_folder import StudyFolder
+from pd_editor.studies.study_job import StudyJob, StudyProgress
+from pd_editor.studies.study_plan import GRID_POWERS, StudyPlan, grid_conditions
+from pd_editor.studies.study_report import SHOWN
+from pd_editor.studies.whole_study import Study, StudyExtras
+from pd_editor.studies.worst_case import GRID_SIZE, SearchSettings
+from pd_editor.viewer.panels.panel_style import FixedText
+from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
+from pd_editor.work_engine import LocalProcesses
+
+POWERS: Final[Mapping[str, tuple[float, ...]]] = {
+    "\u00b13, \u00b16, \u00b19": (-9.0, -6.0, -3.0, 3.0, 6.0, 9.0),
+    "-9 to 9 (Scene-Attack's grid)": GRID_POWERS,
+}
+NO_METHOD: Final[str] = "None"
+NOT_THERE: Final[str] = "-"
+_NO_SCENE: Final[list[str]] = [NOT_THERE]
+MAX_SCENES: Final = 10_000
+CURVE_REFRESH_S: Final = 1.0
+_COLORS: Final = ("#1c6fd1", "#d1600c")
+
+
+@dataclass(frozen=True)
+class _MadeBy:
+    """Makes the generator of an offer, in whatever process it is called."""
+
+    make: Callable[[], ScenarioGenerator]
+
+    def __call__(self, _name: str) -> ScenarioGenerator:
+        return self.make()
+
+
+class StudyPanel:
+    """Set up, run and cancel a study; curves while it runs; its worst scenes."""
+
+    def __init__(self, ui: UiContext, generators: Mapping[str, GeneratorSpec]) -> None:
+        """Build it into the current tab."""
+        self._ui = ui
+        self._generators = generators
+        self._job: StudyJob | None = None
+        self._curves: tuple[SeverityCurve, ...] = ()
+        self._curves_at = 0.0
+        self._began = 0.0
+        self._gallery: dict[str, Path] = {}
+        gui = ui.client.gui
+        names = (*generators, *REFERENCE_METHODS)
+        dataset = ui.workspace.dataset
+        with gui.add_folder("Perturbation study"):
+            self._data = gui.add_text(
+                "Data",
+                "" if dataset is None else str(dataset.root),
+                hint="Folder of Argoverse 2 scenarios",
+            )
+            self._limit = gui.add_number(
+                "Scenes", 12, min=1, max=MAX_SCENES, step=1, hint="The first so many"
+            )
+            self._method = gui.add_dropdown("Method", names)
+            self._other = gui.add_dropdown(
+                "Beside it", (NO_METHOD, *names), initial_value="constant-velocity"
+            )
+            self._kinds = {
+                kind: gui.add_checkbox(kind.replace("-", " ").capitalize(), True)
+                for kind in WARP_KINDS
+            }
+            self._powers = gui.add_dropdown("Powers", tuple(POWERS))
+            self._seed = gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
+            self._searches = gui.add_checkbox(
+                "Search the worst warps", False, hint="Needs the extra 'study' (Optuna)"
+            )
+            self._out = gui.add_text("Results", "study", hint="A new folder")
+            self._run = gui.add_button("Run the study", icon=viser.Icon.CHART_LINE)
+            self._cancel = gui.add_button("Cancel", color="gray", disabled=True)
+            self._bar = gui.add_progress_bar(0.0, visible=False)
+            self._note = FixedText(gui, 2)
+        with gui.add_folder("Severity curves"):
+            self._metric = gui.add_dropdown("Metric", tuple(t for _, t in SHOWN))
+            self._kind = gui.add_dropdown("Warp", WARP_KINDS)
+            self._chart = gui.add_uplot(
+                (np.array([-9.0, 9.0]), *(np.full(2, np.nan) for _ in range(6))),
+                (uplot.Series(label="power"), *_series()),
+                scales={"x": uplot.Scale(time=False)},
+                height=200,
+            )
+        with gui.add_folder("Worst scenes"):
+            self._worst: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+                "Scene", _NO_SCENE
+            )
+            self._open = gui.add_button("Open scene", color="gray", disabled=True)
+        ui.on_click(self._run, self.run, failure="Study not started")
+        ui.on_click(self._cancel, self.cancel)
+        ui.on_click(self._open, self._open_chosen)
+        for handle in (self._metric, self._kind):
+            ui.on_change(handle, lambda _value: self._draw())
+
+    def run(self) -> None:
+        """Start a study with the settings of the panel.
+
+        Raises:
+            InputError: a setting cannot be used.
+            ExportError: the folder for the results is not free.
+        """
+        if self._job is not None and self._job.is_running:
+            raise InputError("A study is running; cancel it first.")
+        data, out = str(self._data.value).strip(), str(self._out.value).strip()
+        if not data or not out:
+            raise InputError(
+                "Name the folder of the scenarios and one for the results."
+            )
+        kinds = [kind for kind, box in self._kinds.items() if box.value]
+        plan = StudyPlan(
+            data=(Path(data).expanduser(),),
+            methods=self._methods(),
+            conditions=grid_conditions(kinds, POWERS[self._powers.value]),
+            seeds=(int(self._seed.value),),
+            limit=int(self._limit.value),
+        )
+        found = scenes_of(plan.data, plan.limit)
+        folder = StudyFolder(Path(out).expanduser(), plan.settings, resume=False)
+        trials = GRID_SIZE if self._searches.value else 0
+        self._curves, self._began = (), time.monotonic()
+        self._show_gallery({})
+        self._job = StudyJob(
+            plan,
+            StudyExtras(search=SearchSettings(num_trials=trials)),
+            found,
+            folder,
+            LocalProcesses(),
+            on_progress=lambda one: self._post(lambda: self._progressed(one), "study"),
+            on_done=lambda study: self._post(lambda: self._finished(study)),
+            on_error=lambda error: self._post(lambda: self._failed(error)),
+        )
+        self._set_running(True)
+        count = plan.num_variants(len(found.scenes))
+        self._note.show("", f"{count} variants of {len(found.scenes)} scenes ...")
+        self._job.start()
+
+    def cancel(self) -> None:
+        """Cancel a running study; what is finished stays in its folder."""
+        if self._job is not None:
+            self._job.cancel()
+            self._job = None
+            self._set_running(False)
+            self._note.show("", "Cancelled. Finished items stay in the folder.")
+
+    def close(self) -> None:
+        """Stop a running study when the page is left for good."""
+        if self._job is not None:
+            self._job.cancel()
+
+    def _post(self, action: Callable[[], None], merge_key: str | None = None) -> None:
+        job = self._job
+
+        def still() -> None:
+            if self._job is job and job is not None:
+                action()
+
+        self._ui.post(still, merge_key)
+
+    def _methods(self) -> tuple[Method, ...]:
+        wanted = dict.fromkeys((self._method.value, self._other.value))
+        return tuple(
+            Method(name=name, make_generator=_MadeBy(self._offer(name)))
+            for name in wanted
+            if name != NO_METHOD
+        )
+
+    def _offer(self, name: str) -> Callable[[], ScenarioGenerator]:
+        # Reference methods never call it.
+        offer = self._generators.get(name, next(iter(self._generators.values())))
+        return offer.make
+
+    def _progressed(self, progress: StudyProgress) -> None:
+        set_property(self._bar, "value", round(100 * progress.fraction, 1))
+        text = f"{progress.num_done} of {progress.num_items} {progress.noun}"
+        if progress.num_failed:
+            text += f", {progress.num_failed} failed"
+        took = time.monotonic() - self._began
+        if 0 < progress.num_done < progress.num_items:
+            left = took / progress.num_done * (progress.num_items - progress.num_done)
+            text += f", about {left:.0f} s left"
+        self._note.show("", f"{text}.")
+        now = time.monotonic()
+        if self._job is not None and now - self._curves_at > CURVE_REFRESH_S:
+            self._curves_at = now
+            self._curves = severity_curves(self._job.rows())
+            self._draw()
+
+    def _finished(self, study: Study) -> None:
+        self._job = None
+        self._set_running(False)
+        self._curves = tuple(study.findings.curves)
+        self._draw()
+        failed = study.record.num_failed_variants
+        words = f", {failed} variants failed" if failed else ""
+        took = time.monotonic() - self._began
+        self._note.show(
+            "",
+            f"Done in {took:.0f} s{words}.",
+            f"Report: {study.folder / 'report.html'}",
+        )
+        self._show_gallery(
+            {
+                f"{number}. {one.folder.name}": one.folder
+                for number, one in enumerate(study.findings.gallery, 1)
+            }
+        )
+
+    def _failed(self, error: PdEditorError) -> None:
+        self._job = None
+        self._set_running(False)
+        self._note.show("", "")
+        self._ui.report(error)
+
+    def _set_running(self, is_running: bool) -> None:
+        set_property(self._run, "disabled", is_running)
+        set_property(self._cancel, "disabled", not is_running)
+        set_property(self._bar, "visible", is_running)
+        if is_running:
+            set_property(self._bar, "value", 0.0)
+
+    def _show_gallery(self, gallery: dict[str, Path]) -> None:
+        self._gallery = gallery
+        self._worst.options = tuple(gallery) or (NOT_THERE,)
+        set_value(self._worst, self._worst.options[0])
+        set_property(self._open, "disabled", not gallery)
+
+    def _open_chosen(self) -> None:
+        folder = self._gallery.get(str(self._worst.value))
+        if folder is None:
+            raise InputError("There is no worst scene yet; run a study.")
+        self._ui.commit_gesture()
+        self._ui.workspace.open_reference(str(folder))
+
+    def _draw(self) -> None:
+        """Draw the chosen metric of up to two methods, with their intervals."""
+        names = {title: name for name, title in SHOWN}
+        name = names[str(self._metric.value)]
+        scale = 100.0 if "%" in str(self._metric.value) else 1.0
+        curves = [one for one in self._curves if one.kind == self._kind.value][:2]
+        if not curves:
+            return
+        power = curves[0].power
+        lines: list[np.ndarray] = []
+        for index in range(2):
+            empty = np.full(len(power), np.nan)
+            if index < len(curves) and len(curves[index].power) == len(power):
+                found = curves[index].estimates[name]
+                lines += [scale * found.value, scale * found.low, scale * found.high]
+            else:
+                lines += [empty, empty, empty]
+        self._chart.series = (uplot.Series(label="power"), *_series(curves))
+        self._chart.data = (power, *lines)
+
+
+def _series(curves: list[SeverityCurve] | None = None) -> tuple[uplot.Series, ...]:
+    """Mean, low and high of each of two methods."""
+    found = curves or []
+    series: list[uplot.Series] = []
+    for index, color in enumerate(_COLORS):
+        name = found[index].method if index < len(found) else ""
+        series.append(uplot.Series(label=name, stroke=color, width=2))
+        series += (
+            uplot.Series(
+                label=f"{name} {bound}".strip(), stroke=color, width=1, dash=(4.0, 4.0)
+            )
+            for bound in ("5 %", "95 %")
+        )
+    return tuple(series)
