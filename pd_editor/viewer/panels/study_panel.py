@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import numpy as np
 import viser
-from viser import uplot
 
 from pd_editor.errors import InputError, PdEditorError
 from pd_editor.evaluation.evaluation import scenes_of
@@ -24,6 +22,7 @@ from pd_editor.studies.study_report import SHOWN
 from pd_editor.studies.whole_study import Study, StudyExtras
 from pd_editor.studies.worst_case import GRID_SIZE, SearchSettings
 from pd_editor.viewer.panels.panel_style import FixedText
+from pd_editor.viewer.panels.severity_chart import severity_svg
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 from pd_editor.work_engine import LocalProcesses
 
@@ -36,7 +35,6 @@ NOT_THERE: Final[str] = "-"
 _NO_SCENE: Final[list[str]] = [NOT_THERE]
 MAX_SCENES: Final = 10_000
 CURVE_REFRESH_S: Final = 1.0
-_COLORS: Final = ("#1c6fd1", "#d1600c")
 
 
 @dataclass(frozen=True)
@@ -94,12 +92,7 @@ class StudyPanel:
         with gui.add_folder("Severity curves"):
             self._metric = gui.add_dropdown("Metric", tuple(t for _, t in SHOWN))
             self._kind = gui.add_dropdown("Warp", WARP_KINDS)
-            self._chart = gui.add_uplot(
-                (np.array([-9.0, 9.0]), *(np.full(2, np.nan) for _ in range(6))),
-                (uplot.Series(label="power"), *_series()),
-                scales={"x": uplot.Scale(time=False)},
-                height=200,
-            )
+            self._chart = gui.add_html(severity_svg((), *SHOWN[0]))
         with gui.add_folder("Worst scenes"):
             self._worst: viser.GuiDropdownHandle[str] = gui.add_dropdown(
                 "Scene", _NO_SCENE
@@ -215,7 +208,7 @@ class StudyPanel:
         self._note.show(
             "",
             f"Done in {took:.0f} s{words}.",
-            f"Report: {study.folder / 'report.html'}",
+            f"Report: report.html in {study.folder.name}.",
         )
         self._show_gallery(
             {
@@ -251,37 +244,8 @@ class StudyPanel:
         self._ui.workspace.open_reference(str(folder))
 
     def _draw(self) -> None:
-        """Draw the chosen metric of up to two methods, with their intervals."""
+        """Draw the chosen metric of the methods, with their intervals."""
         names = {title: name for name, title in SHOWN}
-        name = names[str(self._metric.value)]
-        scale = 100.0 if "%" in str(self._metric.value) else 1.0
-        curves = [one for one in self._curves if one.kind == self._kind.value][:2]
-        if not curves:
-            return
-        power = curves[0].power
-        lines: list[np.ndarray] = []
-        for index in range(2):
-            empty = np.full(len(power), np.nan)
-            if index < len(curves) and len(curves[index].power) == len(power):
-                found = curves[index].estimates[name]
-                lines += [scale * found.value, scale * found.low, scale * found.high]
-            else:
-                lines += [empty, empty, empty]
-        self._chart.series = (uplot.Series(label="power"), *_series(curves))
-        self._chart.data = (power, *lines)
-
-
-def _series(curves: list[SeverityCurve] | None = None) -> tuple[uplot.Series, ...]:
-    """Mean, low and high of each of two methods."""
-    found = curves or []
-    series: list[uplot.Series] = []
-    for index, color in enumerate(_COLORS):
-        name = found[index].method if index < len(found) else ""
-        series.append(uplot.Series(label=name, stroke=color, width=2))
-        series += (
-            uplot.Series(
-                label=f"{name} {bound}".strip(), stroke=color, width=1, dash=(4.0, 4.0)
-            )
-            for bound in ("5 %", "95 %")
-        )
-    return tuple(series)
+        title = str(self._metric.value)
+        curves = [one for one in self._curves if one.kind == self._kind.value]
+        set_property(self._chart, "content", severity_svg(curves, names[title], title))

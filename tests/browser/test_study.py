@@ -1,0 +1,53 @@
+"""A perturbation study from the browser, by real mouse."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.evaluation.small_dataset import write_dataset
+
+pytestmark = pytest.mark.browser
+
+
+def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path: Path):
+    data, out = write_dataset(tmp_path / "data"), tmp_path / "study"
+    editor = open_editor()
+    editor.open_tab("Study")
+    editor.press("Run the study")
+    editor.page.get_by_text("Name the folder of the scenarios").wait_for()
+    editor.close_notifications()
+    editor.fill("Data", data)
+    editor.fill("Results", out)
+    editor.choose("Method", "lane-follower")
+    editor.press("Run the study")
+    editor.page.get_by_text("Done in").wait_for(timeout=120_000)
+    assert (out / "report.html").exists()
+    panel = editor._tab()._study_panel
+    chart = editor.page.get_by_role("img", name="SOR, % by power")
+    editor.until(lambda: chart.locator("polyline").count() == 2, "two curves")
+    points = chart.locator("polyline").first.get_attribute("points") or ""
+    assert len(points.split()) == 7
+    editor.choose("Warp", "ripple-road")
+    editor.until(lambda: len(panel._gallery) > 0, "worst scenes")
+    editor.screenshot("study")
+    editor.press("Open scene")
+    editor.until(
+        lambda: editor.session.base.provenance.base is not None,
+        "the worst scene is open",
+    )
+    # A folder in use is refused, and the settings stay.
+    editor.press("Run the study")
+    editor.page.get_by_text("already holds files").wait_for()
+
+
+def test_a_cancelled_study_leaves_what_is_finished(open_editor, tmp_path: Path):
+    data, out = write_dataset(tmp_path / "data"), tmp_path / "study"
+    editor = open_editor()
+    editor.open_tab("Study")
+    editor.fill("Data", data)
+    editor.fill("Results", out)
+    editor.press("Run the study")
+    editor.press("Cancel")
+    editor.page.get_by_text("Cancelled.").wait_for()
+    assert not (out / "report.html").exists()
+    assert editor.page.get_by_role("button", name="Run the study").is_enabled()
