@@ -5,25 +5,26 @@ acceleration, not against other traffic.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Final, Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from pd_editor.geometry.angles import heading_of, wrap_angle
+from pd_editor.guidance.agent_now import AgentNow
 from pd_editor.guidance.limits import (
     MAX_ACCELERATION_MPS2,
     MAX_BRAKING_MPS2,
-    MAX_SPEED_MPS,
+)
+from pd_editor.guidance.pair_checks import (
+    pair_contradictions,
+    threat_problems,
+    yield_problems,
 )
 from pd_editor.guidance.stop_line import crossing
 from pd_editor.metrics.road.off_road import is_off_road
-from pd_editor.paths.candidate_grid import Start, plan_paths
 from pd_editor.paths.drawn_path import lane_line, path_to_follow
 from pd_editor.paths.driving_paths import SPACING_M
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.guidance_outcome import GuidanceProblem
 from pd_editor.scene.guidance_terms import (
     FollowLane,
@@ -33,6 +34,8 @@ from pd_editor.scene.guidance_terms import (
     SpeedLimit,
     StopAtLine,
     TargetSpeed,
+    Threaten,
+    YieldTo,
 )
 from pd_editor.scene.scenario import Scenario
 
@@ -42,70 +45,6 @@ _FAR_START_M: Final = 15.0
 _SHARP_TURN_RAD: Final = 1.2
 _GRIP_MPS2: Final = 6.0
 """Lateral acceleration above which a path cannot be followed at the current speed."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AgentNow:
-    """An agent at the current step, with the paths that it could take."""
-
-    scenario: Scenario
-    row: int
-
-    @property
-    def name(self) -> str:
-        """Name of the agent in sentences."""
-        return f"agent {self.scenario.agents.ids[self.row]}"
-
-    @property
-    def subject(self) -> str:
-        """Name of the agent at the start of sentences."""
-        return f"Agent {self.scenario.agents.ids[self.row]}"
-
-    @cached_property
-    def position_m(self) -> Float[np.ndarray, "2"]:
-        """Position."""
-        return self.scenario.agents.position_m[self.row, self.scenario.current_step]
-
-    @cached_property
-    def heading_rad(self) -> float:
-        """Heading."""
-        agents, now = self.scenario.agents, self.scenario.current_step
-        return float(agents.heading_rad[self.row, now])
-
-    @cached_property
-    def speed_mps(self) -> float:
-        """Speed."""
-        agents, now = self.scenario.agents, self.scenario.current_step
-        return float(np.hypot(*agents.velocity_mps[self.row, now]))
-
-    @property
-    def is_driver(self) -> bool:
-        """Whether the agent belongs on the road."""
-        return self.scenario.agents.kinds[self.row] in LANE_FOLLOWER_KINDS
-
-    @property
-    def duration_s(self) -> float:
-        """Length of trajectories."""
-        axis = self.scenario.time_axis
-        return axis.num_future_steps * axis.step_s
-
-    @cached_property
-    def paths_m(self) -> Float[np.ndarray, "P M 2"]:
-        """Paths that it could take, one point every ``SPACING_M``."""
-        start = Start.of(self.scenario, np.array([self.row]))
-        paths = plan_paths(self.scenario.road_map, start, self.duration_s).paths
-        return np.stack([paths.x_m, paths.y_m], axis=-1)
-
-    def reach_m(self, time_s: float) -> tuple[float, float]:
-        """Least and greatest distance that can be driven in a time."""
-        speed = self.speed_mps
-        stop_s = speed / MAX_BRAKING_MPS2
-        braking_s = min(time_s, stop_s)
-        least = speed * braking_s - MAX_BRAKING_MPS2 * braking_s**2 / 2
-        gained_s = min(time_s, max(MAX_SPEED_MPS - speed, 0.0) / MAX_ACCELERATION_MPS2)
-        fastest = speed + MAX_ACCELERATION_MPS2 * gained_s
-        most = (speed + fastest) / 2 * gained_s + fastest * (time_s - gained_s)
-        return least, most
 
 
 Found = Iterator[tuple[Literal["error", "warning"], str]]
@@ -130,6 +69,8 @@ def guidance_problems(
         check = CHECKS.get(type(term))
         if check is not None and not any(kind == "error" for kind, _ in problems):
             problems += check(term, scenario)
+        if isinstance(term, Threaten) and not problems:
+            problems += threat_problems(term, scenario, agent_ids)
         problems += _contradictions(term, active)
         found += [
             GuidanceProblem(term=term, severity=severity, message=message)
@@ -179,6 +120,7 @@ def _absences(
 def _contradictions(term: GuidanceTerm, terms: Sequence[GuidanceTerm]) -> Found:
     """Terms that ask the same agent for something else."""
     for other in terms[: terms.index(term)]:
+        yield from pair_contradictions(term, other)
         shared = _shared_agent(term, other)
         if shared is None:
             continue
@@ -421,5 +363,6 @@ CHECKS: Final[dict[type[GuidanceTerm], Callable[[Any, Scenario], Found]]] = {
     TargetSpeed: _speed_problems,
     SpeedLimit: _limit_problems,
     StopAtLine: _stop_problems,
+    YieldTo: yield_problems,
 }
 """Problems of the terms of each kind, of agents that are there."""

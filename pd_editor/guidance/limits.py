@@ -15,3 +15,6 @@ OBEYED_OVERRUN_M: Final = 0.5
 OBEYED_ACCELERATION_MPS2: Final = 0.5
 OBEYED_OUTSIDE_M: Final = 0.3
 """Distance of a box's corner outside the road."""
+OBEYED_GAP_M: Final = 0.5
+OPENING_MPS: Final = 1.5
+"""Rate at which a gap opens that is shorter than asked for now."""

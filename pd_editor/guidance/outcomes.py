@@ -1,11 +1,10 @@
 """Outcomes of guidance terms: what was asked, what a sample achieved."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from pd_editor.geometry.frenet import FrenetFrames
 from pd_editor.geometry.oriented_box import box_corners
@@ -18,6 +17,13 @@ from pd_editor.guidance.limits import (
     OBEYED_PATH_M,
     OBEYED_SPEED_MPS,
 )
+from pd_editor.guidance.measured import Driven, Measured, of_several
+from pd_editor.guidance.pair_outcomes import (
+    collision_outcome,
+    gap_outcome,
+    threat_measured,
+    yield_outcome,
+)
 from pd_editor.guidance.road_distance import outside_m
 from pd_editor.guidance.stop_line import overrun_m
 from pd_editor.metrics.motion.kinematics import kinematics
@@ -27,19 +33,22 @@ from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
     MOTOR_VEHICLE_KINDS,
     ROAD_USER_KINDS,
-    AgentKind,
 )
 from pd_editor.scene.guidance_outcome import TermOutcome
 from pd_editor.scene.guidance_terms import (
+    AvoidCollisions,
     ComfortLimits,
     FollowLane,
     FollowPath,
     GoalPoint,
     GuidanceTerm,
+    KeepGap,
     SpeedLimit,
     StayOnRoad,
     StopAtLine,
     TargetSpeed,
+    Threaten,
+    YieldTo,
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
@@ -50,54 +59,6 @@ _MERGED_S: Final = 2.0
 """Time after which an agent should be on the path that it follows."""
 _ROAD_STRIDE: Final = 3
 _SLOWED: Final = ", slowed to avoid a collision"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Measured:
-    """What was asked and achieved, in words and as a deviation."""
-
-    asked: str
-    achieved: str
-    error: float
-    unit: str
-    is_obeyed: bool
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Driven:
-    """A sample on its scenario."""
-
-    scenario: Scenario
-    sample: SampledTraffic
-
-    @property
-    def step_s(self) -> float:
-        """Time between two steps."""
-        return self.scenario.time_axis.step_s
-
-    @property
-    def num_steps(self) -> int:
-        """Number of steps, the current one included."""
-        return self.sample.heading_rad.shape[1]
-
-    def row(self, agent_id: str) -> int | None:
-        """Row of an agent in the sample; None if it was not generated."""
-        ids = self.sample.ids
-        return ids.index(agent_id) if agent_id in ids else None
-
-    def rows(
-        self, agent_ids: Collection[str], kinds: Collection[AgentKind]
-    ) -> Int[np.ndarray, "G"]:
-        """Rows of the generated agents among some; without names, those of some kinds."""
-        pairs = zip(self.sample.ids, self.sample.kinds, strict=True)
-        wanted = [
-            name in agent_ids if agent_ids else kind in kinds for name, kind in pairs
-        ]
-        return np.flatnonzero(np.array(wanted, bool))
-
-    def speed_mps(self) -> Float[np.ndarray, "G S"]:
-        """Speeds of all agents."""
-        return np.hypot(*np.moveaxis(self.sample.velocity_mps, -1, 0))
 
 
 def term_outcomes(
@@ -212,7 +173,7 @@ def _target_speed(term: TargetSpeed, driven: Driven) -> Measured | None:
     error = float(abs(worst - term.speed_mps))
     return Measured(
         asked=f"{term.speed_mps:.1f} m/s at the end",
-        achieved=_of_several(len(last), f"{worst:.1f} m/s"),
+        achieved=of_several(len(last), f"{worst:.1f} m/s"),
         error=error,
         unit="m/s",
         is_obeyed=error <= OBEYED_SPEED_MPS,
@@ -229,7 +190,7 @@ def _speed_limit(term: SpeedLimit, driven: Driven) -> Measured | None:
     top = float(speed[np.unravel_index(excess.argmax(), excess.shape)])
     return Measured(
         asked=f"at most {term.speed_mps:.1f} m/s",
-        achieved=_of_several(len(rows), f"at most {top:.1f} m/s"),
+        achieved=of_several(len(rows), f"at most {top:.1f} m/s"),
         error=max(worst, 0.0),
         unit="m/s",
         is_obeyed=worst <= OBEYED_SPEED_MPS,
@@ -319,10 +280,6 @@ def _on_road(term: StayOnRoad, driven: Driven) -> Measured | None:
     )
 
 
-def _of_several(count: int, words: str) -> str:
-    return words if count == 1 else f"{words} (the worst of {count} agents)"
-
-
 MEASURES: Final[dict[type[GuidanceTerm], Callable[[Any, Driven], Measured | None]]] = {
     GoalPoint: _goal,
     FollowPath: _path,
@@ -332,5 +289,9 @@ MEASURES: Final[dict[type[GuidanceTerm], Callable[[Any, Driven], Measured | None
     ComfortLimits: _comfort,
     StopAtLine: _stop,
     StayOnRoad: _on_road,
+    KeepGap: gap_outcome,
+    AvoidCollisions: collision_outcome,
+    YieldTo: yield_outcome,
+    Threaten: threat_measured,
 }
 """Measures the terms of each kind; None if none of their agents was generated."""

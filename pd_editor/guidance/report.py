@@ -1,6 +1,6 @@
 """Reports on guided samples: outcomes of terms, realism against unguided samples."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import numpy as np
@@ -15,7 +15,7 @@ from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.metrics.traffic_view import generated_traffic
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.guidance_outcome import GuidanceCost, Realism
-from pd_editor.scene.guidance_terms import GuidanceTerm
+from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
 from pd_editor.scene.scenario import Scenario
 
 _REVERSES_M: Final = 1.0
@@ -47,8 +47,17 @@ def guidance_report(
     )
     cost, best = None, None
     if unguided:
-        figures = [realism(scenario, one) for one in unguided]
-        cost = GuidanceCost(guided=realism(scenario, sample), unguided=figures[index])
+        # A contact that was asked for does not count.
+        asked = {
+            name
+            for term in terms
+            if isinstance(term, Threaten) and term.is_on and term.severity == 1
+            for name in term.named_ids
+        }
+        figures = [realism(scenario, one, asked) for one in unguided]
+        cost = GuidanceCost(
+            guided=realism(scenario, sample, asked), unguided=figures[index]
+        )
         if cost.is_worse:
             ranked = sorted(
                 range(len(unguided)),
@@ -67,8 +76,13 @@ def guidance_report(
     )
 
 
-def realism(scenario: Scenario, sample: TrafficSample) -> Realism:
-    """Realism of a sample, over its motor vehicles and cyclists."""
+def realism(
+    scenario: Scenario, sample: TrafficSample, collide_ids: Collection[str] = ()
+) -> Realism:
+    """Realism of a sample, over its motor vehicles and cyclists.
+
+    Collisions of agents with ``collide_ids``, which were asked for, do not count.
+    """
     view = generated_traffic(scenario, sample)
     drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in sample.kinds], bool)
     if not drives.any():
@@ -80,6 +94,7 @@ def realism(scenario: Scenario, sample: TrafficSample) -> Realism:
         )
     overlap = box_overlap(view)
     hits = (overlap.is_new & overlap.is_valid)[:, 1:].any(axis=1)
+    hits &= np.array([name not in collide_ids for name in sample.ids], bool)
     deviation = lane_deviation(view)
     counted = deviation.is_valid & drives[:, None]
     motion = kinematics(view)

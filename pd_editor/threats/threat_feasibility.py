@@ -1,12 +1,11 @@
 """Feasibility of threats before a run, from candidates and limits."""
 
-from typing import Final, get_args
+from typing import Final
 
 import numpy as np
 
 from pd_editor.paths.motion_primitives import candidates
-from pd_editor.scene.guidance_outcome import GuidanceProblem
-from pd_editor.scene.guidance_terms import Approach, Threaten
+from pd_editor.scene.guidance_terms import Threaten
 from pd_editor.scene.scenario import Scenario
 from pd_editor.threats.encounter import Track
 from pd_editor.threats.threat_plans import ThreatAim, threat_plans
@@ -67,50 +66,3 @@ def is_feasible(scenario: Scenario, term: Threaten, *, is_kept: bool = False) ->
         len(threat_plans(scenario, row, track, aim, most=1)) > 0 for track in tracks
     ]
     return sum(reached) * 2 > len(reached)
-
-
-def feasible_approaches(
-    scenario: Scenario, agent_id: str, other_id: str, severity: float = 1.0
-) -> tuple[Approach, ...]:
-    """Approaches by which one agent can threaten another one."""
-    return tuple(
-        approach
-        for approach in get_args(Approach)
-        if is_feasible(
-            scenario,
-            Threaten(
-                agent_id=agent_id,
-                other_id=other_id,
-                severity=severity,
-                approach=approach,
-            ),
-        )
-    )
-
-
-def threat_problem(scenario: Scenario, term: Threaten) -> GuidanceProblem | None:
-    """Problem of a threat that cannot be carried out, with what could be done."""
-    if is_feasible(scenario, term):
-        return None
-    others = feasible_approaches(scenario, term.agent_id, term.other_id, term.severity)
-    advice = (
-        f"it can by the approach {' or '.join(others)}"
-        if others
-        else "choose an agent that is nearer or on a path that meets"
-    )
-    aim = ThreatAim.of(term.approach, term.severity)
-    goal = "contact" if aim.is_contact else f"a gap of {aim.gap_m:.1f} m"
-    return GuidanceProblem(
-        term=term,
-        severity="warning",
-        message=(
-            f"Agent {term.agent_id} cannot come to {goal} with agent {term.other_id} "
-            f"({term.approach}) within its limits of acceleration and "
-            f"{_duration_s(scenario):.1f} s; {advice}."
-        ),
-    )
-
-
-def _duration_s(scenario: Scenario) -> float:
-    axis = scenario.time_axis
-    return axis.num_future_steps * axis.step_s

@@ -15,10 +15,8 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.threats.encounter import Track, encounter
 from pd_editor.threats.motion_limits import exertion, limits_of
 from pd_editor.threats.threat_feasibility import (
-    feasible_approaches,
     is_feasible,
     recorded_track,
-    threat_problem,
 )
 from pd_editor.threats.threat_plans import (
     GAP_TOLERANCE_M,
@@ -187,21 +185,6 @@ def test_agents_that_drive_apart_cannot_threaten_each_other() -> None:
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (-40, 0, np.pi, 10)]))
     term = Threaten(agent_id="101", other_id="100", approach="rear")
     assert not is_feasible(scenario, term)
-    assert feasible_approaches(scenario, "101", "100") == ()
-    problem = threat_problem(scenario, term)
-    assert problem is not None
-    assert "Agent 101 cannot come to contact with agent 100 (rear)" in problem.message
-    assert "choose an agent" in problem.message
-
-
-def test_problem_names_the_approaches_that_are_feasible() -> None:
-    scenario = scene("rear")
-    term = Threaten(agent_id="101", other_id="100", approach="head-on")
-    problem = threat_problem(scenario, term)
-    assert problem is not None
-    assert "rear" in problem.message.split(";")[1]
-    rear = Threaten(agent_id="101", other_id="100", approach="rear")
-    assert threat_problem(scenario, rear) is None
 
 
 def test_cut_in_needs_an_agent_beside_the_path() -> None:

@@ -16,6 +16,7 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
     TermContext,
     row_weights,
 )
+from pd_editor.guidance.limits import OPENING_MPS
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.guidance_terms import AvoidCollisions, KeepGap, YieldTo
@@ -32,8 +33,6 @@ _PARALLEL_COS: Final = 0.8
 _NEVER: Final = 1e5
 _FOLLOWS_COS: Final = 0.5
 """A leader's heading differs by less than 60 degrees."""
-_OPENS_MPS: Final = 1.5
-"""A gap that is shorter than asked for now should grow at this rate."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -338,7 +337,7 @@ class GapTerm:
         """Residuals of agents that are predicted to be nearer to their leader."""
         gap, first = gaps_ahead(motion, self.agents)
         shorter = first.minimum(first.new_tensor(self.gap_m))
-        wanted = (shorter + _OPENS_MPS * motion.time_s).clamp_max(self.gap_m)
+        wanted = (shorter + OPENING_MPS * motion.time_s).clamp_max(self.gap_m)
         position = motion.position_m[:, self.agents]
         heading = motion.heading_rad[:, self.agents]
         forward = torch.stack([heading.cos(), heading.sin()], dim=-1)

@@ -12,7 +12,7 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.threats.encounter import Track, encounter
 from pd_editor.threats.motion_limits import exertion, limits_of
 from pd_editor.threats.threat_feasibility import recorded_track
-from pd_editor.threats.threat_outcome import meets, threat_outcome
+from pd_editor.threats.threat_outcome import meets, threat_in_words
 from pd_editor.threats.threat_plans import ThreatAim
 from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
 from tests.diffusion.generated_traffic import SINGLE, generated, same
@@ -76,12 +76,12 @@ def test_kept_agent_is_threatened_as_asked_within_limits(
         until=until,
     )
     assert used.is_possible.all()
-    outcome = threat_outcome(term, found, is_feasible=True)
-    assert outcome.is_obeyed
-    assert outcome.error <= 0.5
-    assert approach in outcome.asked
-    assert ("contact" if severity == 1 else "gap") in outcome.achieved
-    assert "relative speed" in outcome.achieved
+    words = threat_in_words(aim, found)
+    assert words.is_met
+    assert words.error_m <= 0.5
+    assert approach in words.asked
+    assert ("contact" if severity == 1 else "gap") in words.achieved
+    assert "relative speed" in words.achieved
 
 
 @pytest.mark.parametrize("settings", [(SINGLE,), ()])

@@ -1,0 +1,80 @@
+"""An agent at the current step, and where it could get."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.guidance.limits import (
+    MAX_ACCELERATION_MPS2,
+    MAX_BRAKING_MPS2,
+    MAX_SPEED_MPS,
+)
+from pd_editor.paths.candidate_grid import Start, plan_paths
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AgentNow:
+    """An agent at the current step, with the paths that it could take."""
+
+    scenario: Scenario
+    row: int
+
+    @property
+    def name(self) -> str:
+        """Name of the agent in sentences."""
+        return f"agent {self.scenario.agents.ids[self.row]}"
+
+    @property
+    def subject(self) -> str:
+        """Name of the agent at the start of sentences."""
+        return f"Agent {self.scenario.agents.ids[self.row]}"
+
+    @cached_property
+    def position_m(self) -> Float[np.ndarray, "2"]:
+        """Position."""
+        return self.scenario.agents.position_m[self.row, self.scenario.current_step]
+
+    @cached_property
+    def heading_rad(self) -> float:
+        """Heading."""
+        agents, now = self.scenario.agents, self.scenario.current_step
+        return float(agents.heading_rad[self.row, now])
+
+    @cached_property
+    def speed_mps(self) -> float:
+        """Speed."""
+        agents, now = self.scenario.agents, self.scenario.current_step
+        return float(np.hypot(*agents.velocity_mps[self.row, now]))
+
+    @property
+    def is_driver(self) -> bool:
+        """Whether the agent belongs on the road."""
+        return self.scenario.agents.kinds[self.row] in LANE_FOLLOWER_KINDS
+
+    @property
+    def duration_s(self) -> float:
+        """Length of trajectories."""
+        axis = self.scenario.time_axis
+        return axis.num_future_steps * axis.step_s
+
+    @cached_property
+    def paths_m(self) -> Float[np.ndarray, "P M 2"]:
+        """Paths that it could take, one point every ``SPACING_M``."""
+        start = Start.of(self.scenario, np.array([self.row]))
+        paths = plan_paths(self.scenario.road_map, start, self.duration_s).paths
+        return np.stack([paths.x_m, paths.y_m], axis=-1)
+
+    def reach_m(self, time_s: float) -> tuple[float, float]:
+        """Least and greatest distance that can be driven in a time."""
+        speed = self.speed_mps
+        stop_s = speed / MAX_BRAKING_MPS2
+        braking_s = min(time_s, stop_s)
+        least = speed * braking_s - MAX_BRAKING_MPS2 * braking_s**2 / 2
+        gained_s = min(time_s, max(MAX_SPEED_MPS - speed, 0.0) / MAX_ACCELERATION_MPS2)
+        fastest = speed + MAX_ACCELERATION_MPS2 * gained_s
+        most = (speed + fastest) / 2 * gained_s + fastest * (time_s - gained_s)
+        return least, most

@@ -1,0 +1,135 @@
+"""Problems of terms on pairs of agents before a run."""
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from typing import Final, Literal, get_args
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.guidance.agent_now import AgentNow
+from pd_editor.guidance.limits import MAX_BRAKING_MPS2
+from pd_editor.paths.driving_paths import SPACING_M
+from pd_editor.scene.guidance_terms import Approach, GuidanceTerm, Threaten, YieldTo
+from pd_editor.scene.scenario import Scenario
+from pd_editor.threats.threat_feasibility import is_feasible
+from pd_editor.threats.threat_plans import ThreatAim
+
+_SAME_PLACE_M: Final = 2.5
+"""Paths that come this close meet."""
+_STRIDE: Final = 2
+
+Found = Iterator[tuple[Literal["error", "warning"], str]]
+
+
+def threat_problems(
+    term: Threaten, scenario: Scenario, agent_ids: Sequence[str] | None
+) -> Found:
+    """Whether a threat can be carried out, and by which approach it could."""
+    is_kept = agent_ids is not None and term.other_id not in agent_ids
+    if _can_threaten(scenario, term, is_kept):
+        return
+    others = [
+        approach
+        for approach in get_args(Approach)
+        if approach != term.approach
+        and _can_threaten(
+            scenario,
+            Threaten(
+                agent_id=term.agent_id,
+                other_id=term.other_id,
+                severity=term.severity,
+                approach=approach,
+            ),
+            is_kept,
+        )
+    ]
+    aim = ThreatAim.of(term.approach, term.severity)
+    goal = "contact" if aim.is_contact else f"a gap of {aim.gap_m:.1f} m"
+    advice = (
+        f"choose the approach {' or '.join(others)}"
+        if others
+        else "choose another agent"
+    )
+    axis = scenario.time_axis
+    yield (
+        "warning",
+        f"Agent {term.agent_id} cannot come to {goal} with agent {term.other_id} "
+        f"({term.approach}) within its limits of acceleration in "
+        f"{axis.num_future_steps * axis.step_s:.1f} s; {advice}.",
+    )
+
+
+@lru_cache(maxsize=32)
+def _can_threaten(scenario: Scenario, term: Threaten, is_kept: bool) -> bool:
+    """Cached: each sample of a run asks again."""
+    return is_feasible(scenario, term, is_kept=is_kept)
+
+
+def yield_problems(term: YieldTo, scenario: Scenario) -> Found:
+    """Whether the paths of two agents meet, and whether one can wait before that."""
+    rows = scenario.agents.rows((term.agent_id, term.other_id)).tolist()
+    agent, other = (AgentNow(scenario=scenario, row=row) for row in rows)
+    places = _meeting_places_m(agent, other)
+    if not len(places):
+        yield (
+            "warning",
+            f"The paths of {agent.name} and {other.name} do not meet; choose another "
+            "agent to yield to.",
+        )
+        return
+    length = float(scenario.agents.size_m[agent.row, 0])
+    room = float(places.max()) - length
+    needed = agent.speed_mps**2 / (2 * max(room, 0.01))
+    if room <= 0 and agent.speed_mps > 0:
+        yield (
+            "warning",
+            f"{agent.subject} is where the paths meet already, so it cannot let "
+            f"{other.name} pass; remove the term.",
+        )
+    elif needed > MAX_BRAKING_MPS2:
+        yield (
+            "warning",
+            f"To let {other.name} pass, {agent.name} would have to brake with "
+            f"{needed:.1f} m/s2 in {room:.0f} m from {agent.speed_mps:.1f} m/s; choose "
+            "the other one to yield.",
+        )
+
+
+def _meeting_places_m(agent: AgentNow, other: AgentNow) -> Float[np.ndarray, "N"]:
+    """Arc lengths at which each path of an agent first meets each of the other's."""
+    mine, theirs = (
+        one.paths_m[:, : int(one.reach_m(one.duration_s)[1] / SPACING_M) + 1 : _STRIDE]
+        for one in (agent, other)
+    )
+    places: list[float] = []
+    for path in mine:
+        gap = path[:, None, None] - theirs
+        meets = ((gap**2).sum(-1) < _SAME_PLACE_M**2).any(axis=2)
+        first = meets.argmax(axis=0)[meets.any(axis=0)]
+        places += (first * _STRIDE * SPACING_M).tolist()
+    return np.array(places)
+
+
+def pair_contradictions(term: GuidanceTerm, other: GuidanceTerm) -> Found:
+    """Terms on the same two agents that exclude each other."""
+    if isinstance(term, YieldTo) and isinstance(other, YieldTo):
+        if (term.agent_id, term.other_id) == (other.other_id, other.agent_id):
+            yield (
+                "warning",
+                f"Agents {term.agent_id} and {term.other_id} yield to each other; keep "
+                "one of both terms.",
+            )
+    elif isinstance(term, Threaten) and isinstance(other, Threaten):
+        if term.agent_id == other.agent_id:
+            yield (
+                "warning",
+                f"Agent {term.agent_id} threatens two agents; keep one of the threats.",
+            )
+        elif term.agent_id == other.other_id or term.other_id == other.agent_id:
+            both = term.agent_id if term.agent_id == other.other_id else term.other_id
+            yield (
+                "warning",
+                f"Agent {both} threatens another agent and is threatened, which leaves "
+                "it unchanged; keep one of the threats.",
+            )

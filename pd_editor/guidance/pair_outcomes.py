@@ -1,0 +1,173 @@
+"""Outcomes of terms on pairs of agents: gaps, collisions, yielding, threats."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.geometry.angles import left_of, unit_vector
+from pd_editor.guidance.limits import OBEYED_GAP_M, OPENING_MPS
+from pd_editor.guidance.measured import Driven, Measured, of_several
+from pd_editor.metrics.collisions.box_collision import box_overlap
+from pd_editor.metrics.collisions.box_tests import boxes_touch
+from pd_editor.metrics.traffic_view import AgentStates, generated_traffic
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
+from pd_editor.scene.guidance_terms import (
+    AvoidCollisions,
+    KeepGap,
+    Threaten,
+    YieldTo,
+)
+from pd_editor.threats.encounter import Track, encounter
+from pd_editor.threats.threat_outcome import threat_in_words
+from pd_editor.threats.threat_plans import ThreatAim
+
+_FOLLOWS_COS: Final = 0.5
+"""A leader's heading differs by less than 60 degrees."""
+
+
+def gap_outcome(term: KeepGap, driven: Driven) -> Measured | None:
+    """Least gap to the agent ahead, where it could have been the asked one."""
+    rows = driven.rows(term.agent_ids, LANE_FOLLOWER_KINDS)
+    if not len(rows):
+        return None
+    view = generated_traffic(driven.scenario, driven.sample)
+    gap, first = gaps_ahead(view.everyone, rows)
+    time_s = driven.step_s * np.arange(gap.shape[1])
+    asked = np.minimum(np.minimum(first, term.gap_m) + OPENING_MPS * time_s, term.gap_m)
+    short = np.where(np.isfinite(gap), asked - gap, -np.inf)[:, 1:]
+    words = f"at least {term.gap_m:.1f} m to the agent ahead"
+    if not np.isfinite(short).any():
+        return Measured(
+            asked=words, achieved="no agent ahead", error=0.0, unit="m", is_obeyed=True
+        )
+    worst = max(float(short.max()), 0.0)
+    least = gap[:, 1:].ravel()[short.argmax()]
+    follows = int(np.isfinite(gap).any(axis=1).sum())
+    return Measured(
+        asked=words,
+        achieved=of_several(follows, f"{least:.1f} m"),
+        error=worst,
+        unit="m",
+        is_obeyed=worst <= OBEYED_GAP_M,
+    )
+
+
+def gaps_ahead(
+    agents: AgentStates, rows: Int[np.ndarray, "G"]
+) -> tuple[Float[np.ndarray, "G H"], Float[np.ndarray, "G H"]]:
+    """Gap to the leader at each step, and its gap at the current step; else infinite.
+
+    The leader is the nearest agent ahead in the corridor of the agent's box, with about
+    the same heading.
+    """
+    forward = unit_vector(agents.heading_rad[rows])[:, None]
+    offset = agents.position_m[None] - agents.position_m[rows, None]
+    ahead = (offset * forward).sum(-1)
+    aside = np.abs((offset * left_of(forward)).sum(-1))
+    turn = agents.heading_rad[None] - agents.heading_rad[rows, None]
+    cos, sin = np.cos(turn), np.abs(np.sin(turn))
+    length, width = agents.size_m.T[:, None, :, None] / 2
+    half = length * np.abs(cos) + width * sin
+    wide = width * np.abs(cos) + length * sin
+    mine = agents.size_m[rows, None, None] / 2
+    leads = (aside < wide + mine[..., 1]) & (cos > _FOLLOWS_COS)
+    leads &= (ahead > mine[..., 0]) & agents.is_valid[None]
+    gap = ahead - half - mine[..., 0]
+    first = np.maximum(gap[..., 0], 0.0)
+    gap = np.where(leads, gap, np.inf)
+    leader = gap.argmin(axis=1)
+    return gap.min(axis=1, initial=np.inf), np.take_along_axis(first, leader, axis=1)
+
+
+def collision_outcome(term: AvoidCollisions, driven: Driven) -> Measured | None:
+    """Number of agents that newly collide."""
+    rows = driven.rows(term.agent_ids, ROAD_USER_KINDS)
+    if not len(rows):
+        return None
+    newly = box_overlap(generated_traffic(driven.scenario, driven.sample)).newly()
+    count = int((newly.value.astype(bool) & newly.is_valid)[rows].sum())
+    agents = "agent collides" if count == 1 else "agents collide"
+    return Measured(
+        asked="no new collision",
+        achieved=f"{count} {agents}" if count else "no new collision",
+        error=float(count),
+        unit="agents",
+        is_obeyed=count == 0,
+    )
+
+
+def yield_outcome(term: YieldTo, driven: Driven) -> Measured | None:
+    """Time between the agents at the places where both have been."""
+    first, second = track_of(driven, term.agent_id), track_of(driven, term.other_id)
+    if driven.row(term.agent_id) is None or first is None or second is None:
+        return None
+    asked = f"passes after agent {term.other_id}"
+    place, time = np.nonzero(shared_places(first, second))
+    if not len(place):
+        return Measured(
+            asked=asked,
+            achieved=f"stays clear of the path of agent {term.other_id}",
+            error=0.0,
+            unit="s",
+            is_obeyed=True,
+        )
+    after_s = float((place - time).min()) * driven.step_s
+    achieved = (
+        f"{after_s:.1f} s after it" if after_s > 0 else f"{-after_s:.1f} s before it"
+    )
+    return Measured(
+        asked=asked,
+        achieved=achieved,
+        error=max(-after_s, 0.0),
+        unit="s",
+        is_obeyed=after_s > 0,
+    )
+
+
+def shared_places(first: Track, second: Track) -> Bool[np.ndarray, "H H"]:
+    """Whether the box of one agent at a step is where the other one's is at another."""
+    count = len(first.position_m)
+    place, time = (one.ravel() for one in np.indices((count, count)))
+    touches = boxes_touch(
+        second.position_m[time] - first.position_m[place],
+        first.heading_rad[place],
+        second.heading_rad[time],
+        np.broadcast_to(first.size_m, (len(place), 2)),
+        np.broadcast_to(second.size_m, (len(place), 2)),
+    )
+    return touches.reshape(count, count)
+
+
+def threat_measured(term: Threaten, driven: Driven) -> Measured | None:
+    """Encounter of the agent that threatens with the one that is threatened."""
+    first, second = track_of(driven, term.agent_id), track_of(driven, term.other_id)
+    if driven.row(term.agent_id) is None or first is None or second is None:
+        return None
+    found = encounter(first, second, driven.step_s, term.approach)
+    aim = ThreatAim.of(term.approach, term.severity)
+    words = threat_in_words(aim, found)
+    return Measured(
+        asked=words.asked,
+        achieved=words.achieved,
+        error=words.error_m,
+        unit="m",
+        is_obeyed=words.is_met,
+    )
+
+
+def track_of(driven: Driven, agent_id: str) -> Track | None:
+    """Trajectory of an agent, generated or recorded; None if it is not there throughout."""
+    view = generated_traffic(driven.scenario, driven.sample)
+    everyone = view.everyone
+    if agent_id not in everyone.ids:
+        return None
+    row = everyone.ids.index(agent_id)
+    if not everyone.is_valid[row].all():
+        return None
+    return Track(
+        position_m=everyone.position_m[row],
+        heading_rad=everyone.heading_rad[row],
+        velocity_mps=everyone.velocity_mps[row],
+        size_m=everyone.size_m[row],
+    )
