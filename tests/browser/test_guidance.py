@@ -244,6 +244,33 @@ def test_the_menu_of_the_road_drives_the_selected_agent_there(steered):
     assert steered.guidance[1] == YieldTo(agent_id="car-0009", other_id="AV")
 
 
+def test_a_run_tells_what_was_asked_and_achieved(steered):
+    editor, page, session = steered.editor, steered.page, steered.session
+    steered.tool("Speed")
+    editor.until(lambda: len(steered.guidance) == 1, "a target speed")
+    row = page.get_by_role("listitem", name="Target speed of vehicle car-0009")
+    speed = row.get_by_role("spinbutton", name="Speed")
+    speed.fill("50")
+    speed.press("Enter")
+    # Told before the run: beside the term, and when the run starts.
+    row.get_by_text("ask for less").wait_for()
+    editor.close_notifications()
+    page.locator(".pd-guidance-run").click()
+    page.get_by_text("A guidance problem").first.wait_for()
+    editor.until(lambda: steered.num_edits() == 3, "a run", 90)
+    row.get_by_text("Asked: 50.0 m/s").wait_for()
+    table = page.get_by_role("table", name="Realism of the last run")
+    table.get_by_text("Mean acceleration").wait_for()
+    editor.screenshot("71_guidance_report")
+    # The report is of this traffic: it goes with an undo, and comes again.
+    editor.key("Control+z")
+    editor.until(lambda: session.state.position == 2, "an undo")
+    table.wait_for(state="hidden")
+    editor.key("Control+Shift+z")
+    editor.until(lambda: session.state.position == 3, "a redo")
+    table.wait_for()
+
+
 def _end_of(scenario, row: int) -> np.ndarray:
     """The last point of an agent's trajectory."""
     steps = np.flatnonzero(scenario.agents.is_valid[row])

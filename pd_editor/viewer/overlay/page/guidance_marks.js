@@ -67,16 +67,33 @@ pdOverlay.define("guidance_marks", (api) => {
     if (mark.isBad) warn(parent, foot[0] + 20, foot[1] - 31);
   }
 
+  // The point half way along a line of pixels.
+  function halfWay(pixels) {
+    const steps = pixels.slice(1).map((point, index) =>
+      Math.hypot(point[0] - pixels[index][0], point[1] - pixels[index][1]));
+    let rest = steps.reduce((sum, step) => sum + step, 0) / 2;
+    const index = steps.findIndex((step) => (rest -= step) <= 0);
+    if (index < 0) return pixels[0];
+    const share = 1 + rest / (steps[index] || 1);
+    return [0, 1].map((axis) => pixels[index][axis] +
+      share * (pixels[index + 1][axis] - pixels[index][axis]));
+  }
+
   function drawPath(mark, parent) {
     const pixels = mark.points.map(ground);
     const line = along(pixels);
     if (!line) return;
-    for (const name of ["pd-guide-hit-line", "pd-guide-halo", "pd-guide-line"])
+    // The line takes no clicks: agents that are to be dragged stand on it.
+    for (const name of ["pd-guide-halo", "pd-guide-line"])
       parent.append(shape("path", name, { d: line }));
     parent.append(shape("path", "pd-guide-halo", { d: head(pixels) }),
       shape("path", "pd-guide-line", { d: head(pixels) }));
-    const end = pixels.findLast((point) => point);
-    if (mark.isBad) warn(parent, end[0] + 12, end[1] - 12);
+    const middle = halfWay(pixels.filter((point) => point));
+    const picture = plate(mark.kind);
+    for (const [key, value] of Object.entries(moved(middle)))
+      picture.setAttribute(key, value);
+    parent.append(picture);
+    if (mark.isBad) warn(parent, middle[0] + 10, middle[1] - 10);
   }
 
   function drawLine(mark, parent) {
@@ -102,7 +119,7 @@ pdOverlay.define("guidance_marks", (api) => {
       Math.hypot(point[0] - other[0], point[1] - other[1]) > HELD_BACK_PX;
     const shown = points.filter((point) => far(point, from) && far(point, to));
     if (shown.length > 1) {
-      for (const name of ["pd-guide-hit-line", "pd-guide-halo", "pd-guide-line"])
+      for (const name of ["pd-guide-halo", "pd-guide-line"])
         parent.append(shape("path", name, { d: along(shown) }));
       parent.append(shape("path", "pd-guide-line pd-guide-head", { d: head(shown) }));
     }
