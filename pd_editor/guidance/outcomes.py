@@ -24,7 +24,7 @@ from pd_editor.guidance.pair_outcomes import (
     threat_measured,
     yield_outcome,
 )
-from pd_editor.guidance.road_distance import outside_m
+from pd_editor.guidance.road_distance import way_back_m
 from pd_editor.guidance.stop_line import overrun_m
 from pd_editor.metrics.motion.kinematics import kinematics
 from pd_editor.metrics.traffic_view import SampledTraffic, generated_traffic
@@ -267,10 +267,12 @@ def _on_road(term: StayOnRoad, driven: Driven) -> Measured | None:
     steps = slice(0, None, _ROAD_STRIDE)
     position = sample.position_m[rows, steps]
     size = np.broadcast_to(sample.size_m[rows, None], position.shape)
-    corners = box_corners(position, sample.heading_rad[rows, steps], size)
-    outside = outside_m(driven.scenario, corners).max(axis=-1)
-    # An agent that begins off the road, as on a parking lot, may stay as far from it.
-    worst = float((outside - outside[:, :1]).max())
+    heading = sample.heading_rad[rows, steps]
+    way = way_back_m(driven.scenario, box_corners(position, heading, size), heading)
+    outside = np.linalg.norm(way, axis=-1).max(axis=-1)
+    # Agents that begin off the road, as on parking lots, are not asked to come back.
+    outside = outside[outside[:, 0] == 0]
+    worst = float(outside.max(initial=0.0))
     return Measured(
         asked="boxes on the road",
         achieved="on the road" if worst == 0 else f"a corner {worst:.1f} m outside",

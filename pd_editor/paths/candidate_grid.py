@@ -19,6 +19,7 @@ from pd_editor.paths.driving_paths import (
 from pd_editor.paths.route_choice import RouteChoice, choose_routes
 from pd_editor.paths.speed_profiles import MAX_ACCELERATION_MPS2, MAX_BRAKING_MPS2
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
@@ -113,7 +114,11 @@ class Start:
     @classmethod
     def of(cls, scenario: Scenario, rows: np.ndarray) -> "Start":
         """Current states of the agents at ``rows``."""
-        agents, step = scenario.agents, scenario.current_step
+        return cls.at(scenario.agents, scenario.current_step, rows)
+
+    @classmethod
+    def at(cls, agents: AgentTracks, step: int, rows: np.ndarray) -> "Start":
+        """States of the agents at ``rows`` at a step."""
         velocity = agents.velocity_mps[rows, step]
         return cls(
             kinds=tuple(agents.kinds[row] for row in rows),

@@ -16,7 +16,7 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
     row_weights,
 )
 from pd_editor.geometry.oriented_box import box_corners
-from pd_editor.guidance.road_distance import nearest_on_road
+from pd_editor.guidance.road_distance import way_back_m
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.guidance_terms import StayOnRoad
@@ -63,11 +63,9 @@ class RoadTerm:
         corners = box_corners(
             tested, heading, np.broadcast_to(size[:, None], tested.shape)
         )
-        shift = np.zeros(corners.shape)
-        off = is_off_road(scenario, corners)
-        if not off.any():
+        shift = way_back_m(scenario, corners, heading)
+        if not shift.any():
             return ()
-        shift[off] = nearest_on_road(scenario, corners[off]) - corners[off]
         distance = np.linalg.norm(shift, axis=-1)
         worst = distance.argmax(axis=-1)[..., None]
         length = np.take_along_axis(distance, worst, axis=-1)[..., 0]

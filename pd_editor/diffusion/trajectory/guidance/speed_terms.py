@@ -212,8 +212,8 @@ class ComfortTerm:
         kept = accelerated_in_time(kept, limits.max_acceleration_mps2, motion.step_s)
         along = distances(kept, motion.step_s)
         return TargetMotion.along(self.agents, pace.curves, along, motion.step_s).rows(
-            along_m=config.speed_m,
-            speed_mps=config.speed_mps,
+            along_m=config.comfort_m,
+            speed_mps=config.comfort_mps,
             across_m=config.held_path_m,
             strength=limits.weight,
             is_wanted=pace.changed(along),

@@ -17,7 +17,7 @@ class TermGuidance:
     """How far latents may leave a prediction of low noise, in standard deviations."""
     spread_of_noise: float = 0.5
     """What is added to the spread at noise level 1; proportional to the level."""
-    num_closings: int = 3
+    num_closings: int = 2
     """Projections of the result to the terms that are closed."""
     closing_spread: float = 0.3
     """The spread in these projections."""
@@ -35,6 +35,10 @@ class TermGuidance:
     """Accepted deviation along a path in the time that speeds are asked for."""
     speed_mps: float = 0.3
     """Accepted deviation of these speeds."""
+    comfort_m: float = 0.15
+    """Accepted deviation along a path where accelerations are limited."""
+    comfort_mps: float = 0.1
+    """Accepted deviation of speeds there."""
     held_path_m: float = 0.6
     """Accepted deviation to the side of a prediction that is retimed."""
     stop_m: float = 0.1
@@ -59,7 +63,7 @@ class TermGuidance:
     """Highest braking that guidance asks for."""
     lateral_mps2: float = 3.0
     """Lateral acceleration up to which paths are followed."""
-    limit_margin_mps: float = 0.15
+    limit_margin_mps: float = 0.2
     """How far below a speed limit agents are asked to stay."""
     box_m: float = 0.05
     """Accepted deviation from where boxes are apart."""

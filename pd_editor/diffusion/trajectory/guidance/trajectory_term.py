@@ -33,6 +33,7 @@ is the network's own: the result is projected to them (``TermGuide``).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
@@ -42,8 +43,10 @@ from torch import Tensor
 
 from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
-from pd_editor.paths.candidate_grid import Start, plan_paths
+from pd_editor.paths.candidate_grid import PlannedPaths, Start, plan_paths
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
 _INDEPENDENT_ROWS: Final = 10.0
@@ -130,9 +133,14 @@ class TermContext:
     def _paths_of(
         self, agents: tuple[int, ...]
     ) -> tuple[Float[Tensor, "G P M 2"], Bool[Tensor, "G P"]]:
-        rows = self.scenario.agents.rows(self.ids[one] for one in agents)
-        plans = plan_paths(
-            self.scenario.road_map, Start.of(self.scenario, rows), self.duration_s
+        scenario = self.scenario
+        rows = scenario.agents.rows(self.ids[one] for one in agents)
+        plans = _plans(
+            scenario.road_map,
+            scenario.agents,
+            scenario.current_step,
+            tuple(rows.tolist()),
+            self.duration_s,
         )
         order = np.argsort(plans.agent, kind="stable")
         agent = plans.agent[order]
@@ -144,6 +152,18 @@ class TermContext:
         points[agent, slot, :, 1] = plans.paths.y_m[order]
         exists[agent, slot] = True
         return self.tensor(points), torch.from_numpy(exists).to(self.like.device)
+
+
+@lru_cache(maxsize=32)
+def _plans(
+    road_map: RoadMap,
+    agents: AgentTracks,
+    step: int,
+    rows: tuple[int, ...],
+    duration_s: float,
+) -> PlannedPaths:
+    """Planned paths, which stay the same while a goal is dragged."""
+    return plan_paths(road_map, Start.at(agents, step, np.array(rows)), duration_s)
 
 
 def row_weights(
