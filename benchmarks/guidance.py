@@ -28,7 +28,8 @@ from pd_editor.generation import (
     run_to_end,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.guidance.feasibility import AgentNow, guidance_problems
+from pd_editor.guidance.agent_now import AgentNow
+from pd_editor.guidance.feasibility import guidance_problems
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.guidance_terms import (
     ComfortLimits,

@@ -10,7 +10,6 @@ from typing import Any, Final, Literal
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.guidance.agent_now import AgentNow
 from pd_editor.guidance.limits import (
     MAX_ACCELERATION_MPS2,
@@ -42,7 +41,6 @@ from pd_editor.scene.scenario import Scenario
 _BESIDE_PATH_M: Final = 4.0
 """Distance of a goal from all planned paths at which it counts as unreachable."""
 _FAR_START_M: Final = 15.0
-_SHARP_TURN_RAD: Final = 1.2
 _GRIP_MPS2: Final = 6.0
 """Lateral acceleration above which a path cannot be followed at the current speed."""
 
@@ -269,25 +267,23 @@ def _line_problems(
             "warning",
             f"The {what} of {agent.name} begins {gap:.0f} m away; begin it at the agent.",
         )
-    path, length = path_to_follow(
+    followed = path_to_follow(
         line_m, agent.position_m, agent.heading_rad, agent.speed_mps
     )
+    path, length = followed.path, followed.length_m
     if length < 1.0:
         yield (
             "warning",
             f"The {what} of {agent.name} ends behind it; draw it ahead of the agent.",
         )
         return
-    points = np.stack([path.x_m[0], path.y_m[0]], axis=-1)
-    course = float(heading_of(points[1:2] - points[:1])[0])
-    if abs(float(wrap_angle(course - np.array([agent.heading_rad]))[0])) > (
-        _SHARP_TURN_RAD
-    ):
+    if not followed.is_drivable:
         yield (
             "warning",
-            f"The {what} of {agent.name} leads sideways or backwards at first; begin it "
-            "in the agent's direction.",
+            f"The {what} of {agent.name} leads sideways or backwards, so it is not "
+            "followed; begin it in the agent's direction.",
         )
+        return
     turn = np.abs(np.diff(path.heading_rad[0])) / SPACING_M
     driven = agent.reach_m(agent.duration_s)[1] / SPACING_M
     within = np.arange(len(turn)) < min(driven, length / SPACING_M)

@@ -138,12 +138,13 @@ def _line(
     if row is None:
         return None
     sample = driven.sample
-    path, length = path_to_follow(
+    followed = path_to_follow(
         line_m,
         sample.position_m[row, 0],
         float(sample.heading_rad[row, 0]),
         float(driven.speed_mps()[row, 0]),
     )
+    path, length = followed.path, followed.length_m
     points = np.stack([path.x_m, path.y_m], axis=-1)
     along, beside = FrenetFrames(points_m=points).to_frenet(
         sample.position_m[row, None]

@@ -1,4 +1,4 @@
-"""Ways back to the road of boxes that leave it sideways."""
+"""Distance of points outside the road, and ways back of boxes that leave it."""
 
 from functools import lru_cache
 from typing import Final
@@ -13,6 +13,18 @@ from pd_editor.scene.scenario import Scenario
 
 _LENGTHWISE: Final = 0.8
 """Share of a way along an agent's heading from which on the map ends there."""
+
+
+def outside_m(
+    scenario: Scenario, points_m: Float[np.ndarray, "*s 2"]
+) -> Float[np.ndarray, "*s"]:
+    """Distance of each point to the road; 0 on it."""
+    distance = np.zeros(points_m.shape[:-1])
+    off = is_off_road(scenario, points_m)
+    if off.any():
+        gap = _nearest_on_edge(scenario, points_m[off]) - points_m[off]
+        distance[off] = np.linalg.norm(gap, axis=-1)
+    return distance
 
 
 def way_back_m(

@@ -1,6 +1,7 @@
 """Paths to follow that a user gives: drawn points, or lanes one after another."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,8 @@ from pd_editor.scene.road_map import RoadMap
 _DENSE_M: Final = 0.5
 _SMOOTHING_M: Final = 1.5
 """Width of the filter that removes the trembling of a hand."""
+_LEAST_LENGTH_M: Final = 1.0
+_MOST_TURN_RAD: Final = 1.2
 _OVERLAP_M: Final = 1.0
 """Lanes that end closer to the next one's start are joined without a gap."""
 
@@ -46,13 +49,30 @@ def lane_line(
     return without_repeats(line)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FollowedPath:
+    """Path from an agent's pose that joins a line."""
+
+    path: DrivingPaths
+    """One path."""
+    length_m: float
+    """Its length up to the line's end."""
+    turn_rad: float
+    """Angle from the line's direction, where the agent joins it, to the heading."""
+
+    @property
+    def is_drivable(self) -> bool:
+        """Whether the line leads ahead, not sideways or backwards."""
+        return self.length_m >= _LEAST_LENGTH_M and abs(self.turn_rad) < _MOST_TURN_RAD
+
+
 def path_to_follow(
     points_m: Float[np.ndarray, "N 2"],
     position_m: Float[np.ndarray, "2"],
     heading_rad: float,
     speed_mps: float,
-) -> tuple[DrivingPaths, float]:
-    """Path from an agent's pose that joins a line, and its length to the line's end.
+) -> FollowedPath:
+    """Path from an agent's pose that joins a line.
 
     The line is joined smoothly, beside the agent or at its start if that is ahead.
     """
@@ -85,7 +105,8 @@ def path_to_follow(
     points = base + lateral[0][:, None] * mitred_normals(base[None])[0]
     points[0] = position_m
     heading = np.array([heading_rad])
-    return (
-        with_limits(points[None, :, 0], points[None, :, 1], heading, heading),
-        length,
+    return FollowedPath(
+        path=with_limits(points[None, :, 0], points[None, :, 1], heading, heading),
+        length_m=length,
+        turn_rad=float(turn[0]),
     )

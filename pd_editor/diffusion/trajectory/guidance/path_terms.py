@@ -37,7 +37,10 @@ _ROUNDS: Final = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathTerm:
-    """Follows a path that begins at the agent's pose, at the predicted pace."""
+    """Follows a path that begins at the agent's pose, at the predicted pace.
+
+    A path that leads sideways or backwards is not followed.
+    """
 
     context: TermContext
     agents: Int[Tensor, "1"]
@@ -72,18 +75,20 @@ class PathTerm:
             return None
         tracks, now = context.scenario.agents, context.scenario.current_step
         row = tracks.row_of[term.agent_id]
-        path, length = path_to_follow(
+        followed = path_to_follow(
             line_m,
             tracks.position_m[row, now],
             float(tracks.heading_rad[row, now]),
             float(np.hypot(*tracks.velocity_mps[row, now])),
         )
+        if not followed.is_drivable:
+            return None
         return cls(
             context=context,
             agents=agents,
-            curves=curves_of(path, context),
-            length_m=length,
-            limit_mps=context.tensor(path.speed_limit_mps[0]),
+            curves=curves_of(followed.path, context),
+            length_m=followed.length_m,
+            limit_mps=context.tensor(followed.path.speed_limit_mps[0]),
             weight=term.weight,
         )
 

@@ -215,3 +215,8 @@ def test_a_goal_out_of_reach_is_approached_within_limits(
     sample = guided(diffuser, scenario, far)
     assert 95 < sample.position_m[0, -1, 0] < 105
     assert np.abs(np.diff(speeds(sample, 0))).max() < 0.5
+
+
+def test_a_path_backwards_is_not_followed(diffuser: PathDiffuser, scenario: Scenario):
+    back = FollowPath(agent_id="100", points_m=((5.0, 3.0), (-40.0, 3.0)))
+    assert same(guided(diffuser, scenario, back), guided(diffuser, scenario))
