@@ -193,8 +193,9 @@ class RowTable:
         resampled = _distances(
             self._weights(len(counts)) @ np.concatenate(counts), weights @ log
         )
-        low, high = _interval(resampled)
-        return Measured(value=float(value), low=low, high=high)
+        # Resampled histograms are rougher, so that their distances are larger.
+        low, high = _interval(resampled - np.nanmedian(resampled) + value)
+        return Measured(value=float(value), low=max(low, 0.0), high=high)
 
     def discrepancy(
         self, metrics: Sequence[str], line: Line, *, plain: bool
