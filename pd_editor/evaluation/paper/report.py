@@ -8,6 +8,7 @@ from pd_editor.evaluation.paper.claims import claims_table, default_table
 from pd_editor.evaluation.paper.measures import RowTable
 from pd_editor.evaluation.paper.systems import Trained, in_table_order, label_of
 from pd_editor.evaluation.paper.tables import (
+    NONE,
     AttentionScores,
     attention_table,
     state_tables,
@@ -67,7 +68,7 @@ def paper_report(
                     paper,
                     everyone,
                     warped=warped,
-                    saw_warps={one.system for one in trained if one.warp_share > 0},
+                    saw_warps={one.system for one in trained if one.saw_warps},
                 ),
             ),
             Section(title=FIGURES_TITLE, paragraphs=(_FIGURES,)),
@@ -104,11 +105,12 @@ def _trainings(trained: Sequence[Trained]) -> ReportTable:
                 ", ".join(str(one.seed) for one in own),
                 ", ".join(dict.fromkeys(stage for one in own for stage in one.stages)),
                 ", ".join(f"{100 * share:g}" for share in warps),
+                ", ".join(sorted({one.start for one in own if one.start})) or NONE,
             )
         )
     return ReportTable(
         title="Trainings",
-        header=("system", "seeds", "own stages", "warped training roads, %"),
+        header=("system", "seeds", "own stages", "warped roads, %", "started from"),
         rows=tuple(lines),
     )
 

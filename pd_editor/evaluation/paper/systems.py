@@ -28,6 +28,8 @@ _LABELS: Final = {
     "path-diffuser": "PD, shipped weights",
 }
 """Labels of the known systems, in the order of the tables."""
+_USUAL_WARP_SHARE: Final = 0.3
+"""That of trainings before it was recorded."""
 REFERENCES: Final = (GROUND_TRUTH, "constant-velocity", "lane-follower")
 
 
@@ -43,6 +45,13 @@ class Trained:
     """The stages that are the system's own; others are borrowed from PD."""
     warp_share: float = 0.0
     """Share of warped roads in the training of the trajectories."""
+    start: str = ""
+    """Name of the model that the training of the trajectories started from."""
+
+    @property
+    def saw_warps(self) -> bool:
+        """Whether warped roads are in distribution; of an earlier start nothing is known."""
+        return self.warp_share > 0 or bool(self.start)
 
 
 def label_of(system: str) -> str:
@@ -104,7 +113,10 @@ def _trained(folder: Path, name: str = "") -> Trained:
         seed=int(seeded["seed"]) if seeded else 0,
         method=name or str(folder),
         stages=own,
-        warp_share=float(record.get("augmentation", {}).get("warp_share", 0.0)),
+        warp_share=float(
+            record.get("augmentation", {}).get("warp_share", _USUAL_WARP_SHARE)
+        ),
+        start=str(record.get("start", "")),
     )
 
 

@@ -48,7 +48,20 @@ def test_variants_are_found_with_their_seeds_and_own_stages(variants: Path):
     assert found["pd", 1].stages == ("init", "traj")
     assert found["my-own", 0].stages == ("init", "traj")
     assert found["pd_with_warps", 0].warp_share == 0.3
+    assert found["pd_with_warps", 0].saw_warps
+    assert not found["pd", 0].saw_warps
     assert found["pd_with_warps", 0].method == str(variants / "pd_with_warps-seed0")
+
+
+def test_what_trainings_before_the_record_saw_is_known(tmp_path: Path):
+    entry = {"training": {"start": "earlier", "augmentation": {"warp_share": 0.0}}}
+    for name, of_stage in (("old", {"training": {}}), ("started", entry)):
+        (tmp_path / name).mkdir()
+        content = {"stages": {"init": of_stage, "traj": of_stage}}
+        (tmp_path / name / "config.json").write_text(json.dumps(content))
+    found = {one.system: one for one in trained_systems([tmp_path])}
+    assert found["old"].warp_share == 0.3
+    assert found["started"].saw_warps
 
 
 def test_the_order_and_names_of_the_paper():
