@@ -1,5 +1,8 @@
 """A small top view of a scenario's current state, as SVG."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -9,6 +12,7 @@ from jaxtyping import Float
 from pd_editor.geometry.oriented_box import box_corners
 from pd_editor.metrics.road.off_road import drivable_ground
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 HALF_WIDTH_M: Final = 54.0
@@ -16,6 +20,10 @@ HALF_HEIGHT_M: Final = 36.0
 LEAST_SIZE_M: Final = 1.6
 """Least rendered size; smaller agents would be a fraction of a pixel."""
 _SIMPLER_M: Final = 0.3
+_HELD_SHARE: Final = 0.9
+_MOST_SCALE: Final = 1.4
+_WIDE_LINE_M: Final = 1.5
+"""Width of trajectories in small pictures of a given frame, per scale."""
 _EVERY_STEPS: Final = 10
 # Colours that can be told apart on light and on dark ground.
 _ROAD: Final = "#8b98a5"
@@ -25,29 +33,66 @@ _PEDESTRIAN: Final = "#d6337f"
 _OTHER: Final = "#3d7fe6"
 
 
-def thumbnail(scenario: Scenario) -> str:
-    """Render drivable area, agents and their trajectories, north up, as SVG."""
+@dataclass(frozen=True, kw_only=True)
+class PictureFrame:
+    """The part of a scene that a picture shows: around a point, and so many times as wide."""
+
+    middle_m: tuple[float, float]
+    scale: float = 1.0
+
+    @property
+    def half_size_m(self) -> tuple[float, float]:
+        """Half of its width and height."""
+        return HALF_WIDTH_M * self.scale, HALF_HEIGHT_M * self.scale
+
+    @classmethod
+    def around_agents(
+        cls, scenario: Scenario, agent_ids: Sequence[str]
+    ) -> "PictureFrame":
+        """A frame that holds most of some agents at the current step."""
+        x, y = _middle(scenario).tolist()
+        agents, now = scenario.agents, scenario.current_step
+        rows = agents.rows(agent_ids)
+        rows = rows[agents.is_valid[rows, now]]
+        if not len(rows):
+            return cls(middle_m=(x, y))
+        middle = np.median(agents.position_m[rows, now], axis=0)
+        away = np.abs(agents.position_m[rows, now] - middle)
+        wanted = np.quantile(away, _HELD_SHARE, axis=0) / [HALF_WIDTH_M, HALF_HEIGHT_M]
+        scale = float(np.clip(wanted.max() * 1.1, 1.0, _MOST_SCALE))
+        return cls(middle_m=(float(middle[0]), float(middle[1])), scale=scale)
+
+
+def thumbnail(scenario: Scenario, frame: PictureFrame | None = None) -> str:
+    """Render drivable area, agents and their trajectories, north up, as SVG.
+
+    ``frame`` None: around the focal agent.
+    """
     agents, now = scenario.agents, scenario.current_step
     there = np.flatnonzero(agents.is_valid[:, now])
-    middle = _middle(scenario)
+    line_m = 1.0 if frame is None else _WIDE_LINE_M * frame.scale
+    if frame is None:
+        x, y = _middle(scenario).tolist()
+        frame = PictureFrame(middle_m=(x, y))
+    middle, (half_width, half_height) = np.array(frame.middle_m), frame.half_size_m
     parts = [
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="'
-        f"{-HALF_WIDTH_M:g} {-HALF_HEIGHT_M:g} {2 * HALF_WIDTH_M:g} "
-        f'{2 * HALF_HEIGHT_M:g}">',
+        f"{-half_width:g} {-half_height:g} {2 * half_width:g} "
+        f'{2 * half_height:g}">',
         f'<path fill="{_ROAD}" fill-opacity="0.45" fill-rule="evenodd" '
-        f'd="{_ground_path(scenario, middle)}"/>',
+        f'd="{_ground_path(scenario.road_map, frame)}"/>',
     ]
-    size = np.maximum(agents.size_m[there], LEAST_SIZE_M)
+    size = np.maximum(agents.size_m[there], LEAST_SIZE_M * frame.scale)
     position = agents.position_m[there, now]
     corners = box_corners(position, agents.heading_rad[there, now], size)
-    near = (np.abs(position - middle) < [HALF_WIDTH_M, HALF_HEIGHT_M]).all(axis=-1)
+    near = (np.abs(position - middle) < [half_width, half_height]).all(axis=-1)
     for row, box in zip(there[near].tolist(), corners[near], strict=True):
         color = _color(scenario, row)
         ahead = np.flatnonzero(agents.is_valid[row, now:])[::_EVERY_STEPS] + now
         way = _points(agents.position_m[row, ahead] - middle)
         parts.append(
             f'<polyline fill="none" stroke="{color}" stroke-opacity="0.6" '
-            f'points="{way}"/><polygon fill="{color}" points="{_points(box - middle)}"/>'
+            f'stroke-width="{line_m:.2g}" points="{way}"/><polygon fill="{color}" points="{_points(box - middle)}"/>'
         )
     return "".join([*parts, "</svg>"])
 
@@ -75,12 +120,13 @@ def _color(scenario: Scenario, row: int) -> str:
     return _PEDESTRIAN if agents.kinds[row] is AgentKind.PEDESTRIAN else _OTHER
 
 
-def _ground_path(scenario: Scenario, middle: Float[np.ndarray, "2"]) -> str:
-    x, y = middle.tolist()
+@lru_cache(maxsize=16)
+def _ground_path(road_map: RoadMap, frame: PictureFrame) -> str:
+    (x, y), (half_width, half_height) = frame.middle_m, frame.half_size_m
     window = shapely.box(
-        x - HALF_WIDTH_M, y - HALF_HEIGHT_M, x + HALF_WIDTH_M, y + HALF_HEIGHT_M
+        x - half_width, y - half_height, x + half_width, y + half_height
     )
-    ground = shapely.intersection(drivable_ground(scenario.road_map), window)
+    ground = shapely.intersection(drivable_ground(road_map), window)
     rings = [
         ring
         for part in shapely.get_parts(shapely.simplify(ground, _SIMPLER_M))
@@ -88,7 +134,7 @@ def _ground_path(scenario: Scenario, middle: Float[np.ndarray, "2"]) -> str:
         for ring in (part.exterior, *part.interiors)
     ]
     return "".join(
-        f"M{_points(shapely.get_coordinates(ring) - middle)}Z" for ring in rings
+        f"M{_points(shapely.get_coordinates(ring) - [x, y])}Z" for ring in rings
     )
 
 

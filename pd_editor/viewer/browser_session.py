@@ -32,6 +32,7 @@ from pd_editor.viewer.overlay.key_sheet import KeySheet
 from pd_editor.viewer.overlay.legend import Legend
 from pd_editor.viewer.overlay.measure import Measure
 from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.overlay.sample_strip import SampleStrip
 from pd_editor.viewer.overlay.scorecard_drawer import ScorecardDrawer
 from pd_editor.viewer.overlay.side_panel import SidePanel
 from pd_editor.viewer.overlay.status_chip import ChipActions, StatusChip
@@ -185,6 +186,12 @@ class BrowserSession:
             self._comparison = Comparison(
                 self._ui, self._overlay, palette, self._comparison_changed
             )
+            self._samples = SampleStrip(
+                self._ui,
+                self._overlay,
+                on_preview=self._sample_pointed,
+                star=self._star,
+            )
             self._candidates = CandidatesView(client, palette, self._fan_changed)
             self._pointer.set_plain_drag_selects(self._viewpoint.is_top)
             self._viewpoint.restore()
@@ -282,6 +289,7 @@ class BrowserSession:
                 self._generators,
                 lambda: np.asarray(self._client.camera.look_at)[:2],
                 self._region,
+                self._samples,
                 self._run_changed,
             )
         with tabs.add_tab("Study"):
@@ -502,6 +510,7 @@ class BrowserSession:
             "R",
             "shift",
         )
+        key("Choose among the samples of the last run", self._samples.focus, "J")
         key("Cancel the generation", self._generation_panel.cancel)
         key("Reset road", self._road_panel.reset)
         key("Switch 3-D and top view", self._switch_view, "V")
@@ -524,6 +533,7 @@ class BrowserSession:
 
     def _show_change(self, before: SessionState, after: SessionState) -> None:
         playback = self._workspace.playback
+        self._samples.stop_preview()
         is_other_scene = before.base is not after.base
         if is_other_scene:
             playback.open(after.scenario.time_axis)
@@ -578,29 +588,45 @@ class BrowserSession:
         self._client.flush()
         time.sleep(SEND_PAUSE_S)
 
+    @property
+    def _drawn_scenario(self) -> Scenario:
+        """The session's scenario, or the sample that is pointed at."""
+        return self._samples.previewed or self._workspace.session.scenario
+
+    def _sample_pointed(self) -> None:
+        with self._client.atomic():
+            self._draw()
+
     def _draw(self) -> None:
         """Draw the scenario at the playhead."""
-        scenario = self._workspace.session.scenario
+        scenario = self._drawn_scenario
         self._map.show(scenario)
         self._ribbons.show(scenario)
         self._draw_frame()
 
     def _draw_frame(self) -> None:
-        scenario = self._workspace.session.scenario
-        self._agents.show(scenario, self._workspace.playback.step)
+        self._agents.show(self._drawn_scenario, self._workspace.playback.step)
         self._show_marks()
 
     def _show_marks(self) -> None:
         session, step = self._workspace.session, self._workspace.playback.step
         poses = self._agents.poses
         assert poses is not None
-        selection, warned = session.selection, self._problems.agents_at(step)
-        self._marks.show(session.scenario, poses, selection, warned, self._pointed_id)
+        scenario, selection = self._drawn_scenario, session.selection
+        if scenario is not session.scenario:
+            there = scenario.agents.row_of
+            selection = tuple(name for name in selection if name in there)
+            self._marks.show(scenario, poses, selection, (), None)
+            self._labels.show(scenario, poses, step, selection, {})
+            self._locks.show(scenario, poses)
+            return
+        warned = self._problems.agents_at(step)
+        self._marks.show(scenario, poses, selection, warned, self._pointed_id)
         self._steering.show_marks(poses)
         self._comparison.show()
         notes = self._comparison.notes()
-        self._labels.show(session.scenario, poses, step, selection, notes)
-        self._locks.show(session.scenario, poses)
+        self._labels.show(scenario, poses, step, selection, notes)
+        self._locks.show(scenario, poses)
 
     def _comparison_changed(self) -> None:
         with self._client.atomic():
@@ -806,7 +832,7 @@ class BrowserSession:
             self._placing.toggle()
         elif self._candidates_panel.shows_candidates:
             self._candidates_panel.hide_candidates()
-        elif not self._agent_panel.locks.withdraw():
+        elif not (self._samples.close() or self._agent_panel.locks.withdraw()):
             self._workspace.session.select(())
 
     def _theme_chosen(self, is_dark: bool) -> None:

@@ -31,6 +31,7 @@ from pd_editor.scene.traffic_choice import (
     road_user_ids,
 )
 from pd_editor.viewer.interaction.region_drawing import RegionDrawing
+from pd_editor.viewer.overlay.sample_strip import SampleStrip
 from pd_editor.viewer.panels.generation_run import (
     GenerationInput,
     GenerationRun,
@@ -87,6 +88,7 @@ class GenerationPanel:
         catalogue: GeneratorCatalogue,
         looked_at_m: Callable[[], np.ndarray],
         drawing: RegionDrawing,
+        strip: SampleStrip,
         on_run: Callable[[], None] = lambda: None,
     ) -> None:
         """Build it into the current tab.
@@ -96,6 +98,7 @@ class GenerationPanel:
             catalogue: what may be chosen, the default first, and what is broken.
             looked_at_m: the point of the ground in the middle of the view.
             drawing: the mode in which a region is drawn, and the region.
+            strip: offers the samples of a run over the picture.
             on_run: called when ``run_state`` has changed.
         """
         self._ui = ui
@@ -161,7 +164,7 @@ class GenerationPanel:
         self._build_resample(gui)
         # Last, since its report is of any length.
         with gui.add_folder("Last run"):
-            self._result = GenerationRun(ui, self._set_running, on_run)
+            self._result = GenerationRun(ui, strip, self._set_running, on_run)
         ui.on_click(self._run, self.regenerate)
         ui.on_change(self._model, lambda _name: self._model_chosen())
         self._live = LiveRegeneration(

@@ -17,6 +17,7 @@ from pd_editor.generation import (
     ScenarioGenerator,
 )
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.overlay.sample_strip import SampleSet, SampleStrip
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.guided_runs import GuidedRun
 from pd_editor.viewer.state.run_state import RunState
@@ -67,6 +68,7 @@ class GenerationRun:
     def __init__(
         self,
         ui: UiContext,
+        strip: SampleStrip,
         on_running: Callable[[bool], None],
         on_change: Callable[[], None],
     ) -> None:
@@ -74,17 +76,23 @@ class GenerationRun:
 
         Args:
             ui: the session and its page.
+            strip: offers the samples over the picture, where there are several.
             on_running: called when a run begins and ends.
             on_change: called when ``state`` has changed.
         """
         self._ui = ui
+        self._strip = strip
+        strip.adopt = self.adopt
         self._on_running = on_running
         self._on_change = on_change
         self._job: GenerationJob | None = None
         self._state: RunState | None = None
         self._generated: tuple[GenerationInput, GeneratedTraffic] | None = None
         self._waits = False
+        self._before: Scenario | None = None
+        """The scenario to which a sample of the last run was applied."""
         self._applied: Scenario | None = None
+        self._index = 0
         self._took_s = 0.0
         gui = ui.client.gui
         self._sample = gui.add_slider(
@@ -163,6 +171,13 @@ class GenerationRun:
         )
         count = 0 if self._generated is None else len(self._generated[1].samples)
         set_property(self._sample, "disabled", not (is_shown and count > 1))
+        is_undone = (
+            self._before is not None and self._ui.session.scenario is self._before
+        )
+        self._strip.follow(
+            self._index if is_shown else None,
+            is_valid=count > 1 and (is_shown or is_undone),
+        )
         if self._applied is not None and not is_shown:
             self._say("")
         use = self._use()
@@ -206,6 +221,8 @@ class GenerationRun:
     def forget(self) -> None:
         """Remove the report of the last run and its samples."""
         self._generated, self._applied, self._waits = None, None, False
+        self._before = None
+        self._strip.forget()
         self._say("")
         self.show()
 
@@ -249,6 +266,8 @@ class GenerationRun:
         text = f"{verb} ..."
         if progress.fraction == 0 and progress.message:
             text = progress.message
+        elif request.num_samples > 1 and request.samples_states:
+            text = f"{verb}, {request.num_samples} samples"
         elif request.num_samples > 1:
             number = int(progress.fraction * request.num_samples + 1e-6) + 1
             number = min(number, request.num_samples)
@@ -274,10 +293,15 @@ class GenerationRun:
         assert self._generated is not None
         task, traffic = self._generated
         self._applied = None
+        self._ui.commit_gesture()
+        before = self._ui.session.scenario
         self._ui.apply(
             traffic_command(task.request, traffic, index, removed_ids=task.removed_ids)
         )
-        self._applied = self._ui.session.scenario
+        self._applied, self._index = self._ui.session.scenario, index
+        if before is not self._before:
+            self._before = before
+            self._offer_samples(before)
         self._ui.workspace.guided_runs.keep(
             self._applied.agents,
             GuidedRun(
@@ -297,13 +321,41 @@ class GenerationRun:
         )
         self.show()
 
+    def _offer_samples(self, before: Scenario) -> None:
+        assert self._generated is not None
+        task, traffic = self._generated
+        if len(traffic.samples) < 2:
+            return
+        commands = tuple(
+            traffic_command(task.request, traffic, index, removed_ids=task.removed_ids)
+            for index in range(len(traffic.samples))
+        )
+        self._strip.open(
+            SampleSet(
+                before=before,
+                scene=task.request.scenario,
+                samples=traffic.samples,
+                commands=commands,
+            )
+        )
+
+    def adopt(self, index: int) -> None:
+        """Apply a sample of the last run in the place of the one that is applied.
+
+        Nothing happens if the scenario was edited since.
+        """
+        now = self._ui.session.scenario
+        if self._generated is not None and now is self._applied:
+            self._ui.session.undo()
+            self._apply(index)
+        elif self._generated is not None and now is self._before:
+            self._apply(index)
+        else:
+            self.show()
+
     def _sample_chosen(self, number: float) -> None:
         """Replace the sample that was just applied by another one."""
-        if self._generated is None or self._ui.session.scenario is not self._applied:
-            self.show()
-            return
-        self._ui.session.undo()
-        self._apply(int(number) - 1)
+        self.adopt(int(number) - 1)
 
     def _failed(self, error: Exception) -> None:
         self._job = None

@@ -1,0 +1,333 @@
+"""The strip of samples over the picture: compare the samples of a run and choose one."""
+
+import base64
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pd_editor.basket.thumbnail import PictureFrame, thumbnail
+from pd_editor.editor.commands import Command
+from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.errors import PdEditorError
+from pd_editor.generation import TrafficSample
+from pd_editor.metrics.sample_ranking import (
+    RANKING_WORDS,
+    Ranking,
+    SampleNumbers,
+    numbers_of,
+    ranked,
+    spread_pick,
+)
+from pd_editor.metrics.traffic_view import generated_traffic
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.state.ui_context import UiContext
+
+PICKS: Final = (2, 3, 4, 6)
+"""Sizes of a diverse choice that are offered, as far as there are more samples."""
+SECONDS_DIGITS: Final = 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampleSet:
+    """The samples of a run, each of which replaces traffic of the same scenario."""
+
+    before: Scenario
+    """The scenario to which one of the samples is applied."""
+    scene: Scenario
+    """The same without the agents that samples replace."""
+    samples: tuple[TrafficSample, ...]
+    commands: tuple[Command, ...]
+    """The edit that applies each sample."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampleCards:
+    """What the strip shows of each sample."""
+
+    scenarios: tuple[Scenario, ...]
+    numbers: tuple[SampleNumbers, ...]
+    pictures: tuple[str, ...]
+    """Top views, as SVG."""
+    spread: tuple[int, ...]
+    """All samples, the most diverse ones first."""
+
+    @classmethod
+    def of(cls, samples: SampleSet) -> "SampleCards":
+        """Compute numbers and pictures of all samples.
+
+        Raises:
+            PdEditorError: a sample cannot be applied.
+        """
+        scenarios = tuple(
+            apply_within_locks(command, samples.before) for command in samples.commands
+        )
+        numbers = tuple(
+            numbers_of(generated_traffic(samples.scene, one)) for one in samples.samples
+        )
+        there = [
+            name
+            for name in samples.samples[0].ids
+            if name in scenarios[0].agents.row_of
+        ]
+        frame = PictureFrame.around_agents(scenarios[0], there)
+        count = len(samples.samples)
+        return cls(
+            scenarios=scenarios,
+            numbers=numbers,
+            pictures=tuple(thumbnail(one, frame) for one in scenarios),
+            spread=spread_pick(samples.samples, count, first=ranked(numbers)[0]),
+        )
+
+
+class SampleStrip:
+    """The element ``samples``: cards of a run's samples, above the timeline.
+
+    Pointing at a card shows its sample in the scene, without an edit; a click adopts it.
+    """
+
+    def __init__(
+        self,
+        ui: UiContext,
+        overlay: Overlay,
+        *,
+        on_preview: Callable[[], None],
+        star: Callable[[], None],
+    ) -> None:
+        """Show nothing yet.
+
+        Args:
+            ui: the tab's session.
+            overlay: shows the strip.
+            on_preview: called when the sample in the scene has changed, to draw it.
+            star: puts the scenario at hand into the basket.
+        """
+        self._ui = ui
+        self._overlay = overlay
+        self._on_preview = on_preview
+        self._star = star
+        self.adopt: Callable[[int], None] = lambda _index: None
+        """Applies a sample in the place of the one that is applied."""
+        self._samples: SampleSet | None = None
+        self._cards: SampleCards | None = None
+        self._adopted: int | None = None
+        self._is_shown = False
+        self._is_closed = False
+        self._ranking: Ranking = "realism"
+        self._pick: int | None = None
+        self._previewed: int | None = None
+        overlay.on("samples", self._heard)
+        self._show()
+
+    @property
+    def previewed(self) -> Scenario | None:
+        """The scenario with the sample that is pointed at; None without one."""
+        if self._previewed is None or self._cards is None:
+            return None
+        return self._cards.scenarios[self._previewed]
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the strip is on the page."""
+        return self._is_shown and not self._is_closed and self._cards is not None
+
+    def open(self, samples: SampleSet) -> None:
+        """Show the samples of a new run as soon as their cards are computed."""
+        self.forget()
+        self._samples = samples
+
+        def compute() -> None:
+            try:
+                cards = SampleCards.of(samples)
+            except PdEditorError as error:
+                reported = error
+                self._ui.post(lambda: self._ui.report(reported))
+                return
+            self._ui.post(lambda: self._computed(samples, cards))
+
+        threading.Thread(target=compute, name="sample-cards", daemon=True).start()
+
+    def follow(self, adopted: int | None, *, is_valid: bool) -> None:
+        """Follow the session.
+
+        Args:
+            adopted: index of the sample in force; None without one.
+            is_valid: whether a sample can be adopted; otherwise the strip is hidden.
+        """
+        self._adopted, self._is_shown = adopted, is_valid
+        self._show()
+
+    def forget(self) -> None:
+        """Remove the samples of the last run."""
+        self._samples = self._cards = None
+        self._pick, self._is_closed = None, False
+        self._point_at(None)
+        self._show()
+
+    def stop_preview(self) -> None:
+        """Forget the sample that is pointed at, since the session is drawn."""
+        self._previewed = None
+
+    def focus(self) -> None:
+        """Open the strip again if it was closed, with the focus on its cards."""
+        if self._cards is None or not self._is_shown:
+            self._ui.notify(
+                "No samples to choose among",
+                "Set 'Samples' under Drive to 2 or more, then regenerate or resample.",
+            )
+            return
+        self._is_closed = False
+        self._show(takes_focus=True)
+
+    def close(self) -> bool:
+        """Close the strip; returns whether it was open."""
+        was_open, self._is_closed = self.is_open, True
+        self._point_at(None)
+        self._show()
+        return was_open
+
+    def _computed(self, samples: SampleSet, cards: SampleCards) -> None:
+        if self._samples is samples:
+            self._cards = cards
+            self._show()
+
+    def _order(self) -> list[int]:
+        assert self._cards is not None
+        order = ranked(self._cards.numbers, self._ranking)
+        if self._pick is None:
+            return list(order)
+        kept = set(self._cards.spread[: self._pick])
+        return [index for index in order if index in kept]
+
+    def _show(self, *, takes_focus: bool = False) -> None:
+        if not self.is_open:
+            self._overlay.show("samples", {"isOpen": False, "cards": []})
+            return
+        cards = self._cards
+        assert cards is not None
+        count = len(cards.numbers)
+        rank = {
+            index: n for n, index in enumerate(ranked(cards.numbers, self._ranking), 1)
+        }
+        self._overlay.show(
+            "sample-pictures",
+            {"pictures": [_as_address(one) for one in cards.pictures]},
+        )
+        self._overlay.show(
+            "samples",
+            {
+                "isOpen": True,
+                "takesFocus": takes_focus,
+                "ranking": self._ranking,
+                "rankings": [
+                    {"value": value, "text": text}
+                    for value, text in RANKING_WORDS.items()
+                ],
+                "pick": self._pick or 0,
+                "picks": [
+                    {"value": 0, "text": f"All {count}"},
+                    *(
+                        {"value": size, "text": f"{size} most diverse"}
+                        for size in PICKS
+                        if size < count
+                    ),
+                ],
+                "cards": [
+                    {
+                        "index": index,
+                        "rank": rank[index],
+                        "isAdopted": index == self._adopted,
+                        "lines": card_lines(cards.numbers[index], self._ranking),
+                        "hint": all_numbers(cards.numbers[index]),
+                    }
+                    for index in self._order()
+                ],
+            },
+        )
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        kind, value = event.get("kind"), event.get("value")
+        if kind == "close":
+            self.close()
+        elif kind == "leave":
+            self._point_at(None)
+        elif kind == "rank" and value in RANKING_WORDS:
+            self._ranking = value
+            self._show()
+        elif kind == "pick" and isinstance(value, int):
+            self._pick = value if value in PICKS else None
+            self._show()
+        elif isinstance(value, int) and self.is_open and self._has(value):
+            if kind == "point":
+                self._point_at(value)
+            elif kind == "adopt":
+                self._adopt(value)
+            elif kind == "keep":
+                self._adopt(value)
+                self._star()
+
+    def _has(self, index: int) -> bool:
+        return self._cards is not None and 0 <= index < len(self._cards.numbers)
+
+    def _adopt(self, index: int) -> None:
+        self._previewed = None
+        if index == self._adopted:
+            self._on_preview()
+        else:
+            self.adopt(index)
+
+    def _point_at(self, index: int | None) -> None:
+        if index != self._previewed:
+            self._previewed = index
+            self._on_preview()
+
+
+def card_lines(numbers: SampleNumbers, ranking: Ranking) -> Sequence[Mapping[str, str]]:
+    """The three most telling numbers of a sample: collisions, road, movement.
+
+    With "interaction" the shortest time to collision replaces the movement.
+    """
+    collisions = numbers.num_collisions
+    off = round(100 * numbers.off_road_share)
+    lines = [
+        {
+            "text": f"{collisions or 'No'} collision{'s' if collisions != 1 else ''}",
+            "tone": "bad" if collisions else "",
+        },
+        {"text": f"{off} % off-road", "tone": ""},
+    ]
+    time = numbers.time_to_collision_s
+    if ranking == "interaction":
+        near = (
+            "no course" if time is None else f"{time:.{SECONDS_DIGITS}f} s to collision"
+        )
+        lines.append({"text": near, "tone": ""})
+    else:
+        moving = round(100 * numbers.moving_share)
+        lines.append(
+            {"text": f"{moving} % move, {numbers.mean_speed_mps:.1f} m/s", "tone": ""}
+        )
+    return lines
+
+
+def all_numbers(numbers: SampleNumbers) -> str:
+    """All numbers of a sample, one per line."""
+    time = numbers.time_to_collision_s
+    return "\n".join(
+        (
+            f"Realism {numbers.realism:.0f} of 100; a typical recording has 50",
+            f"Agents: {numbers.num_agents}, of which collide: {numbers.num_collisions}",
+            f"Time off-road, while moving: {numbers.off_road_share:.0%}",
+            f"Distance to centre lines: {numbers.lateral_deviation_m:.1f} m",
+            f"Moving: {numbers.moving_share:.0%}, at {numbers.mean_speed_mps:.1f} m/s",
+            f"Uncomfortable: {numbers.harsh_share:.0%} of the time",
+            "No agents on a collision course"
+            if time is None
+            else f"Shortest time to collision: {time:.1f} s",
+        )
+    )
+
+
+def _as_address(svg: str) -> str:
+    return f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"

@@ -1,0 +1,160 @@
+"""The strip of samples in a real browser: preview, adopt, compare and undo by the mouse."""
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def editor(open_editor):
+    """The demo at t = 0, with the tab of the generator open."""
+    page = open_editor()
+    page.go_to_now()
+    page.open_tab("Drive")
+    return page
+
+
+def regenerated(editor, count: int = 4) -> None:
+    """A run of several samples, and its strip."""
+    editor.fill("Samples", count)
+    editor.key("r")
+    editor.until(lambda: editor.session.entries, "a run", 90)
+    strip(editor).wait_for(state="visible")
+    editor.until(lambda: cards(editor).count() == count, "cards")
+
+
+def strip(editor):
+    return editor.page.get_by_role("region", name="Samples", exact=True)
+
+
+def cards(editor):
+    return strip(editor).get_by_role("listbox").get_by_role("option")
+
+
+def card(editor, number: int):
+    return strip(editor).get_by_role("option", name=f"Sample {number}", exact=True)
+
+
+def labels(editor) -> list[str]:
+    return [one.label.split(" (")[0] for one in editor.session.entries]
+
+
+def drawn_end(editor) -> np.ndarray:
+    """Positions of all agents in the picture."""
+    return editor._tab()._agents.poses.position_m
+
+
+def test_samples_are_previewed_adopted_and_undone(editor):
+    session = editor.session
+    opened = session.scenario
+    regenerated(editor)
+    first = session.scenario
+    assert card(editor, 1).get_attribute("aria-selected") == "true"
+    shown = card(editor, 2).inner_text()
+    assert "collision" in shown
+    assert "off-road" in shown
+    editor.seek(3.0)
+    before = drawn_end(editor).copy()
+
+    # Pointing shows another sample in the scene, and is no edit.
+    card(editor, 3).hover()
+    editor.until(lambda: editor._tab()._samples.previewed is not None, "a preview")
+    editor.until(lambda: not np.array_equal(drawn_end(editor), before), "its agents")
+    assert session.scenario is first
+    assert len(session.entries) == 1
+    editor.screenshot("samples_preview")
+    previewed = editor._tab()._samples.previewed
+    editor.page.mouse.move(300, 60)
+    editor.until(lambda: np.array_equal(drawn_end(editor), before), "the end of it")
+
+    # A click adopts it, another one replaces it: one entry.
+    card(editor, 3).click()
+    editor.until(lambda: labels(editor)[0].endswith("sample 3 of 4"), "sample 3")
+    assert np.array_equal(
+        session.scenario.agents.position_m, previewed.agents.position_m
+    )
+    card(editor, 2).click()
+    editor.until(lambda: labels(editor)[0].endswith("sample 2 of 4"), "sample 2")
+    assert len(session.entries) == 1
+    editor.until(
+        lambda: card(editor, 2).get_attribute("aria-selected") == "true", "the mark"
+    )
+
+    # Undo goes back to before the run; the strip stays, and any sample can be taken.
+    editor.key("Control+z")
+    editor.until(lambda: session.scenario is opened, "undo")
+    card(editor, 4).click()
+    editor.until(lambda: labels(editor)[-1].endswith("sample 4 of 4"), "sample 4")
+    assert len(session.entries) == 1
+
+    # Another edit hides it, undoing that edit shows it again.
+    editor.press("Clear the road")
+    editor.until(lambda: len(session.entries) == 2, "an edit")
+    strip(editor).wait_for(state="hidden")
+    editor.key("Control+z")
+    strip(editor).wait_for(state="visible")
+
+
+def test_samples_by_keys_ranking_and_choice(editor):
+    regenerated(editor, 5)
+    page, session = editor.page, editor.session
+    editor.key("j")
+    page.wait_for_function(
+        "document.activeElement.classList.contains('pd-sample')", timeout=5000
+    )
+    at = page.evaluate("document.activeElement.dataset.index")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function(f"document.activeElement.dataset.index !== '{at}'")
+    number = int(page.evaluate("document.activeElement.dataset.index")) + 1
+    editor.until(lambda: editor._tab()._samples.previewed is not None, "a preview")
+    page.keyboard.press("Enter")
+    editor.until(
+        lambda: labels(editor)[0].endswith(f"sample {number} of 5"), "the sample"
+    )
+    assert len(session.entries) == 1
+
+    strip(editor).get_by_role("combobox", name="Order of the samples").select_option(
+        "movement"
+    )
+    numbers = editor._tab()._samples._cards.numbers
+    most = max(
+        range(5), key=lambda n: numbers[n].moving_share * numbers[n].mean_speed_mps
+    )
+    editor.until(
+        lambda: cards(editor).first.get_attribute("aria-label") == f"Sample {most + 1}",
+        "the order",
+    )
+    strip(editor).get_by_role("combobox", name="Samples shown").select_option("2")
+    editor.until(lambda: cards(editor).count() == 2, "the diverse ones")
+    cards(editor).first.click()
+    page.keyboard.press("Escape")
+    strip(editor).wait_for(state="hidden")
+    editor.key("j")
+    strip(editor).wait_for(state="visible")
+    editor.reload()
+    assert strip(editor).count() == 0 or strip(editor).is_hidden()
+
+
+def test_resampled_agents_are_offered_as_samples(editor):
+    session = editor.session
+    editor.fill("Samples", 2)
+    editor.tick("As many as fit")
+    editor.press("Resample")
+    editor.until(lambda: session.entries, "agents", 120)
+    editor.until(lambda: cards(editor).count() == 2, "cards")
+    card(editor, 2).click()
+    editor.until(lambda: "sample 2 of 2" in session.entries[-1].label, "sample 2")
+    assert len(session.entries) == 1
+    editor.screenshot("samples_resampled")
+    card(editor, 2).hover()
+    keep = strip(editor).get_by_role(
+        "button", name="Use sample 2 and put it into the basket"
+    )
+    keep.click()
+    editor.until(lambda: editor.workspace.basket.entries(), "a starred scenario")
+    # A single sample needs no choice.
+    editor.fill("Samples", 1)
+    editor.key("r")
+    editor.until(lambda: len(session.entries) == 2, "a run of one", 90)
+    strip(editor).wait_for(state="hidden")
