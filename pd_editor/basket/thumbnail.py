@@ -80,7 +80,7 @@ def thumbnail(scenario: Scenario, frame: PictureFrame | None = None) -> str:
         f"{-half_width:g} {-half_height:g} {2 * half_width:g} "
         f'{2 * half_height:g}">',
         f'<path fill="{_ROAD}" fill-opacity="0.45" fill-rule="evenodd" '
-        f'd="{_ground_path(scenario.road_map, frame)}"/>',
+        f'd="{ground_path(scenario.road_map, frame)}"/>',
     ]
     size = np.maximum(agents.size_m[there], LEAST_SIZE_M * frame.scale)
     position = agents.position_m[there, now]
@@ -121,7 +121,8 @@ def _color(scenario: Scenario, row: int) -> str:
 
 
 @lru_cache(maxsize=16)
-def _ground_path(road_map: RoadMap, frame: PictureFrame) -> str:
+def ground_path(road_map: RoadMap, frame: PictureFrame) -> str:
+    """Outline of the drivable area in a frame, in metres from its middle with y down."""
     (x, y), (half_width, half_height) = frame.middle_m, frame.half_size_m
     window = shapely.box(
         x - half_width, y - half_height, x + half_width, y + half_height

@@ -22,6 +22,7 @@ from pd_editor.metrics.sample_ranking import (
 from pd_editor.metrics.traffic_view import generated_traffic
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.overlay.sample_pair import SamplePair
 from pd_editor.viewer.state.ui_context import UiContext
 
 PICKS: Final = (2, 3, 4, 6)
@@ -48,6 +49,8 @@ class SampleCards:
 
     scenarios: tuple[Scenario, ...]
     numbers: tuple[SampleNumbers, ...]
+    frame: PictureFrame
+    """Of all pictures."""
     pictures: tuple[str, ...]
     """Top views, as SVG."""
     spread: tuple[int, ...]
@@ -76,6 +79,7 @@ class SampleCards:
         return cls(
             scenarios=scenarios,
             numbers=numbers,
+            frame=frame,
             pictures=tuple(thumbnail(one, frame) for one in scenarios),
             spread=spread_pick(samples.samples, count, first=ranked(numbers)[0]),
         )
@@ -117,6 +121,7 @@ class SampleStrip:
         self._ranking: Ranking = "realism"
         self._pick: int | None = None
         self._previewed: int | None = None
+        self._pair = SamplePair(overlay, self._adopt)
         overlay.on("samples", self._heard)
         self._show()
 
@@ -161,6 +166,7 @@ class SampleStrip:
     def forget(self) -> None:
         """Remove the samples of the last run."""
         self._samples = self._cards = None
+        self._pair.close()
         self._pick, self._is_closed = None, False
         self._point_at(None)
         self._show()
@@ -181,7 +187,9 @@ class SampleStrip:
         self._show(takes_focus=True)
 
     def close(self) -> bool:
-        """Close the strip; returns whether it was open."""
+        """Close the comparison, or else the strip; returns whether one was open."""
+        if self._pair.close():
+            return True
         was_open, self._is_closed = self.is_open, True
         self._point_at(None)
         self._show()
@@ -202,6 +210,7 @@ class SampleStrip:
 
     def _show(self, *, takes_focus: bool = False) -> None:
         if not self.is_open:
+            self._pair.close()
             self._overlay.show("samples", {"isOpen": False, "cards": []})
             return
         cards = self._cards
@@ -263,6 +272,8 @@ class SampleStrip:
                 self._point_at(value)
             elif kind == "adopt":
                 self._adopt(value)
+            elif kind == "pair":
+                self._compare(value)
             elif kind == "keep":
                 self._adopt(value)
                 self._star()
@@ -272,10 +283,24 @@ class SampleStrip:
 
     def _adopt(self, index: int) -> None:
         self._previewed = None
+        self._pair.close()
         if index == self._adopted:
             self._on_preview()
         else:
             self.adopt(index)
+
+    def _compare(self, index: int) -> None:
+        """Show a sample beside the adopted one, or beside the best one without any."""
+        assert self._cards is not None
+        other = self._order()[0] if self._adopted is None else self._adopted
+        if other == index:
+            return
+        scenarios = self._cards.scenarios
+        self._pair.show(
+            [(other, scenarios[other]), (index, scenarios[index])],
+            self._cards.frame,
+            self._adopted,
+        )
 
     def _point_at(self, index: int | None) -> None:
         if index != self._previewed:

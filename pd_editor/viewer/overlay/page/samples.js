@@ -21,7 +21,7 @@
     const ranking = chooser("Order of the samples", "rank");
     const pick = chooser("Samples shown", "pick");
     const hint = make("span", "pd-samples-hint", {},
-      "Point to preview, click to use. Arrows, Enter, Esc.");
+      "Point to preview, click to use. Arrows, Enter, C compares, Esc.");
     const close = make("button", "pd-close", {
       type: "button", "aria-label": "Close the samples", title: "Close (Esc)",
     }, "\u00d7");
@@ -66,6 +66,8 @@
       }[event.key];
       if (event.key === "Escape") api.send({ kind: "close" });
       else if (event.target.tagName === "SELECT") return;
+      else if (event.key.toLowerCase() === "c" && !event.ctrlKey && !event.metaKey &&
+          cursor !== null) api.send({ kind: "pair", value: cursor });
       else if (target !== undefined) moveTo(target);
       else if (event.key === "Enter" && event.target.classList.contains("pd-sample"))
         api.send({ kind: "adopt", value: Number(event.target.dataset.index) });
@@ -114,6 +116,15 @@
       }, "\u2606");
       keep.addEventListener("click", () => api.send({ kind: "keep", value: index }));
       box.append(card, keep);
+      if (!isAdopted) {
+        const pair = make("button", "pd-sample-keep pd-sample-pair", {
+          type: "button", tabindex: "-1",
+          "aria-label": `Compare sample ${index + 1} with the one in use`,
+          title: "Side by side with the sample in use",
+        }, "\u25eb");
+        pair.addEventListener("click", () => api.send({ kind: "pair", value: index }));
+        box.append(pair);
+      }
       return box;
     }
 

@@ -30,6 +30,9 @@
     return axis.firstStep + ((step - axis.firstStep) % length);
   }
 
+  // The step that is shown now, from the current one; other elements keep in time by it.
+  pdOverlay.playhead = () => stepAt(performance.now());
+
   function icon(...shapes) {
     const svg = document.createElementNS(SVG, "svg");
     svg.setAttribute("viewBox", "0 0 16 16");
