@@ -139,7 +139,10 @@ def test_samples_by_keys_ranking_and_choice(editor):
 def test_resampled_agents_are_offered_as_samples(editor):
     session = editor.session
     editor.fill("Samples", 2)
-    editor.tick("As many as fit")
+    editor.choose("Where", "In the middle of my view (125 m square)")
+    editor.fill("Vehicles", 3)
+    for label in ("Pedestrians", "Buses", "Cyclists", "Motorcyclists"):
+        editor.fill(label, 0)
     editor.press("Resample")
     editor.until(lambda: session.entries, "agents", 120)
     editor.until(lambda: cards(editor).count() == 2, "cards")
@@ -147,6 +150,16 @@ def test_resampled_agents_are_offered_as_samples(editor):
     editor.until(lambda: "sample 2 of 2" in session.entries[-1].label, "sample 2")
     assert len(session.entries) == 1
     editor.screenshot("samples_resampled")
+    card(editor, 1).hover()
+    compare = "Compare sample 1 with the one in use"
+    strip(editor).get_by_role("button", name=compare).click()
+    pair = editor.page.get_by_role("dialog", name="Two samples side by side")
+    pair.wait_for(state="visible")
+    editor.screenshot("samples_side_by_side")
+    pair.get_by_role("button", name="Use this sample").click()
+    editor.until(lambda: "sample 1 of 2" in session.entries[-1].label, "sample 1")
+    pair.wait_for(state="hidden")
+    assert len(session.entries) == 1
     card(editor, 2).hover()
     keep = strip(editor).get_by_role(
         "button", name="Use sample 2 and put it into the basket"

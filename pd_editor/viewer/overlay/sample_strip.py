@@ -13,6 +13,7 @@ from pd_editor.errors import PdEditorError
 from pd_editor.generation import TrafficSample
 from pd_editor.metrics.sample_ranking import (
     RANKING_WORDS,
+    RANKINGS,
     Ranking,
     SampleNumbers,
     numbers_of,
@@ -261,7 +262,7 @@ class SampleStrip:
             self.close()
         elif kind == "leave":
             self._point_at(None)
-        elif kind == "rank" and value in RANKING_WORDS:
+        elif kind == "rank" and value in RANKINGS:
             self._ranking = value
             self._show()
         elif kind == "pick" and isinstance(value, int):
@@ -325,7 +326,9 @@ def card_lines(numbers: SampleNumbers, ranking: Ranking) -> Sequence[Mapping[str
     time = numbers.time_to_collision_s
     if ranking == "interaction":
         near = (
-            "no course" if time is None else f"{time:.{SECONDS_DIGITS}f} s to collision"
+            "no collision course"
+            if time is None
+            else f"{time:.{SECONDS_DIGITS}f} s to collision"
         )
         lines.append({"text": near, "tone": ""})
     else:

@@ -1,0 +1,181 @@
+"""What the strip of samples shows, and what it does with the page's events."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.commands import traffic_command
+from pd_editor.generation import GeneratedTraffic, GenerationRequest
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.overlay.sample_strip import SampleSet, SampleStrip, card_lines
+from pd_editor.viewer.state.ui_context import UiContext
+from tests.builders import two_agents_that_pass
+from tests.metrics.test_sample_ranking import PLAIN
+from tests.metrics.traffic_builders import sample_of
+
+
+class Page(Overlay):
+    """Keeps what is shown; there is no page."""
+
+    def __init__(self):
+        self.shown, self.handlers = {}, {}
+
+    def show(self, element, state):
+        self.shown[element] = dict(state)
+
+    def on(self, element, handler):
+        self.handlers[element] = handler
+
+
+class Tab(UiContext):
+    """Runs actions at once and keeps notices."""
+
+    def __init__(self):
+        self.notices, self.errors = [], []
+
+    def post(self, action, merge_key=None, *, failure=None):
+        action()
+
+    def notify(self, title, body="", tone="info", *, stays=False):
+        self.notices.append(title)
+
+    def report(self, error):
+        self.errors.append(error)
+
+
+@pytest.fixture
+def page():
+    return Page()
+
+
+@pytest.fixture
+def drawn():
+    return []
+
+
+@pytest.fixture
+def strip(page, drawn):
+    strip = SampleStrip(
+        Tab(), page, on_preview=lambda: drawn.append(1), star=lambda: None
+    )
+    strip.adopted = []
+    strip.adopt = strip.adopted.append
+    return strip
+
+
+def opened(strip, page, count=3):
+    """A run of some samples, the first of which is in force."""
+    scenario = two_agents_that_pass()
+    agents, now = scenario.agents, scenario.current_step
+    steps = scenario.time_axis.num_future_steps + 1
+    start = agents.position_m[:, now][:, None].repeat(steps, axis=1)
+    samples = []
+    for index in range(count):
+        path = start.copy()
+        path[..., 0] += 0.1 * (1 + index) * np.arange(steps)
+        samples.append(sample_of(agents.ids, path, agents.kinds))
+    request = GenerationRequest(
+        scenario=scenario, agent_ids=agents.ids, num_samples=count
+    )
+    traffic = GeneratedTraffic(samples=tuple(samples), generator="fake")
+    strip.open(
+        SampleSet(
+            before=scenario,
+            scene=scenario,
+            samples=traffic.samples,
+            commands=tuple(traffic_command(request, traffic, n) for n in range(count)),
+        )
+    )
+    strip.follow(0, is_valid=True)
+    end = time.monotonic() + 10
+    while not page.shown["samples"]["isOpen"] and time.monotonic() < end:
+        time.sleep(0.01)
+    assert strip.is_open
+    assert not strip._ui.errors
+    return page.shown["samples"]
+
+
+def test_cards_are_ranked_and_marked(strip, page):
+    shown = opened(strip, page)
+    assert sorted(card["index"] for card in shown["cards"]) == [0, 1, 2]
+    assert [card["index"] for card in shown["cards"] if card["isAdopted"]] == [0]
+    assert len(page.shown["sample-pictures"]["pictures"]) == 3
+    hear = page.handlers["samples"]
+    hear({"kind": "rank", "value": "movement"})
+    cards = page.shown["samples"]["cards"]
+    assert [card["index"] for card in cards] == [2, 1, 0]
+    assert [card["rank"] for card in cards] == [1, 2, 3]
+    hear({"kind": "pick", "value": 2})
+    assert len(page.shown["samples"]["cards"]) == 2
+    hear({"kind": "pick", "value": 0})
+    assert len(page.shown["samples"]["cards"]) == 3
+
+
+def test_pointing_previews_and_a_click_adopts(strip, page, drawn):
+    opened(strip, page)
+    hear = page.handlers["samples"]
+    hear({"kind": "point", "value": 2})
+    assert strip.previewed is not None
+    assert len(drawn) == 1
+    hear({"kind": "point", "value": 2})
+    assert len(drawn) == 1
+    hear({"kind": "leave"})
+    assert strip.previewed is None
+    hear({"kind": "adopt", "value": 1})
+    hear({"kind": "adopt", "value": 0})
+    assert strip.adopted == [1]
+    for value in (-1, 3, "1", None, 10**30, [1]):
+        for kind in ("point", "adopt", "keep", "pair", "rank", "pick"):
+            hear({"kind": kind, "value": value})
+    assert strip.adopted == [1]
+    assert strip.previewed is None
+
+
+def test_a_sample_is_compared_with_the_one_in_use(strip, page):
+    opened(strip, page)
+    page.handlers["samples"]({"kind": "pair", "value": 2})
+    pair = page.shown["sample-pair"]
+    assert [one["index"] for one in pair["samples"]] == [0, 2]
+    left, right = (one["agents"][0]["path"] for one in pair["samples"])
+    assert len(left) == len(right) == 3 * 60
+    assert left[:2] == right[:2]
+    assert left != right
+    page.handlers["sample-pair"]({"kind": "use", "value": 2})
+    assert strip.adopted == [2]
+    assert page.shown["sample-pair"] == {"isOpen": False}
+    page.handlers["samples"]({"kind": "pair", "value": 1})
+    assert strip.close(), "the comparison is closed first"
+    assert strip.is_open
+    assert strip.close()
+    assert not strip.is_open
+    assert not strip.close()
+
+
+def test_the_strip_hides_and_comes_back_with_the_state(strip, page):
+    opened(strip, page)
+    page.handlers["samples"]({"kind": "point", "value": 1})
+    strip.follow(None, is_valid=False)
+    assert not page.shown["samples"]["isOpen"]
+    strip.follow(None, is_valid=True)
+    assert page.shown["samples"]["isOpen"]
+    strip.close()
+    strip.follow(0, is_valid=True)
+    assert not page.shown["samples"]["isOpen"]
+    strip.focus()
+    assert page.shown["samples"]["takesFocus"]
+    strip.forget()
+    assert strip.previewed is None
+    strip.focus()
+    assert strip._ui.notices == ["No samples to choose among"]
+
+
+def test_three_numbers():
+    texts = [line["text"] for line in card_lines(PLAIN, "realism")]
+    assert texts == ["No collisions", "0 % off-road", "50 % move, 8.0 m/s"]
+    one = replace(PLAIN, num_collisions=1)
+    assert card_lines(one, "interaction")[0] == {"text": "1 collision", "tone": "bad"}
+    assert card_lines(one, "interaction")[2]["text"] == "2.0 s to collision"
+    never = replace(PLAIN, time_to_collision_s=None)
+    assert card_lines(never, "interaction")[2]["text"] == "no collision course"
