@@ -1,0 +1,158 @@
+"""Live regeneration in the whole tab, without a browser."""
+
+import json
+import threading
+
+import pytest
+
+from pd_editor.av2_io.write import scenario_files
+from pd_editor.editor.commands import (
+    AddGuidance,
+    RegeneratedEdit,
+    SetLocks,
+    TransformAgents,
+)
+from pd_editor.exporters.bundle import write_files
+from pd_editor.generation import GeneratorSpec
+from pd_editor.generators import registry
+from pd_editor.scene.guidance_terms import GoalPoint
+from pd_editor.scene.locks import TRAJECTORY_LOCK
+from pd_editor.viewer.panels.live_switch import ALL, GENERATED
+from tests.builders import two_agents_that_pass
+from tests.editor.fake_generators import DriftGenerator
+from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
+
+
+@pytest.fixture
+def drift(monkeypatch) -> DriftGenerator:
+    generator = DriftGenerator(num_steps=2)
+    offers = {"drift": GeneratorSpec(make=lambda: generator, default_num_steps=4)}
+    monkeypatch.setattr(registry, "GENERATORS", offers)
+    return generator
+
+
+@pytest.fixture
+def app(tmp_path, drift):
+    folder = tmp_path / "scene"
+    write_files(scenario_files(two_agents_that_pass()), folder, forbidden=None)
+    with running_app(tmp_path / "library", str(folder)) as running:
+        yield running
+
+
+@pytest.fixture
+def tab(app):
+    with connected_tab(app) as opened:
+        opened.tab._workspace.playback.pause()
+        yield opened
+
+
+def reacting(tab: FakeTab) -> tuple[str, ...]:
+    switch = tab.tab._generation_panel.live_switch
+    return tab.run(lambda: switch.reacting_ids(tab.session.scenario))
+
+
+def choose(tab: FakeTab, scope: str) -> None:
+    tab.run(lambda: tab.tab._generation_panel.live_switch._scope_chosen(scope))
+
+
+def move(tab: FakeTab, agent_id: str, dx_m: float) -> None:
+    command = TransformAgents(agent_ids=(agent_id,), dx_m=dx_m)
+    tab.run(lambda: tab.ui.preview("drag 1", command, has_end=True))
+
+
+def generate(tab: FakeTab) -> None:
+    position = tab.session.state.position
+    tab.run(tab.tab._generation_panel.regenerate)
+    until(lambda: tab.session.state.position == position + 1)
+
+
+def test_recorded_agents_stay_unless_they_are_guided_or_all_shall_react(tab: FakeTab):
+    first, second = tab.session.scenario.agents.ids
+    assert reacting(tab) == ()
+    goal = AddGuidance(term=GoalPoint(agent_id=first, point_m=(0.0, 0.0)))
+    tab.run(lambda: tab.ui.apply(goal))
+    assert reacting(tab) == (first,)
+    choose(tab, ALL)
+    assert reacting(tab) == (first, second)
+    lock = SetLocks(agent_ids=(second,), lock=TRAJECTORY_LOCK)
+    tab.run(lambda: tab.ui.apply(lock))
+    assert reacting(tab) == (first,)
+    choose(tab, GENERATED)
+    tab.run(tab.session.undo)
+    tab.run(tab.session.undo)
+    generate(tab)
+    assert reacting(tab) == (first, second)
+
+
+def test_a_gesture_becomes_one_entry_with_the_reaction(tab: FakeTab):
+    generate(tab)
+    before = tab.session.scenario
+    first, _ = before.agents.ids
+    for dx in (0.5, 1.0, 1.5):
+        move(tab, first, dx)
+    tab.run(tab.ui.end_gesture)
+    until(lambda: len(tab.session.entries) == 2 and tab.ui.gesture is None)
+    entry = tab.session.entries[1]
+    assert isinstance(entry.command, RegeneratedEdit)
+    assert entry.command.edit == TransformAgents(agent_ids=(first,), dx_m=1.5)
+    assert tab.tab._generation_panel.run_state is None
+    tab.run(tab.tab._history_panel.undo)
+    assert tab.session.scenario is before
+
+
+def test_while_the_reaction_is_awaited_another_edit_commits_what_is_shown(
+    tab: FakeTab, drift: DriftGenerator
+):
+    generate(tab)
+    first, second = tab.session.scenario.agents.ids
+    gate = threading.Event()
+    drift.on_step = lambda _step: gate.wait(10) and None
+    move(tab, first, 1.0)
+    tab.run(tab.ui.end_gesture)
+    assert tab.ui.gesture == "refining"
+    assert tab.tab._generation_panel.run_state.text == "Refining ..."
+    move(tab, second, 2.0)
+    assert [one.command for one in tab.session.entries[1:]] == [
+        TransformAgents(agent_ids=(first,), dx_m=1.0)
+    ]
+    tab.run(tab.tab._escape)
+    gate.set()
+    assert len(tab.session.entries) == 2
+    assert not tab.session.state.is_previewing
+
+    # Escape while the reaction is awaited takes the whole edit back.
+    gate.clear()
+    before = tab.session.scenario
+    move(tab, first, 3.0)
+    tab.run(tab.ui.end_gesture)
+    tab.run(tab.tab._escape)
+    assert tab.session.scenario is before
+    gate.set()
+    assert len(tab.session.entries) == 2
+
+    # A new selection commits it, and Escape then clears the selection.
+    gate.clear()
+    move(tab, first, 3.0)
+    tab.run(tab.ui.end_gesture)
+    tab.run(lambda: tab.session.select((second,)))
+    assert len(tab.session.entries) == 3
+    assert tab.ui.gesture is None
+    tab.run(tab.tab._escape)
+    assert tab.session.selection == ()
+    assert len(tab.session.entries) == 3
+    gate.set()
+
+
+def test_switched_off_nothing_reacts_and_the_workspace_remembers_it(tab: FakeTab):
+    generate(tab)
+    first, _ = tab.session.scenario.agents.ids
+    tab.run(tab.tab._generation_panel.live_switch.toggle)
+    move(tab, first, 1.0)
+    tab.run(tab.ui.end_gesture)
+    assert tab.session.entries[1].command == TransformAgents(
+        agent_ids=(first,), dx_m=1.0
+    )
+    assert not tab.tab._workspace.view.is_live
+    tools = json.loads(tab.tab._overlay._shown["toolbar"])["tools"]
+    (live,) = [one for one in tools if one["icon"] == "live"]
+    assert live["isActive"] is False
