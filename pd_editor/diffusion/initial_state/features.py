@@ -286,7 +286,7 @@ def as_complex(vectors: Float[Tensor, "*b 2"]) -> Complex[Tensor, "*b"]:
 
 
 def crossing_factors(
-    prefers_crossings: Bool[Tensor, "B A"], is_crossing: Bool[Tensor, "B P"]
+    prefers_crossings: Bool[Tensor, "B A"], is_crossing: Bool[Tensor, "#B P"]
 ) -> Float[Tensor, "B A P"]:
     """Factors of the distance between each agent and each map token.
 

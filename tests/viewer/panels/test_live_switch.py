@@ -64,6 +64,8 @@ def generate(tab: FakeTab) -> None:
     position = tab.session.state.position
     tab.run(tab.tab._generation_panel.regenerate)
     until(lambda: tab.session.state.position == position + 1)
+    # The position changes before the scenario: wait for the end of the message.
+    tab.run(lambda: None)
 
 
 def test_recorded_agents_stay_unless_they_are_guided_or_all_shall_react(tab: FakeTab):
@@ -92,6 +94,7 @@ def test_a_gesture_becomes_one_entry_with_the_reaction(tab: FakeTab):
         move(tab, first, dx)
     tab.run(tab.ui.end_gesture)
     until(lambda: len(tab.session.entries) == 2 and tab.ui.gesture is None)
+    tab.run(lambda: None)
     entry = tab.session.entries[1]
     assert isinstance(entry.command, RegeneratedEdit)
     assert entry.command.edit == TransformAgents(agent_ids=(first,), dx_m=1.5)
