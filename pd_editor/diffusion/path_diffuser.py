@@ -54,7 +54,7 @@ from pd_editor.generation import (
     GuidanceReport,
     TrafficSample,
 )
-from pd_editor.guidance.report import guidance_report
+from pd_editor.guidance.report import guidance_reports
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
@@ -272,11 +272,12 @@ class PathDiffuser:
             )
         reports = ()
         if request.terms and request.before_edit is None:
-            reports = tuple(
-                guidance_report(
-                    scenario, sample, request.terms, unguided, index, slowed
-                )
-                for index, (sample, slowed) in enumerate(samples)
+            reports = guidance_reports(
+                scenario,
+                [sample for sample, _ in samples],
+                request.terms,
+                unguided,
+                [slowed for _, slowed in samples],
             )
         return _Sampled(
             samples=tuple(sample for sample, _ in samples),

@@ -23,57 +23,56 @@ _REVERSES_M: Final = 1.0
 _MOST_NAMED: Final = 3
 
 
-def guidance_report(
+def guidance_reports(
     scenario: Scenario,
-    sample: TrafficSample,
+    samples: Sequence[TrafficSample],
     terms: Sequence[GuidanceTerm],
     unguided: Sequence[TrafficSample] = (),
-    index: int = 0,
-    slowed_ids: Sequence[str] = (),
-) -> GuidanceReport:
-    """Report on a guided sample.
+    slowed_ids: Sequence[Sequence[str]] = (),
+) -> tuple[GuidanceReport, ...]:
+    """Reports on guided samples of the same agents.
 
     Args:
         scenario: scenario with the current states of all agents.
-        sample: the guided sample.
+        samples: guided samples.
         terms: terms in force.
-        unguided: unguided samples, if they were made.
-        index: index among them of the one of the same seed.
-        slowed_ids: agents of the sample that were slowed to avoid a collision.
+        unguided: the unguided sample of the same seed for each, if they were made.
+        slowed_ids: agents of each sample that were slowed to avoid a collision.
     """
-    problems = guidance_problems(scenario, terms, sample.ids)
-    outcomes = term_outcomes(
-        scenario, sample, terms, infeasible_terms(problems), slowed_ids
-    )
-    cost, best = None, None
-    if unguided:
-        # A contact that was asked for does not count.
-        asked = {
-            name
-            for term in terms
-            if isinstance(term, Threaten) and term.is_on and term.severity == 1
-            for name in term.named_ids
-        }
-        figures = [realism(scenario, one, asked) for one in unguided]
-        cost = GuidanceCost(
-            guided=realism(scenario, sample, asked), unguided=figures[index]
-        )
-        if cost.is_worse:
-            ranked = sorted(
-                range(len(unguided)),
-                key=lambda one: (
-                    figures[one].num_collisions,
-                    figures[one].off_road,
-                    figures[one].lateral_deviation_m,
-                ),
+    if not samples:
+        return ()
+    problems = guidance_problems(scenario, terms, samples[0].ids)
+    infeasible = infeasible_terms(problems)
+    # A contact that was asked for does not count.
+    asked = {
+        name
+        for term in terms
+        if isinstance(term, Threaten) and term.is_on and term.severity == 1
+        for name in term.named_ids
+    }
+    figures = [realism(scenario, one, asked) for one in unguided]
+    best = min(range(len(figures)), key=lambda index: _order(figures[index]), default=0)
+    found: list[GuidanceReport] = []
+    for index, sample in enumerate(samples):
+        cost = None
+        if figures:
+            guided = realism(scenario, sample, asked)
+            cost = GuidanceCost(guided=guided, unguided=figures[index])
+        slowed = slowed_ids[index] if slowed_ids else ()
+        found.append(
+            GuidanceReport(
+                outcomes=term_outcomes(scenario, sample, terms, infeasible, slowed),
+                cost=cost,
+                unguided=unguided[best] if cost is not None and cost.is_worse else None,
+                motion_problems=motion_problems(scenario, sample),
             )
-            best = unguided[ranked[0]]
-    return GuidanceReport(
-        outcomes=outcomes,
-        cost=cost,
-        unguided=best,
-        motion_problems=motion_problems(scenario, sample),
-    )
+        )
+    return tuple(found)
+
+
+def _order(figures: Realism) -> tuple[float, float, float]:
+    """Order of unguided samples, the best one first."""
+    return (figures.num_collisions, figures.off_road, figures.lateral_deviation_m)
 
 
 def realism(

@@ -7,7 +7,7 @@ import pytest
 
 from pd_editor.generation import TrafficSample
 from pd_editor.guidance.outcomes import term_outcomes
-from pd_editor.guidance.report import guidance_report, motion_problems, realism
+from pd_editor.guidance.report import guidance_reports, motion_problems, realism
 from pd_editor.scene.guidance_terms import (
     ComfortLimits,
     FollowLane,
@@ -95,12 +95,12 @@ def test_a_worse_sample_holds_the_best_unguided_one():
     """A drift off the road is worse; the unguided sample is offered."""
     goal = GoalPoint(agent_id="100", point_m=(59.0, 30.0))
     good, bad = recorded(), recorded(shift_m=30.0)
-    report = guidance_report(SCENE, bad, (goal,), (bad, good), index=1)
+    _, report = guidance_reports(SCENE, (bad, bad), (goal,), (bad, good))
     assert report.cost is not None
     assert report.cost.is_worse
     assert any("off the road" in one for one in report.cost.worse())
     assert report.unguided is good
-    same = guidance_report(SCENE, good, (goal,), (good,))
+    (same,) = guidance_reports(SCENE, (good,), (goal,), (good,))
     assert same.cost is not None
     assert not same.cost.is_worse
     assert same.unguided is None
