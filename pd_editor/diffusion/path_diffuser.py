@@ -23,7 +23,12 @@ from pd_editor.diffusion.initial_state.attributes import (
     attribute_notes,
 )
 from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.fitting import limited, without_overlapping
+from pd_editor.diffusion.initial_state.fitting import (
+    colliding_with_kept,
+    limited,
+    placed_again,
+    without_overlapping,
+)
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.pipeline import SquarePlacement, place_in_squares
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
@@ -48,6 +53,7 @@ from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     AVOIDANCE,
     LANE_GUIDANCE,
+    MAX_SEED,
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,
@@ -64,6 +70,10 @@ Preview = Callable[[], tuple[TrafficSample, ...]]
 
 _MOST_NAMED: Final = 6
 """Number of agents that a note lists."""
+_MOST_PLACINGS: Final = 4
+"""How often states of agents that collide with kept ones are sampled at most."""
+_SEED_STEP: Final = 1_000_003
+"""Difference of the seeds of these."""
 _PLACING_SHARE: Final = 0.8
 """Share of the progress of the first stage in samples with both stages."""
 _MOST_PLACED_TOGETHER: Final = 16
@@ -197,20 +207,16 @@ class PathDiffuser:
                 progress=partial(_placing_progress, batch, request.num_samples),
             )
             for number, (index, scenario) in enumerate(zip(batch, scenes, strict=True)):
-                squares, num_asked = placings[index], asked[index]
-                new_ids = tuple(name for one in squares for name in one.new_ids)
-                fitting = scenario
-                if request.refines_states:
-                    fitting, new_ids = without_overlapping(scenario, new_ids)
-                placed.append((fitting, (*request.redrawn_state_ids, *new_ids)))
-                fits.append((len(new_ids), num_asked))
-                driven = yield from self._sampled_trajectories(
+                fitting, new_ids, driven = yield from self._driven_states(
                     request,
-                    fitting,
-                    request.agent_ids + new_ids,
-                    range(index, index + 1),
+                    stage,
+                    scenario,
+                    placings[index],
+                    index,
                     partial(_driving_progress, batch, number, request.num_samples),
                 )
+                placed.append((fitting, (*request.redrawn_state_ids, *new_ids)))
+                fits.append((len(new_ids), asked[index]))
                 samples.append(driven)
         notes = list(attribute_notes(placed, _attribute_request(request)))
         notes += _fit_notes(fits)
@@ -226,6 +232,64 @@ class PathDiffuser:
             notes=tuple(notes),
             reports=tuple(one for driven in samples for one in driven.reports),
         )
+
+    def _driven_states(
+        self,
+        request: GenerationRequest,
+        stage: TrainedStage,
+        scenario: Scenario,
+        squares: tuple[SquarePlacement, ...],
+        index: int,
+        progress: Callable[[float, Preview], DenoisingProgress],
+    ) -> Generator[
+        GenerationProgress, None, tuple[Scenario, tuple[str, ...], "_Sampled"]
+    ]:
+        """Trajectories from placed states, of which those in the way are placed again.
+
+        The trajectories of kept agents are not known when states are sampled, so an agent
+        may be placed where a kept one drives. Returns the scenario with the states that
+        were used, the new agents in it, and the trajectories.
+        """
+        model = stage.model
+        assert isinstance(model, InitialStateDenoiser)
+        wanted = tuple(name for one in squares for name in one.new_ids)
+        tries = _MOST_PLACINGS if request.refines_states and _yields(request) else 1
+        best: _Placed | None = None
+        for attempt in range(tries):
+            if best is not None:
+                (scenario,) = yield from place_in_squares(
+                    model,
+                    best.scenario,
+                    {index: placed_again(squares, best.in_the_way)},
+                    seed=(request.seed + attempt * _SEED_STEP) % MAX_SEED,
+                    sampler=_state_sampler(request, stage),
+                    guidance=_state_guidance(request, stage),
+                    progress=lambda _share: progress(1.0, tuple),
+                )
+            new_ids = tuple(n for n in wanted if n in scenario.agents.row_of)
+            if request.refines_states:
+                scenario, new_ids = without_overlapping(scenario, new_ids)
+            sampled = yield from self._sampled_trajectories(
+                request,
+                scenario,
+                request.agent_ids + new_ids,
+                range(index, index + 1),
+                progress if best is None else lambda _share, one: progress(1.0, one),
+            )
+            found = _Placed(
+                scenario=scenario,
+                new_ids=new_ids,
+                sampled=sampled,
+                in_the_way=colliding_with_kept(
+                    scenario, sampled.samples[0], request.redrawn_state_ids + new_ids
+                ),
+            )
+            if best is None or len(found.in_the_way) < len(best.in_the_way):
+                best = found
+            if not best.in_the_way:
+                break
+        assert best is not None
+        return best.scenario, best.new_ids, best.sampled
 
     def _sampled_trajectories(
         self,
@@ -341,6 +405,17 @@ class _Sampled:
         return [
             f"{count} {agents} slowed down to avoid a collision: {names_listed}{more}."
         ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Placed:
+    """Placed states and the trajectories sampled from them."""
+
+    scenario: Scenario
+    new_ids: tuple[str, ...]
+    sampled: _Sampled
+    in_the_way: tuple[str, ...]
+    """Placed agents that collide with kept ones."""
 
 
 def _placing_progress(

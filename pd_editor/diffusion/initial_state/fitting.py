@@ -1,4 +1,4 @@
-"""Limits placed agents to those that fit: into the scene's limit, and beside the others."""
+"""Which placed agents fit: into the scene's limit, beside others, and out of their way."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,8 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from pd_editor.diffusion.initial_state.pipeline import SquarePlacement
-from pd_editor.metrics.collisions.box_tests import overlapping_pairs
+from pd_editor.generation import TrafficSample
+from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
 from pd_editor.repair.box_overlaps import counted
+from pd_editor.scene.late_agents import LateAgents
+from pd_editor.scene.locks import STATE_LOCK
 from pd_editor.scene.scenario import Scenario
 
 
@@ -61,3 +64,52 @@ def without_overlapping(
     # Left-out agents were never in the scenario, so their ids are free.
     kept = replace(kept, retired_ids=scenario.retired_ids)
     return kept, tuple(name for name in new_ids if name not in names)
+
+
+def placed_again(
+    placings: Sequence[SquarePlacement], agent_ids: Sequence[str]
+) -> tuple[SquarePlacement, ...]:
+    """Placements of some agents that were placed before, each in its square."""
+    again = [
+        replace(
+            one,
+            resampled_ids=tuple(name for name in one.ids if name in agent_ids),
+            new_ids=(),
+            new_kinds=(),
+        )
+        for one in placings
+    ]
+    return tuple(one for one in again if one.ids)
+
+
+def colliding_with_kept(
+    scenario: Scenario, sample: TrafficSample, placed_ids: Sequence[str]
+) -> tuple[str, ...]:
+    """Placed agents that collide later with agents that do not react to them.
+
+    These are the agents that are not sampled, and those whose first seconds are locked.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    rows = agents.rows(sample.ids)
+    if not len(rows):
+        return ()
+    position, heading = agents.position_m[rows], agents.heading_rad[rows]
+    is_valid = agents.is_valid[rows]
+    position[:, now:], heading[:, now:] = sample.position_m, sample.heading_rad
+    is_valid[:, now:] = True
+    driven = agents.with_rows(
+        rows, position_m=position, heading_rad=heading, is_valid=is_valid
+    )
+    pairs, _ = first_overlap(driven, np.arange(now, agents.num_steps))
+    pairs = pairs[counted(driven, pairs)]
+    reacts = np.zeros(len(agents), bool)
+    reacts[rows] = True
+    locked = [name for name, lock in scenario.locks.items() if lock != STATE_LOCK]
+    reacts[agents.rows(locked)] = False
+    # Whatever enters later at an agent's own place may be that agent, tracked again.
+    late = LateAgents.of(scenario)
+    reacts[np.setdiff1d(late.row, late.but_continuing(rows).row)] = True
+    is_placed = np.isin(agents.ids, list(placed_ids))
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    hit = both[is_placed[both[:, 0]] & ~reacts[both[:, 1]], 0]
+    return tuple(agents.ids[row] for row in np.unique(hit))

@@ -1,15 +1,28 @@
 """More agents than fit: as many as fit are placed, and the notes say how many."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given, settings
 
-from pd_editor.diffusion.initial_state.fitting import without_overlapping
+from pd_editor.diffusion.initial_state.fitting import (
+    colliding_with_kept,
+    without_overlapping,
+)
 from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.editor.commands import traffic_command
-from pd_editor.generation import GenerationRequest, Region, run_to_end
+from pd_editor.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    Region,
+    TrafficSample,
+    guidance_settings,
+    run_to_end,
+)
 from pd_editor.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.locks import STATE_LOCK, Lock
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import Crowd, crowds
@@ -65,3 +78,60 @@ def test_no_more_are_placed_than_a_scene_may_have(diffuser: PathDiffuser):
     assert len(traffic.samples[0].ids) <= 2
     assert any("of 5 new agents were placed" in note for note in traffic.notes)
     traffic_command(request, traffic).apply(scenario)
+
+
+def straight_on(scenario: Scenario, *names: str) -> TrafficSample:
+    """The recorded trajectories of some agents, as if they were sampled."""
+    agents, now = scenario.agents, scenario.current_step
+    rows = agents.rows(names)
+    return TrafficSample(
+        ids=names,
+        kinds=tuple(agents.kinds[row] for row in rows),
+        size_m=agents.size_m[rows],
+        position_m=agents.position_m[rows, now:],
+        heading_rad=agents.heading_rad[rows, now:],
+        velocity_mps=agents.velocity_mps[rows, now:],
+    )
+
+
+def test_placed_agents_in_the_way_of_kept_ones_are_found():
+    # The first one drives into the second, which stands; the third is beside the road.
+    scenario = scenario_with(
+        straight_drivers([(0, 0, 0, 10), (30, 0, 0, 0), (30, 20, 0, 0)])
+    )
+    kept, *placed = scenario.agents.ids
+    some = straight_on(scenario, *placed)
+    assert colliding_with_kept(scenario, some, placed) == (placed[0],)
+    assert colliding_with_kept(scenario, some, placed[1:]) == ()
+    # Agents that react have been left their chance to yield, those with a locked
+    # beginning have not.
+    every = straight_on(scenario, *scenario.agents.ids)
+    assert colliding_with_kept(scenario, every, placed) == ()
+    for lock, hit in ((STATE_LOCK, ()), (Lock(kept_s=2.0), (placed[0],))):
+        locked = replace(scenario, locks={kept: lock})
+        assert colliding_with_kept(locked, every, placed) == hit
+
+
+def test_agents_in_the_way_are_placed_again(diffuser: PathDiffuser):
+    # A convoy that passes most of the region within six seconds.
+    states = [(-60.0 - 12 * number, 0.0, 0.0, 15.0) for number in range(6)]
+    scenario = scenario_with(straight_drivers(states))
+    asked = GenerationRequest(
+        scenario=scenario,
+        agent_ids=(),
+        num_new_agents={AgentKind.VEHICLE: 4},
+        region=Region(center_m=(0.0, 0.0), half_side_m=40.0),
+    )
+    again = run_to_end(diffuser.generate(asked)).samples[0]
+    raw = replace(asked, guidance=guidance_settings(None, 0))
+    once = run_to_end(diffuser.generate(raw)).samples[0]
+
+    def hits(sample: TrafficSample) -> int:
+        placed = traffic_command(asked, traffic_with(sample)).apply(scenario)
+        return len(colliding_with_kept(placed, sample, sample.ids))
+
+    assert hits(again) <= hits(once)
+
+
+def traffic_with(sample: TrafficSample) -> GeneratedTraffic:
+    return GeneratedTraffic(samples=(sample,), generator="test")
