@@ -82,7 +82,9 @@ def test_agents_yield_unless_there_are_no_tries_or_they_shall_not(
 ) -> None:
     asked: list[TrafficSample] = []
 
-    def recorded(_scenario: Scenario, _rows: object, sample: TrafficSample) -> Any:
+    def recorded(
+        _scenario: Scenario, _rows: object, sample: TrafficSample, _kept: object
+    ) -> Any:
         asked.append(sample)
         return sample, ("somebody",)
 
