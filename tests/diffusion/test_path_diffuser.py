@@ -105,7 +105,9 @@ def test_agents_yield_unless_there_are_no_tries_or_they_shall_not(
 def test_slowed_agents_are_named_where_states_are_sampled_too(
     diffuser: PathDiffuser, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def slowed(_scenario: Scenario, _rows: object, sample: TrafficSample) -> Any:
+    def slowed(
+        _scenario: Scenario, _rows: object, sample: TrafficSample, _kept: object
+    ) -> Any:
         return sample, sample.ids[:1]
 
     monkeypatch.setattr(path_diffuser, "with_yielding", slowed)
