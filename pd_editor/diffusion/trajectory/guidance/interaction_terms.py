@@ -28,6 +28,10 @@ _GENTLE_MPS2: Final = 3.0
 """Slowing down that takes more costs more, so that agents rather swerve."""
 _SWERVE_COST: Final = 3.0
 """Metres of slowing down that a metre of swerving is worth."""
+_OTHERS_COST: Final = 20.0
+"""Additional cost of a swerve into a third agent."""
+_FORWARD_PER_ASIDE: Final = 2.0
+"""Least way forward per way to the side."""
 _PARALLEL_COS: Final = 0.8
 """Agents swerve around others of about the same or the opposite heading only."""
 _NEVER: Final = 1e5
@@ -122,7 +126,8 @@ class AvoidTerm:
         swerved = _Swerving.of(tracks, conflicts, self.side)
         can = self.avoids[conflicts.own]
         slowing = slowed.cost.masked_fill(~can, torch.inf)
-        swerving = swerved.cost.masked_fill(~can, torch.inf)
+        turns = can & swerved.is_possible
+        swerving = swerved.cost.masked_fill(~turns, torch.inf)
         swerving = swerving + torch.where(
             swerved.needed_m.amax(dim=-1) > self.context.config.max_swerve_m,
             _NEVER,
@@ -130,7 +135,7 @@ class AvoidTerm:
         )
         if self.side:
             slowing = slowing + _NEVER
-            swerving = swerved.needed_m.amax(dim=-1).masked_fill(~can, torch.inf)
+            swerving = swerved.needed_m.amax(dim=-1).masked_fill(~turns, torch.inf)
         # Both orders of each pair: the cheapest of four ways.
         half = len(slowing) // 2
         ways = torch.stack(
@@ -143,8 +148,8 @@ class AvoidTerm:
             share = torch.ones_like(slowing)
             moves = torch.cat([way == 2, way == 3]) & swerves.repeat(2)
         else:
-            moves = swerves.repeat(2) & can
-            share = torch.where(self.avoids[conflicts.other], 0.5, 1.0)
+            moves = swerves.repeat(2) & turns
+            share = torch.where(turns.roll(half), 0.5, 1.0)
         rows: list[ResidualRows] = []
         if bool(slows.any()):
             rows.append(
@@ -226,6 +231,8 @@ class _Swerving:
     """1: to the left."""
     needed_m: Float[Tensor, "Q K"]
     cost: Float[Tensor, "Q"]
+    is_possible: Bool[Tensor, "Q"]
+    """Whether the agent drives far enough before: standing agents cannot swerve."""
 
     @classmethod
     def of(cls, tracks: BoxTracks, conflicts: _Conflicts, side: float) -> "_Swerving":
@@ -252,9 +259,35 @@ class _Swerving:
         most = needed.amax(dim=-1)
         cost = _SWERVE_COST * (most + most.square())
         crosses = cos.gather(1, first)[:, 0] < _PARALLEL_COS
+        left = torch.stack([-y, x], dim=-1)
+        moved = (sign[:, None] * needed)[..., None] * left
+        cost = cost + _OTHERS_COST * _hits_others(tracks, conflicts, moved)
+        way = (tracks.position_m - tracks.position_m[:, :, :1]).norm(dim=-1)[
+            sample, own
+        ]
         return cls(
-            sign=sign, needed_m=needed, cost=cost + torch.where(crosses, _NEVER, 0.0)
+            sign=sign,
+            needed_m=needed,
+            cost=cost + torch.where(crosses, _NEVER, 0.0),
+            is_possible=(way >= _FORWARD_PER_ASIDE * needed).all(dim=-1),
         )
+
+
+def _hits_others(
+    tracks: BoxTracks, conflicts: _Conflicts, shift_m: Float[Tensor, "Q K 2"]
+) -> Bool[Tensor, "Q"]:
+    """Whether agents that move aside would newly overlap third agents."""
+    sample, own = conflicts.sample, conflicts.own
+    every = torch.arange(len(tracks.size_m), device=own.device)
+    heading = tracks.heading_rad[sample, own][:, None]
+    offset = tracks.position_m[sample] - tracks.position_m[sample, own][:, None]
+    headings = (heading, tracks.heading_rad[sample])
+    sizes = (tracks.size_m[own][:, None, None], tracks.size_m[None, :, None])
+    moves = shift_m.square().sum(-1) > 0
+    newly = depth_m(offset - shift_m[:, None], headings, sizes) > 0
+    newly = newly & (depth_m(offset, headings, sizes) <= 0) & moves[:, None]
+    third = (every != own[:, None]) & (every != conflicts.other[:, None])
+    return (newly & tracks.exists & third[..., None]).any(dim=-1).any(dim=-1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,6 +19,9 @@ class TermGuidance:
     """What is added to the spread at noise level 1; proportional to the level."""
     num_closings: int = 2
     """Projections of the result to the terms that are closed."""
+    num_avoiding: int = 4
+    """Further projections if collisions are avoided: one agent that makes way may be in
+    the way of another."""
     closing_spread: float = 0.3
     """The spread in these projections."""
     goal_m: float = 0.2

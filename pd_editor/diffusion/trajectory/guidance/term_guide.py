@@ -20,6 +20,7 @@ from torch import Tensor
 
 from pd_editor.diffusion.core.sampler import sampling_mode
 from pd_editor.diffusion.inputs.trajectory_pca import NUM_ALONG
+from pd_editor.diffusion.trajectory.guidance.interaction_terms import AvoidTerm
 from pd_editor.diffusion.trajectory.guidance.latent_motion import LatentMotion
 from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
@@ -62,9 +63,12 @@ class TermGuide:
         terms = [term for term in self.terms if term.is_closed]
         if not terms:
             return latent
+        rounds = self.config.num_closings
+        if any(isinstance(term, AvoidTerm) for term in terms):
+            rounds += self.config.num_avoiding
         with sampling_mode(latent[..., 0].numel()):
             # Each projection starts from the last one, so what is met stays as it is.
-            for _ in range(self.config.num_closings):
+            for _ in range(rounds):
                 found = self._moved(
                     latent[:, 0], 0.0, self.config.closing_spread, terms
                 )
