@@ -725,6 +725,7 @@ class BrowserSession:
             self._checks_future_at = None
             self._problems.check(with_future=True)
             self._agent_list.show()
+            self._steering.check()
             with self._client.atomic():
                 self._draw_frame()
                 self._chip.after_check()

@@ -11,7 +11,7 @@ from pd_editor.scene.guidance_outcome import (
     Realism,
     TermOutcome,
 )
-from pd_editor.scene.guidance_terms import GuidanceTerm
+from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.ui_context import UiContext
 
@@ -46,35 +46,39 @@ class GuidanceNotes:
     def __init__(self, ui: UiContext) -> None:
         """Make notes of a tab's session."""
         self._ui = ui
-        self._terms: tuple[GuidanceTerm, ...] = ()
-        self._problems: dict[int, tuple[GuidanceProblem, ...]] = {}
+        self._problems: dict[GuidanceTerm, tuple[GuidanceProblem, ...]] = {}
         self._checked: Scenario | None = None
         self._is_partial = False
+        """Whether some terms of the checked scenario were left for later."""
+        self._terms: tuple[GuidanceTerm, ...] = ()
 
-    def refresh(self) -> bool:
+    def refresh(self, *, is_pause: bool = False) -> bool:
         """Check the session's terms; returns whether what is said has changed.
 
-        While an edit is being made, only terms that it changes are checked.
+        While an edit is being made, only terms that it changes are checked. Threats take
+        up to a second, so they wait for a pause; until then their former problems stay.
         """
         state = self._ui.session.state
-        scenario, is_partial = state.scenario, state.is_previewing
+        scenario, terms = state.scenario, state.scenario.guidance
         if scenario is self._checked and not self._is_partial:
             return False
-        former, terms = self._problems, scenario.guidance
-        if is_partial:
-            checked = [i for i, term in enumerate(terms) if term not in self._terms]
+        checked = list(terms)
+        if state.is_previewing:
+            checked = [term for term in terms if term not in self._terms]
             if len(checked) > MAX_DRAGGED_TERMS:
                 checked = []
-            kept = set(range(len(terms))) - set(checked)
-            found = {index: former[index] for index in kept if index in former}
-        else:
-            checked, found = list(range(len(terms))), {}
-        for problem in guidance_problems(scenario, tuple(terms[i] for i in checked)):
-            for index in checked:
-                if terms[index] == problem.term:
-                    found[index] = (*found.get(index, ()), problem)
-        self._problems, self._terms = found, terms
-        self._checked, self._is_partial = scenario, is_partial
+        if not is_pause:
+            checked = [term for term in checked if not isinstance(term, Threaten)]
+        former = self._problems
+        found = {
+            term: former[term]
+            for term in terms
+            if term in former and term not in checked
+        }
+        for problem in guidance_problems(scenario, tuple(checked)):
+            found[problem.term] = (*found.get(problem.term, ()), problem)
+        self._problems, self._terms, self._checked = found, terms, scenario
+        self._is_partial = len(checked) < len(terms)
         return found != former
 
     def of_term(self, index: int) -> tuple[Line, ...]:
@@ -85,7 +89,7 @@ class GuidanceNotes:
                 tone="bad" if problem.severity == "error" else "warn",
                 text=problem.message,
             )
-            for problem in self._problems.get(index, ())
+            for problem in self._problems.get(scenario.guidance[index], ())
         ]
         run = self._ui.workspace.guided_runs.of(scenario.agents)
         term = scenario.guidance[index]
@@ -99,9 +103,11 @@ class GuidanceNotes:
 
     def sentences(self) -> dict[int, tuple[str, ...]]:
         """Sentences of what is wrong with terms, by their indices."""
+        terms = self._ui.session.scenario.guidance
         return {
-            index: tuple(problem.message for problem in problems)
-            for index, problems in self._problems.items()
+            index: tuple(problem.message for problem in self._problems[term])
+            for index, term in enumerate(terms)
+            if term in self._problems
         }
 
     def report(self) -> RunReport:

@@ -95,6 +95,12 @@ class Steering:
         if self._panel is not None:
             self._panel.show()
 
+    def check(self) -> None:
+        """Check all terms, in a pause between edits."""
+        if self._notes.refresh(is_pause=True):
+            self.show()
+            self._handles.show_again()
+
     def show_marks(self, poses: AgentPoses) -> None:
         """Put the marks where terms and agents are drawn."""
         self._handles.show(poses)

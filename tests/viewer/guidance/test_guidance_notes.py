@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from pd_editor.editor.commands import AddGuidance, ChangeGuidance
+from pd_editor.editor.commands import AddGuidance, ChangeGuidance, RemoveGuidance
 from pd_editor.generation import (
     GeneratedTraffic,
     GenerationRequest,
@@ -13,10 +13,15 @@ from pd_editor.generation import (
     TrafficSample,
 )
 from pd_editor.scene.guidance_outcome import GuidanceCost, Realism, TermOutcome
-from pd_editor.scene.guidance_terms import GoalPoint, SpeedLimit, TargetSpeed
+from pd_editor.scene.guidance_terms import (
+    GoalPoint,
+    SpeedLimit,
+    TargetSpeed,
+    Threaten,
+)
 from pd_editor.viewer.guidance.guidance_notes import TAKE_UNGUIDED
 from pd_editor.viewer.panels.generation_run import GenerationInput
-from tests.viewer.fake_browser import FakeTab
+from tests.viewer.fake_browser import FakeTab, until
 
 TERM = TargetSpeed(agent_ids=("100",), speed_mps=5.0)
 
@@ -191,3 +196,17 @@ def test_a_goal_that_is_dragged_too_far_is_told_during_the_drag(tab: FakeTab):
     assert note["text"] in mark["lines"]
     tab.run(tab.ui.abort_gesture)
     assert panel(tab)["rows"][0]["notes"] == []
+
+
+def test_threats_are_checked_in_a_pause_and_stay_told_meanwhile(tab: FakeTab):
+    threat = Threaten(agent_id="100", other_id="101", approach="head-on")
+    speed = TargetSpeed(agent_ids=("100",), speed_mps=55.0)
+    tab.run(lambda: tab.ui.apply(AddGuidance(term=speed)))
+    tab.run(lambda: tab.ui.apply(AddGuidance(term=threat)))
+    until(lambda: panel(tab)["rows"][1]["notes"])
+    notes = [row["notes"] for row in panel(tab)["rows"]]
+    assert "ask for less" in notes[0][0]["text"]
+    assert "head-on" in notes[1][0]["text"]
+    # The other term goes; the threat keeps what is said of it in its new place.
+    tab.run(lambda: tab.ui.apply(RemoveGuidance(index=0)))
+    assert [row["notes"] for row in panel(tab)["rows"]] == [notes[1]]
