@@ -32,7 +32,7 @@ class TokenGroup(NamedTuple):
     """Embeddings, which do not depend on poses."""
     exists: Bool[Tensor, "B P"] | None
     """Mask of tokens; None if there is no padding."""
-    factors: Float[Tensor, "B 1 A P"] | None = None
+    factors: Float[Tensor, "_ 1 A P"] | None = None
     """Factors of distances between agents and tokens; None if all are 1."""
 
     @classmethod
@@ -60,7 +60,7 @@ class TokenGroup(NamedTuple):
         pose: Float[Tensor, "B P 3"],
         exists: Bool[Tensor, "B P"],
         encoded: Float[Tensor, "B P C"],
-        factors: Float[Tensor, "B 1 A P"] | None,
+        factors: Float[Tensor, "_ 1 A P"] | None,
     ) -> "TokenGroup":
         return cls(
             middle_m=pose[..., :2].contiguous(),

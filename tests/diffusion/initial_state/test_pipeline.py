@@ -18,6 +18,7 @@ from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.generation import GenerationRequest, Region
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.repair import slow_for_gaps
+from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
@@ -79,6 +80,19 @@ def test_samples_of_a_batch_are_those_made_alone(
     for one, two in zip(alone.samples, together.samples, strict=True):
         assert close(one, two)
     assert len({sample.ids for sample in together.samples}) > 1
+
+
+def test_samples_share_one_map_with_crosswalks(diffuser: PathDiffuser) -> None:
+    """Distances to crosswalks depend on the agents, which differ between samples."""
+    traffic = generated(
+        diffuser,
+        open_scenario("signalised-junction"),
+        (),
+        num_new_agents={AgentKind.VEHICLE: 3, AgentKind.PEDESTRIAN: 1},
+        num_samples=2,
+        region=Region(center_m=(0.0, 0.0), half_side_m=62.0),
+    )
+    assert [len(one.ids) for one in traffic.samples] == [4, 4]
 
 
 def test_a_batch_of_samples_is_cancelled_between_steps(
