@@ -1,3 +1,6 @@
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +10,7 @@ import pytest
 
 from pd_editor.scenario_store import open_scenario
 from tests.cli.shell import JUNCTION, ROOT, Shell
+from tests.evaluation.small_dataset import write_dataset
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 GENERATING = (
@@ -65,3 +69,43 @@ def test_predictions_are_read_from_parquet(
     expected = path - scenario.origin_city_m
     shift = np.linalg.norm(found - expected, axis=1)
     assert shift.max() < 1e-3
+
+
+def test_the_worked_example_trains_and_is_studied(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    data = write_dataset(tmp_path / "data")
+    losses = []
+    for name, options in (("plain", ()), ("bent", ("--bent", "--start", "plain.pt"))):
+        done = subprocess.run(
+            [
+                sys.executable,
+                "-m",
+                "examples.scene_attack.road_predictor",
+                "--data",
+                data,
+                "--out",
+                f"{name}.pt",
+                "--steps",
+                "40",
+                *options,
+            ],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        losses.append(float(done.stdout.split()[-1]))
+    assert all(0 <= loss < 1 for loss in losses)
+    monkeypatch.setenv("ROAD_PREDICTOR", str(tmp_path))
+    result = shell.run(
+        "study", "--data", data, "--out", tmp_path / "out", "--powers", 6,
+        "--kinds", "ripple-road", "--workers", 1, "--methods",
+        "examples.scene_attack.road_predictor:plain",
+        "examples.scene_attack.road_predictor:bent",
+    )  # fmt: skip
+    assert result.code == 0, result.err
+    rows = pq.read_table(tmp_path / "out" / "variants.parquet")
+    assert rows["failure"].null_count == len(rows)
+    assert rows["ade_count"].to_numpy().sum() > 0
