@@ -10,7 +10,6 @@ from pd_editor.generation import TrafficSample
 from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.late_agents import LateAgents
-from pd_editor.scene.locks import STATE_LOCK
 from pd_editor.scene.scenario import Scenario
 
 
@@ -85,10 +84,7 @@ def placed_again(
 def colliding_with_kept(
     scenario: Scenario, sample: TrafficSample, placed_ids: Sequence[str]
 ) -> tuple[str, ...]:
-    """Placed agents that collide later with agents that do not react to them.
-
-    These are the agents that are not sampled, and those whose first seconds are locked.
-    """
+    """Placed agents that collide later with agents whose states are kept."""
     agents, now = scenario.agents, scenario.current_step
     rows = agents.rows(sample.ids)
     if not len(rows):
@@ -102,14 +98,11 @@ def colliding_with_kept(
     )
     pairs, _ = first_overlap(driven, np.arange(now, agents.num_steps))
     pairs = pairs[counted(driven, pairs)]
-    reacts = np.zeros(len(agents), bool)
-    reacts[rows] = True
-    locked = [name for name, lock in scenario.locks.items() if lock != STATE_LOCK]
-    reacts[agents.rows(locked)] = False
+    is_placed = np.isin(agents.ids, list(placed_ids))
     # Whatever enters later at an agent's own place may be that agent, tracked again.
     late = LateAgents.of(scenario)
-    reacts[np.setdiff1d(late.row, late.but_continuing(rows).row)] = True
-    is_placed = np.isin(agents.ids, list(placed_ids))
+    is_kept = ~is_placed
+    is_kept[np.setdiff1d(late.row, late.but_continuing(rows).row)] = False
     both = np.concatenate([pairs, pairs[:, ::-1]])
-    hit = both[is_placed[both[:, 0]] & ~reacts[both[:, 1]], 0]
+    hit = both[is_placed[both[:, 0]] & is_kept[both[:, 1]], 0]
     return tuple(agents.ids[row] for row in np.unique(hit))

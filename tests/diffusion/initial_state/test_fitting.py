@@ -22,7 +22,6 @@ from pd_editor.generation import (
 from pd_editor.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.locks import STATE_LOCK, Lock
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import Crowd, crowds
@@ -99,17 +98,13 @@ def test_placed_agents_in_the_way_of_kept_ones_are_found():
     scenario = scenario_with(
         straight_drivers([(0, 0, 0, 10), (30, 0, 0, 0), (30, 20, 0, 0)])
     )
-    kept, *placed = scenario.agents.ids
+    placed = scenario.agents.ids[1:]
     some = straight_on(scenario, *placed)
     assert colliding_with_kept(scenario, some, placed) == (placed[0],)
     assert colliding_with_kept(scenario, some, placed[1:]) == ()
-    # Agents that react have been left their chance to yield, those with a locked
-    # beginning have not.
     every = straight_on(scenario, *scenario.agents.ids)
-    assert colliding_with_kept(scenario, every, placed) == ()
-    for lock, hit in ((STATE_LOCK, ()), (Lock(kept_s=2.0), (placed[0],))):
-        locked = replace(scenario, locks={kept: lock})
-        assert colliding_with_kept(locked, every, placed) == hit
+    assert colliding_with_kept(scenario, every, placed) == (placed[0],)
+    assert colliding_with_kept(scenario, every, scenario.agents.ids) == ()
 
 
 def test_agents_in_the_way_are_placed_again(diffuser: PathDiffuser):
