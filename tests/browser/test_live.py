@@ -16,7 +16,7 @@ def editor(open_editor):
     page.go_to_now()
     page.until(lambda: not page.workspace.playback.is_playing, "a pause")
     page.key("r")
-    page.until(lambda: len(page.session.entries) == 1, "generated traffic", 90)
+    page.until(lambda: is_done(page.session, 1), "generated traffic", 90)
     return page
 
 
@@ -58,7 +58,12 @@ def place_of(editor, agent_id: str) -> np.ndarray:
 
 
 def is_done(session, count: int) -> bool:
-    return len(session.entries) == count and not session.state.is_previewing
+    """Whether the session shows the result of its last of so many entries."""
+    entries = session.entries
+    if len(entries) != count or entries[-1].after is None:
+        return False
+    # An entry is pushed before its scenario is shown.
+    return session.scenario is entries[-1].after.scenario
 
 
 def test_traffic_reacts_while_an_agent_is_dragged_and_one_undo_takes_all_back(editor):
