@@ -64,7 +64,8 @@ def kept_parts(scenario: Scenario) -> dict[str, tuple[bytes, ...]]:
             agents.size_m[row].tobytes(),
             agents.activity[row].tobytes(),
             *(
-                getattr(agents, field)[row][steps].tobytes()
+                # The sign of a zero is no change: - 0.0 becomes 0.0.
+                (getattr(agents, field)[row][steps] + 0.0).tobytes()
                 for field in ("position_m", "heading_rad", "velocity_mps", "is_valid")
             ),
         )
