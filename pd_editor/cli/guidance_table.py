@@ -9,7 +9,7 @@ from pathlib import Path
 from pd_editor.errors import ExportError
 from pd_editor.generation import GuidanceReport
 from pd_editor.regular_file import write_whole
-from pd_editor.scene.guidance_outcome import Realism
+from pd_editor.scene.guidance_outcome import Realism, TermOutcome
 
 _REALISM = (
     ("off-road share", "off_road"),
@@ -36,7 +36,7 @@ class GuidanceTable:
                 note = "" if one.is_feasible else " (not feasible)"
                 found.append(
                     f"{before}{one.term.in_words}: {mark}asked {one.asked}, achieved "
-                    f"{one.achieved}{note}"
+                    f"{one.achieved}{note}{_term_cost(one)}"
                 )
             found += [f"{before}{problem}" for problem in report.motion_problems]
             if report.cost is not None:
@@ -61,6 +61,7 @@ class GuidanceTable:
                 "unit",
                 "obeyed",
                 "feasible",
+                *(f"{what}, guided minus unguided" for what, _ in _REALISM),
             ]
         )
         for name, report in zip(self.names, self.reports, strict=True):
@@ -75,6 +76,7 @@ class GuidanceTable:
                         one.unit,
                         "yes" if one.is_obeyed else "no",
                         "yes" if one.is_feasible else "no",
+                        *_differences(one),
                     ]
                 )
             table.writerows(_cost_rows(name, report))
@@ -86,6 +88,23 @@ def reports_of(
 ) -> tuple[GuidanceReport, ...]:
     """Reports of some samples; none without guidance."""
     return tuple(reports[index] for index in indices) if reports else ()
+
+
+def _differences(outcome: TermOutcome) -> list[str]:
+    """Realism of the term's agents against the unguided sample."""
+    cost = outcome.cost
+    if cost is None:
+        return [""] * len(_REALISM)
+    return [
+        f"{getattr(cost.guided, field) - getattr(cost.unguided, field):.4g}"
+        for _, field in _REALISM
+    ]
+
+
+def _term_cost(outcome: TermOutcome) -> str:
+    """What the term made worse for the agents that it guides."""
+    worse = () if outcome.cost is None else outcome.cost.worse()
+    return f"; its agents: {'; '.join(worse)}" if worse else ""
 
 
 def _cost_in_words(report: GuidanceReport) -> str:
@@ -112,10 +131,7 @@ def _cost_rows(name: str, report: GuidanceReport) -> list[list[str]]:
             f"realism: {what}",
             f"{value(report.cost.unguided, field)} unguided",
             value(report.cost.guided, field),
-            "",
-            "",
-            "",
-            "",
+            *[""] * (4 + len(_REALISM)),
         ]
         for what, field in _REALISM
     ]

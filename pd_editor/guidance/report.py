@@ -1,9 +1,11 @@
 """Reports on guided samples: outcomes of terms, realism against unguided samples."""
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from pd_editor.generation import GuidanceReport, TrafficSample
 from pd_editor.guidance.feasibility import guidance_problems, infeasible_terms
@@ -50,18 +52,30 @@ def guidance_reports(
         if isinstance(term, Threaten) and term.is_on and term.severity == 1
         for name in term.named_ids
     }
-    figures = [realism(scenario, one, asked) for one in unguided]
+    plain = [AgentRealism.of(scenario, one, asked) for one in unguided]
+    figures = [one.over() for one in plain]
     best = min(range(len(figures)), key=lambda index: _order(figures[index]), default=0)
     found: list[GuidanceReport] = []
     for index, sample in enumerate(samples):
+        slowed = slowed_ids[index] if slowed_ids else ()
+        outcomes = term_outcomes(scenario, sample, terms, infeasible, slowed)
         cost = None
         if figures:
-            guided = realism(scenario, sample, asked)
-            cost = GuidanceCost(guided=guided, unguided=figures[index])
-        slowed = slowed_ids[index] if slowed_ids else ()
+            guided = AgentRealism.of(scenario, sample, asked)
+            cost = GuidanceCost(guided=guided.over(), unguided=figures[index])
+            outcomes = tuple(
+                replace(
+                    one,
+                    cost=GuidanceCost(
+                        guided=guided.over(one.term.guided_ids),
+                        unguided=plain[index].over(one.term.guided_ids),
+                    ),
+                )
+                for one in outcomes
+            )
         found.append(
             GuidanceReport(
-                outcomes=term_outcomes(scenario, sample, terms, infeasible, slowed),
+                outcomes=outcomes,
                 cost=cost,
                 unguided=unguided[best] if cost is not None and cost.is_worse else None,
                 motion_problems=motion_problems(scenario, sample),
@@ -82,29 +96,68 @@ def realism(
 
     Collisions of agents with ``collide_ids``, which were asked for, do not count.
     """
-    view = generated_traffic(scenario, sample)
-    drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in sample.kinds], bool)
-    if not drives.any():
-        return Realism(
-            off_road=0.0,
-            num_collisions=0,
-            lateral_deviation_m=0.0,
-            acceleration_mps2=0.0,
+    return AgentRealism.of(scenario, sample, collide_ids).over()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AgentRealism:
+    """Figures of the G agents of a sample, to be summed over some of them."""
+
+    ids: tuple[str, ...]
+    drives: Bool[np.ndarray, "G"]
+    """Motor vehicles and cyclists."""
+    off_road: Float[np.ndarray, "G"]
+    """Share of steps with the centre outside the drivable area; 0 of others."""
+    collides: Bool[np.ndarray, "G"]
+    lateral_m: Float[np.ndarray, "G S"]
+    """Distance to the nearest reachable lane; NaN where there is none."""
+    acceleration_mps2: Float[np.ndarray, "G S"]
+    """NaN where it is not known."""
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        sample: TrafficSample,
+        collide_ids: Collection[str] = (),
+    ) -> "AgentRealism":
+        """Measure a sample; collisions with ``collide_ids`` do not count."""
+        view = generated_traffic(scenario, sample)
+        drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in sample.kinds], bool)
+        overlap = box_overlap(view)
+        hits = (overlap.is_new & overlap.is_valid)[:, 1:].any(axis=1)
+        hits &= np.array([name not in collide_ids for name in sample.ids], bool)
+        deviation, motion = lane_deviation(view), kinematics(view)
+        total = np.hypot(motion.longitudinal_mps2, motion.lateral_mps2)
+        off_road = np.zeros(len(drives))
+        off_road[drives] = is_off_road(scenario, sample.position_m[drives]).mean(axis=1)
+        return cls(
+            ids=sample.ids,
+            drives=drives,
+            off_road=off_road,
+            collides=hits,
+            lateral_m=np.where(deviation.is_valid, deviation.lateral_m, np.nan),
+            acceleration_mps2=np.where(motion.is_valid, total, np.nan),
         )
-    overlap = box_overlap(view)
-    hits = (overlap.is_new & overlap.is_valid)[:, 1:].any(axis=1)
-    hits &= np.array([name not in collide_ids for name in sample.ids], bool)
-    deviation = lane_deviation(view)
-    counted = deviation.is_valid & drives[:, None]
-    motion = kinematics(view)
-    total = np.hypot(motion.longitudinal_mps2, motion.lateral_mps2)
-    known = motion.is_valid & drives[:, None]
-    return Realism(
-        off_road=float(is_off_road(scenario, sample.position_m[drives]).mean()),
-        num_collisions=int(hits.sum()),
-        lateral_deviation_m=_mean(deviation.lateral_m[counted]),
-        acceleration_mps2=_mean(total[known]),
-    )
+
+    def over(self, agent_ids: Collection[str] = ()) -> Realism:
+        """Figures of some agents; of all without ids."""
+        chosen = np.array([not agent_ids or one in agent_ids for one in self.ids], bool)
+        drives = self.drives & chosen
+        if not self.drives.any():
+            # Of scenes without vehicles nothing is told.
+            return Realism(
+                off_road=0.0,
+                num_collisions=0,
+                lateral_deviation_m=0.0,
+                acceleration_mps2=0.0,
+            )
+        return Realism(
+            off_road=_mean(self.off_road[drives]),
+            num_collisions=int(self.collides[chosen].sum()),
+            lateral_deviation_m=_mean(self.lateral_m[drives]),
+            acceleration_mps2=_mean(self.acceleration_mps2[drives]),
+        )
 
 
 def motion_problems(scenario: Scenario, sample: TrafficSample) -> tuple[str, ...]:
@@ -138,4 +191,6 @@ def _names(sample: TrafficSample, mask: np.ndarray) -> str:
 
 
 def _mean(values: np.ndarray) -> float:
-    return float(values.mean()) if len(values) else 0.0
+    """Mean of the values that are known; 0 without any."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else 0.0

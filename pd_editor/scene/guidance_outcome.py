@@ -27,21 +27,6 @@ class GuidanceProblem:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TermOutcome:
-    """What a term asked of a sample, and what the sample achieved."""
-
-    term: GuidanceTerm
-    is_feasible: bool
-    """Whether it could be met within the limits of vehicles, as known before the run."""
-    asked: str
-    achieved: str
-    error: float
-    """Deviation from what was asked; 0 is exact."""
-    unit: str
-    is_obeyed: bool
-
-
-@dataclass(frozen=True, kw_only=True)
 class Realism:
     """Figures of one sample, over its motor vehicles and cyclists."""
 
@@ -93,3 +78,21 @@ class GuidanceCost:
     def is_worse(self) -> bool:
         """Whether guidance made the sample worse than a bound."""
         return bool(self.worse())
+
+
+@dataclass(frozen=True, kw_only=True)
+class TermOutcome:
+    """What a term asked of a sample, and what the sample achieved."""
+
+    term: GuidanceTerm
+    is_feasible: bool
+    """Whether it could be met within the limits of vehicles, as known before the run."""
+    asked: str
+    achieved: str
+    error: float
+    """Deviation from what was asked; 0 is exact."""
+    unit: str
+    is_obeyed: bool
+    cost: GuidanceCost | None = None
+    """Realism of the agents that the term guides, guided and unguided; None where no
+    unguided sample was made."""

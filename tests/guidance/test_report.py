@@ -125,3 +125,31 @@ def test_impossible_motion_is_told():
     back = replace(swerve, position_m=swerve.position_m.copy())
     back.position_m[0, :, 0] = 20 * np.sin(np.linspace(0, 2.5, 60))
     assert any("backwards" in one for one in motion_problems(SCENE, back))
+
+
+def test_the_cost_of_a_term_is_that_of_its_agents():
+    terms = (
+        GoalPoint(agent_id="100", point_m=(59.0, 0.0)),
+        TargetSpeed(agent_ids=("101",), speed_mps=5.0),
+        SpeedLimit(speed_mps=30.0),
+    )
+    moved = recorded(shift_m=3.0)
+    position = moved.position_m.copy()
+    position[1] = recorded().position_m[1]
+    (report,) = guidance_reports(
+        SCENE, [replace(moved, position_m=position)], terms, [recorded()]
+    )
+    costs = [one.cost for one in report.outcomes]
+    assert all(cost is not None for cost in costs)
+    first, second, every = (cost for cost in costs if cost is not None)
+    # Only the first agent drifted aside.
+    further = [c.guided.lateral_deviation_m - c.unguided.lateral_deviation_m
+               for c in (first, second, every)]  # fmt: skip
+    assert further[0] > 0.9
+    assert further[1] == 0.0
+    assert further[2] == pytest.approx(further[0] / 2, rel=0.01)
+    assert first.is_worse
+    assert not second.is_worse
+    assert every == report.cost
+    (alone,) = guidance_reports(SCENE, [moved], terms)
+    assert all(one.cost is None for one in alone.outcomes)

@@ -119,10 +119,12 @@ class GuidanceNotes:
 def outcome_line(outcome: TermOutcome) -> Line:
     """Asked and achieved in one line."""
     text = f"Asked: {outcome.asked}. Achieved: {outcome.achieved}"
+    worse = () if outcome.cost is None else outcome.cost.worse()
+    cost = f" Cost: {'; '.join(worse)}." if worse else ""
     if outcome.is_obeyed:
-        return Line(tone="good", text=f"{text}.")
+        return Line(tone="warn" if worse else "good", text=f"{text}.{cost}")
     why = "." if outcome.is_feasible else ". It could not be met within the limits."
-    return Line(tone="bad", text=f"{text}{why}")
+    return Line(tone="bad", text=f"{text}{why}{cost}")
 
 
 def report_of(report: GuidanceReport) -> RunReport:
