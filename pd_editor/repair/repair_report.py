@@ -9,7 +9,6 @@ from jaxtyping import Bool
 
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.locks import STATE_LOCK
 from pd_editor.scene.scenario import Scenario
 
 RepairKind = Literal[
@@ -74,12 +73,13 @@ def repairable(
     keep_ids: Collection[str] | None,
     kinds: Collection[AgentKind] = LANE_FOLLOWER_KINDS,
     *,
-    keeps_states: bool = False,
+    keeps_beginnings: bool = False,
 ) -> Bool[np.ndarray, "A"]:
     """Which agents may be repaired: present ones of ``kinds`` in ``agent_ids`` (None: all).
 
     Agents in ``keep_ids`` are left out; None means the focal agent. Locked agents are
-    left out as well; those with a locked state alone are not if the repair keeps states.
+    left out as well; if the repair keeps the beginnings of trajectories, only those with a
+    locked trajectory.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -94,7 +94,7 @@ def repairable(
         agents.rows(
             name
             for name, lock in scenario.locks.items()
-            if lock != STATE_LOCK or not keeps_states
+            if lock.keeps_trajectory or not keeps_beginnings
         )
     ] = False
     return asked & agents.kind_mask(kinds) & agents.is_valid[:, scenario.current_step]

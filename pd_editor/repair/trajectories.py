@@ -127,15 +127,25 @@ class Trajectories:
     def with_yielding(self) -> "Trajectories":
         """Let agents yield where they would collide."""
         step, agents = self.scenario.current_step, self.agents
-        found = yielding(agents, step, self.may_change, self.scenario.time_axis.step_s)
+        is_kept = self.scenario.kept_steps()[:, step:]
+        found = yielding(
+            agents,
+            step,
+            self.may_change,
+            self.scenario.time_axis.step_s,
+            is_kept[:, 1:].sum(axis=1),
+        )
         if not len(found.row):
             return self
-        is_valid = agents.is_valid[found.row, step:]
+        is_valid, is_kept = agents.is_valid[found.row, step:], is_kept[found.row]
 
         def later(recorded: np.ndarray, driven: np.ndarray) -> np.ndarray:
             there = is_valid.reshape(*is_valid.shape, *[1] * (driven.ndim - 2))
             driven = np.where(there, driven, 0.0)
-            return np.concatenate([recorded[found.row, :step], driven], axis=1)
+            former = recorded[found.row]
+            kept = is_kept.reshape(there.shape)
+            driven = np.where(kept, former[:, step:], driven)
+            return np.concatenate([former[:, :step], driven], axis=1)
 
         changed = agents.with_rows(
             found.row,

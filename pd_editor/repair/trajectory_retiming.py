@@ -64,7 +64,8 @@ def yield_to_others(
 ) -> tuple[Scenario, tuple[str, ...]]:
     """Let road users yield that would collide; all others are unchanged.
 
-    Agents whose trajectory, or its beginning, is locked never yield.
+    Agents whose trajectory is locked never yield, and those with locked first seconds
+    only later.
 
     One round of ``retime_trajectories`` without the friction limit.
 
@@ -78,7 +79,7 @@ def yield_to_others(
         scenario=scenario,
         friction_coefficient=DRY_ROAD_FRICTION,
         may_change=repairable(
-            scenario, agent_ids, keep_ids, ROAD_USER_KINDS, keeps_states=True
+            scenario, agent_ids, keep_ids, ROAD_USER_KINDS, keeps_beginnings=True
         ),
     )
     resolved = trajectories.with_yielding()

@@ -68,6 +68,8 @@ class Clocks:
     """How fast the rate falls."""
     window: Int[np.ndarray, "K"]
     """When it falls: index of begin and duration; -1 of those that wait at the start."""
+    first_slow: Int[np.ndarray, "K"]
+    """First step at which it runs slower than time; N if there is none."""
     cell: Int[np.ndarray, "K T"]
     """Index into a table of T compared steps and N steps of the own future."""
 
@@ -98,9 +100,12 @@ def clocks(num_steps: int, step_s: float) -> Clocks:
     order = np.argsort(-step.sum(axis=1), kind="stable")
     compared = _compared(num_steps)
     cell = np.rint(step[order][:, compared]).astype(int)
+    rate = rate[order]
+    is_slow = rate < 1
     return Clocks(
         step=step[order],
-        rate=rate[order],
+        rate=rate,
+        first_slow=np.where(is_slow.any(axis=1), is_slow.argmax(axis=1), num_steps),
         slope_1ps=np.array(slopes)[order],
         window=np.array(windows)[order],
         cell=np.arange(len(compared)) * num_steps + cell,
@@ -124,16 +129,23 @@ class Yielded:
 
 
 def yielding(
-    agents: AgentTracks, now: int, may_yield: Bool[np.ndarray, "A"], step_s: float
+    agents: AgentTracks,
+    now: int,
+    may_yield: Bool[np.ndarray, "A"],
+    step_s: float,
+    num_kept: Int[np.ndarray, "A"] | None = None,
 ) -> Yielded:
     """Which agents yield to avoid collisions, and how they drive then.
 
     Of two that would collide the one yields that has the other in front of it, or the
     other one if that does not help. Pairs that overlap now are left out. Agents that
     enter later are avoided from then on; they do not yield. Agents that cannot avoid
-    anything drive on as before.
+    anything drive on as before. Of its first ``num_kept`` steps after the current one
+    no agent is driven later.
     """
-    scene = _Scene.of(agents, now, may_yield, step_s)
+    if num_kept is None:
+        num_kept = np.zeros(len(agents), int)
+    scene = _Scene.of(agents, now, may_yield, step_s, num_kept)
     plans = _Plans.of(scene)
     best, behind, fewest = plans.clock.copy(), plans.behind.copy(), plans.num_conflicts
     for _ in range(_MOST_ROUNDS):
@@ -171,6 +183,7 @@ class _Scene:
     is_valid: Bool[np.ndarray, "A N"]
     size_m: Float[np.ndarray, "A 2"]
     may_yield: Bool[np.ndarray, "A"]
+    num_kept: Int[np.ndarray, "A"]
     pairs: Int[np.ndarray, "P 2"]
     """Those that could ever meet and of which one may yield."""
     keeps_gap: Bool[np.ndarray, "P"]
@@ -186,6 +199,7 @@ class _Scene:
         now: int,
         may_yield: Bool[np.ndarray, "A"],
         step_s: float,
+        num_kept: Int[np.ndarray, "A"],
     ) -> "_Scene":
         is_valid = agents.is_valid[:, now:]
         position = fill_gaps(agents.position_m[:, now:], is_valid)
@@ -225,6 +239,7 @@ class _Scene:
             is_valid=is_valid,
             size_m=size,
             may_yield=may_yield,
+            num_kept=num_kept,
             pairs=pairs[is_apart],
             keeps_gap=keeps_gap[is_apart],
             clocks=clocks(num_steps + beyond, step_s),
@@ -387,7 +402,8 @@ class _Plans:
         for index, row in enumerate(rows.tolist()):
             own = -np.diff(scene.speed_mps[row]).min(initial=0.0) / scene.step_s
             limit = max(MAX_BRAKING_MPS2, own) + _TOLERANCE_MPS2
-            able = np.flatnonzero(braking[index] <= MAX_BRAKING_MPS2)
+            keeps = scene.clocks.first_slow > scene.num_kept[row]
+            able = np.flatnonzero(keeps & (braking[index] <= MAX_BRAKING_MPS2))
             cells = scene.clocks.cell[able]
             for blocked in (near, hit):
                 free = able[~blocked[index].take(cells).any(axis=1)]

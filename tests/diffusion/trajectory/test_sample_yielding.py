@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from pd_editor.diffusion.trajectory.sample_yielding import with_yielding
 from pd_editor.generation import TrafficSample
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.locks import STATE_LOCK, Lock
+from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import crowded_road, crowds, overlaps_later
@@ -115,12 +115,25 @@ def test_an_agent_does_not_wait_for_the_continuation_of_its_own_track():
     assert waiting == ()
 
 
-def test_agents_with_a_locked_beginning_do_not_wait():
-    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (40, 0, 0, 0)]))
+def test_agents_wait_after_what_is_locked_of_their_trajectory():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (45, 0, 0, 0)]))
     rows, name = np.array([0]), scenario.agents.ids[0]
     asked = straight_on(scenario, rows)
-    for lock, waits in ((Lock(kept_s=1.0), False), (STATE_LOCK, True)):
+    for lock, waits in (
+        (STATE_LOCK, True),
+        (Lock(kept_s=1.5), True),
+        (Lock(kept_s=3.8), False),
+        (TRAJECTORY_LOCK, False),
+    ):
         locked = replace(scenario, locks={name: lock})
         sample, waiting = with_yielding(locked, rows, asked)
         assert bool(waiting) is waits
         assert (sample is asked) is not waits
+        kept = slice(0, round(10 * (lock.kept_s or 0.0)) + 1)
+        for field in ("position_m", "heading_rad", "velocity_mps"):
+            one, other = getattr(sample, field), getattr(asked, field)
+            assert one[:, kept].tobytes() == other[:, kept].tobytes()
+        if waits:
+            assert overlaps_later(with_sample(scenario, rows, sample)) == set()
+            speed = np.diff(sample.position_m[0, :, 0]) / 0.1
+            assert np.diff(speed).min() > -0.1 * 5.0
