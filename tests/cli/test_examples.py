@@ -32,7 +32,7 @@ def test_the_shell_generates_with_an_example(shell: Shell, tmp_path: Path, name:
         "--out", tmp_path / "out",
     )  # fmt: skip
     assert result.code == 0, result.err
-    made = [open_scenario(folder) for folder in sorted((tmp_path / "out").iterdir())]
+    made = [open_scenario(one) for one in sorted((tmp_path / "out").glob("*/"))]
     assert len(made) == 2
     # Two samples differ, and start where the agents are.
     now = made[0].current_step
