@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final, Literal
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
 from pd_editor.guidance.agent_now import AgentNow
@@ -40,6 +41,8 @@ from pd_editor.scene.scenario import Scenario
 
 _BESIDE_PATH_M: Final = 4.0
 """Distance of a goal from all planned paths at which it counts as unreachable."""
+_SHORT_OF_GOAL_M: Final = 0.5
+"""Goals may be so much farther than an agent gets."""
 _FAR_START_M: Final = 15.0
 _GRIP_MPS2: Final = 6.0
 """Lateral acceleration above which a path cannot be followed at the current speed."""
@@ -69,7 +72,7 @@ def guidance_problems(
             problems += check(term, scenario)
         if isinstance(term, Threaten) and not problems:
             problems += threat_problems(term, scenario, agent_ids)
-        problems += _contradictions(term, active)
+        problems += _contradictions(term, active, scenario)
         found += [
             GuidanceProblem(term=term, severity=severity, message=message)
             for severity, message in problems
@@ -115,7 +118,9 @@ def _absences(
             )
 
 
-def _contradictions(term: GuidanceTerm, terms: Sequence[GuidanceTerm]) -> Found:
+def _contradictions(
+    term: GuidanceTerm, terms: Sequence[GuidanceTerm], scenario: Scenario
+) -> Found:
     """Terms that ask the same agent for something else."""
     for other in terms[: terms.index(term)]:
         yield from pair_contradictions(term, other)
@@ -152,6 +157,42 @@ def _contradictions(term: GuidanceTerm, terms: Sequence[GuidanceTerm]) -> Found:
                 f"{shared} is asked for {speed.speed_mps:g} m/s above its speed limit "
                 f"of {limit.speed_mps:g} m/s; lower one or raise the other.",
             )
+        goal, line = pair.get(GoalPoint), pair.get(StopAtLine)
+        if isinstance(goal, GoalPoint) and goal.agent_id in scenario.agents.row_of:
+            (agent,) = _agents_of(goal, scenario)
+            if isinstance(limit, SpeedLimit):
+                yield from _goal_beyond_limit(goal, limit, agent)
+            if isinstance(line, StopAtLine):
+                yield from _goal_beyond_line(goal, line, agent)
+
+
+def _goal_beyond_limit(goal: GoalPoint, limit: SpeedLimit, agent: AgentNow) -> Found:
+    """Whether a goal is farther than an agent gets at its speed limit."""
+    time_s = agent.duration_s if goal.at_s is None else goal.at_s
+    time_s = min(time_s, agent.duration_s)
+    # An agent that is faster now brakes to the limit first.
+    excess = max(agent.speed_mps - limit.speed_mps, 0.0)
+    braking_s = min(excess / MAX_BRAKING_MPS2, time_s)
+    most = limit.speed_mps * time_s + excess * braking_s / 2
+    distance = float(np.hypot(*(np.array(goal.point_m) - agent.position_m)))
+    if distance > most + _SHORT_OF_GOAL_M:
+        yield (
+            "warning",
+            f"The goal of {agent.name} is {distance:.0f} m away, and at its speed limit "
+            f"of {limit.speed_mps:g} m/s it gets at most {most:.0f} m far in "
+            f"{time_s:.1f} s; move the goal nearer or raise the limit.",
+        )
+
+
+def _goal_beyond_line(goal: GoalPoint, line: StopAtLine, agent: AgentNow) -> Found:
+    """Whether the straight way to a goal crosses the line where the agent stops."""
+    way = shapely.LineString([agent.position_m, goal.point_m])
+    if way.intersects(shapely.LineString(line.line_m)):
+        yield (
+            "warning",
+            f"The goal of {agent.name} lies beyond the line where it stops; remove one "
+            "of the two.",
+        )
 
 
 def _shared_agent(one: GuidanceTerm, other: GuidanceTerm) -> str | None:

@@ -95,3 +95,29 @@ def test_contradictions_are_told_once():
     (found,) = guidance_problems(SCENE, (fast, slow))
     assert "keep one" in found.message
     assert guidance_problems(SCENE, (fast, replace(slow, is_on=False))) == ()
+
+
+def told(*terms: GuidanceTerm) -> str:
+    return " ".join(
+        one.message for one in guidance_problems(SCENE, terms, SCENE.agents.ids)
+    )
+
+
+def test_a_goal_beyond_what_a_speed_limit_allows_is_told():
+    goal = GoalPoint(agent_id="100", point_m=(55.0, 0.0))
+    words = "at its speed limit of 3 m/s it gets at most"
+    assert words in told(goal, SpeedLimit(speed_mps=3.0))
+    assert words in told(SpeedLimit(agent_ids=("100",), speed_mps=3.0), goal)
+    assert words not in told(goal, SpeedLimit(agent_ids=("101",), speed_mps=3.0))
+    assert words not in told(goal, SpeedLimit(speed_mps=9.5))
+    near = GoalPoint(agent_id="100", point_m=(22.0, 0.0))
+    assert words not in told(near, SpeedLimit(speed_mps=3.0))
+
+
+def test_a_goal_beyond_a_stop_line_is_told():
+    line = StopAtLine(agent_id="100", line_m=((40.0, -2.0), (40.0, 2.0)))
+    assert "beyond the line" in told(
+        GoalPoint(agent_id="100", point_m=(55.0, 0.0)), line
+    )
+    assert "beyond" not in told(GoalPoint(agent_id="100", point_m=(35.0, 0.0)), line)
+    assert "beyond" not in told(GoalPoint(agent_id="101", point_m=(0.0, 3.5)), line)
