@@ -35,6 +35,9 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
         lambda: editor.session.base.provenance.base is not None,
         "the worst scene is open",
     )
+    # The scene is an export, so its edits can be taken up.
+    editor.press("Continue with its 2 edits")
+    editor.until(lambda: len(editor.session.entries) == 2, "the edits of the scene")
     # A folder in use is refused, and the settings stay.
     editor.press("Run the study")
     editor.page.get_by_text("already holds files").wait_for()
