@@ -321,6 +321,7 @@ class EditorSession:
         snapshot = self._history.go_to(position)
         if snapshot is None:
             return
+        self._now = snapshot
         if self._journal is not None:
             self._journal.moved_to(position, self._clock())
         self._show(snapshot, before)
@@ -395,15 +396,17 @@ class EditorSession:
     ) -> None:
         if after.scenario is not start.scenario:
             moment = self._clock()
-            self._history.push(
-                HistoryEntry(
-                    command=command,
-                    time_s=moment,
-                    before=start,
-                    after=after,
-                    label=command.label_after(start.scenario),
-                )
+            entry = HistoryEntry(
+                command=command,
+                time_s=moment,
+                before=start,
+                after=after,
+                label=command.label_after(start.scenario),
             )
+            # Before the entry and the slow journal: a reader in another thread that
+            # sees the entry sees its scenario as well.
+            self._now = after
+            self._history.push(entry)
             if self._journal is not None:
                 self._journal.committed(command, start.selection, moment)
         self._show(after, before)

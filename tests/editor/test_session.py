@@ -1,6 +1,7 @@
 """The session against a plain list of states, and gestures."""
 
 from itertools import count
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession, SessionState
 from pd_editor.editor.variant import Variant
 from pd_editor.errors import EditError
+from pd_editor.scene.scenario import Scenario
 from tests.editor.command_strategies import (
     ON_TRAFFIC,
     STRATEGIES,
@@ -402,3 +404,21 @@ def test_old_states_are_let_go_but_not_their_commands():
     session.apply(shift(9.0))
     assert len(session.recipe().commands) == 3
     assert same_scenario(replay(session.recipe(), BASE), session.scenario)
+
+
+def test_an_entry_that_is_seen_while_it_is_written_shows_its_scenario():
+    class Recorder(Mock):
+        """Reads the session as another thread does while the journal is written."""
+
+        def committed(self, *_: object) -> None:
+            seen.append((session.state.position, session.scenario))
+
+        moved_to = committed
+
+    seen: list[tuple[int, Scenario]] = []
+    session = EditorSession(BASE, journal=Recorder())
+    session.apply(shift(1.0))
+    moved = session.scenario
+    session.undo()
+    assert [position for position, _ in seen] == [1, 0]
+    assert seen[0][1] is moved and seen[1][1] is BASE
