@@ -421,4 +421,5 @@ def test_an_entry_that_is_seen_while_it_is_written_shows_its_scenario():
     moved = session.scenario
     session.undo()
     assert [position for position, _ in seen] == [1, 0]
-    assert seen[0][1] is moved and seen[1][1] is BASE
+    assert seen[0][1] is moved
+    assert seen[1][1] is BASE
