@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from pd_editor.cli.export import export
     from pd_editor.cli.generate import generate
     from pd_editor.cli.model import model
-    from pd_editor.cli.outcome import Outcome
+    from pd_editor.cli.output.outcome import Outcome
     from pd_editor.cli.replay import replay
     from pd_editor.cli.study import study
     from pd_editor.cli.synth import synth
@@ -80,7 +80,7 @@ __all__ = [
 
 _HOMES = {
     "EditorSession": "pd_editor.editor.session",
-    "Outcome": "pd_editor.cli.outcome",
+    "Outcome": "pd_editor.cli.output.outcome",
     "PdEditorError": "pd_editor.errors",
     "Recipe": "pd_editor.editor.recipe",
     "Scenario": "pd_editor.scene.scenario",

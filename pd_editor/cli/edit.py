@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.arguments import OptionalFolder, OptionalFolders, several
+from pd_editor.cli.options.arguments import OptionalFolder, OptionalFolders, several
 from pd_editor.errors import InputError
 
 DEFAULT_DEMO = "signalised-junction"

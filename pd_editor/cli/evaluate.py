@@ -9,7 +9,7 @@ from typing import Annotated, Final
 
 import tyro
 
-from pd_editor.cli.arguments import (
+from pd_editor.cli.options.arguments import (
     FolderOption,
     OptionalFolders,
     Switch,
@@ -17,8 +17,8 @@ from pd_editor.cli.arguments import (
     num_workers,
     several,
 )
+from pd_editor.cli.output.progress import work_shown
 from pd_editor.cli.paper import PaperEvaluation, evaluate_paper
-from pd_editor.cli.progress import work_shown
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import GenerationError, InputError
 from pd_editor.evaluation.evaluation import (

@@ -7,14 +7,19 @@ import tyro
 
 from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.basket.index_table import INDEX_NAME, index_csv, index_row
-from pd_editor.cli.arguments import (
+from pd_editor.cli.options.arguments import (
     FolderOption,
     NameOption,
     NoteOption,
     Switch,
     TagsOption,
 )
-from pd_editor.cli.outcome import Outcome, described, undated_recipe, write_session
+from pd_editor.cli.output.outcome import (
+    Outcome,
+    described,
+    undated_recipe,
+    write_session,
+)
 from pd_editor.cli.replay import open_base, read_recipe
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, free_name

@@ -9,19 +9,24 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, NameOption, ScenarioArgument, Switch
-from pd_editor.cli.guidance_table import GuidanceTable, reports_of
-from pd_editor.cli.guide_option import guidance_terms_of
-from pd_editor.cli.kept_agents import (
+from pd_editor.cli.options.arguments import (
+    FolderOption,
+    NameOption,
+    ScenarioArgument,
+    Switch,
+)
+from pd_editor.cli.options.guide_option import guidance_terms_of
+from pd_editor.cli.options.kept_agents import (
     agents_within,
     driven_agents,
     kept_remarks,
     lock_commands,
     wanted_kinds,
 )
-from pd_editor.cli.outcome import Outcome, described, write_session
-from pd_editor.cli.progress import run_showing_progress
-from pd_editor.cli.sample_table import SampleTable
+from pd_editor.cli.output.guidance_table import GuidanceTable, reports_of
+from pd_editor.cli.output.outcome import Outcome, described, write_session
+from pd_editor.cli.output.progress import run_showing_progress
+from pd_editor.cli.output.sample_table import SampleTable
 from pd_editor.diffusion.defaults import (
     DEFAULT_WEIGHT,
     NUM_STEPS,

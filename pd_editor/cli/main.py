@@ -15,11 +15,11 @@ from pd_editor.cli.evaluate import evaluate
 from pd_editor.cli.export import export
 from pd_editor.cli.generate import generate
 from pd_editor.cli.model import model
+from pd_editor.cli.output.usage_error import usage_error
 from pd_editor.cli.replay import replay
 from pd_editor.cli.study import study
 from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
-from pd_editor.cli.usage_error import usage_error
 from pd_editor.cli.warp import warp
 from pd_editor.errors import InputError, PdEditorError
 from pd_editor.installed_files import demo_names

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pd_editor.cli.arguments import FolderOption, OptionalFolder
+from pd_editor.cli.options.arguments import FolderOption, OptionalFolder
 from pd_editor.errors import ModelError
 from pd_editor.regular_file import write_whole
 

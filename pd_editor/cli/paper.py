@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.cli.progress import work_shown
+from pd_editor.cli.output.progress import work_shown
 from pd_editor.errors import InputError, PdEditorError
 from pd_editor.evaluation.evaluation import (
     ROWS_NAME,

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, RecipeArgument, Switch
-from pd_editor.cli.outcome import Outcome
+from pd_editor.cli.options.arguments import FolderOption, RecipeArgument, Switch
+from pd_editor.cli.output.outcome import Outcome
 from pd_editor.editor.commands import ReplaceTraffic
 from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, RegeneratedEntry
 from pd_editor.editor.recipe import regenerate as regenerate_recipe

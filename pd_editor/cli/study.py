@@ -5,9 +5,9 @@ from typing import Annotated, Literal
 
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, Switch, num_workers, several
 from pd_editor.cli.evaluate import checked_methods, limit_in_s, within
-from pd_editor.cli.progress import work_shown
+from pd_editor.cli.options.arguments import FolderOption, Switch, num_workers, several
+from pd_editor.cli.output.progress import work_shown
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import InputError
 from pd_editor.evaluation.evaluation import scenes_of

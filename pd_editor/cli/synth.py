@@ -8,14 +8,14 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.arguments import (
+from pd_editor.cli.options.arguments import (
     FolderOption,
     OptionalFolders,
     Switch,
     folders,
     num_workers,
 )
-from pd_editor.cli.progress import work_shown
+from pd_editor.cli.output.progress import work_shown
 from pd_editor.errors import InputError
 from pd_editor.synthesis.dataset.builder import (
     DatasetPlan,

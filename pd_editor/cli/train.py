@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from pd_editor.cli.arguments import OptionalFolder, Switch, several
-from pd_editor.cli.progress import ProgressLine, minutes_left
+from pd_editor.cli.options.arguments import OptionalFolder, Switch, several
+from pd_editor.cli.output.progress import ProgressLine, minutes_left
 from pd_editor.regular_file import check_path
 from pd_editor.work_engine.work_engine import WorkProgress
 

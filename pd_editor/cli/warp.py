@@ -5,8 +5,13 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.arguments import FolderOption, NameOption, ScenarioArgument, Switch
-from pd_editor.cli.outcome import Outcome, described, write_session
+from pd_editor.cli.options.arguments import (
+    FolderOption,
+    NameOption,
+    ScenarioArgument,
+    Switch,
+)
+from pd_editor.cli.output.outcome import Outcome, described, write_session
 from pd_editor.editor.commands import SetRoadWarp
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import EditError

@@ -3,7 +3,7 @@ import sys
 
 import pytest
 
-from pd_editor.cli.progress import run_showing_progress
+from pd_editor.cli.output.progress import run_showing_progress
 from pd_editor.generation import GeneratedTraffic, GenerationProgress
 
 DONE = GeneratedTraffic(samples=(), generator="fake")
