@@ -40,10 +40,10 @@ from pd_editor.viewer.overlay.timeline import Timeline
 from pd_editor.viewer.overlay.toolbar import Tool, Toolbar
 from pd_editor.viewer.panels.agent_panel import AgentPanel
 from pd_editor.viewer.panels.basket_panel import BasketPanel
-from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
 from pd_editor.viewer.panels.dataset_panel import DatasetPanel
 from pd_editor.viewer.panels.export_panel import ExportPanel
-from pd_editor.viewer.panels.generation_panel import GenerationPanel
+from pd_editor.viewer.panels.generation.candidates_panel import CandidatesPanel
+from pd_editor.viewer.panels.generation.generation_panel import GenerationPanel
 from pd_editor.viewer.panels.history_panel import HistoryPanel
 from pd_editor.viewer.panels.panel_style import PanelStyle
 from pd_editor.viewer.panels.road_panel import RoadPanel

@@ -17,8 +17,8 @@ from pd_editor.viewer.interaction.selecting import Selecting
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.measure import Measure
 from pd_editor.viewer.panels.agent_panel import AgentPanel
-from pd_editor.viewer.panels.candidates_panel import CandidatesPanel
-from pd_editor.viewer.panels.generation_panel import GenerationPanel
+from pd_editor.viewer.panels.generation.candidates_panel import CandidatesPanel
+from pd_editor.viewer.panels.generation.generation_panel import GenerationPanel
 from pd_editor.viewer.panels.road_panel import RoadPanel
 from pd_editor.viewer.state.ui_context import UiContext
 

@@ -20,7 +20,7 @@ from pd_editor.scene.guidance_terms import (
     Threaten,
 )
 from pd_editor.viewer.guidance.guidance_notes import TAKE_UNGUIDED
-from pd_editor.viewer.panels.generation_run import GenerationInput
+from pd_editor.viewer.panels.generation.generation_run import GenerationInput
 from tests.viewer.fake_browser import FakeTab, until
 
 TERM = TargetSpeed(agent_ids=("100",), speed_mps=5.0)

@@ -6,7 +6,10 @@ import pytest
 from pd_editor.errors import GenerationError
 from pd_editor.generation import Region
 from pd_editor.viewer.interaction.region_drawing import square_between
-from pd_editor.viewer.panels.generation_panel import AROUND_TRAFFIC, IN_REGION
+from pd_editor.viewer.panels.generation.generation_panel import (
+    AROUND_TRAFFIC,
+    IN_REGION,
+)
 from tests.viewer.fake_browser import FakeTab
 
 

@@ -16,7 +16,7 @@ from pd_editor.generation import LANE_GUIDANCE, GeneratorSpec, GuidanceSetting
 from pd_editor.generators import registry
 from pd_editor.installed_files import models_folder
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.viewer.panels.generation_panel import (
+from pd_editor.viewer.panels.generation.generation_panel import (
     ADD_AGENTS,
     AROUND_VIEW,
     REDRAW_SELECTION,

@@ -17,7 +17,7 @@ from pd_editor.generation import GeneratorSpec
 from pd_editor.generators import registry
 from pd_editor.scene.guidance_terms import GoalPoint
 from pd_editor.scene.locks import TRAJECTORY_LOCK
-from pd_editor.viewer.panels.live_switch import ALL, GENERATED
+from pd_editor.viewer.panels.generation.live_switch import ALL, GENERATED
 from tests.builders import two_agents_that_pass
 from tests.editor.fake_generators import DriftGenerator
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until

@@ -32,12 +32,12 @@ from pd_editor.scene.traffic_choice import (
 )
 from pd_editor.viewer.interaction.region_drawing import RegionDrawing
 from pd_editor.viewer.overlay.sample_strip import SampleStrip
-from pd_editor.viewer.panels.generation_run import (
+from pd_editor.viewer.panels.generation.generation_run import (
     GenerationInput,
     GenerationRun,
     LazyGenerator,
 )
-from pd_editor.viewer.panels.live_switch import LiveSwitch
+from pd_editor.viewer.panels.generation.live_switch import LiveSwitch
 from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.run_state import RunState
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value

@@ -1,0 +1,1 @@
+"""The generation panel with its parts: runs, candidates, live regeneration."""
