@@ -14,8 +14,11 @@ import torch
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
 from pd_editor.diffusion.inputs.scene_batch import batch_of
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.loss import trajectory_loss
+from pd_editor.diffusion.trajectory.network.denoiser import (
+    TrajectoryConfig,
+    TrajectoryDenoiser,
+)
 from pd_editor.diffusion.trajectory.pipeline import TrajectoryTask
 from pd_editor.features.encoded_scene import packed
 from pd_editor.features.scene_features import scene_features

@@ -22,18 +22,18 @@ from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
     with_attributes,
 )
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
+from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
     sampling_conditioning,
 )
-from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.initial_state.sampler import (
     InitialStateSamplerConfig,
     finished_states,
     sample_initial_states,
 )
-from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS
 from pd_editor.evaluation.report.distances import STATE_METRICS

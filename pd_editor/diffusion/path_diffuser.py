@@ -22,7 +22,6 @@ from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
     attribute_notes,
 )
-from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.fitting import (
     colliding_with_kept,
     limited,
@@ -30,6 +29,7 @@ from pd_editor.diffusion.initial_state.fitting import (
     without_overlapping,
 )
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.pipeline import SquarePlacement, place_in_squares
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.initial_state.squares import Placement, placings_of
@@ -39,9 +39,9 @@ from pd_editor.diffusion.request_check import (
     num_present,
 )
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
-from pd_editor.diffusion.trajectory.decoding import Motion
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.guidance.threat_run import threats_in_force
+from pd_editor.diffusion.trajectory.network.decoding import Motion
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.pipeline import (
     TrajectoryOptions,
     TrajectoryTask,

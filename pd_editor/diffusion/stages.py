@@ -4,18 +4,18 @@ from collections.abc import Mapping
 from typing import Final
 
 from pd_editor.diffusion.checkpoints.model_folder import StageKind
-from pd_editor.diffusion.initial_state.denoiser import (
+from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
+from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
-from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
-from pd_editor.diffusion.trajectory.denoiser import (
+from pd_editor.diffusion.trajectory.guidance.nearest_candidate import TrajectoryGuidance
+from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
+from pd_editor.diffusion.trajectory.network.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,
 )
-from pd_editor.diffusion.trajectory.guidance.nearest_candidate import TrajectoryGuidance
-from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.diffusion.trajectory.sampler import TrajectorySamplerConfig
 from pd_editor.diffusion.version_1 import initial_state as initial_state_version_1
 from pd_editor.diffusion.version_1 import trajectory as trajectory_version_1

@@ -9,20 +9,20 @@ from torch import nn
 
 from pd_editor.diffusion.checkpoints.model_folder import StageKind, made_model
 from pd_editor.diffusion.checkpoints.tensor_file import config_from_json
-from pd_editor.diffusion.initial_state.agent_count_prior import (
+from pd_editor.diffusion.initial_state.loss import initial_state_loss
+from pd_editor.diffusion.initial_state.network.agent_count_prior import (
     MOST_ROWS,
     fit_agent_counts,
 )
-from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.loss import initial_state_loss
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.loss import (
     TrajectoryLossConfig,
     trajectory_loss,
 )
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.features.feature_store import FeatureStore
 from pd_editor.training.config.presets import LOSSES
 from pd_editor.training.loop.train_loop import Loss

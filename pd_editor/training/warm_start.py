@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from pd_editor.diffusion.checkpoints.model_folder import TrainedModel, load_model
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.stages import STAGE_KINDS, TRAJECTORIES
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.errors import TrainingError
 from pd_editor.training.loop.run_folder import MODEL_NAME
 

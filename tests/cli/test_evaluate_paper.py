@@ -7,7 +7,7 @@ import pytest
 
 from pd_editor.cli import paper
 from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
-from pd_editor.diffusion.initial_state.agent_count_prior import AgentCounts
+from pd_editor.diffusion.initial_state.network.agent_count_prior import AgentCounts
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
 from pd_editor.evaluation.paper.pictures import Picture
 from tests.cli.shell import Shell

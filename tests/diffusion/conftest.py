@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
-from pd_editor.diffusion.initial_state.agent_count_prior import AgentCounts
-from pd_editor.diffusion.initial_state.denoiser import (
+from pd_editor.diffusion.initial_state.network.agent_count_prior import AgentCounts
+from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )

@@ -8,16 +8,19 @@ import pytest
 import torch
 from torch import nn
 
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.network.conditioning import (
     Conditioning,
     sampling_conditioning,
 )
-from pd_editor.diffusion.initial_state.denoiser import (
+from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.denoiser import (
+    TrajectoryConfig,
+    TrajectoryDenoiser,
+)
 from tests.diffusion.initial_state import scenes as initial_state_scenes
 from tests.diffusion.trajectory import scenes as trajectory_scenes
 

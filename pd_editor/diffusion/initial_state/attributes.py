@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from pd_editor.diffusion.initial_state.agent_count_prior import (
+from pd_editor.diffusion.initial_state.network.agent_count_prior import (
     AgentCounts,
     cells_of,
     lane_length_m,
 )
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
     Conditioning,
 )
-from pd_editor.diffusion.initial_state.lane_distance import follows_lanes
+from pd_editor.diffusion.initial_state.network.lane_distance import follows_lanes
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.errors import GenerationError
 from pd_editor.metrics.road.off_road import is_off_road

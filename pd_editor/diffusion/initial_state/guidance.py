@@ -9,21 +9,24 @@ from torch import Tensor
 
 from pd_editor.diffusion.core.config_limits import check_settings
 from pd_editor.diffusion.core.noise_schedule import NoiseSchedule, relative_noise
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
     Conditioning,
     sampling_conditioning,
 )
-from pd_editor.diffusion.initial_state.features import as_complex
-from pd_editor.diffusion.initial_state.lane_distance import CenterLines, follows_lanes
-from pd_editor.diffusion.initial_state.sampler import InitialStateGuide
-from pd_editor.diffusion.initial_state.state_encoding import (
+from pd_editor.diffusion.initial_state.network.features import as_complex
+from pd_editor.diffusion.initial_state.network.lane_distance import (
+    CenterLines,
+    follows_lanes,
+)
+from pd_editor.diffusion.initial_state.network.state_encoding import (
     NUM_MOTION_PARTS,
     POSITION_UNIT_M,
     is_standing,
     unit_vectors,
 )
+from pd_editor.diffusion.initial_state.sampler import InitialStateGuide
 from pd_editor.diffusion.initial_state.state_overlap import OverlapVectors
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 

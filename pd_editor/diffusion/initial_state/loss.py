@@ -9,17 +9,20 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.core.noise_schedule import centered, noised, relative_noise
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.network.conditioning import (
     REACH_M,
     Conditioning,
     attribute_codes,
     only_agents,
     order_by,
 )
-from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.features import rotated_back
-from pd_editor.diffusion.initial_state.lane_distance import follows_lanes, is_on_road
-from pd_editor.diffusion.initial_state.state_encoding import (
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.network.features import rotated_back
+from pd_editor.diffusion.initial_state.network.lane_distance import (
+    follows_lanes,
+    is_on_road,
+)
+from pd_editor.diffusion.initial_state.network.state_encoding import (
     NUM_MOTION_PARTS,
     POSITION_UNIT_M,
 )

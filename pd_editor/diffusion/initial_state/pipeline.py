@@ -9,26 +9,29 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from pd_editor.diffusion.initial_state.agent_count_prior import cells_of, lane_length_m
 from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
     with_attributes,
 )
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
+from pd_editor.diffusion.initial_state.network.agent_count_prior import (
+    cells_of,
+    lane_length_m,
+)
+from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
     REACH_M,
     only_agents,
     sampling_conditioning,
 )
-from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.initial_state.sampler import (
     InitialStateSamplerConfig,
     finished_activity,
     finished_states,
     sample_initial_states,
 )
-from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import (
     SceneTensors,
     batch_of,

@@ -18,12 +18,12 @@ from pd_editor.diffusion.core.sampler import (
     sample_steps,
     sampling_mode,
 )
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.network.conditioning import (
     Conditioning,
     sampling_conditioning,
 )
-from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.state_encoding import (
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.network.state_encoding import (
     NUM_MOTION_PARTS,
     POSITION_UNIT_M,
     decode_activity,

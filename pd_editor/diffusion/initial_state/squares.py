@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Int
 
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
-from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.initial_state.pipeline import (
     SquareContent,
     SquarePlacement,
@@ -17,7 +18,6 @@ from pd_editor.diffusion.initial_state.pipeline import (
     no_lanes,
     sample_agent_counts,
 )
-from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
 from pd_editor.errors import GenerationError
 from pd_editor.features.lane_tokens import (
     CROSSWALK_KIND,

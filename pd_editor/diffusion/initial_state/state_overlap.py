@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from pd_editor.diffusion.initial_state.state_encoding import (
+from pd_editor.diffusion.initial_state.network.state_encoding import (
     POSITION_UNIT_M,
     unit_vectors,
 )

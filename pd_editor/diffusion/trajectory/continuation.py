@@ -19,9 +19,9 @@ from torch import Tensor
 from pd_editor.diffusion.core.noise_schedule import even_levels
 from pd_editor.diffusion.core.sampler import sampling_mode
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.context import TrajectoryContext
-from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.context import TrajectoryContext
+from pd_editor.diffusion.trajectory.network.decoding import TrajectoryDecoder
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.sampler import KnownNoise
 
 _NUM_STEPS: Final = 4

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis, heading_along
-from pd_editor.diffusion.trajectory.decoding import Motion
+from pd_editor.diffusion.trajectory.network.decoding import Motion
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.scene.scenario import Scenario
 

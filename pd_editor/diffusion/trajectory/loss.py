@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pd_editor.diffusion.core.noise_schedule import noised
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.trajectory_overlap import overlap_depth_m
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.thresholds import STANDING_MPS

@@ -12,14 +12,7 @@ from pd_editor.diffusion.core.noise_schedule import even_levels
 from pd_editor.diffusion.core.sampler import sampling_mode
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.diffusion.trajectory.context import TrajectoryContext
 from pd_editor.diffusion.trajectory.continuation import Continuation
-from pd_editor.diffusion.trajectory.decoding import (
-    Motion,
-    TrajectoryDecoder,
-    motion_of,
-)
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.guidance.latent_motion import (
     KnownMotion,
     LatentMotion,
@@ -43,6 +36,13 @@ from pd_editor.diffusion.trajectory.joint_selection import (
     select_jointly,
 )
 from pd_editor.diffusion.trajectory.kept_beginning import KeptBeginning, projected
+from pd_editor.diffusion.trajectory.network.context import TrajectoryContext
+from pd_editor.diffusion.trajectory.network.decoding import (
+    Motion,
+    TrajectoryDecoder,
+    motion_of,
+)
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.sampler import (
     KnownNoise,
     TrajectoryGuide,

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from pd_editor.diffusion.trajectory.continuation import Continuation, inverted_noise
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.pipeline import (
     TrajectoryOptions,
     TrajectoryTask,

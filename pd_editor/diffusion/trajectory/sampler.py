@@ -19,8 +19,8 @@ from pd_editor.diffusion.core.sampler import (
 )
 from pd_editor.diffusion.defaults import NUM_STEPS
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.context import TrajectoryContext
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.context import TrajectoryContext
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.scene.thresholds import STANDING_MPS
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]

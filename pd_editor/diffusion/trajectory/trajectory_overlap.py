@@ -10,8 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
-from pd_editor.diffusion.trajectory.features import Neighbors
+from pd_editor.diffusion.trajectory.network.decoding import TrajectoryDecoder
+from pd_editor.diffusion.trajectory.network.features import Neighbors
 
 _NUM_TIMES: Final = 12
 _DISCS: Final = (-1.0, 0.0, 1.0)

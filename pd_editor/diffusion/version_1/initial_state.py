@@ -12,13 +12,13 @@ import torch
 from torch import Tensor
 
 from pd_editor.diffusion.core.attention import initial_lambda
-from pd_editor.diffusion.initial_state.denoiser import InitialStateConfig
-from pd_editor.diffusion.initial_state.features import (
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateConfig
+from pd_editor.diffusion.initial_state.network.features import (
     NUM_AGENT_FEATURES,
     NUM_PIECE_FEATURES,
     NUM_POSITION_FEATURES,
 )
-from pd_editor.diffusion.initial_state.state_encoding import NUM_MOTION_PARTS
+from pd_editor.diffusion.initial_state.network.state_encoding import NUM_MOTION_PARTS
 
 _KEPT: Final = (
     "kind_token.",

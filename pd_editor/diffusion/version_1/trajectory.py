@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryConfig
 from pd_editor.features.encoded_scene import LATENT_SIZE
 
 _RENAMED = {

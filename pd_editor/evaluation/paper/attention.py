@@ -26,8 +26,10 @@ def attention_scores(
         scenes: folders of scenarios; the first few are used.
     """
     from pd_editor.diffusion.checkpoints.model_folder import load_model
-    from pd_editor.diffusion.initial_state.attention_probe import attention_variance
-    from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
+    from pd_editor.diffusion.initial_state.network.attention_probe import (
+        attention_variance,
+    )
+    from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
     from pd_editor.diffusion.initial_state.pipeline import recorded_states
     from pd_editor.diffusion.stages import STAGE_KINDS
 

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
-from pd_editor.diffusion.initial_state.denoiser import InitialStateConfig
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.loss import InitialStateLossConfig
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateConfig
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig
 from pd_editor.diffusion.trajectory.guidance.nearest_candidate import TrajectoryGuidance
 from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.diffusion.trajectory.loss import TrajectoryLossConfig
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryConfig
 from pd_editor.diffusion.trajectory.sampler import TrajectorySamplerConfig
 from pd_editor.training.config.run_config import Optimisation
 

@@ -15,14 +15,17 @@ from pd_editor.diffusion.checkpoints.model_folder import (
     load_model,
     save_model,
 )
-from pd_editor.diffusion.initial_state.denoiser import (
+from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
 from pd_editor.diffusion.initial_state.sampler import sample_initial_states
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.denoiser import (
+    TrajectoryConfig,
+    TrajectoryDenoiser,
+)
 from pd_editor.diffusion.trajectory.sampler import sample_trajectories
 from tests.diffusion.initial_state.scenes import scene_batch as initial_state_scenes
 from tests.diffusion.initial_state.scenes import trained_a_little

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from pd_editor.diffusion.initial_state.denoiser import (
+from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )

@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 import torch
 
-from pd_editor.diffusion.initial_state.agent_count_prior import (
-    AgentCounts,
-    fit_agent_counts,
-)
 from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
     with_attributes,
 )
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.network.agent_count_prior import (
+    AgentCounts,
+    fit_agent_counts,
+)
+from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
     UNCONDITIONED,

@@ -3,25 +3,25 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pd_editor.diffusion.initial_state.conditioning import (
-    CONDITIONED_NO,
-    CONDITIONED_YES,
-    UNCONDITIONED,
-    sampling_conditioning,
-)
-from pd_editor.diffusion.initial_state.denoiser import (
-    InitialStateConfig,
-    InitialStateDenoiser,
-)
-from pd_editor.diffusion.initial_state.lane_distance import (
-    follows_lanes,
-    offset_from_lane_m,
-)
 from pd_editor.diffusion.initial_state.loss import (
     InitialStateLossConfig,
     initial_state_loss,
     squared_error,
     training_task,
+)
+from pd_editor.diffusion.initial_state.network.conditioning import (
+    CONDITIONED_NO,
+    CONDITIONED_YES,
+    UNCONDITIONED,
+    sampling_conditioning,
+)
+from pd_editor.diffusion.initial_state.network.denoiser import (
+    InitialStateConfig,
+    InitialStateDenoiser,
+)
+from pd_editor.diffusion.initial_state.network.lane_distance import (
+    follows_lanes,
+    offset_from_lane_m,
 )
 from pd_editor.diffusion.initial_state.sampler import (
     InitialStateSamplerConfig,

@@ -7,7 +7,7 @@ import pytest
 from pd_editor.diffusion import path_diffuser
 from pd_editor.diffusion.initial_state import pipeline
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
     UNCONDITIONED,

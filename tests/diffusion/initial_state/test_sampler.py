@@ -6,27 +6,27 @@ import pytest
 import torch
 
 from pd_editor.diffusion.core.noise_schedule import centered_levels
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
+from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
     UNCONDITIONED,
     Conditioning,
     sampling_conditioning,
 )
-from pd_editor.diffusion.initial_state.denoiser import (
+from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
-from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
-from pd_editor.diffusion.initial_state.lane_distance import offset_from_lane_m
+from pd_editor.diffusion.initial_state.network.lane_distance import offset_from_lane_m
+from pd_editor.diffusion.initial_state.network.state_encoding import (
+    decode_states,
+    encode_states,
+)
 from pd_editor.diffusion.initial_state.sampler import (
     InitialStateSamplerConfig,
     finished_states,
     sample_initial_states,
-)
-from pd_editor.diffusion.initial_state.state_encoding import (
-    decode_states,
-    encode_states,
 )
 from pd_editor.diffusion.initial_state.state_overlap import overlap_depth_m
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors

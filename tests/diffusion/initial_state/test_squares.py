@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
-from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.pipeline import SquarePlacement, place_in_squares
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.initial_state.squares import (

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import torch
 
-from pd_editor.diffusion.initial_state.state_encoding import encode_states
+from pd_editor.diffusion.initial_state.network.state_encoding import encode_states
 from pd_editor.diffusion.initial_state.state_overlap import (
     OverlapVectors,
     overlap_depth_m,

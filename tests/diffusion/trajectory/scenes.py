@@ -8,7 +8,10 @@ import torch
 
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.denoiser import (
+    TrajectoryConfig,
+    TrajectoryDenoiser,
+)
 from pd_editor.features.boundary_tokens import BOUNDARY_SHAPE
 from pd_editor.features.encoded_scene import PackedScene
 from pd_editor.features.lane_tokens import PIECE_SHAPE

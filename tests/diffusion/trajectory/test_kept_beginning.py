@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.path_diffuser import PathDiffuser
-from pd_editor.diffusion.trajectory.decoding import motion_of
 from pd_editor.diffusion.trajectory.kept_beginning import KeptBeginning, projected
+from pd_editor.diffusion.trajectory.network.decoding import motion_of
 from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.errors import GenerationError

@@ -4,13 +4,13 @@ import pytest
 import torch
 
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory.features import Neighbors
 from pd_editor.diffusion.trajectory.loss import (
     TrajectoryLossConfig,
     starts,
     trajectory_loss,
 )
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.features import Neighbors
 from pd_editor.diffusion.trajectory.sampler import (
     TrajectorySamplerConfig,
     sample_trajectories,

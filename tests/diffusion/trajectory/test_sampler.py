@@ -7,11 +7,11 @@ import torch
 
 from pd_editor.diffusion.core.random_streams import RandomStreams
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.guidance.nearest_candidate import (
     NearestCandidateGuide,
     TrajectoryGuidance,
 )
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.sampler import (
     TrajectoryGuide,
     TrajectorySamplerConfig,

@@ -16,13 +16,13 @@ from pd_editor.diffusion.checkpoints.tensor_file import (
     load_into,
     write_tensors,
 )
-from pd_editor.diffusion.initial_state.conditioning import sampling_conditioning
-from pd_editor.diffusion.initial_state.denoiser import (
+from pd_editor.diffusion.initial_state.network.conditioning import sampling_conditioning
+from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
 from pd_editor.diffusion.stages import STAGE_KINDS
-from pd_editor.diffusion.trajectory.denoiser import (
+from pd_editor.diffusion.trajectory.network.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,
 )

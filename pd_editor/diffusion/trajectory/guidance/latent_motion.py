@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.inputs.trajectory_pca import NUM_ALONG
-from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
+from pd_editor.diffusion.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.features.encoded_scene import LATENT_SIZE
 from pd_editor.scene.thresholds import MOVING_MPS
 

@@ -20,7 +20,7 @@ from pd_editor.diffusion.defaults import (
     NUM_STEPS,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.scene.thresholds import STANDING_MPS
 
 

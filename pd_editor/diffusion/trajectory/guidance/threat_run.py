@@ -18,13 +18,13 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.diffusion.trajectory.decoding import Motion, motion_of
 from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
     ResidualRows,
     row_weights,
 )
+from pd_editor.diffusion.trajectory.network.decoding import Motion, motion_of
 from pd_editor.geometry.angles import unit_vector
 from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
 from pd_editor.scene.scenario import Scenario

@@ -11,7 +11,10 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.diffusion.initial_state.lane_distance import follows_lanes, is_on_road
+from pd_editor.diffusion.initial_state.network.lane_distance import (
+    follows_lanes,
+    is_on_road,
+)
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.features.encoded_scene import PackedScene
 from pd_editor.features.lane_tokens import PIECE_LENGTH_M

@@ -6,9 +6,11 @@ from typing import NamedTuple
 from jaxtyping import Float
 from torch import Tensor
 
-from pd_editor.diffusion.trajectory.block import BlockContext, Masks
-from pd_editor.diffusion.trajectory.features import Neighbors
-from pd_editor.diffusion.trajectory.interaction_features import InteractionGeometry
+from pd_editor.diffusion.trajectory.network.block import BlockContext, Masks
+from pd_editor.diffusion.trajectory.network.features import Neighbors
+from pd_editor.diffusion.trajectory.network.interaction_features import (
+    InteractionGeometry,
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -25,19 +25,19 @@ from pd_editor.diffusion.core.noise_schedule import (
     output_factors,
     relative_noise,
 )
-from pd_editor.diffusion.initial_state.agent_count_prior import AgentCounts
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.network.agent_count_prior import AgentCounts
+from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_YES,
     REACH_M,
     UNCONDITIONED,
     Conditioning,
     pieces_within,
 )
-from pd_editor.diffusion.initial_state.context import (
+from pd_editor.diffusion.initial_state.network.context import (
     EncodedStateLevel,
     InitialStateContext,
 )
-from pd_editor.diffusion.initial_state.features import (
+from pd_editor.diffusion.initial_state.network.features import (
     NUM_AGENT_FEATURES,
     NUM_FOLDED_FEATURES,
     NUM_GAP_FEATURES,
@@ -52,14 +52,16 @@ from pd_editor.diffusion.initial_state.features import (
     noise_factors,
     waves,
 )
-from pd_editor.diffusion.initial_state.lane_anchored_head import LaneAnchoredHead
-from pd_editor.diffusion.initial_state.map_layer import MapLayer
-from pd_editor.diffusion.initial_state.map_tokens import (
+from pd_editor.diffusion.initial_state.network.lane_anchored_head import (
+    LaneAnchoredHead,
+)
+from pd_editor.diffusion.initial_state.network.map_layer import MapLayer
+from pd_editor.diffusion.initial_state.network.map_tokens import (
     MapTokens,
     NearTokens,
     TokenGroup,
 )
-from pd_editor.diffusion.initial_state.state_encoding import (
+from pd_editor.diffusion.initial_state.network.state_encoding import (
     ACTIVITIES,
     NUM_MOTION_PARTS,
     POSITION_UNIT_M,

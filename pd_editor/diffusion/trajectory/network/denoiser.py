@@ -24,18 +24,18 @@ from pd_editor.diffusion.core.noise_schedule import (
 from pd_editor.diffusion.inputs.relative_pose import gathered
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.diffusion.trajectory.block import (
+from pd_editor.diffusion.trajectory.network.block import (
     AgentBlock,
     BlockContext,
     Masks,
     Tokens,
 )
-from pd_editor.diffusion.trajectory.context import (
+from pd_editor.diffusion.trajectory.network.context import (
     EncodedTrajectoryLevel,
     TrajectoryContext,
 )
-from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
-from pd_editor.diffusion.trajectory.features import (
+from pd_editor.diffusion.trajectory.network.decoding import TrajectoryDecoder
+from pd_editor.diffusion.trajectory.network.features import (
     NUM_AGENT_FEATURES,
     NUM_BOUNDARY_FEATURES,
     NUM_EDGE_FEATURES,
@@ -49,12 +49,12 @@ from pd_editor.diffusion.trajectory.features import (
     seen_boundary,
     seen_pieces,
 )
-from pd_editor.diffusion.trajectory.interaction_features import (
+from pd_editor.diffusion.trajectory.network.interaction_features import (
     NUM_GAP_FEATURES,
     NUM_WAYPOINT_FEATURES,
     InteractionGeometry,
 )
-from pd_editor.diffusion.trajectory.token_encoder import TokenEncoder
+from pd_editor.diffusion.trajectory.network.token_encoder import TokenEncoder
 from pd_editor.features.encoded_scene import LATENT_SIZE
 from pd_editor.features.scene_features import NUM_FUTURE_STEPS
 from pd_editor.scene.activity import Activity

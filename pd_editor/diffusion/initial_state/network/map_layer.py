@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from pd_editor.diffusion.core.attention import EdgeAttention, Mask
-from pd_editor.diffusion.initial_state.features import (
+from pd_editor.diffusion.initial_state.network.features import (
     NUM_FOLDED_FEATURES,
     NUM_PIECE_FEATURES,
     NoiseFactors,

@@ -3,13 +3,13 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pd_editor.diffusion.initial_state.conditioning import (
+from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_YES,
     Conditioning,
     order_by,
     sampling_conditioning,
 )
-from pd_editor.diffusion.initial_state.denoiser import (
+from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )

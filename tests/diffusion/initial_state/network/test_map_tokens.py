@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import torch
 
-from pd_editor.diffusion.initial_state.features import NoisyPoses, noise_factors
-from pd_editor.diffusion.initial_state.map_tokens import (
+from pd_editor.diffusion.initial_state.network.features import NoisyPoses, noise_factors
+from pd_editor.diffusion.initial_state.network.map_tokens import (
     MapTokens,
     NearTokens,
     TokenGroup,

@@ -4,7 +4,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.diffusion.initial_state.state_encoding import (
+from pd_editor.diffusion.initial_state.network.state_encoding import (
     NUM_MOTION_PARTS,
     POSITION_UNIT_M,
     decode_activity,

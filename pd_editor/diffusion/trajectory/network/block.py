@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from pd_editor.diffusion.core.attention import scale_query_rows
-from pd_editor.diffusion.trajectory.interaction_features import (
+from pd_editor.diffusion.trajectory.network.interaction_features import (
     NUM_WAYPOINT_FEATURES,
 )
 from pd_editor.features.encoded_scene import LATENT_SIZE

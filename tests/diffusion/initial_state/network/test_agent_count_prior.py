@@ -2,7 +2,7 @@ import numpy as np
 import torch
 from shapely import MultiLineString, Point
 
-from pd_editor.diffusion.initial_state.agent_count_prior import (
+from pd_editor.diffusion.initial_state.network.agent_count_prior import (
     HALF_SIDES_M,
     AgentCounts,
     fit_agent_counts,

@@ -5,7 +5,7 @@ import numpy as np
 import torch
 from shapely import LineString, MultiLineString, Point
 
-from pd_editor.diffusion.initial_state.lane_distance import (
+from pd_editor.diffusion.initial_state.network.lane_distance import (
     follows_lanes,
     offset_from_lane_m,
 )

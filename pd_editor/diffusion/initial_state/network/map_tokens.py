@@ -9,7 +9,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.core.attention import Mask, grouped
-from pd_editor.diffusion.initial_state.features import (
+from pd_editor.diffusion.initial_state.network.features import (
     NoiseFactors,
     NoisyPoses,
     as_complex,

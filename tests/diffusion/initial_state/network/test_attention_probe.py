@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from pd_editor.diffusion.core.attention import DifferentialAttention, Mask
-from pd_editor.diffusion.initial_state.attention_probe import (
+from pd_editor.diffusion.initial_state.network.attention_probe import (
     AttentionProbe,
     attention_variance,
 )

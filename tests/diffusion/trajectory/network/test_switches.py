@@ -6,8 +6,11 @@ import pytest
 import torch
 
 from pd_editor.diffusion.core.noise_schedule import VariancePreserving
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryConfig, TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.loss import TrajectoryLossConfig, trajectory_loss
+from pd_editor.diffusion.trajectory.network.denoiser import (
+    TrajectoryConfig,
+    TrajectoryDenoiser,
+)
 from tests.diffusion.trajectory.scenes import arc_basis, scene_batch
 
 SMALL = TrajectoryConfig(width=32, num_heads=2, num_blocks=2, edge_width=16)

@@ -19,8 +19,8 @@ from pd_editor.diffusion.core.attention import (
 )
 from pd_editor.diffusion.core.noise_schedule import noised
 from pd_editor.diffusion.core.sampler import sampling_mode
-from pd_editor.diffusion.initial_state.conditioning import sampling_conditioning
-from pd_editor.diffusion.initial_state.denoiser import (
+from pd_editor.diffusion.initial_state.network.conditioning import sampling_conditioning
+from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateDenoiser,
     InitialStateLayer,
 )

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory.features import Neighbors
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.features import Neighbors
 from tests.diffusion.trajectory.scenes import FORMER, scene_batch, small_model
 
 

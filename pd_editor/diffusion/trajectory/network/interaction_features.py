@@ -7,8 +7,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
-from pd_editor.diffusion.trajectory.features import Neighbors
+from pd_editor.diffusion.trajectory.network.decoding import TrajectoryDecoder
+from pd_editor.diffusion.trajectory.network.features import Neighbors
 
 NUM_WAYPOINTS: Final = 8
 NUM_WAYPOINT_FEATURES: Final = 3 * NUM_WAYPOINTS

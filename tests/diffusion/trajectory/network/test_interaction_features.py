@@ -1,8 +1,10 @@
 import numpy as np
 import torch
 
-from pd_editor.diffusion.trajectory.features import Neighbors
-from pd_editor.diffusion.trajectory.interaction_features import InteractionGeometry
+from pd_editor.diffusion.trajectory.network.features import Neighbors
+from pd_editor.diffusion.trajectory.network.interaction_features import (
+    InteractionGeometry,
+)
 from tests.diffusion.trajectory.scenes import scene_batch, small_model
 
 STEPS = (np.linspace(0, 59, 9)[1:]).astype(int) - 1

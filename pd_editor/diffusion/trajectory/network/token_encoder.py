@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from pd_editor.diffusion.core.attention import minus_infinity_unless
-from pd_editor.diffusion.trajectory.block import Tokens
+from pd_editor.diffusion.trajectory.network.block import Tokens
 
 
 class TokenEncoder(nn.Module):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pd_editor.diffusion.trajectory.decoding import motion_of
+from pd_editor.diffusion.trajectory.network.decoding import motion_of
 from pd_editor.scene.time_axis import TimeAxis
 from tests.diffusion.trajectory.scenes import arc_basis, futures
 

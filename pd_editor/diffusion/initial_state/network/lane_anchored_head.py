@@ -7,8 +7,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor, nn
 
-from pd_editor.diffusion.initial_state.features import as_complex
-from pd_editor.diffusion.initial_state.map_tokens import NearTokens
+from pd_editor.diffusion.initial_state.network.features import as_complex
+from pd_editor.diffusion.initial_state.network.map_tokens import NearTokens
 
 _NUM_PARTS: Final = 4
 """Offset and direction, both as vectors in the token's frame."""

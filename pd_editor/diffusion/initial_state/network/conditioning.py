@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from pd_editor.diffusion.initial_state.state_encoding import POSITION_UNIT_M
+from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
 REACH_M: Final = POSITION_UNIT_M + 16.0

@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.core.attention import KeysValues, Mask
-from pd_editor.diffusion.initial_state.features import BoxPairs, NoiseFactors
-from pd_editor.diffusion.initial_state.map_tokens import MapTokens
+from pd_editor.diffusion.initial_state.network.features import BoxPairs, NoiseFactors
+from pd_editor.diffusion.initial_state.network.map_tokens import MapTokens
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

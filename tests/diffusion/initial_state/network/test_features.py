@@ -4,7 +4,7 @@ import shapely
 import shapely.affinity
 import torch
 
-from pd_editor.diffusion.initial_state.features import (
+from pd_editor.diffusion.initial_state.network.features import (
     NUM_AGENT_FEATURES,
     NUM_FOLDED_FEATURES,
     NUM_GAP_FEATURES,

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from pd_editor.diffusion.initial_state.features import as_complex
+from pd_editor.diffusion.initial_state.network.features import as_complex
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.features.lane_tokens import CROSSWALK_KIND, PIECE_LENGTH_M, PIECE_SHAPE
 from pd_editor.features.scene_features import PEDESTRIAN

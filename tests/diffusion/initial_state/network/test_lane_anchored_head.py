@@ -1,8 +1,10 @@
 import torch
 
 from pd_editor.diffusion.core.attention import Mask, grouped
-from pd_editor.diffusion.initial_state.lane_anchored_head import LaneAnchoredHead
-from pd_editor.diffusion.initial_state.map_tokens import NearTokens
+from pd_editor.diffusion.initial_state.network.lane_anchored_head import (
+    LaneAnchoredHead,
+)
+from pd_editor.diffusion.initial_state.network.map_tokens import NearTokens
 
 
 def proposals(

@@ -5,18 +5,18 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pd_editor.diffusion.initial_state.conditioning import (
-    order_by,
-    sampling_conditioning,
-)
-from pd_editor.diffusion.initial_state.denoiser import (
-    InitialStateConfig,
-    InitialStateDenoiser,
-)
 from pd_editor.diffusion.initial_state.loss import (
     InitialStateLossConfig,
     initial_state_loss,
     training_task,
+)
+from pd_editor.diffusion.initial_state.network.conditioning import (
+    order_by,
+    sampling_conditioning,
+)
+from pd_editor.diffusion.initial_state.network.denoiser import (
+    InitialStateConfig,
+    InitialStateDenoiser,
 )
 from pd_editor.diffusion.initial_state.sampler import (
     InitialStateSamplerConfig,

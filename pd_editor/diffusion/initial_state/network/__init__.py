@@ -1,0 +1,1 @@
+"""The initial-state network: inputs, encoding, layers, denoiser."""

@@ -1,0 +1,1 @@
+"""The trajectory network: inputs, layers, denoiser, decoding of its latents."""
