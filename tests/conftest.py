@@ -28,6 +28,19 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Share tests among processes by file, those in a browser as one group, first.
+
+    They share one Chromium and wait more than they compute, so other tests run beside
+    them.
+    """
+    items.sort(key=lambda item: item.get_closest_marker("browser") is None)
+    for item in items:
+        is_browser = item.get_closest_marker("browser") is not None
+        group = "browser" if is_browser else item.nodeid.partition("::")[0]
+        item.add_marker(pytest.mark.xdist_group(group))
+
+
 @pytest.fixture(scope="session")
 def av2_root() -> Path:
     """Root of real Argoverse 2 scenarios; skips aloud where there is none."""
