@@ -41,9 +41,9 @@ from pd_editor.scene.guidance_terms import (
     StopAtLine,
     TargetSpeed,
 )
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
-from pd_editor.scene.traffic_choice import drivable_agent_ids
 
 AGENTS_PER_SCENE = 3
 LEAST_MPS = 2.0

@@ -38,8 +38,8 @@ from pd_editor.scene.guidance_terms import (
     Threaten,
     YieldTo,
 )
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids
 from pd_editor.threats.encounter import Track, encounter
 from pd_editor.threats.motion_limits import exertion, limits_of
 from pd_editor.threats.threat_feasibility import recorded_track

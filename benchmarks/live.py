@@ -39,8 +39,8 @@ from pd_editor.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.guidance_terms import GoalPoint
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids
 from pd_editor.viewer.meshes.flat_mesh import glb_of
 from pd_editor.viewer.meshes.palette import LIGHT
 from pd_editor.viewer.views.ribbons_view import ribbon_primitives

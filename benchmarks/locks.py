@@ -28,10 +28,13 @@ from pd_editor.generation import (
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.metrics.collisions.box_tests import first_overlap
 from pd_editor.repair.box_overlaps import counted
-from pd_editor.scene.late_agents import LateAgents
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
+from pd_editor.scene.roles.late_agents import LateAgents
+from pd_editor.scene.roles.traffic_choice import (
+    drivable_agent_ids,
+    resamplable_agent_ids,
+)
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids, resamplable_agent_ids
 
 NUM_SEEDS = 3
 LOCKS = (TRAJECTORY_LOCK, Lock(kept_s=2.0), STATE_LOCK)

@@ -23,8 +23,8 @@ from pd_editor.generation import (
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
 from pd_editor.repair.box_overlaps import counted
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids
 
 STACKED = (32, 64, 128, 256)
 REPEATS = 5

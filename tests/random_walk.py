@@ -30,8 +30,8 @@ from pd_editor.scenario_store import (
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
+from pd_editor.scene.roles.traffic_choice import replaceable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import replaceable_agent_ids
 from pd_editor.viewer.state.workspace import Workspace
 from tests.editor.command_strategies import present_ids
 from tests.editor.fake_generators import DriftGenerator, PlacingGenerator

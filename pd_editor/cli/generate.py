@@ -52,8 +52,11 @@ from pd_editor.scenario_store import check_free, open_scenario
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.guidance_terms import GuidanceTerm
+from pd_editor.scene.roles.traffic_choice import (
+    replaceable_agent_ids,
+    resamplable_agent_ids,
+)
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import replaceable_agent_ids, resamplable_agent_ids
 
 AgentsOption = Annotated[
     tuple[str, ...],

@@ -16,8 +16,8 @@ from pd_editor.problems.friction import friction_coefficient_of
 from pd_editor.problems.road_shape import weakened_to_radius
 from pd_editor.problems.scene_problem import SceneProblem
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
+from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario
-from pd_editor.scene.traffic_choice import trajectory_locked_ids
 
 _LATER: Final = frozenset({"later-collision", "later-off-road"})
 

@@ -11,8 +11,8 @@ from pd_editor.features.scene_features import scene_center
 from pd_editor.generation import GenerationRequest, Region
 from pd_editor.metrics.paper_agents import paper_init_agents, paper_trajectory_agents
 from pd_editor.metrics.traffic_view import recorded_traffic
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids
 
 StatesChoice = Literal["recorded", "drawn"]
 AgentsChoice = Literal["all", "paper"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
-from pd_editor.scene.traffic_choice import drivable_agent_ids
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 MOTION = ("position_m", "heading_rad", "velocity_mps", "is_valid")

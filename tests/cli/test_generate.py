@@ -14,8 +14,8 @@ from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
+from pd_editor.scene.roles.traffic_choice import agent_ids_of_kinds, drivable_agent_ids
 from pd_editor.scene.scenario import EGO_ID
-from pd_editor.scene.traffic_choice import agent_ids_of_kinds, drivable_agent_ids
 from tests.cli.shell import JUNCTION, Shell, files_of
 from tests.editor.fake_generators import PlacingGenerator
 

@@ -7,7 +7,7 @@ from pd_editor.errors import EditError, GenerationError
 from pd_editor.generation import GenerationRequest
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
-from pd_editor.scene.traffic_choice import (
+from pd_editor.scene.roles.traffic_choice import (
     agent_ids_of_kinds,
     drivable_agent_ids,
     replaceable_agent_ids,

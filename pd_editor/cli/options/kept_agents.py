@@ -8,8 +8,8 @@ from pd_editor.errors import GenerationError
 from pd_editor.generation import Region
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.locks import MAX_KEPT_S, STATE_LOCK, TRAJECTORY_LOCK, Lock
+from pd_editor.scene.roles.traffic_choice import agent_ids_of_kinds, drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import agent_ids_of_kinds, drivable_agent_ids
 
 _LOCKS = {"state": STATE_LOCK, "trajectory": TRAJECTORY_LOCK}
 

@@ -9,7 +9,7 @@ from pd_editor.diffusion.initial_state.pipeline import SquarePlacement
 from pd_editor.generation import TrafficSample
 from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
 from pd_editor.repair.box_overlaps import counted
-from pd_editor.scene.late_agents import LateAgents
+from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 
 

@@ -57,7 +57,7 @@ from pd_editor.features.scene_features import (
     scene_features,
 )
 from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
-from pd_editor.scene.late_agents import LateAgents
+from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 

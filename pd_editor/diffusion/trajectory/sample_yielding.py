@@ -8,7 +8,7 @@ from jaxtyping import Int
 
 from pd_editor.generation import TrafficSample
 from pd_editor.repair import yield_to_others
-from pd_editor.scene.late_agents import LateAgents
+from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 
 

@@ -22,7 +22,7 @@ from pd_editor.scene.agent_kind import (
     AgentCategory,
     AgentKind,
 )
-from pd_editor.scene.focal_agent import with_focal_category
+from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 

@@ -18,7 +18,7 @@ from pd_editor.geometry.angles import unit_vector, wrap_angle
 from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.focal_agent import with_focal_agent
+from pd_editor.scene.roles.focal_agent import with_focal_agent
 from pd_editor.scene.scenario import Scenario
 
 

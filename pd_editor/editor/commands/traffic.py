@@ -31,9 +31,9 @@ from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.focal_agent import focal_place_m, with_focal_agent
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import kept_steps
+from pd_editor.scene.roles.focal_agent import focal_place_m, with_focal_agent
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 NEW_PREFIX: Final = "new"

@@ -36,8 +36,8 @@ from pd_editor.generation import (
 )
 from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

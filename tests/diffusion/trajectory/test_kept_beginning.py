@@ -19,8 +19,11 @@ from pd_editor.errors import GenerationError
 from pd_editor.generation import GenerationRequest, run_to_end
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
+from pd_editor.scene.roles.traffic_choice import (
+    drivable_agent_ids,
+    resamplable_agent_ids,
+)
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids, resamplable_agent_ids
 from tests.builders import scenario_with, straight_drivers
 from tests.diffusion.generated_traffic import generated
 from tests.diffusion.trajectory.scenes import small_model

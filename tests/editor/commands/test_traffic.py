@@ -30,7 +30,7 @@ from pd_editor.generation import (
 )
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
-from pd_editor.scene.traffic_choice import road_user_ids
+from pd_editor.scene.roles.traffic_choice import road_user_ids
 from tests.editor.command_strategies import ABSENT_ID, busy_scenario
 from tests.editor.fake_generators import DriftGenerator, PlacingGenerator
 

@@ -22,14 +22,14 @@ from pd_editor.generators import GeneratorCatalogue
 from pd_editor.guidance.feasibility import guidance_problems
 from pd_editor.plain_text import one_line
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
-from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import (
+from pd_editor.scene.roles.traffic_choice import (
     agent_ids_of_kinds,
     drivable_agent_ids,
     replaceable_agent_ids,
     resamplable_agent_ids,
     road_user_ids,
 )
+from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.region_drawing import RegionDrawing
 from pd_editor.viewer.overlay.sample_strip import SampleStrip
 from pd_editor.viewer.panels.generation.generation_run import (

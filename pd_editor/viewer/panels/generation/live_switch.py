@@ -6,8 +6,8 @@ from typing import Final
 
 from pd_editor.editor.commands.carried_trajectories import generated_agent_ids
 from pd_editor.errors import GenerationError
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 from pd_editor.viewer.state.view_memory import LiveAgents
 

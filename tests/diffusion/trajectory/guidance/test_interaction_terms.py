@@ -27,8 +27,8 @@ from pd_editor.scene.guidance_terms import (
     KeepGap,
     YieldTo,
 )
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.traffic_choice import drivable_agent_ids
 from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
 from tests.diffusion.generated_traffic import SINGLE, generated, same
 from tests.diffusion.trajectory.scenes import small_model

@@ -1,6 +1,6 @@
 import numpy as np
 
-from pd_editor.scene.late_agents import LateAgents
+from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
-from pd_editor.scene.focal_agent import (
+from pd_editor.scene.roles.focal_agent import (
     focal_place_m,
     with_focal_agent,
     with_focal_category,

@@ -5,7 +5,7 @@ import pytest
 
 from pd_editor.errors import EditError, GenerationError
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.traffic_choice import drivable_agent_ids
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from tests.builders import scenario_with, straight_drivers
 
 KINDS = tuple(AgentKind)

@@ -1,0 +1,1 @@
+"""Roles of agents in a scenario: focal, entering late, replaceable."""
