@@ -38,8 +38,8 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import Journal
 from pd_editor.generation import TrafficSample
 from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.paths.motion_primitives import candidates
-from pd_editor.paths.nearest_lane import nearest_lanes
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario

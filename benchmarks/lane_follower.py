@@ -13,7 +13,7 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.generation import GenerationRequest, run_to_end
 from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
 from pd_editor.lane_follower import LaneFollower
-from pd_editor.paths.nearest_lane import nearest_lanes
+from pd_editor.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.scenario import Scenario
 

@@ -11,8 +11,8 @@ from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
 from pd_editor.lane_follower import LaneFollower
 from pd_editor.paths.car_following import following_acceleration
-from pd_editor.paths.lane_graph import lane_graph
-from pd_editor.paths.nearest_lane import nearest_lanes
+from pd_editor.paths.lanes.lane_graph import lane_graph
+from pd_editor.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, AgentKind
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario

@@ -24,7 +24,7 @@ from pd_editor.av2_io.dataset import DatasetIndex
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.evaluation.road_condition import road_conditions
 from pd_editor.paths.driving_paths import paths_along_routes
-from pd_editor.paths.route_choice import choose_routes
+from pd_editor.paths.lanes.route_choice import choose_routes
 from pd_editor.prediction import (
     AgentHistory,
     Prediction,

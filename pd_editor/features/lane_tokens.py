@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of, wrap_angle
-from pd_editor.paths.lane_graph import LaneGraph, lane_graph
+from pd_editor.paths.lanes.lane_graph import LaneGraph, lane_graph
 from pd_editor.scene.road_map import Crosswalk, LaneKind, RoadMap
 
 PIECE_LENGTH_M: Final = 10.0

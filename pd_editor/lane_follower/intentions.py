@@ -14,7 +14,7 @@ from pd_editor.paths.driving_paths import (
     num_path_points,
     paths_along_routes,
 )
-from pd_editor.paths.route_choice import RouteChoice, choose_routes
+from pd_editor.paths.lanes.route_choice import RouteChoice, choose_routes
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS

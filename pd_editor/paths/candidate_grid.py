@@ -16,7 +16,7 @@ from pd_editor.paths.driving_paths import (
     num_path_points,
     paths_along_routes,
 )
-from pd_editor.paths.route_choice import RouteChoice, choose_routes
+from pd_editor.paths.lanes.route_choice import RouteChoice, choose_routes
 from pd_editor.paths.speed_profiles import MAX_ACCELERATION_MPS2, MAX_BRAKING_MPS2
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks

@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 
 from pd_editor.geometry.angles import unit_vector
 from pd_editor.geometry.frenet import mitred_normals
-from pd_editor.paths.lane_routes import SAMPLE_SPACING_M, SAMPLED_BEHIND_M
-from pd_editor.paths.route_choice import RouteChoice
+from pd_editor.paths.lanes.lane_routes import SAMPLE_SPACING_M, SAMPLED_BEHIND_M
+from pd_editor.paths.lanes.route_choice import RouteChoice
 
 SPACING_M: Final = 2.0
 """Distance between points of a path, along its route."""

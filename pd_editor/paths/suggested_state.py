@@ -7,9 +7,13 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.geometry.angles import unit_vector, wrap_angle
-from pd_editor.paths.lane_routes import SAMPLE_SPACING_M, SAMPLED_BEHIND_M, lane_routes
-from pd_editor.paths.nearest_lane import LaneMatch, nearest_lanes
-from pd_editor.paths.route_choice import lane_kinds_of
+from pd_editor.paths.lanes.lane_routes import (
+    SAMPLE_SPACING_M,
+    SAMPLED_BEHIND_M,
+    lane_routes,
+)
+from pd_editor.paths.lanes.nearest_lane import LaneMatch, nearest_lanes
+from pd_editor.paths.lanes.route_choice import lane_kinds_of
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
     AgentKind,

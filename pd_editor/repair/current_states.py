@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import left_of, unit_vector, wrap_angle
 from pd_editor.metrics.road.off_road import is_off_road
-from pd_editor.paths.nearest_lane import nearest_lanes
-from pd_editor.paths.route_choice import lane_kinds_of
+from pd_editor.paths.lanes.nearest_lane import nearest_lanes
+from pd_editor.paths.lanes.route_choice import lane_kinds_of
 from pd_editor.repair.box_overlaps import box_overlaps
 from pd_editor.scene.scenario import Scenario
 

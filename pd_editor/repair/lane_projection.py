@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 
 from pd_editor.geometry.angles import wrap_angle
-from pd_editor.paths.lane_graph import LaneGraph, lane_graph
-from pd_editor.paths.route_choice import MAX_TURN_RAD
+from pd_editor.paths.lanes.lane_graph import LaneGraph, lane_graph
+from pd_editor.paths.lanes.route_choice import MAX_TURN_RAD
 from pd_editor.repair.current_states import States
 from pd_editor.repair.repair_report import (
     RepairChange,

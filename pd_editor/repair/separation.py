@@ -8,8 +8,8 @@ from jaxtyping import Bool, Int
 
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.metrics.collisions.box_tests import overlapping_pairs
-from pd_editor.paths.lane_graph import LaneGraph, lane_graph
-from pd_editor.paths.route_choice import MAX_TURN_RAD
+from pd_editor.paths.lanes.lane_graph import LaneGraph, lane_graph
+from pd_editor.paths.lanes.route_choice import MAX_TURN_RAD
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.repair.current_states import States
 from pd_editor.repair.repair_report import (

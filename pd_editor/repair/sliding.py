@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.frenet import FrenetFrames
 from pd_editor.geometry.polyline import without_repeats
-from pd_editor.paths.lane_graph import LaneGraph
-from pd_editor.paths.nearest_lane import NearbyLanes, lanes_near
-from pd_editor.paths.route_choice import METRES_PER_RADIAN, lane_kinds_of
+from pd_editor.paths.lanes.lane_graph import LaneGraph
+from pd_editor.paths.lanes.nearest_lane import NearbyLanes, lanes_near
+from pd_editor.paths.lanes.route_choice import METRES_PER_RADIAN, lane_kinds_of
 from pd_editor.scene.agent_kind import AgentKind
 
 SLIDE_REACH_M: Final = 20.0

@@ -14,7 +14,7 @@ from pd_editor.features.lane_tokens import (
     PIECE_SHAPE,
     lane_pieces,
 )
-from pd_editor.paths.lane_graph import lane_graph
+from pd_editor.paths.lanes.lane_graph import lane_graph
 from pd_editor.scene.road_map import Crosswalk, LaneKind, RoadMap
 from tests.builders import straight_lane, two_lane_road
 

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.paths.motion_primitives import (
     SAME_M,
     CandidateSet,
     candidate_positions,
     candidates,
 )
-from pd_editor.paths.nearest_lane import nearest_lanes
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, AgentKind
 from pd_editor.scene.road_map import LaneKind, RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm

@@ -5,7 +5,7 @@ import shapely
 from hypothesis import strategies as st
 
 from pd_editor.geometry.oriented_box import box_corners
-from pd_editor.paths.route_choice import lane_kinds_of
+from pd_editor.paths.lanes.route_choice import lane_kinds_of
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers

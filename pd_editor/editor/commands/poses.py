@@ -16,8 +16,8 @@ from pd_editor.editor.commands.edit_limits import (
 )
 from pd_editor.errors import EditError
 from pd_editor.geometry.angles import wrap_angle
-from pd_editor.paths.nearest_lane import DRIVING_LANES, nearest_lanes
-from pd_editor.paths.route_choice import lane_kinds_of
+from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
+from pd_editor.paths.lanes.route_choice import lane_kinds_of
 from pd_editor.scene.scenario import Scenario
 
 MAX_SNAP_M: Final = 15.0

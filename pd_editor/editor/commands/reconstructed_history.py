@@ -7,9 +7,9 @@ from jaxtyping import Float
 
 from pd_editor.geometry.angles import heading_of, unit_vector, wrap_angle
 from pd_editor.geometry.polyline import arc_length, offset_line, without_repeats
-from pd_editor.paths.lane_graph import LaneGraph, lane_graph
-from pd_editor.paths.nearest_lane import nearest_lanes
-from pd_editor.paths.route_choice import ON_LANE_M, lane_kinds_of
+from pd_editor.paths.lanes.lane_graph import LaneGraph, lane_graph
+from pd_editor.paths.lanes.nearest_lane import nearest_lanes
+from pd_editor.paths.lanes.route_choice import ON_LANE_M, lane_kinds_of
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import RoadMap
 

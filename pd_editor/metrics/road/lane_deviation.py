@@ -15,7 +15,7 @@ from pd_editor.metrics.road.reachable_lanes import (
 )
 from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.metrics.values import MetricValues, mean_over_steps, measured
-from pd_editor.paths.lane_graph import lane_graph
+from pd_editor.paths.lanes.lane_graph import lane_graph
 from pd_editor.scene.thresholds import MOVING_MPS
 
 WRONG_WAY_M: Final = 2.0

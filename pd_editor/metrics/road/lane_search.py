@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.metrics.road.path_pieces import PathPieces, in_pieces, joined_pieces
-from pd_editor.paths.lane_graph import LaneGraph
+from pd_editor.paths.lanes.lane_graph import LaneGraph
 
 DEAD_END_M: Final = 100.0
 """Lanes without a successor are extended straight by this length."""

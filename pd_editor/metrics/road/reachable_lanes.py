@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.metrics.road.lane_search import LaneSearch
-from pd_editor.paths.lane_graph import LaneGraph, lane_graph
-from pd_editor.paths.nearest_lane import DRIVING_LANES, lanes_near, nearest_lanes
+from pd_editor.paths.lanes.lane_graph import LaneGraph, lane_graph
+from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, lanes_near, nearest_lanes
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import LaneKind, RoadMap
 

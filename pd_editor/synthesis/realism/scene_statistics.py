@@ -23,7 +23,7 @@ from pd_editor.metrics.traffic_view import (
     recorded_traffic,
 )
 from pd_editor.metrics.values import MaskedValues
-from pd_editor.paths.nearest_lane import LaneMatch, nearest_lanes
+from pd_editor.paths.lanes.nearest_lane import LaneMatch, nearest_lanes
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS

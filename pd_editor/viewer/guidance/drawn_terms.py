@@ -9,10 +9,10 @@ from jaxtyping import Float
 
 from pd_editor.errors import EditError
 from pd_editor.guidance.road_distance import outside_m
-from pd_editor.paths.cross_line import cross_line
-from pd_editor.paths.lane_chain import lane_chain
-from pd_editor.paths.nearest_lane import DRIVING_LANES, nearest_lanes
-from pd_editor.paths.route_choice import lane_kinds_of
+from pd_editor.paths.lanes.cross_line import cross_line
+from pd_editor.paths.lanes.lane_chain import lane_chain
+from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
+from pd_editor.paths.lanes.route_choice import lane_kinds_of
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.guidance_terms import (
     AvoidCollisions,

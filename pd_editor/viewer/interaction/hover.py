@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from pd_editor.paths.nearest_lane import nearest_lanes
-from pd_editor.paths.route_choice import ON_LANE_M, lane_kinds_of
+from pd_editor.paths.lanes.nearest_lane import nearest_lanes
+from pd_editor.paths.lanes.route_choice import ON_LANE_M, lane_kinds_of
 from pd_editor.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import EGO_ID, Scenario

@@ -8,7 +8,7 @@ from pd_editor.metrics.road.map_points import map_points, nearest_points, paths_
 from pd_editor.metrics.road.off_lane import nearest_edge, off_lane
 from pd_editor.metrics.road.reachable_lanes import lane_distances, lane_search
 from pd_editor.metrics.traffic_view import recorded_traffic
-from pd_editor.paths.lane_graph import lane_graph
+from pd_editor.paths.lanes.lane_graph import lane_graph
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import RoadMap
 from tests.builders import scenario_with, straight_drivers, straight_lane

@@ -9,7 +9,7 @@ import shapely
 from shapely.geometry import LineString, Polygon
 
 from pd_editor.av2_io.map_file import map_bytes, read_map
-from pd_editor.paths.lane_graph import lane_graph
+from pd_editor.paths.lanes.lane_graph import lane_graph
 from pd_editor.scene.road_map import LaneMark, RoadMap
 from pd_editor.synthesis.road_network.generator import FAMILIES
 from pd_editor.synthesis.sumo.sumo_net import read_sumo_net

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.geometry.polyline import arc_length, without_repeats
-from pd_editor.paths.lane_graph import LaneGraph, lane_graph
+from pd_editor.paths.lanes.lane_graph import LaneGraph, lane_graph
 from pd_editor.scene.road_map import LaneKind, RoadMap
 
 MAX_ROUTES_PER_LANE: Final = 12

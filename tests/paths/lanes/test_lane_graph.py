@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pd_editor.geometry.polyline import arc_length
-from pd_editor.paths.lane_graph import lane_graph
+from pd_editor.paths.lanes.lane_graph import lane_graph
 from pd_editor.scene.road_map import RoadMap
 from tests.builders import straight_lane, two_lane_road
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.paths.lane_graph import MAX_GAP_M
-from pd_editor.paths.lane_routes import (
+from pd_editor.paths.lanes.lane_graph import MAX_GAP_M
+from pd_editor.paths.lanes.lane_routes import (
     MAX_ROUTES_PER_LANE,
     SAMPLE_SPACING_M,
     SAMPLED_BEHIND_M,
     lane_routes,
 )
-from pd_editor.paths.nearest_lane import DRIVING_LANES
+from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES
 from pd_editor.scene.road_map import LaneKind, RoadMap
 from tests.builders import straight_lane, two_lane_road
 

@@ -1,7 +1,7 @@
 """Chains of lanes."""
 
-from pd_editor.paths.lane_chain import lane_chain
-from pd_editor.paths.nearest_lane import DRIVING_LANES
+from pd_editor.paths.lanes.lane_chain import lane_chain
+from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES
 from pd_editor.scene.road_map import LaneKind, RoadMap
 from tests.builders import straight_lane, two_lane_road
 

@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.paths.lane_graph import LaneGraph
-from pd_editor.paths.lane_routes import LaneRoutes, Route, lane_routes
-from pd_editor.paths.nearest_lane import DRIVING_LANES, NearbyLanes, lanes_near
+from pd_editor.paths.lanes.lane_graph import LaneGraph
+from pd_editor.paths.lanes.lane_routes import LaneRoutes, Route, lane_routes
+from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, NearbyLanes, lanes_near
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.road_map import LaneKind, RoadMap
 

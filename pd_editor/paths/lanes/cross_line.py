@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from pd_editor.geometry.angles import left_of, unit_vector
 from pd_editor.geometry.polyline import point_at
-from pd_editor.paths.nearest_lane import DRIVING_LANES, nearest_lanes
+from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
 from pd_editor.scene.road_map import LaneKind, RoadMap
 
 REACH_M: Final = 8.0

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import unit_vector, wrap_angle
-from pd_editor.paths.lane_graph import LaneGraph, LaneSegments, lane_graph
+from pd_editor.paths.lanes.lane_graph import LaneGraph, LaneSegments, lane_graph
 from pd_editor.scene.road_map import LaneKind, RoadMap
 
 DRIVING_LANES: Final = (LaneKind.VEHICLE, LaneKind.BUS)

@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from pd_editor.paths.lane_graph import lane_graph
+from pd_editor.paths.lanes.lane_graph import lane_graph
 from pd_editor.scene.road_map import LaneKind, RoadMap
 
 

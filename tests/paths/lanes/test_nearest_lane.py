@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.paths.nearest_lane import nearest_lanes
+from pd_editor.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.road_map import LaneKind, RoadMap
 from tests.builders import straight_lane, two_lane_road
 

@@ -1,0 +1,1 @@
+"""Lanes as a graph: links, routes, the nearest lane of a point."""
