@@ -25,7 +25,11 @@ from pd_editor.diffusion.trajectory.loss import (
 from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.features.feature_store import FeatureStore
 from pd_editor.training.config.presets import LOSSES
+from pd_editor.training.config.settings import with_settings
 from pd_editor.training.loop.train_loop import Loss
+from pd_editor.training.own_samples.initial_states import initial_state_samples_loss
+from pd_editor.training.own_samples.settings import OwnSamplesConfig
+from pd_editor.training.own_samples.trajectories import trajectory_samples_loss
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +43,11 @@ class Stage:
         [Any, Any, torch.Generator, float, Any],
         tuple[torch.Tensor, Mapping[str, torch.Tensor]],
     ]
+    samples_loss: Callable[
+        [Any, Any, torch.Generator, OwnSamplesConfig],
+        tuple[torch.Tensor, Mapping[str, torch.Tensor]],
+    ]
+    """Loss of the network's own samples."""
     with_basis: Callable[[Any, TrajectoryBasis], nn.Module]
     """Makes a new network for latents of a basis."""
 
@@ -47,19 +56,31 @@ class Stage:
     )
     """Stores statistics of the data in the network."""
 
-    def loss(self, settings: Mapping[str, Any]) -> Loss:
+    def loss(
+        self, settings: Mapping[str, Any], own_samples: Mapping[str, Any] | None = None
+    ) -> Loss:
         """Loss with some settings; the others have their defaults.
+
+        With a weight of the network's own samples, their loss is added.
 
         Raises:
             ModelError: a setting is unknown or invalid.
         """
         usual = asdict(self.loss_type())
         config = config_from_json(self.loss_type, usual | dict(settings), "loss")
+        samples = with_settings(OwnSamplesConfig(), own_samples or {}, "own_samples")
 
         def loss(
             model: Any, batch: Any, random: torch.Generator, progress: float
         ) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
-            return self.configured_loss(model, batch, random, progress, config)
+            found, parts = self.configured_loss(model, batch, random, progress, config)
+            if not samples.weight:
+                return found, parts
+            added, further = self.samples_loss(model, batch, random, samples)
+            return found + samples.weight * added, {
+                **parts,
+                **{f"own_{name}": part for name, part in further.items()},
+            }
 
         return loss
 
@@ -94,6 +115,7 @@ STAGES: Final[Mapping[str, Stage]] = {
         kind=INITIAL_STATES,
         loss_type=LOSSES["init"],
         configured_loss=initial_state_loss,
+        samples_loss=initial_state_samples_loss,
         with_basis=lambda config, _: INITIAL_STATES.make_model(config),
         fit_statistics=_count_agents,
     ),
@@ -101,6 +123,7 @@ STAGES: Final[Mapping[str, Stage]] = {
         kind=TRAJECTORIES,
         loss_type=LOSSES["traj"],
         configured_loss=_trajectory_loss,
+        samples_loss=trajectory_samples_loss,
         with_basis=TrajectoryDenoiser,
     ),
 }

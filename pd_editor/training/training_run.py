@@ -184,7 +184,7 @@ def _train(
     loop = TrainLoop(
         config,
         model,
-        stage.loss(config.loss),
+        stage.loss(config.loss, config.own_samples),
         training_data(
             prepared.data.store, config.budget, config.seed, prepared.validation
         ),
@@ -334,6 +334,7 @@ def _about(
         "data_fingerprint": prepared.store.fingerprint,
         "batch_size": config.optimisation.batch_size,
         "loss": dict(config.loss),
+        "own_samples": dict(config.own_samples),
         "augmentation": dict(config.augmentation),
         "precision": config.precision,
         "seed": config.seed,

@@ -50,11 +50,12 @@ def sample_steps(
     levels: Sequence[float],
     config: SamplerConfig,
     streams: RandomStreams,
+    num_gradient_steps: int = 0,
 ) -> Iterator[SamplerStep]:
     """Denoise ``start``, which is at ``levels[0]``, once at each level.
 
     A caller stops by not requesting the next step. Between steps torch has the caller's
-    settings.
+    settings. The last ``num_gradient_steps`` steps are differentiable.
 
     Source: Song et al., Denoising diffusion implicit models, 2021, equation 12, for
     any amplitudes of signal and noise; second order as in Lu et al., DPM-Solver++, 2022
@@ -68,8 +69,10 @@ def sample_steps(
     slopes = _slopes(alphas, sigmas) * start.new_tensor(config.extrapolation)
     kept, fresh = _noise_shares(alphas, sigmas, config.eta)
     fresh = factors * fresh
+    first_gradient = len(levels) - num_gradient_steps
     for index in range(len(levels)):
-        with sampling_mode(start[..., 0].numel()):
+        has_gradient = index >= first_gradient if num_gradient_steps else None
+        with sampling_mode(start[..., 0].numel(), has_gradient=has_gradient):
             clean = denoise(noisy, index)
             if index + 1 < len(levels):
                 better = clean
@@ -109,7 +112,7 @@ def _noise_shares(
 
 
 @contextlib.contextmanager
-def sampling_mode(num_rows: int) -> Iterator[None]:
+def sampling_mode(num_rows: int, *, has_gradient: bool | None = None) -> Iterator[None]:
     """Context without gradients and autocast, with few threads for few rows.
 
     Sines of large angles need float32, which autocast does not preserve. For few rows,
@@ -117,12 +120,18 @@ def sampling_mode(num_rows: int) -> Iterator[None]:
 
     Args:
         num_rows: Number of agents times samples.
+        has_gradient: Whether gradients are recorded; None: never, so that tensors cannot
+            be used in a later computation of gradients, which saves time.
     """
     usual = _usual_threads()
     torch.set_num_threads(min(usual, 1 + num_rows // _ROWS_PER_THREAD))
     with contextlib.ExitStack() as stack:
         stack.callback(torch.set_num_threads, usual)
-        stack.enter_context(torch.inference_mode())
+        stack.enter_context(
+            torch.inference_mode()
+            if has_gradient is None
+            else torch.set_grad_enabled(has_gradient)
+        )
         for device in ("cpu", "cuda"):
             if torch.is_autocast_enabled(device):
                 stack.enter_context(torch.autocast(device, enabled=False))

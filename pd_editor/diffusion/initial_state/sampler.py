@@ -81,6 +81,7 @@ def sample_initial_states(
     guide: InitialStateGuide | None = None,
     square: int = 0,
     rows: Sequence[tuple[int, Int[np.ndarray, "_"]]] | None = None,
+    num_gradient_steps: int = 0,
 ) -> Iterator[SamplerStep]:
     """Sample initial states of all agents of B scenes that are not given.
 
@@ -101,6 +102,7 @@ def sample_initial_states(
         rows: number of agents of each whole scene, and which of them ``scene`` keeps.
             Each of the B scenes then has one of the samples (S = B), and the result is
             [1, B, A, P]; None: all samples of all scenes.
+        num_gradient_steps: number of last steps that are differentiable.
     """
     config = InitialStateSamplerConfig() if config is None else config
     if task is None:
@@ -114,7 +116,9 @@ def sample_initial_states(
         else SceneStreams(seed, name, samples, rows)
     )
     num_parts = model.config.num_state_parts
-    with sampling_mode(num_versions * scene.has_agent.numel()):
+    num_rows = num_versions * scene.has_agent.numel()
+    has_gradient = True if num_gradient_steps else None
+    with sampling_mode(num_rows, has_gradient=has_gradient):
         context = model.encode_context(scene, task)
         levels = centered_levels(config.num_steps, config.level_emphasis)
         encoded = model.encode_level(
@@ -152,6 +156,7 @@ def sample_initial_states(
             ),
         ),
         streams,
+        num_gradient_steps,
     )
 
 

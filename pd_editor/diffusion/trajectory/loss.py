@@ -64,7 +64,7 @@ def trajectory_loss(
         points), early, overlap (mean square depth in metres of those near the truth).
     """
     config = TrajectoryLossConfig() if config is None else config
-    scene = _with_unknown_activity(scene, random, config)
+    scene = with_unknown_activity(scene, random, config)
     level, is_sampled = _levels(scene, random, config)
     clean = scene.future
     shape = (config.num_levels, *clean.shape)
@@ -154,7 +154,7 @@ def _levels(
     return each, scene.has_future & ~is_given
 
 
-def _with_unknown_activity(
+def with_unknown_activity(
     scene: SceneTensors, random: torch.Generator, config: TrajectoryLossConfig
 ) -> SceneTensors:
     """Make some activities unknown, as those of recorded agents are."""

@@ -62,6 +62,7 @@ def sample_trajectories(
     known_noise: KnownNoise | None = None,
     context: TrajectoryContext | None = None,
     keep: Callable[[Tensor], Tensor] | None = None,
+    num_gradient_steps: int = 0,
 ) -> Iterator[SamplerStep]:
     """Sample trajectories of all agents of B scenes that are not given.
 
@@ -83,12 +84,15 @@ def sample_trajectories(
         known_noise: Initial noise of some agents in the first of the samples.
         context: The encoded scenes, if known already.
         keep: Moves them to those of locked beginnings, after the guide.
+        num_gradient_steps: Number of last steps that are differentiable.
     """
     config = TrajectorySamplerConfig() if config is None else config
     streams = RandomStreams(seed, "futures", samples)
     if is_given is not None and not bool(is_given.any()):
         is_given = None
-    with sampling_mode(len(samples) * scene.has_agent.numel()):
+    has_gradient = True if num_gradient_steps else None
+    num_rows = len(samples) * scene.has_agent.numel()
+    with sampling_mode(num_rows, has_gradient=has_gradient):
         if context is None:
             context = model.encode_context(scene)
         levels = even_levels(config.num_steps)
@@ -120,6 +124,7 @@ def sample_trajectories(
         levels,
         SamplerConfig(eta=config.eta),
         streams,
+        num_gradient_steps,
     )
 
 

@@ -130,6 +130,8 @@ class RunConfig:
     """Configuration of the stage's network."""
     loss: Mapping[str, Any] = field(default_factory=dict)
     """Settings of the stage's loss; missing ones have their defaults."""
+    own_samples: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of the loss of the network's own samples; empty: there is none."""
     augmentation: Mapping[str, Any] = field(default_factory=dict)
     """Settings of the augmentation; those that are missing are as usual."""
     sampling: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

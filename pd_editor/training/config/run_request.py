@@ -23,6 +23,7 @@ from pd_editor.training.config.run_config import (
     RunConfig,
 )
 from pd_editor.training.config.settings import Settings, with_settings
+from pd_editor.training.own_samples.settings import OwnSamplesConfig
 
 StageName = Literal["init", "traj"]
 
@@ -77,6 +78,7 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
         loss=asdict(
             with_settings(LOSSES[request.stage](), given.get("loss", {}), "loss")
         ),
+        own_samples=_own_samples_of(given.get("own_samples", {})),
         augmentation=asdict(
             with_settings(Augmentation(), given.get("augmentation", {}), "augmentation")
         ),
@@ -162,6 +164,12 @@ def _sampling_of(request: RunRequest) -> Mapping[str, Mapping[str, Any]]:
             with_settings(kind(), given, name)
             found[name] = dict(given)
     return found
+
+
+def _own_samples_of(given: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Settings of the loss of samples; empty unless some were given."""
+    settings = with_settings(OwnSamplesConfig(), given, "own_samples")
+    return asdict(settings) if given else {}
 
 
 def _of_section(config: RunConfig, section: str) -> Mapping[str, Any]:

@@ -19,6 +19,7 @@ from pd_editor.regular_file import read_regular
 SECTIONS: Final = (
     "model",
     "loss",
+    "own_samples",
     "optimisation",
     "augmentation",
     "sampler",
