@@ -132,7 +132,7 @@ def train(
         start: Start from the weights of this model, or run, instead of random ones; its trajectory basis is kept.
         windows: Number of current steps at which each scenario of Argoverse 2 is used (default: 1, av2 5).
         copies: Number of randomly augmented copies of each scenario (default: 1).
-        config: TOML files with values of single fields, in the sections [model], [loss], [optimisation], [augmentation], [sampler] and [guidance]; [init.model] or [traj.model] for one of the stages. Of several files, later ones count.
+        config: TOML files with values of single fields, in the sections [model], [loss], [optimisation], [augmentation], [sampler], [guidance] and [own_samples]; [init.model] or [traj.model] for one of the stages. Of several files, later ones count.
         settings: Values of single fields, such as model.is_differential=false augmentation.warp_share=0; they count before the files.
         resume: Go on with the run in the folder; its settings are taken from there.
     """

@@ -6,6 +6,7 @@ from lightning_fabric import Fabric
 
 from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.stages import STAGE_KINDS
+from pd_editor.errors import TrainingError
 from pd_editor.recordings.clip_selection import choose_windows
 from pd_editor.recordings.shards import write_shard
 from pd_editor.training.config.presets import PRESETS
@@ -68,6 +69,29 @@ def test_a_resumed_run_equals_an_uninterrupted_one(name, prepared, tmp_path):
         strict=True,
     ):
         assert torch.equal(one, two)
+
+
+@pytest.mark.parametrize("name", ["init", "traj"])
+def test_own_samples_add_to_the_loss_of_denoising(name, prepared):
+    stage = STAGES[name]
+    config = stage.kind.config_type(**PRESETS[name]["tiny"].model)
+    model = stage.fresh_model(config, prepared.basis, 3)
+    data = training_data(prepared.store, Budget(), 0)
+    scene = data.batch(data.training_rows[0])
+
+    def loss(**settings):
+        random = torch.Generator().manual_seed(0)
+        return stage.loss({}, settings)(model, scene, random, 1.0)
+
+    alone, parts = loss()
+    both, more = loss(weight=2.0, num_samples=1)
+    assert more.keys() == {*parts, "own_collision"}
+    added = 2.0 * float(more["own_collision"].detach())
+    assert float(both.detach()) == pytest.approx(float(alone.detach()) + added)
+    with pytest.raises(
+        TrainingError, match="own_samples: there is no field 'colision'"
+    ):
+        loss(colision=1.0)
 
 
 @pytest.mark.parametrize("name", ["init", "traj"])

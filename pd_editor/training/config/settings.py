@@ -19,11 +19,11 @@ from pd_editor.regular_file import read_regular
 SECTIONS: Final = (
     "model",
     "loss",
-    "own_samples",
     "optimisation",
     "augmentation",
     "sampler",
     "guidance",
+    "own_samples",
 )
 STAGES: Final = ("init", "traj")
 _MAX_BYTES: Final = 1_000_000

@@ -6,17 +6,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pd_editor.diffusion.initial_state.conditioning import Conditioning
-from pd_editor.diffusion.initial_state.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.loss import (
     InitialStateLossConfig,
     training_task,
 )
-from pd_editor.diffusion.initial_state.sampler import sample_initial_states
-from pd_editor.diffusion.initial_state.state_encoding import (
+from pd_editor.diffusion.initial_state.network.conditioning import Conditioning
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.network.state_encoding import (
     POSITION_UNIT_M,
     unit_vectors,
 )
+from pd_editor.diffusion.initial_state.sampler import sample_initial_states
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.guidance.box_conflicts import depth_m
 from pd_editor.features.scene_features import PEDESTRIAN

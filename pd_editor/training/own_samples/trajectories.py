@@ -6,16 +6,16 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pd_editor.diffusion.initial_state.lane_distance import follows_lanes
+from pd_editor.diffusion.initial_state.network.lane_distance import follows_lanes
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.diffusion.trajectory.decoding import TrajectoryDecoder
-from pd_editor.diffusion.trajectory.denoiser import TrajectoryDenoiser
-from pd_editor.diffusion.trajectory.features import Neighbors
 from pd_editor.diffusion.trajectory.guidance.box_conflicts import depth_m
 from pd_editor.diffusion.trajectory.loss import (
     TrajectoryLossConfig,
     with_unknown_activity,
 )
+from pd_editor.diffusion.trajectory.network.decoding import TrajectoryDecoder
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.features import Neighbors
 from pd_editor.diffusion.trajectory.sampler import sample_trajectories
 from pd_editor.features.boundary_tokens import BOUNDARY_LENGTH_M, BOUNDARY_SHAPE
 from pd_editor.features.scene_features import PEDESTRIAN

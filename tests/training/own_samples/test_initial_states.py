@@ -3,12 +3,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pd_editor.diffusion.initial_state.conditioning import sampling_conditioning
-from pd_editor.diffusion.initial_state.denoiser import (
+from pd_editor.diffusion.initial_state.network.conditioning import sampling_conditioning
+from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
-from pd_editor.diffusion.initial_state.state_encoding import encode_states
+from pd_editor.diffusion.initial_state.network.state_encoding import encode_states
 from pd_editor.features.scene_features import PEDESTRIAN
 from pd_editor.training.own_samples.initial_states import (
     collision_depth_m,
