@@ -51,26 +51,26 @@ def cures(
     """
     offered: list[Cure] = []
     if problem.kind in _LATER:
-        offered += _regenerations(scenario, problem, untouched)
+        offered += regenerations(scenario, problem.agent_ids, untouched)
     tried = list(_tried(scenario, problem, problems))
     if tried:
         count = len(scene_problems(scenario))
         offered += [cure for cure in tried if _helps(scenario, problem, cure, count)]
-    offered += _removals(scenario, problem)
+    offered += removals(scenario, problem.agent_ids)
     return tuple(offered)
 
 
-def _regenerations(
-    scenario: Scenario, problem: SceneProblem, untouched: Collection[str]
+def regenerations(
+    scenario: Scenario, agent_ids: tuple[str, ...], untouched: Collection[str]
 ) -> Iterator[Cure]:
-    """Offer regenerated trajectories for the problem's agents at the current step."""
+    """Offer regenerated trajectories for one or two agents of the current step."""
     agents, now = scenario.agents, scenario.current_step
     users = agents.kind_mask(ROAD_USER_KINDS)
-    rows = [agents.row_of[name] for name in problem.agent_ids]
+    rows = [agents.row_of[name] for name in agent_ids]
     if not all(agents.is_valid[row, now] and users[row] for row in rows):
         return
     locked = trajectory_locked_ids(scenario)
-    free = tuple(name for name in problem.agent_ids if name not in locked)
+    free = tuple(name for name in agent_ids if name not in locked)
     edited = tuple(name for name in free if name not in untouched)
     if 0 < len(edited) < len(free):
         yield Cure(label=f"Regenerate {edited[0]}", regenerated_ids=edited)
@@ -133,11 +133,11 @@ def _helps(
     return len(left) < num_problems and all(p.key != problem.key for p in left)
 
 
-def _removals(scenario: Scenario, problem: SceneProblem) -> Iterator[Cure]:
+def removals(scenario: Scenario, agent_ids: tuple[str, ...]) -> Iterator[Cure]:
     """Offer to delete agents, later ones first, but not focal, ego and locked ones."""
     agents, now = scenario.agents, scenario.current_step
     stays = {scenario.focal_id, EGO_ID, *scenario.locks}
-    names = [n for n in problem.agent_ids if n not in stays]
+    names = [n for n in agent_ids if n not in stays]
     later = [n for n in names if not agents.is_valid[agents.row_of[n], now]]
     for name in later or names:
         label = f"Remove {name}"

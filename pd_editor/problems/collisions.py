@@ -14,12 +14,12 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.oriented_box import box_corners, overlap_area
 from pd_editor.metrics.collisions.box_tests import overlaps_of_pairs, pairs_that_meet
+from pd_editor.metrics.step_spans import spans_of
 from pd_editor.problems.scene_problem import (
     SceneProblem,
     agent_name,
     at_time,
     capitalised,
-    spans_of,
 )
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks

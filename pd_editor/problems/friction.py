@@ -14,6 +14,7 @@ from pd_editor.metrics.motion.kinematics import (
     derivative_operators,
     whole_windows,
 )
+from pd_editor.metrics.step_spans import spans_of
 from pd_editor.paths.retiming import (
     fill_gaps,
     fill_heading_gaps,
@@ -27,7 +28,6 @@ from pd_editor.problems.scene_problem import (
     agent_name,
     at_time,
     capitalised,
-    spans_of,
 )
 from pd_editor.repair.friction_pass import drivable_speed, slowed_distance
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS

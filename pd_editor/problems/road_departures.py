@@ -8,12 +8,12 @@ import shapely
 from jaxtyping import Float, Int
 
 from pd_editor.metrics.road.off_road import drivable_ground, is_off_road
+from pd_editor.metrics.step_spans import spans_of
 from pd_editor.problems.scene_problem import (
     SceneProblem,
     agent_name,
     at_time,
     capitalised,
-    spans_of,
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.road_map import RoadMap

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Final, Literal
 
-import numpy as np
-from jaxtyping import Int
-
+from pd_editor.metrics.step_spans import Spans, holds_at
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
@@ -31,11 +29,7 @@ _KIND_NAME: Final[dict[AgentKind, str]] = {
     AgentKind.CONSTRUCTION: "construction object",
     AgentKind.UNKNOWN: "object",
 }
-_GAP_STEPS: Final = 2
-"""Spans at most this far apart are joined."""
-
 ProblemKey = tuple[ProblemKind, tuple[str, ...]]
-Spans = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,16 +73,7 @@ class SceneProblem:
 
     def holds_at(self, step: float) -> bool:
         """Whether the problem holds at a step; half steps are rounded."""
-        nearest = round(step)
-        return any(first <= nearest <= last for first, last in self.spans)
-
-
-def spans_of(steps: Int[np.ndarray, "N"]) -> Spans:
-    """First and last steps of the runs in increasing steps; short gaps are closed."""
-    breaks = np.flatnonzero(np.diff(steps) > _GAP_STEPS)
-    first = steps[np.concatenate([[0], breaks + 1])]
-    last = steps[np.concatenate([breaks, [len(steps) - 1]])]
-    return tuple(zip(first.tolist(), last.tolist(), strict=True))
+        return holds_at(self.spans, step)
 
 
 def agent_name(agents: AgentTracks, row: int) -> str:

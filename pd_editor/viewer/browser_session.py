@@ -11,7 +11,7 @@ import viser
 from pd_editor.editor.session import SessionState
 from pd_editor.errors import LockedAgentError, PdEditorError
 from pd_editor.generators import GeneratorCatalogue
-from pd_editor.metrics.scorecard import Occurrence
+from pd_editor.metrics.findings import Finding
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.steering import Steering
 from pd_editor.viewer.interaction.comparison import Comparison
@@ -33,7 +33,10 @@ from pd_editor.viewer.overlay.legend import Legend
 from pd_editor.viewer.overlay.measure import Measure
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.sample_strip import SampleStrip
-from pd_editor.viewer.overlay.scorecard_drawer import ScorecardDrawer
+from pd_editor.viewer.overlay.scorecard_drawer import (
+    ScorecardActions,
+    ScorecardDrawer,
+)
 from pd_editor.viewer.overlay.side_panel import SidePanel
 from pd_editor.viewer.overlay.status_chip import ChipActions, StatusChip
 from pd_editor.viewer.overlay.timeline import Timeline
@@ -59,6 +62,7 @@ from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.views.agents_view import AgentsView
 from pd_editor.viewer.views.anchor_view import AnchorView
 from pd_editor.viewer.views.candidates_view import CandidatesView
+from pd_editor.viewer.views.findings_view import FindingsView
 from pd_editor.viewer.views.labels_view import LabelsView
 from pd_editor.viewer.views.locks_view import LocksView
 from pd_editor.viewer.views.map_view import MapView
@@ -192,6 +196,21 @@ class BrowserSession:
                 on_preview=self._sample_pointed,
                 star=self._star,
             )
+            self._findings = FindingsView(client, palette)
+            self._scorecard = ScorecardDrawer(
+                self._ui,
+                self._overlay,
+                self._timeline,
+                self._problems,
+                ScorecardActions(
+                    go_to=self._show_finding,
+                    apply=self._ui.apply,
+                    regenerate=self._regenerate_agents,
+                    draw=self._findings.show,
+                    redraw=self._draw_frame,
+                    opened=self._scorecard_opened,
+                ),
+            )
             self._candidates = CandidatesView(client, palette, self._fan_changed)
             self._pointer.set_plain_drag_selects(self._viewpoint.is_top)
             self._viewpoint.restore()
@@ -245,12 +264,6 @@ class BrowserSession:
             on_pointed=self._agent_pointed,
             on_opened=self._agent_list_opened,
             on_lock=self._toggle_lock,
-        )
-        self._scorecard = ScorecardDrawer(
-            ui,
-            self._overlay,
-            go_to=self._show_occurrence,
-            on_opened=self._scorecard_opened,
         )
         tabs = gui.add_tab_group()
         with tabs.add_tab("Scene"):
@@ -566,6 +579,9 @@ class BrowserSession:
     def _regenerate(self) -> None:
         self._generation_panel.regenerate()
 
+    def _regenerate_agents(self, agent_ids: tuple[str, ...]) -> None:
+        self._generation_panel.regenerate_agents(agent_ids)
+
     def _star(self) -> None:
         self._basket_panel.star()
 
@@ -602,6 +618,7 @@ class BrowserSession:
         scenario = self._drawn_scenario
         self._map.show(scenario)
         self._ribbons.show(scenario)
+        self._scorecard.set_muted(scenario is not self._workspace.session.scenario)
         self._draw_frame()
 
     def _draw_frame(self) -> None:
@@ -620,7 +637,7 @@ class BrowserSession:
             self._labels.show(scenario, poses, step, selection, {})
             self._locks.show(scenario, poses)
             return
-        warned = self._problems.agents_at(step)
+        warned = self._problems.agents_at(step) | self._scorecard.agents_at(step)
         self._marks.show(scenario, poses, selection, warned, self._pointed_id)
         self._steering.show_marks(poses)
         self._comparison.show()
@@ -850,6 +867,7 @@ class BrowserSession:
             self._marks.set_palette(palette)
             self._comparison.set_palette(palette)
             self._candidates.set_palette(palette)
+            self._findings.set_palette(palette)
             self._show_marks()
             self._show_legend()
             self._show_panels(self._workspace.session.state)
@@ -866,12 +884,16 @@ class BrowserSession:
         if self._scorecard.is_open and self._agent_list.is_open:
             self._agent_list.toggle()
         self._toolbar.show()
+        self._draw_frame()
 
-    def _show_occurrence(self, worst: Occurrence) -> None:
-        """Select the agent of an occurrence, and show it at that time."""
-        self._timeline.seek(float(worst.step))
-        self._workspace.session.select((worst.agent_id,))
-        self._viewpoint.frame_selection()
+    def _show_finding(self, finding: Finding, covered_share: float) -> None:
+        """Select the agent of a finding, and show it at that time."""
+        agents = self._workspace.session.scenario.agents
+        self._timeline.seek(float(finding.worst_step))
+        self._workspace.session.select((finding.agent_id,))
+        x, y = agents.position_m[agents.row_of[finding.agent_id], finding.worst_step]
+        free = FreePart.right_of(covered_share)
+        self._viewpoint.frame_place((float(x), float(y)), free)
 
     def _agent_pointed(self, agent_id: str | None) -> None:
         self._pointed_id = agent_id

@@ -46,6 +46,11 @@ class FreePart:
         """What is free where an element covers all but a share of the width, left."""
         return cls(right=2.0 * min(max(share, NARROWEST_FREE), 1.0) - 1.1)
 
+    @classmethod
+    def right_of(cls, share: float) -> "FreePart":
+        """What is free where an element covers a share of the width, left."""
+        return cls(left=2.0 * min(max(share, 0.0), 1.0 - NARROWEST_FREE) - 0.9)
+
 
 FREE_PART: Final = FreePart()
 

@@ -2,19 +2,28 @@
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.editor.commands.command import Command
+from pd_editor.editor.finding_cures import finding_cures
+from pd_editor.editor.problem_cures import Cure
 from pd_editor.metrics.agent_profile import agent_profile
-from pd_editor.metrics.scorecard import Level, Occurrence, ScoreRow, scorecard
+from pd_editor.metrics.findings import MILD_FAULTS, Finding
+from pd_editor.metrics.scorecard import Level, ScoreRow, scorecard
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.overlay.timeline import Timeline, marks_of
+from pd_editor.viewer.state.problem_watch import ProblemWatch
 from pd_editor.viewer.state.ui_context import UiContext
 
 MAX_CHARTED: Final = 3
 """Number of selected agents with lines in the charts."""
+MAX_LISTED: Final = 6
+"""Number of findings that an open row lists."""
 _TONE: Final[dict[Level, str]] = {
     "usual": "good",
     "unusual": "warn",
@@ -22,37 +31,58 @@ _TONE: Final[dict[Level, str]] = {
 }
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScorecardActions:
+    """Actions of the scorecard."""
+
+    go_to: Callable[[Finding, float], None]
+    """Selects a finding's agent, and shows it at that time right of so much of the
+    picture's width."""
+    apply: Callable[[Command], None]
+    regenerate: Callable[[tuple[str, ...]], None]
+    draw: Callable[[Scenario, tuple[Finding, ...]], None]
+    """Draws findings in the scene."""
+    redraw: Callable[[], None]
+    """Draws rings again."""
+    opened: Callable[[], None]
+    """Called when it was opened or closed."""
+
+
 class ScorecardDrawer:
-    """The element ``scorecard``; a row goes to where its value is worst.
+    """The element ``scorecard``; its findings in the scene and on the timeline.
 
     Metrics are computed while it is open only, after an edit and not during a gesture.
+    A row opens the list of its findings, of which one is chosen: camera and time go to
+    it, and its cures are offered. While a row is open, its findings alone are drawn.
     """
 
     def __init__(
         self,
         ui: UiContext,
         overlay: Overlay,
-        *,
-        go_to: Callable[[Occurrence], None],
-        on_opened: Callable[[], None],
+        timeline: Timeline,
+        watch: ProblemWatch,
+        actions: ScorecardActions,
     ) -> None:
-        """Start closed.
-
-        Args:
-            ui: the session and its page.
-            overlay: where it is shown.
-            go_to: takes selection, camera and time to an occurrence.
-            on_opened: called when it was opened or closed.
-        """
+        """Start closed."""
         self._ui = ui
         self._overlay = overlay
-        self._go_to = go_to
-        self._on_opened = on_opened
+        self._timeline = timeline
+        self._watch = watch
+        self._actions = actions
         self._scored: Scenario | None = None
         self._rows: tuple[ScoreRow, ...] = ()
         self._charted: tuple[Scenario, tuple[str, ...]] | None = None
+        self._open_row = ""
+        self._chosen: Finding | None = None
+        self._cures: tuple[Cure, ...] | None = ()
+        """What helps against the chosen finding; None until it is known."""
+        self._draws = True
+        self._is_muted = False
+        self._covered_share = 0.0
         self.is_open = False
-        overlay.on("scorecard", self._used)
+        overlay.on("scorecard", self._heard)
+        timeline.on_mark["finding"] = self._mark_chosen
 
     def toggle(self) -> None:
         """Open it, or close it."""
@@ -63,41 +93,190 @@ class ScorecardDrawer:
         if is_open == self.is_open:
             return
         self.is_open = is_open
-        self._scored = self._charted = None
+        self._scored = self._charted = self._chosen = None
+        self._rows, self._open_row = (), ""
         if is_open:
             self.show()
         else:
             self._overlay.show("scorecard", {"isOpen": False})
-        self._on_opened()
+            self._mark()
+        self._actions.opened()
 
     def show(self) -> None:
         """Follow scenario and selection."""
         session = self._ui.session
-        if not self.is_open or session.state.is_previewing:
+        if not self.is_open:
+            return
+        if session.state.is_previewing:
+            self._actions.draw(session.scenario, ())
             return
         scenario = session.scenario
         if self._scored is not scenario:
             self._scored, self._rows = scenario, scorecard(scenario)
-            self._overlay.show(
-                "scorecard",
-                {"isOpen": True, "rows": [_row(scenario, row) for row in self._rows]},
-            )
+            self._follow_chosen()
+        self._show_rows()
+        self._mark()
         charted = (scenario, session.selection[:MAX_CHARTED])
         if self._charted != charted:
             self._charted = charted
             self._overlay.show("charts", _charts(*charted))
 
-    def _used(self, event: Mapping[str, Any]) -> None:
-        kind = event.get("kind")
+    def set_muted(self, is_muted: bool) -> None:
+        """Draw nothing in the scene while another scenario is drawn there."""
+        if is_muted != self._is_muted:
+            self._is_muted = is_muted
+            self._mark()
+
+    def agents_at(self, step: float) -> frozenset[str]:
+        """Agents with a drawn finding at a step."""
+        return frozenset(
+            one.agent_id for one in self._drawn_findings() if one.holds_at(step)
+        )
+
+    def _drawn_findings(self) -> tuple[Finding, ...]:
+        """Faults of the open row, or of all rows; of another row the chosen finding."""
+        if not self.is_open or not self._draws or self._is_muted:
+            return ()
+        if self._chosen is not None and not self._chosen.is_fault:
+            return (self._chosen,)
+        return tuple(
+            one
+            for row in self._rows
+            if self._open_row in ("", row.name)
+            for one in row.findings
+            if one.is_fault
+        )
+
+    def _mark(self) -> None:
+        """Draw the findings in the scene, and mark them on the timeline."""
+        found = self._drawn_findings()
+        scenario = self._ui.session.scenario
+        self._actions.draw(scenario, found)
+        lines = [
+            (one.worst_step, f"{one.agent_id} {one.text}")
+            for one in found
+            if one.is_fault
+        ]
+        self._timeline.set_marks("finding", marks_of(lines))
+
+    def _follow_chosen(self) -> None:
+        """The chosen finding as it is after an edit; none if it is gone."""
+        former = self._chosen
+        self._chosen, self._cures = None, ()
+        if former is None:
+            return
+        for one in self._findings_of(former.metric):
+            if one.agent_id == former.agent_id:
+                self._chosen, self._cures = one, None
+                self._ui.post(self._offer_cures, "finding cures")
+                return
+
+    def _findings_of(self, name: str) -> tuple[Finding, ...]:
+        return next((row.findings for row in self._rows if row.name == name), ())
+
+    def _choose(self, finding: Finding) -> None:
+        """Show a finding; what helps is found out afterwards."""
+        self._open_row, self._chosen = finding.metric, finding
+        self._cures = None
+        self._actions.go_to(finding, self._covered_share)
+        self.show()
+        self._actions.redraw()
+        self._ui.post(self._offer_cures, "finding cures")
+
+    def _offer_cures(self) -> None:
+        if self.is_open and self._chosen is not None:
+            self._cures = finding_cures(
+                self._ui.session.scenario,
+                self._chosen,
+                self._watch.untouched(),
+            )
+            self.show()
+
+    def _show_rows(self) -> None:
+        scenario = self._ui.session.scenario
+        rows = []
+        for row in self._rows:
+            shown = _row(scenario, row)
+            if row.name == self._open_row:
+                shown["findings"] = self._listed(scenario, row.findings)
+                shown["more"] = max(len(row.findings) - MAX_LISTED, 0)
+            rows.append(shown)
+        self._overlay.show(
+            "scorecard",
+            {
+                "isOpen": True,
+                "draws": self._draws,
+                "rows": rows,
+                "isSearching": self._cures is None,
+                "cures": [cure.label for cure in self._cures or ()],
+            },
+        )
+
+    def _listed(
+        self, scenario: Scenario, findings: tuple[Finding, ...]
+    ) -> list[dict[str, Any]]:
+        listed = findings[:MAX_LISTED]
+        if self._chosen in findings and self._chosen not in listed:
+            listed = (*listed[:-1], self._chosen)
+        return [
+            {
+                "agent": one.agent_id,
+                "text": one.text,
+                "time": _time_of(scenario, one),
+                "isChosen": one == self._chosen,
+            }
+            for one in listed
+        ]
+
+    def _mark_chosen(self, step: int) -> None:
+        for one in self._drawn_findings():
+            if one.worst_step == step:
+                self._choose(one)
+                return
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        kind, name = event.get("kind"), event.get("name")
+        if not self.is_open:
+            return
+        covered = event.get("covered")
+        if isinstance(covered, int | float) and 0 <= covered <= 1:
+            self._covered_share = float(covered)
         if kind == "close":
             self.set_open(False)
-        elif kind == "row" and self.is_open:
-            names = [row.name for row in self._rows]
-            name = event.get("name")
-            worst = self._rows[names.index(name)].worst if name in names else None
-            there = self._ui.session.scenario.agents.row_of
-            if worst is not None and worst.agent_id in there:
-                self._go_to(worst)
+        elif kind == "draw":
+            self._draws = bool(event.get("value"))
+            self.show()
+            self._actions.redraw()
+        elif kind == "row" and name == self._open_row:
+            self._open_row, self._chosen = "", None
+            self._cures = ()
+            self.show()
+            self._actions.redraw()
+        elif kind == "row":
+            findings = self._findings_of(str(name))
+            if findings:
+                self._choose(findings[0])
+        elif kind == "finding":
+            for one in self._findings_of(self._open_row):
+                if one.agent_id == event.get("agent"):
+                    self._choose(one)
+                    return
+        elif kind == "cure":
+            for cure in self._cures or ():
+                if cure.label == name:
+                    self._use(cure)
+                    return
+
+    def _use(self, cure: Cure) -> None:
+        if cure.command is not None:
+            self._actions.apply(cure.command)
+        else:
+            self._actions.regenerate(cure.regenerated_ids)
+
+
+def _time_of(scenario: Scenario, finding: Finding) -> str:
+    later = finding.worst_step - scenario.current_step
+    return f"{later * scenario.time_axis.step_s:.1f} s"
 
 
 def _row(scenario: Scenario, row: ScoreRow) -> dict[str, Any]:
@@ -105,10 +284,9 @@ def _row(scenario: Scenario, row: ScoreRow) -> dict[str, Any]:
     usual = row.usual
     low, high = (f"{scale * value:.3g}" for value in (usual.low, usual.high))
     value = "\u2013" if math.isnan(row.value) else f"{scale * row.value:.3g} {unit}"
-    where = ""
-    if row.worst is not None:
-        later = row.worst.step - scenario.current_step
-        where = f"{row.worst.agent_id}, {later * scenario.time_axis.step_s:.1f} s"
+    worst = next(iter(row.findings), None)
+    where = "" if worst is None else f"{worst.agent_id}, {_time_of(scenario, worst)}"
+    mark = "striped" if row.name in MILD_FAULTS else "solid"
     return {
         "name": row.name,
         "title": row.title,
@@ -117,6 +295,8 @@ def _row(scenario: Scenario, row: ScoreRow) -> dict[str, Any]:
         "value": value,
         "usual": f"{low} \u2013 {high}",
         "where": where,
+        "count": len(row.findings),
+        "mark": mark if row.findings and row.findings[0].is_fault else "",
     }
 
 

@@ -1,7 +1,7 @@
 """The status chip with problems and progress, and the list that it opens."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -9,13 +9,12 @@ from pd_editor.editor.commands.command import Command
 from pd_editor.editor.problem_cures import Cure, cures
 from pd_editor.problems.scene_problem import ProblemKind, SceneProblem
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.overlay.timeline import Mark, Timeline
+from pd_editor.viewer.overlay.timeline import Timeline, marks_of
 from pd_editor.viewer.state.problem_watch import ProblemWatch
 from pd_editor.viewer.state.run_state import RunState
 from pd_editor.viewer.state.ui_context import UiContext
 
 MAX_ROWS: Final = 200
-MAX_MARK_LINES: Final = 4
 Group = Literal["new", "ignored", "recorded"]
 _ICON: Final[dict[ProblemKind, str]] = {
     "collision": "collision",
@@ -67,13 +66,14 @@ class StatusChip:
         """What helps against the chosen problem; None until it is known."""
         self._free_share = 1.0
         overlay.on("status", self._heard)
-        timeline.on_mark = self._mark_chosen
+        timeline.on_mark["problem"] = self._mark_chosen
 
     def show(self) -> None:
         """Show what is known now."""
         groups = self._groups()
         self._follow_active(groups)
-        self._timeline.set_marks(self._marks(groups["new"]))
+        marks = [(p.first_step, p.message) for p in groups["new"] if p.agent_ids]
+        self._timeline.set_marks("problem", marks_of(marks))
         run, count = self._run(), len(groups["new"])
         text, tone = "No new problems", "good"
         if count:
@@ -178,28 +178,6 @@ class StatusChip:
             if not problem.agent_ids
             else f"{later * scenario.time_axis.step_s:.1f} s",
         }
-
-    def _marks(self, problems: Sequence[SceneProblem]) -> tuple[Mark, ...]:
-        lines: dict[int, list[str]] = {}
-        for problem in problems:
-            if problem.agent_ids:
-                lines.setdefault(problem.first_step, []).append(problem.message)
-        return tuple(
-            Mark(
-                step=step,
-                text="\n".join(
-                    [
-                        *texts[:MAX_MARK_LINES],
-                        *(
-                            [f"... and {len(texts) - MAX_MARK_LINES} more"]
-                            if len(texts) > MAX_MARK_LINES
-                            else []
-                        ),
-                    ]
-                ),
-            )
-            for step, texts in sorted(lines.items())
-        )
 
     def _mark_chosen(self, step: int) -> None:
         for problem in self._watch.new:

@@ -1,24 +1,41 @@
 """The timeline under the picture: play, scrub, step, speed, loop."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from pd_editor.viewer.overlay.banner import STATE, Banner
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.playback import Playback
 
+MAX_MARK_LINES: Final = 4
 MIN_TOLD_S: Final = 0.005
 """Nearer to t = 0 the picture shows the state that edits act on."""
 
 
+MarkKind = Literal["problem", "finding"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """A mark of a problem on the track."""
+    """A mark of problems or of findings on the track."""
 
     step: int
     text: str
     """Shown when the pointer is over it; lines are kept."""
+
+
+def marks_of(lines: Iterable[tuple[int, str]]) -> tuple[Mark, ...]:
+    """One mark per step with the texts of that step, of which only some are shown."""
+    by_step: dict[int, list[str]] = {}
+    for step, text in lines:
+        by_step.setdefault(step, []).append(text)
+    marks = []
+    for step, texts in sorted(by_step.items()):
+        more = len(texts) - MAX_MARK_LINES
+        shown = texts[:MAX_MARK_LINES] + ([f"... and {more} more"] if more > 0 else [])
+        marks.append(Mark(step=step, text="\n".join(shown)))
+    return tuple(marks)
 
 
 class Timeline:
@@ -47,8 +64,8 @@ class Timeline:
         self._banner = banner
         self._playback = playback
         self._on_seek = on_seek
-        self._marks: tuple[Mark, ...] = ()
-        self.on_mark: Callable[[int], None] = lambda _step: None
+        self._marks: dict[MarkKind, tuple[Mark, ...]] = {}
+        self.on_mark: dict[MarkKind, Callable[[int], None]] = {}
         """Called with the step of a mark that the user has clicked."""
         overlay.on("timeline", self._heard)
 
@@ -75,10 +92,10 @@ class Timeline:
         """Stop some whole steps further on, or back."""
         self.seek(round(self._playback.step) + steps)
 
-    def set_marks(self, marks: tuple[Mark, ...]) -> None:
-        """Mark problems on the track."""
-        if marks != self._marks:
-            self._marks = marks
+    def set_marks(self, kind: MarkKind, marks: tuple[Mark, ...]) -> None:
+        """Mark problems, or findings of the scorecard, on the track."""
+        if marks != self._marks.get(kind, ()):
+            self._marks[kind] = marks
             self.show()
 
     def show(self) -> None:
@@ -93,8 +110,13 @@ class Timeline:
                 "endStep": playback.last_step - axis.current_step,
                 "stepS": axis.step_s,
                 "marks": [
-                    {"step": mark.step - axis.current_step, "text": mark.text}
-                    for mark in self._marks
+                    {
+                        "kind": kind,
+                        "step": mark.step - axis.current_step,
+                        "text": mark.text,
+                    }
+                    for kind, marks in sorted(self._marks.items())
+                    for mark in marks
                 ],
             },
         )
@@ -137,8 +159,10 @@ class Timeline:
             self.seek(float(_within(playback.axis.current_step + value, playback)))
         elif kind == "step" and isinstance(value, int):
             self.step_by(_within(value, playback))
-        elif kind == "mark" and isinstance(value, int):
-            self.on_mark(_within(playback.axis.current_step + value, playback))
+        elif kind in ("problem", "finding") and isinstance(value, int):
+            chosen = self.on_mark.get(kind)
+            if chosen is not None:
+                chosen(_within(playback.axis.current_step + value, playback))
         elif kind == "speed":
             playback.next_speed()
             self.show()

@@ -22,7 +22,12 @@
     const close = make("button", "pd-close", {
       type: "button", "aria-label": "Close the scorecard", title: "Close (I)",
     }, "\u00d7");
-    close.addEventListener("click", () => api.send({ kind: "close" }));
+    // How much of the picture's width the drawer covers: what is shown stands beside it.
+    const send = (event) => api.send({
+      ...event,
+      covered: (drawer.offsetLeft + drawer.offsetWidth) / Math.max(api.box.parentElement.offsetWidth, 1),
+    });
+    close.addEventListener("click", () => send({ kind: "close" }));
     head.append(close);
     const columns = make("div", "pd-score-row pd-score-head");
     for (const [name, text] of [["dot", ""], ["name", "Motor vehicles"], ["value", "scene"],
@@ -31,7 +36,11 @@
     columns.title = "Usual: 5 to 95 % of recorded scenes";
     const list = make("div", "pd-score-rows", { role: "list" });
     const charts = make("div", "pd-charts");
-    drawer.append(head, columns, list, charts);
+    const foot = make("label", "pd-score-draw");
+    const draws = make("input", "", { type: "checkbox" });
+    draws.addEventListener("change", () => send({ kind: "draw", value: draws.checked }));
+    foot.append(draws, make("span", "", {}, "Draw findings in the scene"));
+    drawer.append(head, columns, list, foot, charts);
     api.box.append(drawer);
 
     function shape(name, attributes) {
@@ -106,27 +115,65 @@
     };
     api.listen(window, "pd-playhead", (event) => showTime(event.detail));
 
+    function rowOf(row) {
+      const item = make("button", "pd-score-row", {
+        type: "button",
+        title: row.where ? `${row.title}. The worst: ${row.where}` :
+          `${row.title}. No agent stands out`,
+        "aria-label": `${row.title}: ${row.value}, ${row.level}; usual ${row.usual}`,
+        "aria-expanded": String(Boolean(row.findings)),
+      });
+      item.disabled = !row.where;
+      const name = make("span", "pd-score-name", {}, row.title);
+      if (row.mark) name.append(make("i", `pd-score-mark pd-${row.mark}`, {}));
+      item.append(
+        make("span", `pd-score-dot pd-${row.tone}`, { "aria-hidden": "true" },
+          SHAPES[row.level]),
+        name,
+        make("span", "pd-score-value", {}, row.value),
+        make("span", "pd-score-usual", {}, row.usual),
+      );
+      item.addEventListener("click", () => send({ kind: "row", name: row.name }));
+      return item;
+    }
+
+    // The findings of the open row, and what helps against the chosen one.
+    function detail(row, state) {
+      const box = make("div", "pd-score-detail", {
+        role: "group", "aria-label": `Findings: ${row.title}`,
+      });
+      for (const { agent, text, time, isChosen } of row.findings) {
+        const item = make("button", "pd-score-finding", {
+          type: "button", title: `${agent} ${text}, ${time}`,
+          "aria-current": String(isChosen),
+        });
+        item.append(
+          make("b", "", {}, agent),
+          make("span", "pd-score-text", {}, text),
+          make("span", "pd-score-time", {}, time));
+        item.addEventListener("click", () => send({ kind: "finding", agent }));
+        box.append(item);
+        if (isChosen && (state.isSearching || state.cures.length)) {
+          const cures = make("div", "pd-score-cures");
+          if (state.isSearching) cures.append(make("span", "pd-score-note", {}, "Looking for repairs ..."));
+          for (const label of state.cures) {
+            const cure = make("button", "", { type: "button" }, label);
+            cure.addEventListener("click", () => send({ kind: "cure", name: label }));
+            cures.append(cure);
+          }
+          box.append(cures);
+        }
+      }
+      if (row.more) box.append(make("div", "pd-score-note", {}, `and ${row.more} more`));
+      return box;
+    }
+
     return (state) => {
       drawer.hidden = !state.isOpen;
       if (!state.isOpen) return;
-      list.replaceChildren(...state.rows.map((row) => {
-        const item = make("button", "pd-score-row", {
-          type: "button",
-          title: `${row.title}. ` +
-            (row.where ? `Go to the worst: ${row.where}` : "No agent stands out"),
-          "aria-label": `${row.title}: ${row.value}, ${row.level}; usual ${row.usual}`,
-        });
-        item.disabled = !row.where;
-        item.append(
-          make("span", `pd-score-dot pd-${row.tone}`, { "aria-hidden": "true" },
-            SHAPES[row.level]),
-          make("span", "pd-score-name", {}, row.title),
-          make("span", "pd-score-value", {}, row.value),
-          make("span", "pd-score-usual", {}, row.usual),
-        );
-        item.addEventListener("click", () => api.send({ kind: "row", name: row.name }));
-        return item;
-      }));
+      draws.checked = state.draws;
+      list.replaceChildren(...state.rows.flatMap((row) =>
+        row.findings ? [rowOf(row), detail(row, state)] : [rowOf(row)]));
     };
   });
 

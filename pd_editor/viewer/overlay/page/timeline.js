@@ -119,13 +119,14 @@
 
     function drawMarks(marks) {
       hint.hidden = true;
-      problems.replaceChildren(...marks.map(({ step, text }) => {
-        const mark = make("button", "pd-mark", {
-          type: "button", "aria-label": `Problem at ${inWords(step)}`,
+      problems.replaceChildren(...marks.map(({ kind, step, text }) => {
+        const what = kind === "finding" ? "Finding" : "Problem";
+        const mark = make("button", `pd-mark pd-${kind}`, {
+          type: "button", "aria-label": `${what} at ${inWords(step)}`,
         });
         mark.style.left = `${share(step)}%`;
         mark.addEventListener("pointerdown", (event) => event.stopPropagation());
-        mark.addEventListener("click", () => api.send({ kind: "mark", value: step }));
+        mark.addEventListener("click", () => api.send({ kind, value: step }));
         mark.addEventListener("pointerenter", () => {
           hint.textContent = text;
           hint.hidden = false;

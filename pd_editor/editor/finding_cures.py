@@ -1,0 +1,95 @@
+"""Finds cures of findings of the scorecard: commands that are tried and do help."""
+
+from collections.abc import Collection, Iterator
+from typing import Final
+
+from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.commands.poses import SnapToLane
+from pd_editor.editor.problem_cures import Cure, cures, regenerations, removals
+from pd_editor.errors import PdEditorError
+from pd_editor.metrics.findings import Finding
+from pd_editor.metrics.scorecard import scorecard
+from pd_editor.problems.check import scene_problems
+from pd_editor.problems.scene_problem import ProblemKind, SceneProblem
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.scenario import Scenario
+
+_PROBLEMS: Final[dict[str, frozenset[ProblemKind]]] = {
+    "init_overlap": frozenset({"collision"}),
+    "new_overlap": frozenset({"later-collision", "collision"}),
+    "off_drivable": frozenset({"off-road", "later-off-road"}),
+}
+"""Kinds of problems that a metric counts as well."""
+
+
+def finding_cures(
+    scenario: Scenario,
+    finding: Finding,
+    untouched: Collection[str] = (),
+) -> tuple[Cure, ...]:
+    """Find cures of one finding.
+
+    A finding that is a problem as well has the cures of that problem. Of the others,
+    commands are tried on the scenario, which does not change: a command is offered if
+    the finding is gone after it and there are not more problems than before.
+
+    Args:
+        scenario: scenario with the finding.
+        finding: finding to cure.
+        untouched: ids of agents that move as recorded.
+    """
+    if not finding.is_fault:
+        return ()
+    problems = scene_problems(scenario)
+    problem = _problem_of(finding, problems)
+    if problem is not None:
+        return cures(scenario, problem, problems, untouched)
+    count = len(problems)
+    offered = [
+        cure
+        for cure in _tried(scenario, finding)
+        if _helps(scenario, finding, cure.command, count)
+    ]
+    ids = (finding.agent_id,)
+    offered += regenerations(scenario, ids, untouched)
+    offered += removals(scenario, ids)
+    return tuple(offered)
+
+
+def _problem_of(
+    finding: Finding, problems: Collection[SceneProblem]
+) -> SceneProblem | None:
+    kinds = _PROBLEMS.get(finding.metric, frozenset())
+    found = (
+        one
+        for one in problems
+        if one.kind in kinds and finding.agent_id in one.agent_ids
+    )
+    return next(found, None)
+
+
+def _tried(scenario: Scenario, finding: Finding) -> Iterator[Cure]:
+    agents, name = scenario.agents, finding.agent_id
+    if agents.kind_mask(LANE_FOLLOWER_KINDS)[agents.row_of[name]]:
+        yield Cure(
+            label=f"Snap {name} to its lane", command=SnapToLane(agent_ids=(name,))
+        )
+
+
+def _helps(
+    scenario: Scenario, finding: Finding, command: Command | None, num_problems: int
+) -> bool:
+    """Whether the finding is gone after a command, without a new problem."""
+    assert command is not None
+    try:
+        after = apply_within_locks(command, scenario)
+    except PdEditorError:
+        return False
+    if after is scenario or len(scene_problems(after)) > num_problems:
+        return False
+    return not any(
+        one.metric == finding.metric and one.agent_id == finding.agent_id
+        for row in scorecard(after)
+        for one in row.findings
+    )
