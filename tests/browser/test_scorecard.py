@@ -46,6 +46,24 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
         lambda: editor.session.selection in ((name,), (scenario.agents.ids[other],)),
         "the agent that collides is selected",
     )
+    # The row lists its findings; the scene and the timeline show them alone.
+    tab = editor._tab()
+    listed = editor.page.get_by_role("group", name="Findings: Collisions at t = 0")
+    listed.wait_for()
+    drawn = tab._findings
+    editor.until(
+        lambda: {one.metric for one in drawn._findings} == {"init_overlap"},
+        "the collisions alone are drawn",
+    )
+    assert {one.agent_id for one in drawn._findings} >= {
+        name,
+        scenario.agents.ids[other],
+    }
+    switch = drawer.get_by_role("checkbox", name="Draw findings in the scene")
+    switch.click()
+    editor.until(lambda: not drawn._findings, "nothing is drawn")
+    switch.click()
+    editor.until(lambda: drawn._findings, "drawn again")
     editor.until(lambda: drawer.locator(".pd-chart").count() == 3, "three charts")
     head = drawer.locator(".pd-chart-head").first
     x = head.get_attribute("x1")
@@ -65,6 +83,7 @@ def test_it_shares_its_place_with_the_agent_list(editor):
     editor.key("Control+f")
     page.get_by_role("region", name="Agent list").wait_for()
     page.get_by_role("region", name="Scorecard").wait_for(state="hidden")
+    editor.until(lambda: not editor._tab()._findings._findings, "no findings")
     page.get_by_role("button", name="Scorecard: metrics").click()
     page.get_by_role("region", name="Agent list").wait_for(state="hidden")
     page.get_by_role("button", name="Close the scorecard").click()

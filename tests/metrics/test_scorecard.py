@@ -28,8 +28,11 @@ def test_a_collision_is_found_where_it_happens():
     row = rows_of(scenario)["new_overlap"]
     assert row.value == 1.0
     assert row.level == "extreme"
-    assert row.worst is not None
-    agents, step = scenario.agents, row.worst.step
+    worst = row.findings[0]
+    assert worst.is_fault
+    agents, step = scenario.agents, worst.worst_step
+    assert worst.holds_at(step)
+    assert not worst.holds_at(step - 1)
     before = agents.position_m[1, step - 1, 0] - agents.position_m[0, step - 1, 0]
     at = agents.position_m[1, step, 0] - agents.position_m[0, step, 0]
     length = agents.size_m[:, 0].mean()
@@ -40,7 +43,7 @@ def test_parked_cars_collide_with_nothing():
     scenario = scenario_with(straight_drivers([(0.0, 0.0, 0.0, 0.0)]))
     rows = rows_of(scenario)
     assert rows["new_overlap"].value == 0.0
-    assert rows["new_overlap"].worst is None
+    assert not rows["new_overlap"].findings
     assert rows["standing"].value == 1.0
     assert rows["speed"].value == 0.0
 
@@ -48,7 +51,7 @@ def test_parked_cars_collide_with_nothing():
 def test_without_agents_nothing_is_told():
     rows = rows_of(dataclasses.replace(scenario_with(empty_tracks(110)), focal_id=""))
     assert tuple(rows) == tuple(TITLES)
-    assert all(math.isnan(row.value) and row.worst is None for row in rows.values())
+    assert all(math.isnan(row.value) and not row.findings for row in rows.values())
     assert {row.level for row in rows.values()} == {"usual"}
 
 

@@ -1,7 +1,7 @@
 """The timeline under the picture: play, scrub, step, speed, loop."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 from pd_editor.viewer.overlay.banner import STATE, Banner
@@ -115,8 +115,7 @@ class Timeline:
                         "step": mark.step - axis.current_step,
                         "text": mark.text,
                     }
-                    for kind, marks in sorted(self._marks.items())
-                    for mark in marks
+                    for kind, mark in self._shown_marks()
                 ],
             },
         )
@@ -131,6 +130,16 @@ class Timeline:
         )
 
         self._show_banner()
+
+    def _shown_marks(self) -> list[tuple[MarkKind, Mark]]:
+        """All marks; at the step of a problem, findings are told by its mark."""
+        findings = {mark.step: mark for mark in self._marks.get("finding", ())}
+        shown: list[tuple[MarkKind, Mark]] = []
+        for mark in self._marks.get("problem", ()):
+            also = findings.pop(mark.step, None)
+            text = mark.text if also is None else f"{mark.text}\n{also.text}"
+            shown.append(("problem", replace(mark, text=text)))
+        return [*(("finding", mark) for mark in findings.values()), *shown]
 
     def _show_banner(self) -> None:
         """Show in the banner that edits act at another time than the picture's."""

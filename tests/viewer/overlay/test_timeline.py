@@ -4,6 +4,7 @@ import pytest
 
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.exporters.bundle import write_files
+from pd_editor.viewer.overlay.timeline import marks_of
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import connected_tab, running_app
 
@@ -45,3 +46,23 @@ def test_a_seek_draws_the_picture_at_once(tab):
     tab.run(lambda: None)
     agents, poses = tab.session.scenario.agents, tab.tab._agents.poses
     assert poses.position_m == pytest.approx(agents.position_m[:, 80])
+
+
+def test_a_finding_at_the_step_of_a_problem_is_told_by_its_mark(tab):
+    """The problem's mark covered it, so that it could not be pressed."""
+    timeline = tab.tab._timeline
+
+    def shown():
+        problems = marks_of([(60, "A and B collide.")])
+        findings = marks_of([(70, "C brakes"), (60, "A collides"), (70, "D brakes")])
+        timeline.set_marks("problem", problems)
+        timeline.set_marks("finding", findings)
+        found = timeline._shown_marks()
+        timeline.set_marks("problem", ())
+        timeline.set_marks("finding", ())
+        return [(kind, mark.step, mark.text) for kind, mark in found]
+
+    assert tab.run(shown) == [
+        ("finding", 70, "C brakes\nD brakes"),
+        ("problem", 60, "A and B collide.\nA collides"),
+    ]

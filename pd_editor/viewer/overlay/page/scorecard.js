@@ -125,7 +125,7 @@
       });
       item.disabled = !row.where;
       const name = make("span", "pd-score-name", {}, row.title);
-      if (row.mark) name.append(make("i", `pd-score-mark pd-${row.mark}`, {}));
+      if (row.mark) name.append(make("i", `pd-score-mark pd-score-${row.mark}`, {}));
       item.append(
         make("span", `pd-score-dot pd-${row.tone}`, { "aria-hidden": "true" },
           SHAPES[row.level]),
