@@ -39,7 +39,7 @@ def test_bands_cover_the_part_concerned_and_no_more():
         frame = parts[2].points_m
         assert np.isclose(frame[:, 0].mean(), x[now + 15])
         assert np.ptp(frame[:, 0]) > length
-        assert all(np.max(part.height_m) < RIBBON_HEIGHT_M for part in parts)
+        assert all(np.max(part.height_m, initial=0) < RIBBON_HEIGHT_M for part in parts)
         assert all(part.vertex_opacity is None for part in parts)
 
 
