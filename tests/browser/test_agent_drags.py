@@ -153,7 +153,7 @@ def test_a_drag_right_after_the_view_key_moves_by_what_was_dragged(editor):
 
 def test_what_a_drag_does_to_the_future_is_told(editor):
     """The chip tells later problems after the mouse is let go, in either view."""
-    session, watch = editor.session, editor._tab()._problems
+    session, watch = editor.session, editor._tab().problems
     look_from_above(editor)
     (agent_id,) = vehicles_near_focal(editor, 1)
     before = session.scenario

@@ -84,7 +84,7 @@ def test_from_demo_to_export(editor):
 
     editor.open_tab("Drive")
     editor.press("Show possible trajectories")
-    editor.until(lambda: editor._tab()._candidates.shown is not None, "the fan")
+    editor.until(lambda: editor._tab().picture.candidates.shown is not None, "the fan")
     editor.screenshot("03_candidates")
     editor.press("Hide possible trajectories")
     editor.press("Regenerate")
@@ -111,7 +111,7 @@ def test_a_candidate_clicked_on_the_road_is_adopted(editor):
     editor.click_at(roof(editor, focal))
     editor.open_tab("Drive")
     editor.press("Show possible trajectories")
-    fan = editor.until(lambda: editor._tab()._candidates.shown, "the fan")
+    fan = editor.until(lambda: editor._tab().picture.candidates.shown, "the fan")
     agents = session.scenario.agents
     others = agents.position_m[agents.is_valid[:, 50], 50]
     moving = np.flatnonzero(fan.is_valid[0] & ~fan.is_standstill[0])
@@ -123,7 +123,7 @@ def test_a_candidate_clicked_on_the_road_is_adopted(editor):
     end = session.scenario.agents.position_m[row, -1]
     ends = fan.position_m[0, moving, -1]
     assert np.linalg.norm(ends - end, axis=-1).min() < 1e-3
-    assert editor._tab()._candidates.shown is None
+    assert editor._tab().picture.candidates.shown is None
 
 
 def test_a_candidate_chosen_in_the_list_is_adopted(editor):
@@ -132,9 +132,9 @@ def test_a_candidate_chosen_in_the_list_is_adopted(editor):
     editor.click_at(roof(editor, focal))
     editor.open_tab("Drive")
     editor.press("Show possible trajectories")
-    view = editor.until(lambda: editor._tab()._candidates.shown, "the fan")
+    view = editor.until(lambda: editor._tab().picture.candidates.shown, "the fan")
     # The panel lists the candidates just after the picture shows them.
-    choice = editor._tab()._candidates_panel._choice
+    choice = editor._tab().panels.candidates._choice
     editor.until(
         lambda: any("slowing to stop" in label for label in choice.options), "the list"
     )
@@ -275,7 +275,7 @@ def test_playback_theme_layers_and_history(editor):
 def roof_now(editor) -> tuple[float, float, float]:
     """Where the focal agent is drawn at the playhead."""
     row = editor.session.scenario.agents.row_of[editor.session.scenario.focal_id]
-    x, y = editor._tab()._agents.poses.position_m[row]
+    x, y = editor._tab().picture.agents.poses.position_m[row]
     return float(x), float(y), 1.0
 
 

@@ -9,7 +9,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 @pytest.fixture
 def editor(open_editor):
     page = open_editor()
-    page.until(lambda: page._tab()._overlay.is_ready, "the overlay")
+    page.until(lambda: page._tab().overlay.is_ready, "the overlay")
     page.workspace.playback.pause()
     return page
 
@@ -53,8 +53,8 @@ def test_the_list_searches_selects_and_lights_up_agents(editor):
     rows(editor).nth(3).click(modifiers=["Control"])
     editor.until(lambda: set(session.selection) == {ids[2], *ids[4:6]}, "one less")
     rows(editor).nth(6).hover()
-    editor.until(lambda: editor._tab()._pointed_id == ids[6], "an agent lit up")
-    lit = editor._tab()._marks._pointed.batched_scales
+    editor.until(lambda: editor._tab().picture._pointed_id == ids[6], "an agent lit up")
+    lit = editor._tab().picture._marks._pointed.batched_scales
     assert lit.max() > 0.5
 
     page.get_by_label("Search agents").fill("pedestrian")
@@ -105,7 +105,7 @@ def test_the_list_searches_selects_and_lights_up_agents(editor):
         "the same kind",
     )
     editor.key("Control+f")
-    editor.until(lambda: not editor._tab()._agent_list.is_open, "the list closed")
+    editor.until(lambda: not editor._tab().agent_list.is_open, "the list closed")
 
 
 def test_the_list_sorts_by_distance_to_the_focal_agent(editor):
@@ -253,8 +253,8 @@ def test_possible_trajectories_are_told_apart(editor):
     before = top_of(use)
     assert use.is_disabled()
     editor.press("Show possible trajectories")
-    editor.until(lambda: editor._tab()._candidates.shown, "the fan")
-    panel = editor._tab()._candidates_panel
+    editor.until(lambda: editor._tab().picture.candidates.shown, "the fan")
+    panel = editor._tab().panels.candidates
     labels = editor.until(
         lambda: len(panel._choice.options) > 1 and panel._choice.options, "the words"
     )

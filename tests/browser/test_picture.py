@@ -17,7 +17,7 @@ def editor(open_editor):
     page.go_to_now()
     page.close_notifications()
     page.key("v")
-    page.until(lambda: page._tab()._view.is_from_above, "the top view")
+    page.until(lambda: page._tab().picture._view.is_from_above, "the top view")
     page.settle()
     return page
 
@@ -106,7 +106,8 @@ def test_pedestrians_can_be_hit_from_far_above(editor):
         camera.position = (x, y, 1.6 * height)
         camera.look_at = (x, y, 0.0)
     editor.until(
-        lambda: editor._tab()._view.distance_m > 1.5 * height, "the camera's report"
+        lambda: editor._tab().picture._view.distance_m > 1.5 * height,
+        "the camera's report",
     )
     editor.settle()
     at = editor.pixel((x, y))
@@ -132,7 +133,7 @@ def test_holding_o_shows_the_original(editor):
         )
     )
     editor.until(lambda: session.entries, "the move")
-    comparison = editor._tab()._comparison
+    comparison = editor._tab().picture.comparison
     editor.page.evaluate("document.activeElement?.blur()")
     editor.page.keyboard.down("o")
     editor.until(lambda: comparison.is_on, "the original")

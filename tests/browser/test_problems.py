@@ -30,7 +30,7 @@ def bend(editor, power: float = 10.0) -> None:
     warp = RoadWarp(anchor=pose_of_anchor(scenario, "focal"), terms=(term,))
     editor._tab()._ui.post(lambda: editor.session.apply(SetRoadWarp(warp=warp)))
     editor.until(
-        lambda: any(p.kind == "friction" for p in editor._tab()._problems.new),
+        lambda: any(p.kind == "friction" for p in editor._tab().problems.new),
         "agents over the friction limit",
     )
 
@@ -89,7 +89,7 @@ def same(old: tuple, new: tuple) -> bool:
 def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
     """(D10, D13, D24) Chip, list, ticks, rings and a cure that is one undo step."""
     page, session = editor.page, editor.session
-    playback, watch = editor.workspace.playback, editor._tab()._problems
+    playback, watch = editor.workspace.playback, editor._tab().problems
     editor.until(lambda: chip(editor) == "No new problems", "a green chip")
     before = page.locator(".pd-chip").bounding_box()
     bend(editor)
@@ -142,7 +142,7 @@ def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
 
 def test_what_cannot_help_is_not_offered(editor):
     """(D13) A collision now is not cured by new futures; removing one agent helps."""
-    session, watch = editor.session, editor._tab()._problems
+    session, watch = editor.session, editor._tab().problems
     scenario = session.scenario
     focal = scenario.agents.row_of[scenario.focal_id]
     other = next(
@@ -212,7 +212,7 @@ def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(
     editor.fill("Samples", 16)
     editor.fill("Denoising steps", 50)
     editor.open_tab("Scene")
-    panel = editor._tab()._generation_panel
+    panel = editor._tab().panels.generation
     cancel = editor.page.locator(".pd-chip").get_by_role("button", name="Cancel")
     editor.key("r")
     editor.until(lambda: panel._result.is_running, "a run")
@@ -235,9 +235,9 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
     page.get_by_role("button", name="Ignore", exact=True).wait_for()
     assert session.selection
     assert not hint.is_visible()
-    overlay = editor._tab()._overlay
+    overlay = editor._tab().overlay
     # What is shown here stays until the end.
-    monkeypatch.setattr(editor._tab()._chip, "show", lambda: None)
+    monkeypatch.setattr(editor._tab().chip, "show", lambda: None)
     state = json.loads(overlay._shown["status"])
     state["active"]["cures"] = [
         "Regenerate 131326",
@@ -281,7 +281,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
         dx_m=0.4,
     )
     tab._ui.post(lambda: session.apply(copy))
-    watch = tab._problems
+    watch = tab.problems
     editor.until(lambda: len(watch.new) >= 20, "twenty problems")
     editor.until(lambda: tab._checks_future_at is None, "those of the future")
     tab._ui.post(lambda: session.select(()))
@@ -292,7 +292,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     assert rows(editor).count() == len(known)
 
     def active() -> int | None:
-        chosen = tab._chip._active
+        chosen = tab.chip._active
         return None if chosen is None else known.index(chosen[1].key)
 
     # The focus is on the chip that opened the list: keys walk from there.
@@ -311,7 +311,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     page.mouse.wheel(0, 4000)
     rows(editor).last.click()
     editor.until(lambda: active() == len(known) - 1, "the last row")
-    editor.until(lambda: tab._chip._cures, "what helps")
+    editor.until(lambda: tab.chip._cures, "what helps")
     editor.settle()
     x, y = editor.pixel(watch.new[-1].place_m)
     assert x < still[0]["x"] - 40
@@ -326,8 +326,8 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
         "document.activeElement.classList.contains('pd-problem-row')"
     )
     page.keyboard.press("ArrowUp")
-    editor.until(lambda: tab._chip._active is not None, "a row")
-    assert tab._chip._active[1] == watch.new[-2]
+    editor.until(lambda: tab.chip._active is not None, "a row")
+    assert tab.chip._active[1] == watch.new[-2]
     assert [place.bounding_box() for place in places] == still
 
 
@@ -342,7 +342,7 @@ def test_an_empty_selection_and_a_stale_report(editor):
     editor.session.select((editor.session.scenario.focal_id,))
     editor.press("Regenerate")
     editor.until(lambda: len(editor.session.entries) == 1, "a future", 60)
-    report = editor._tab()._generation_panel._result._report
+    report = editor._tab().panels.generation._result._report
     editor.until(lambda: "1 agent in" in report.text, "a report")
     editor.key("Control+z")
     editor.until(lambda: report.text == "", "no report")
@@ -353,7 +353,7 @@ def test_edits_that_are_not_saved_are_told_as_long_as_they_are(editor, monkeypat
     monkeypatch.setattr(
         EditorSession, "journal_problem", property(lambda _: "the disk is full.")
     )
-    editor._tab()._ui.post(editor._tab()._chip.show)
+    editor._tab()._ui.post(editor._tab().chip.show)
     alert = editor.page.get_by_role("alert").filter(has_text="Edits are not saved")
     alert.wait_for()
     assert "the disk is full" in alert.inner_text()
@@ -361,5 +361,5 @@ def test_edits_that_are_not_saved_are_told_as_long_as_they_are(editor, monkeypat
         alert.get_by_role("button", name="Download").click()
     assert download.value.suggested_filename.endswith(".zip")
     monkeypatch.undo()
-    editor._tab()._ui.post(editor._tab()._chip.show)
+    editor._tab()._ui.post(editor._tab().chip.show)
     alert.wait_for(state="hidden")

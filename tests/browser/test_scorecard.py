@@ -50,7 +50,7 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
     tab = editor._tab()
     listed = editor.page.get_by_role("group", name="Findings: Collisions at t = 0")
     listed.wait_for()
-    drawn = tab._findings
+    drawn = tab.picture.findings
     editor.until(
         lambda: {one.metric for one in drawn._findings} == {"init_overlap"},
         "the collisions alone are drawn",
@@ -83,7 +83,7 @@ def test_it_shares_its_place_with_the_agent_list(editor):
     editor.key("Control+f")
     page.get_by_role("region", name="Agent list").wait_for()
     page.get_by_role("region", name="Scorecard").wait_for(state="hidden")
-    editor.until(lambda: not editor._tab()._findings._findings, "no findings")
+    editor.until(lambda: not editor._tab().picture.findings._findings, "no findings")
     page.get_by_role("button", name="Scorecard: metrics").click()
     page.get_by_role("region", name="Agent list").wait_for(state="hidden")
     page.get_by_role("button", name="Close the scorecard").click()

@@ -22,7 +22,7 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.press("Run the study")
     editor.page.get_by_text("Done in").wait_for(timeout=120_000)
     assert (out / "report.html").exists()
-    panel = editor._tab()._study_panel
+    panel = editor._tab().panels.study
     chart = editor.page.get_by_role("img", name="SOR, % by power")
     editor.until(lambda: chart.locator("polyline").count() == 2, "two curves")
     points = chart.locator("polyline").first.get_attribute("points") or ""

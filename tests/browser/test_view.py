@@ -97,7 +97,7 @@ def test_wheel_zooms_to_the_pointer_and_pans_keep_the_ground_under_it(editor, vi
     for is_placing in (False, True):
         if is_placing:
             editor.key("p")
-            editor.until(lambda: editor._tab()._placing.is_active, "placing")
+            editor.until(lambda: editor._tab().modes.placing.is_active, "placing")
         editor.page.keyboard.down("h")
         drag("left")
         editor.page.keyboard.up("h")

@@ -102,7 +102,7 @@ def test_measuring_by_clicks(editor):
     tool(editor, "Top view").click()
     camera_rests(editor)
     editor.key("m")
-    editor.until(lambda: editor._tab()._measure.is_active, "measuring")
+    editor.until(lambda: editor._tab().modes.measure.is_active, "measuring")
     tool(editor, "Measure").and_(page.locator("[aria-pressed=true]")).wait_for()
     pixels = [(150, 200), (350, 240), (300, 420)]
     points = [ground(editor, *pixel) for pixel in pixels]
@@ -153,14 +153,16 @@ def test_measuring_by_clicks(editor):
     assert not editor.session.entries, "no agent was deleted"
     assert editor.session.selection == (fast,), "nothing else was clicked"
     editor.key("Escape")
-    editor.until(lambda: not editor._tab()._measure.is_active, "the end of measuring")
+    editor.until(
+        lambda: not editor._tab().modes.measure.is_active, "the end of measuring"
+    )
     editor.until(lambda: page.locator(".pd-measure-total").count() == 0, "no label")
     assert editor.session.selection == (fast,)
     # Placing ends measuring, and the other way round.
     tab = editor._tab()
 
     def modes() -> tuple[bool, bool]:
-        return tab._measure.is_active, tab._placing.is_active
+        return tab.modes.measure.is_active, tab.modes.placing.is_active
 
     for key, expected in (
         ("m", (True, False)),
@@ -212,7 +214,7 @@ def test_a_reload_shows_the_same_tab_view_time_and_selection(editor):
 def test_another_scenario_comes_in_one_step_and_is_framed(editor):
     """(D20, D5) No frame shows the former road from the new camera, or no road."""
     page = editor.page
-    nodes = list(editor._tab()._map.road_nodes)
+    nodes = list(editor._tab().picture.map.road_nodes)
     assert "/map/road" in nodes
     nodes = ["/map/road", "/map/lanes"]
     start = editor.client.camera.position.copy()
@@ -260,7 +262,7 @@ def test_another_scenario_comes_in_one_step_and_is_framed(editor):
 def test_visers_own_settings_are_for_developers(open_editor, debug):
     """(D21) The gear is hidden unless asked for; the title names the scenario."""
     editor = open_editor(debug=debug)
-    editor.until(lambda: editor._tab()._overlay.is_ready, "the overlay")
+    editor.until(lambda: editor._tab().overlay.is_ready, "the overlay")
     gear = editor.page.locator("button:has(svg.tabler-icon-adjustments)")
     assert gear.count() == 1
     editor.until(lambda: gear.first.is_visible() == debug, "the gear")

@@ -52,6 +52,11 @@ class PlacingMode:
             self._ui.show_current_step()
         self._changed()
 
+    def stop(self) -> None:
+        """End the mode, if it is active."""
+        if self.is_active:
+            self.toggle()
+
     def choose(self, kind: AgentKind) -> None:
         """Place agents of another kind from now on."""
         self.kind = kind

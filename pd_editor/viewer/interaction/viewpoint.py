@@ -1,6 +1,6 @@
 """Camera views of a browser tab."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -46,10 +46,16 @@ class Viewpoint:
     above the ground; without it viser's own camera gestures remain.
     """
 
-    def __init__(self, ui: UiContext, overlay: Overlay) -> None:
-        """Start with the view that the workspace stores."""
+    def __init__(
+        self, ui: UiContext, overlay: Overlay, on_switch: Callable[[], None]
+    ) -> None:
+        """Start with the view that the workspace stores.
+
+        ``on_switch`` is called when the other view of the two is shown.
+        """
         self._ui = ui
         self._overlay = overlay
+        self._on_switch = on_switch
         self._camera = ui.client.camera
         self._num_looks = 0
         overlay.on("compass", self._compass_clicked)
@@ -127,11 +133,13 @@ class Viewpoint:
         """Switch to the 3-D view and frame it."""
         self._set_top(False)
         self._frame_work()
+        self._on_switch()
 
     def show_top(self) -> None:
         """Switch to the top view and frame it."""
         self._set_top(True)
         self._frame_work()
+        self._on_switch()
 
     def switch(self) -> None:
         """Switch between both views at the same position."""
@@ -141,11 +149,12 @@ class Viewpoint:
         if self.is_top:
             half_height_m = former.half_height_m * TOP_TO_3D
             self._look(from_above(center_m, self._up_rad(), half_height_m))
-            return
-        pose = from_behind(center_m, self._focal_pose()[1])
-        scale = former.half_height_m / (TOP_TO_3D * pose.half_height_m)
-        look = np.subtract(pose.position_m, pose.look_at_m)
-        self._look(replace(pose, position_m=vector(pose.look_at_m + scale * look)))
+        else:
+            pose = from_behind(center_m, self._focal_pose()[1])
+            scale = former.half_height_m / (TOP_TO_3D * pose.half_height_m)
+            look = np.subtract(pose.position_m, pose.look_at_m)
+            self._look(replace(pose, position_m=vector(pose.look_at_m + scale * look)))
+        self._on_switch()
 
     def turn(self) -> None:
         """Top view: north up or heading up; 3-D view: look north."""

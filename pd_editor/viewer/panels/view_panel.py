@@ -5,6 +5,7 @@ from typing import Final
 
 import viser
 
+from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.meshes.road_mesh import Layer
 from pd_editor.viewer.state.ui_context import UiContext
 
@@ -23,9 +24,8 @@ class ViewPanel:
     def __init__(
         self,
         ui: UiContext,
+        viewpoint: Viewpoint,
         *,
-        is_dark: bool,
-        on_camera: Callable[[str], None],
         on_theme: Callable[[bool], None],
         on_layer: Callable[[Layer, bool], None],
         on_ribbons: Callable[[bool], None],
@@ -33,14 +33,19 @@ class ViewPanel:
     ) -> None:
         """Build it into the current tab."""
         gui = ui.client.gui
-        for label, icon, hint in (
-            ("3-D view", viser.Icon.CUBE, "V switches"),
-            ("Top view", viser.Icon.MAP, "V switches; drag draws a selection box"),
-            ("Frame selection", viser.Icon.FOCUS_2, "F"),
+        for label, icon, hint, show in (
+            ("3-D view", viser.Icon.CUBE, "V switches", viewpoint.show_3d),
+            (
+                "Top view",
+                viser.Icon.MAP,
+                "V switches; drag draws a selection box",
+                viewpoint.show_top,
+            ),
+            ("Frame selection", viser.Icon.FOCUS_2, "F", viewpoint.frame_selection),
         ):
             button = gui.add_button(label, icon=icon, color="gray", hint=hint)
-            ui.on_click(button, lambda label=label: on_camera(label))
-        theme = gui.add_checkbox("Dark theme", is_dark)
+            ui.on_click(button, show)
+        theme = gui.add_checkbox("Dark theme", ui.workspace.is_dark)
         ui.on_change(theme, on_theme)
         compare = gui.add_checkbox(
             "Compare with the original", False, hint="Hold O for a short look"

@@ -92,7 +92,7 @@ def guided(tab: FakeTab) -> FakeTab:
         generator="ready",
         guidance=(report,),
     )
-    run = tab.tab._generation_panel._result
+    run = tab.tab.panels.generation._result
     task = GenerationInput(
         base=scenario,
         request=GenerationRequest(scenario=scenario, agent_ids=(agent_id,)),
@@ -102,7 +102,7 @@ def guided(tab: FakeTab) -> FakeTab:
 
 
 def panel(tab: FakeTab) -> dict:
-    return json.loads(tab.tab._overlay._shown["guidance_panel"])
+    return json.loads(tab.tab.overlay._shown["guidance_panel"])
 
 
 def speed(tab: FakeTab) -> float:
@@ -127,7 +127,7 @@ def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
 
 
 def test_the_unguided_sample_is_taken_and_undone(guided: FakeTab):
-    panel_ = guided.tab._steering._panel
+    panel_ = guided.tab.modes.steering._panel
     count = len(guided.session.entries)
     guided.run(lambda: panel_._heard({"kind": "take"}))
     assert speed(guided) == 3.0
@@ -167,9 +167,9 @@ def test_contradictions_are_told_beside_the_terms_and_before_a_run(
     told: list[str] = []
     monkeypatch.setattr(tab.ui, "notify", lambda _title, body="", *_: told.append(body))
     monkeypatch.setattr(
-        tab.tab._generation_panel._result, "start", lambda *_: told.append("started")
+        tab.tab.panels.generation._result, "start", lambda *_: told.append("started")
     )
-    tab.run(tab.tab._generation_panel.regenerate)
+    tab.run(tab.tab.panels.generation.regenerate)
     assert "above its speed limit" in told[0]
     assert told[1] == "started"
     # A term that is switched off contradicts nothing.
@@ -191,7 +191,7 @@ def test_a_goal_that_is_dragged_too_far_is_told_during_the_drag(tab: FakeTab):
     tab.run(lambda: tab.ui.preview("a drag", command, has_end=True))
     (note,) = panel(tab)["rows"][0]["notes"]
     assert "move it" in note["text"]
-    (mark,) = json.loads(tab.tab._overlay._shown["guidance_marks"])["marks"]
+    (mark,) = json.loads(tab.tab.overlay._shown["guidance_marks"])["marks"]
     assert mark["isBad"]
     assert note["text"] in mark["lines"]
     tab.run(tab.ui.abort_gesture)

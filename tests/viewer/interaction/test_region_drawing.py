@@ -32,7 +32,7 @@ def test_a_square_without_room_is_refused():
 
 
 def test_a_drawn_region_is_where_agents_are_replaced(tab: FakeTab):
-    drawing, panel = tab.tab._region, tab.tab._generation_panel
+    drawing, panel = tab.tab.modes.region, tab.tab.panels.generation
     scenario = tab.session.scenario
     tab.run(drawing.toggle)
     assert panel._where.value == IN_REGION
@@ -57,7 +57,11 @@ def test_a_drawn_region_is_where_agents_are_replaced(tab: FakeTab):
 
 
 def test_modes_end_each_other_and_escape_ends_the_drawing(tab: FakeTab):
-    drawing, placing, measure = tab.tab._region, tab.tab._placing, tab.tab._measure
+    drawing, placing, measure = (
+        tab.tab.modes.region,
+        tab.tab.modes.placing,
+        tab.tab.modes.measure,
+    )
     tab.run(placing.toggle)
     tab.run(drawing.toggle)
     assert not placing.is_active
@@ -65,20 +69,20 @@ def test_modes_end_each_other_and_escape_ends_the_drawing(tab: FakeTab):
     assert not drawing.is_active
     tab.run(drawing.toggle)
     assert not measure.is_active
-    tab.run(tab.tab._escape)
+    tab.run(tab.tab.escape)
     assert not drawing.is_active
-    assert tab.tab._generation_panel._where.value == AROUND_TRAFFIC
+    assert tab.tab.panels.generation._where.value == AROUND_TRAFFIC
 
 
 def test_without_a_region_the_panel_says_what_to_do(tab: FakeTab):
-    panel = tab.tab._generation_panel
+    panel = tab.tab.panels.generation
     panel._where.value = IN_REGION
     with pytest.raises(GenerationError, match="Press 'Draw a region'"):
         panel._region()
 
 
 def test_another_scene_has_no_region_yet(tab: FakeTab):
-    drawing = tab.tab._region
+    drawing = tab.tab.modes.region
     drawing.region = Region(center_m=(0.0, 0.0), half_side_m=20.0)
     tab.run(lambda: tab.tab._workspace.open_reference("roundabout"))
     assert drawing.region is None

@@ -55,17 +55,17 @@ def test_an_update_of_150_agents_is_fast():
 
 
 def test_nothing_is_sent_while_the_list_is_closed(tab: FakeTab):
-    shown = tab.tab._overlay._shown
+    shown = tab.tab.overlay._shown
     tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids))
     assert "agents" not in shown
-    tab.run(tab.tab._agent_list.toggle)
+    tab.run(tab.tab.agent_list.toggle)
     assert '"isOpen":true' in shown["agents"]
-    tab.run(tab.tab._agent_list.toggle)
+    tab.run(tab.tab.agent_list.toggle)
     assert shown["agents"] == '{"isOpen":false}'
 
 
 def test_events_select_by_row_and_late_ones_are_dropped(tab: FakeTab):
-    ids, agents = tab.session.scenario.agents.ids, tab.tab._agent_list
+    ids, agents = tab.session.scenario.agents.ids, tab.tab.agent_list
     tab.run(agents.toggle)
     number = agents._number
     select = {"kind": "select", "number": number}
@@ -76,6 +76,6 @@ def test_events_select_by_row_and_late_ones_are_dropped(tab: FakeTab):
     tab.run(lambda: agents._used({**select, "number": number - 1, "rows": [1]}))
     assert tab.session.selection == (ids[0],)
     tab.run(lambda: agents._used({"kind": "point", "number": number, "row": 1}))
-    assert tab.tab._pointed_id == ids[1]
+    assert tab.tab.picture._pointed_id == ids[1]
     tab.run(lambda: agents._used({"kind": "close"}))
-    assert tab.tab._pointed_id is None
+    assert tab.tab.picture._pointed_id is None

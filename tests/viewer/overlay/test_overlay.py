@@ -30,7 +30,7 @@ def test_the_frame_comes_before_the_elements():
 
 
 def test_events_reach_their_element_alone(tab):
-    overlay, heard = tab.tab._overlay, []
+    overlay, heard = tab.tab.overlay, []
     overlay.on("probe", heard.append)
     for event in ({"kind": "a"}, {"kind": "b", "at": [1, 2]}):
         message = json.dumps({"number": 1, "element": "probe", "event": event})
@@ -53,14 +53,14 @@ def test_events_reach_their_element_alone(tab):
 )
 def test_garbage_is_dropped(tab, text):
     heard = []
-    tab.tab._overlay.on("probe", heard.append)
-    tab.run(lambda: tab.tab._overlay._heard(text))
+    tab.tab.overlay.on("probe", heard.append)
+    tab.run(lambda: tab.tab.overlay._heard(text))
     assert heard == []
     assert tab.run(lambda: "still working") == "still working"
 
 
 def test_an_element_is_sent_again_only_when_it_changes(tab, monkeypatch):
-    overlay, sent = tab.tab._overlay, []
+    overlay, sent = tab.tab.overlay, []
     monkeypatch.setattr(overlay, "_run", sent.append)
     for state in ({"a": 1}, {"a": 1}, {"a": 2}):
         overlay.show("probe", state)

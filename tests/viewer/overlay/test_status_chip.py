@@ -17,7 +17,7 @@ def tab(tmp_path_factory):
 
 def test_a_row_never_offers_what_helps_against_another(tab, monkeypatch):
     """A press on such a button did nothing, or would have cured another problem."""
-    session, chip, watch = tab.session, tab.tab._chip, tab.tab._problems
+    session, chip, watch = tab.session, tab.tab.chip, tab.tab.problems
     agents, now = session.scenario.agents, session.scenario.current_step
     ids = [
         n for n, there in zip(agents.ids, agents.is_valid[:, now], strict=True) if there
@@ -30,7 +30,7 @@ def test_a_row_never_offers_what_helps_against_another(tab, monkeypatch):
         for name in ("copy-0", "copy-1")
     )
     shown = []
-    overlay = tab.tab._overlay
+    overlay = tab.tab.overlay
     real = overlay.show
 
     def show(element, state):

@@ -23,7 +23,7 @@ def select(tab: FakeTab, *agent_ids: str) -> None:
 
 def test_fields_that_differ_are_empty_and_apply_to_all(tab: FakeTab):
     """(D32)"""
-    panel, ids = tab.tab._agent_panel, tab.session.scenario.agents.ids
+    panel, ids = tab.tab.panels.agent, tab.session.scenario.agents.ids
     tab.run(lambda: tab.ui.apply(SetAgentKind(agent_ids=ids[1:], kind=AgentKind.BUS)))
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[1:], speed_mps=3.0)))
     select(tab, *ids)
@@ -44,7 +44,7 @@ def test_fields_that_differ_are_empty_and_apply_to_all(tab: FakeTab):
 
 
 def test_activities_are_shown_and_set(tab: FakeTab):
-    panel, ids = tab.tab._agent_panel, tab.session.scenario.agents.ids
+    panel, ids = tab.tab.panels.agent, tab.session.scenario.agents.ids
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[:1], speed_mps=0.0)))
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[1:2], speed_mps=5.0)))
     select(tab, ids[0])
@@ -67,7 +67,7 @@ def test_activities_are_shown_and_set(tab: FakeTab):
 
 def test_without_a_selection_fields_are_empty_and_off(tab: FakeTab):
     """(D32)"""
-    panel, ids = tab.tab._agent_panel, tab.session.scenario.agents.ids
+    panel, ids = tab.tab.panels.agent, tab.session.scenario.agents.ids
     select(tab, ids[0])
     assert panel._kind.value == "vehicle"
     assert SIZE_NOTE in panel._size_note.text
@@ -87,7 +87,7 @@ def test_a_trajectory_that_no_longer_fits_is_told(tab: FakeTab):
     now = tab.session.scenario.current_step
     x, y = tab.session.scenario.agents.position_m[1, now]
     moved = SetAgentPosition(agent_id=second, x_m=float(x) + 8.0, y_m=float(y))
-    panel, agents = tab.tab._agent_panel, tab.tab._agent_list
+    panel, agents = tab.tab.panels.agent, tab.tab.agent_list
     # Both have a problem later; only the second one's trajectory was carried along.
     agents._problems = lambda: ((first, second), (first, second))
     tab.run(lambda: tab.ui.apply(moved))
@@ -99,7 +99,7 @@ def test_a_trajectory_that_no_longer_fits_is_told(tab: FakeTab):
 
 
 def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):
-    panel, scenario = tab.tab._agent_panel, tab.session.scenario
+    panel, scenario = tab.tab.panels.agent, tab.session.scenario
     select(tab, scenario.focal_id)
     button = panel._actions["Make focal"]
     assert (button.disabled, button.label) == (True, "Is the focal agent")

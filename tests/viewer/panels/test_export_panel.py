@@ -17,11 +17,11 @@ def test_a_disk_that_fails_is_told_until_it_works_again(tmp_path: Path):
     library = tmp_path / "library"
     library.write_text("in the way")
     with running_app(library, "crosswalk") as app, connected_tab(app) as tab:
-        panel, session = tab.tab._export_panel, tab.session
+        panel, session = tab.tab.panels.export, tab.session
 
         def told() -> str:
             """What the red line on the picture says."""
-            return json.loads(tab.tab._overlay._shown["status"])["unsaved"]
+            return json.loads(tab.tab.overlay._shown["status"])["unsaved"]
 
         assert told() == ""
         command = SetAgentSpeed(agent_ids=(session.scenario.focal_id,), speed_mps=3.0)
@@ -47,7 +47,7 @@ def test_an_ego_and_a_focal_agent_that_are_missing_are_told(tmp_path: Path):
         running_app(tmp_path / "library", "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
-        text = tab.tab._export_panel._preflight
+        text = tab.tab.panels.export._preflight
         assert text.text.startswith("focal agent ok · ego ok · ")
         tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=("AV",))))
         assert "ego missing" in text.text
@@ -61,7 +61,7 @@ def test_what_is_typed_while_the_panel_is_shown_again_is_not_lost(tmp_path: Path
         running_app(tmp_path / "library", "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
-        panel, session = tab.tab._export_panel, tab.session
+        panel, session = tab.tab.panels.export, tab.session
 
         def arrives(handle: Any, text: str) -> None:
             # As viser does when a browser's message comes: first the value, then this.

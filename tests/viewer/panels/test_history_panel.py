@@ -13,12 +13,12 @@ def edit(tab: FakeTab, count: int) -> None:
 
 
 def texts(tab: FakeTab) -> list[str]:
-    return [row.label for row in tab.tab._history_panel._rows]
+    return [row.label for row in tab.tab.panels.history._rows]
 
 
 def test_pages_reach_every_edit_and_rows_keep_their_place(tab):
     """(D28)"""
-    panel = tab.tab._history_panel
+    panel = tab.tab.panels.history
     edit(tab, 30)
     first = texts(tab)
     assert first[0].startswith("\N{BLACK RIGHT-POINTING TRIANGLE} 30. Set agent")
@@ -51,7 +51,7 @@ def test_pages_reach_every_edit_and_rows_keep_their_place(tab):
 def test_a_selection_does_not_turn_the_page(tab):
     """(D28)"""
     edit(tab, 20)
-    panel = tab.tab._history_panel
+    panel = tab.tab.panels.history
     tab.run(lambda: panel._turn_page(OLDER))
     shown = texts(tab)
     tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids))
@@ -62,7 +62,7 @@ def test_a_selection_does_not_turn_the_page(tab):
 
 def test_a_page_that_is_not_offered_is_not_turned_to(tab: FakeTab, caplog):
     """It was a KeyError in the server's log (5 of 200 random sessions)."""
-    panel = tab.tab._history_panel
+    panel = tab.tab.panels.history
     page = panel._page
     tab.run(lambda: panel._turn_page("True"))
     assert panel._page == page

@@ -22,7 +22,7 @@ from tests.viewer.fake_browser import FakeTab, until
 
 @pytest.fixture
 def panel(tab: FakeTab):
-    return tab.tab._road_panel
+    return tab.tab.panels.road
 
 
 def bend(tab: FakeTab, panel, power: float = 4.0, length_m: float | None = None):
@@ -39,7 +39,7 @@ def test_shape_follows_undo_and_redo(tab: FakeTab, panel):
     length = panel._length["ripple-road"]
     bend(tab, panel)
     bend(tab, panel, length_m=5.0)
-    history = tab.tab._history_panel
+    history = tab.tab.panels.history
     tab.run(history.undo)
     assert length.value == 60.0
     tab.run(history.undo)
@@ -57,7 +57,7 @@ def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
 ):
     """A rest of a second within one drag made two; a drag of its own is one of its own."""
     power, session = panel._power["ripple-road"], tab.session
-    side_panel = tab.tab._overlay._handlers["panel"]
+    side_panel = tab.tab.overlay._handlers["panel"]
     num_edits = len(session.entries)
     monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 0.1)
     monkeypatch.setattr(ui_module, "LAST_VALUE_S", 60.0)

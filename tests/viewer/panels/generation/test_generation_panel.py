@@ -57,7 +57,7 @@ def tab(tmp_path, placing):
 
 
 def run_to_end(tab: FakeTab, start: Callable[[], None]) -> None:
-    panel = tab.tab._generation_panel
+    panel = tab.tab.panels.generation
     tab.run(start)
     deadline = time.monotonic() + 90
     while panel._result.is_running and time.monotonic() < deadline:
@@ -70,7 +70,7 @@ def labels(tab: FakeTab) -> list[str]:
 
 
 def test_options_reach_the_request(tab, placing):
-    panel = tab.tab._generation_panel
+    panel = tab.tab.panels.generation
     panel._steps.value, panel._guidance.value, panel._samples.value = 9, 0.7, 3
     run_to_end(tab, panel.regenerate)
     (request,) = placing.requests
@@ -83,14 +83,14 @@ def test_options_reach_the_request(tab, placing):
 
 
 def test_untouched_guidance_is_the_models_own_choice(tab, placing):
-    panel = tab.tab._generation_panel
+    panel = tab.tab.panels.generation
     run_to_end(tab, panel.regenerate)
     (request,) = placing.requests
     assert not request.guidance
 
 
 def test_a_plain_generator_is_offered_without_what_it_does_not_know(tab, placing):
-    panel = tab.tab._generation_panel
+    panel = tab.tab.panels.generation
     assert (panel._steps.value, panel._guidance.value) == (6, 0.4)
     panel._model.value = "plain"
     tab.run(panel._show_options)
@@ -103,7 +103,7 @@ def test_a_plain_generator_is_offered_without_what_it_does_not_know(tab, placing
 
 
 def test_all_agents_are_replaced_by_as_many_as_there_were(tab, placing):
-    panel, before = tab.tab._generation_panel, tab.session.scenario
+    panel, before = tab.tab.panels.generation, tab.session.scenario
     panel._keeps_focal.value = False
     tab.run(panel._show_counts)
     assert panel._counts[AgentKind.VEHICLE].value == 2
@@ -116,13 +116,13 @@ def test_all_agents_are_replaced_by_as_many_as_there_were(tab, placing):
     assert after.focal_id in after.agents.ids
     assert after.focal_id != before.focal_id
     assert labels(tab) == ["Resample 2 agents (placing, seed 0)"]
-    tab.run(tab.tab._history_panel.undo)
+    tab.run(tab.tab.panels.history.undo)
     assert tab.session.scenario is before
 
 
 def test_the_focal_agent_and_the_ego_stay_unless_told_otherwise(tab, placing):
     """(D2, D6): Resample took both away without a word."""
-    panel, before = tab.tab._generation_panel, tab.session.scenario
+    panel, before = tab.tab.panels.generation, tab.session.scenario
     assert panel._counts[AgentKind.VEHICLE].value == 1
     run_to_end(tab, panel.resample)
     (request,) = placing.requests
@@ -135,9 +135,9 @@ def test_the_focal_agent_and_the_ego_stay_unless_told_otherwise(tab, placing):
 
 
 def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
-    panel = tab.tab._generation_panel
+    panel = tab.tab.panels.generation
     tab.run(lambda: tab.ui.apply(RemoveAllAgents()))
-    tab.run(lambda: tab.tab._problems.check(with_future=True))
+    tab.run(lambda: tab.tab.problems.check(with_future=True))
     panel._counts[AgentKind.VEHICLE].value = 0
     with pytest.raises(GenerationError, match="how many agents"):
         tab.run(panel.resample)
@@ -149,7 +149,7 @@ def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
 
 
 def test_the_model_may_choose_how_many(tab, placing):
-    panel = tab.tab._generation_panel
+    panel = tab.tab.panels.generation
     panel._fits.value = True
     panel._moving.value = "A quarter"
     panel._only_on_road.value = True
@@ -168,7 +168,7 @@ def test_the_model_may_choose_how_many(tab, placing):
 
 
 def test_a_selected_agent_gets_a_new_state_and_the_rest_stays(tab, placing):
-    panel, before = tab.tab._generation_panel, tab.session.scenario
+    panel, before = tab.tab.panels.generation, tab.session.scenario
     panel._which.value = REDRAW_SELECTION
     with pytest.raises(GenerationError, match="Nothing is selected"):
         tab.run(panel.resample)
@@ -185,7 +185,7 @@ def test_a_selected_agent_gets_a_new_state_and_the_rest_stays(tab, placing):
 
 
 def test_agents_are_added_where_one_looks(tab, placing):
-    panel, before = tab.tab._generation_panel, tab.session.scenario
+    panel, before = tab.tab.panels.generation, tab.session.scenario
     panel._which.value, panel._where.value = ADD_AGENTS, AROUND_VIEW
     tab.run(panel._show_counts)
     panel._counts[AgentKind.CYCLIST].value = 1
@@ -198,7 +198,7 @@ def test_agents_are_added_where_one_looks(tab, placing):
 
 
 def test_another_sample_takes_the_place_of_the_first(tab, placing):
-    panel = tab.tab._generation_panel
+    panel = tab.tab.panels.generation
     panel._samples.value, panel._keeps_focal.value = 3, False
     tab.run(panel._show_counts)
     run_to_end(tab, panel.resample)
@@ -230,7 +230,7 @@ def test_models_of_a_users_own_are_offered_first(tmp_path):
         running_app(tmp_path / "library", "crosswalk", models=(mine,)) as app,
         connected_tab(app) as tab,
     ):
-        panel = tab.tab._generation_panel
+        panel = tab.tab.panels.generation
         assert panel._model.options[:2] == ("mine", generators.SHIPPED_MODEL)
         run_to_end(tab, panel.regenerate)
         (entry,) = tab.session.entries
@@ -248,7 +248,7 @@ def test_plugins_are_offered_with_their_origin_and_broken_folders_are_listed(tmp
         ) as app,
         connected_tab(app) as tab,
     ):
-        panel = tab.tab._generation_panel
+        panel = tab.tab.panels.generation
         assert plugin in panel._model.options
         assert "damaged_one" not in panel._model.options
         (shown,) = (handle.content for handle in panel._unusable)
@@ -262,7 +262,7 @@ def test_plugins_are_offered_with_their_origin_and_broken_folders_are_listed(tmp
 
 
 def test_the_quality_of_resampled_states_reaches_the_request(tab, placing):
-    panel = tab.tab._generation_panel
+    panel = tab.tab.panels.generation
     run_to_end(tab, panel.resample)
     panel._quality.value = "High, slower"
     run_to_end(tab, panel.resample)

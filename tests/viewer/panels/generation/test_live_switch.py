@@ -47,12 +47,12 @@ def tab(app):
 
 
 def reacting(tab: FakeTab) -> tuple[str, ...]:
-    switch = tab.tab._generation_panel.live_switch
+    switch = tab.tab.panels.generation.live_switch
     return tab.run(lambda: switch.reacting_ids(tab.session.scenario))
 
 
 def choose(tab: FakeTab, scope: str) -> None:
-    tab.run(lambda: tab.tab._generation_panel.live_switch._scope_chosen(scope))
+    tab.run(lambda: tab.tab.panels.generation.live_switch._scope_chosen(scope))
 
 
 def move(tab: FakeTab, agent_id: str, dx_m: float) -> None:
@@ -62,7 +62,7 @@ def move(tab: FakeTab, agent_id: str, dx_m: float) -> None:
 
 def generate(tab: FakeTab) -> None:
     position = tab.session.state.position
-    tab.run(tab.tab._generation_panel.regenerate)
+    tab.run(tab.tab.panels.generation.regenerate)
     until(lambda: tab.session.state.position == position + 1)
     # The position changes before the scenario: wait for the end of the message.
     tab.run(lambda: None)
@@ -98,8 +98,8 @@ def test_a_gesture_becomes_one_entry_with_the_reaction(tab: FakeTab):
     entry = tab.session.entries[1]
     assert isinstance(entry.command, RegeneratedEdit)
     assert entry.command.edit == TransformAgents(agent_ids=(first,), dx_m=1.5)
-    assert tab.tab._generation_panel.run_state is None
-    tab.run(tab.tab._history_panel.undo)
+    assert tab.tab.panels.generation.run_state is None
+    tab.run(tab.tab.panels.history.undo)
     assert tab.session.scenario is before
 
 
@@ -113,12 +113,12 @@ def test_while_the_reaction_is_awaited_another_edit_commits_what_is_shown(
     move(tab, first, 1.0)
     tab.run(tab.ui.end_gesture)
     assert tab.ui.gesture == "refining"
-    assert tab.tab._generation_panel.run_state.text == "Refining ..."
+    assert tab.tab.panels.generation.run_state.text == "Refining ..."
     move(tab, second, 2.0)
     assert [one.command for one in tab.session.entries[1:]] == [
         TransformAgents(agent_ids=(first,), dx_m=1.0)
     ]
-    tab.run(tab.tab._escape)
+    tab.run(tab.tab.escape)
     gate.set()
     assert len(tab.session.entries) == 2
     assert not tab.session.state.is_previewing
@@ -128,7 +128,7 @@ def test_while_the_reaction_is_awaited_another_edit_commits_what_is_shown(
     before = tab.session.scenario
     move(tab, first, 3.0)
     tab.run(tab.ui.end_gesture)
-    tab.run(tab.tab._escape)
+    tab.run(tab.tab.escape)
     assert tab.session.scenario is before
     gate.set()
     assert len(tab.session.entries) == 2
@@ -140,7 +140,7 @@ def test_while_the_reaction_is_awaited_another_edit_commits_what_is_shown(
     tab.run(lambda: tab.session.select((second,)))
     assert len(tab.session.entries) == 3
     assert tab.ui.gesture is None
-    tab.run(tab.tab._escape)
+    tab.run(tab.tab.escape)
     assert tab.session.selection == ()
     assert len(tab.session.entries) == 3
     gate.set()
@@ -149,13 +149,13 @@ def test_while_the_reaction_is_awaited_another_edit_commits_what_is_shown(
 def test_switched_off_nothing_reacts_and_the_workspace_remembers_it(tab: FakeTab):
     generate(tab)
     first, _ = tab.session.scenario.agents.ids
-    tab.run(tab.tab._generation_panel.live_switch.toggle)
+    tab.run(tab.tab.panels.generation.live_switch.toggle)
     move(tab, first, 1.0)
     tab.run(tab.ui.end_gesture)
     assert tab.session.entries[1].command == TransformAgents(
         agent_ids=(first,), dx_m=1.0
     )
     assert not tab.tab._workspace.view.is_live
-    tools = json.loads(tab.tab._overlay._shown["toolbar"])["tools"]
+    tools = json.loads(tab.tab.overlay._shown["toolbar"])["tools"]
     (live,) = [one for one in tools if one["icon"] == "live"]
     assert live["isActive"] is False

@@ -9,18 +9,13 @@ from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.paths.suggested_state import suggested_heading
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.locks import STATE_LOCK
-from pd_editor.viewer.guidance.steering import Steering
 from pd_editor.viewer.interaction.context_menu import Menu, MenuItem
 from pd_editor.viewer.interaction.picking import PointerRay, agent_under
-from pd_editor.viewer.interaction.placing import PlacingMode
 from pd_editor.viewer.interaction.selecting import Selecting
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
-from pd_editor.viewer.overlay.measure import Measure
-from pd_editor.viewer.panels.agent_panel import AgentPanel
-from pd_editor.viewer.panels.generation.candidates_panel import CandidatesPanel
-from pd_editor.viewer.panels.generation.generation_panel import GenerationPanel
-from pd_editor.viewer.panels.road_panel import RoadPanel
 from pd_editor.viewer.state.ui_context import UiContext
+from pd_editor.viewer.tab.control_panel import ControlPanel
+from pd_editor.viewer.tab.modes import Modes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,24 +24,14 @@ class PictureMenu:
 
     ui: UiContext
     poses: Callable[[], AgentPoses | None]
-    placing: PlacingMode
     selecting: Selecting
-    agent_panel: AgentPanel
-    candidates_panel: CandidatesPanel
-    generation_panel: GenerationPanel
-    road_panel: RoadPanel
-    measure: Measure
-    steering: Steering
+    modes: Modes
+    panels: ControlPanel
 
     def at(self, ray: PointerRay) -> Menu | None:
         """The menu of an agent or of the road; none while clicks mean something else."""
         poses = self.poses()
-        is_busy = (
-            self.placing.is_active
-            or self.measure.is_active
-            or self.steering.mode.is_active
-        )
-        if is_busy or poses is None:
+        if self.modes.is_any_active or poses is None:
             return None
         row = agent_under(self.ui.session.scenario.agents, poses, ray)
         if row is not None:
@@ -75,12 +60,12 @@ class PictureMenu:
             MenuItem(label="Select all of this kind", act=self.selecting.same_kind),
             MenuItem(
                 label="Make focal",
-                act=self.agent_panel.make_focal,
+                act=self.panels.agent.make_focal,
                 is_enabled=is_one and agent_id != scenario.focal_id,
             ),
             MenuItem(
                 label="Possible trajectories",
-                act=self.candidates_panel.toggle_candidates,
+                act=self.panels.candidates.toggle_candidates,
                 is_enabled=is_one and is_there,
                 key="G",
             ),
@@ -88,32 +73,32 @@ class PictureMenu:
                 label="Regenerate trajectory"
                 if is_one
                 else f"Regenerate {count} trajectories",
-                act=lambda: self.generation_panel.regenerate_agents(session.selection),
+                act=lambda: self.panels.generation.regenerate_agents(session.selection),
                 is_enabled=is_there,
             ),
             *(
-                self.steering.pair_items(former[0], agent_id)
+                self.modes.steering.pair_items(former[0], agent_id)
                 if len(former) == 1 and former != (agent_id,) and is_there
                 else ()
             ),
-            *self.steering.agent_items(is_enabled=is_one and is_there),
+            *self.modes.steering.agent_items(is_enabled=is_one and is_there),
             MenuItem(
                 label="Snap to lane",
-                act=self.agent_panel.snap,
+                act=self.panels.agent.snap,
                 is_enabled=is_there,
                 key="L",
             ),
             *self._lock_items(is_there),
             MenuItem(
                 label="Duplicate",
-                act=self.agent_panel.duplicate,
+                act=self.panels.agent.duplicate,
                 is_enabled=is_there,
                 key="Ctrl+D",
             ),
-            MenuItem(label="Delete", act=self.agent_panel.delete, key="Del"),
+            MenuItem(label="Delete", act=self.panels.agent.delete, key="Del"),
             MenuItem(
                 label="Bend the road from here",
-                act=lambda: self.road_panel.bend_from(pose),
+                act=lambda: self.panels.road.bend_from(pose),
                 is_enabled=is_one and is_there,
             ),
         )
@@ -122,7 +107,7 @@ class PictureMenu:
 
     def _lock_items(self, is_there: bool) -> tuple[MenuItem, ...]:
         """Unlock what is locked; else the three locks."""
-        session, locks = self.ui.session, self.agent_panel.locks
+        session, locks = self.ui.session, self.panels.agent.locks
         if all(name in session.scenario.locks for name in session.selection):
             return (MenuItem(label="Unlock", act=locks.toggle, key="K"),)
         beginning = locks.beginning
@@ -147,22 +132,22 @@ class PictureMenu:
             y_m=float(point_m[1]),
             rotation_rad=suggested_heading(road_map, point_m, AgentKind.VEHICLE),
         )
-        kind = str(self.placing.kind).replace("_", " ")
+        kind = str(self.modes.placing.kind).replace("_", " ")
         return Menu(
             title="Road",
             items=(
-                *self.steering.road_items(point_m),
+                *self.modes.steering.road_items(point_m),
                 MenuItem(
                     label=f"Place a {kind} here",
-                    act=lambda: self.placing.place(point_m),
+                    act=lambda: self.modes.placing.place(point_m),
                 ),
                 MenuItem(
                     label="Bend the road from here",
-                    act=lambda: self.road_panel.bend_from(pose),
+                    act=lambda: self.panels.road.bend_from(pose),
                 ),
                 MenuItem(
                     label="Measure from here",
-                    act=lambda: self.measure.begin_at(point_m),
+                    act=lambda: self.modes.measure.begin_at(point_m),
                     key="M",
                 ),
                 MenuItem(

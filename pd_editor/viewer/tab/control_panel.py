@@ -1,0 +1,136 @@
+"""The control panel of a tab: its panels, by what they work on."""
+
+from collections.abc import Callable
+
+from pd_editor.editor.session import SessionState
+from pd_editor.generators import GeneratorCatalogue
+from pd_editor.viewer.interaction.viewpoint import Viewpoint
+from pd_editor.viewer.overlay.agent_list import AgentList
+from pd_editor.viewer.overlay.banner import Banner
+from pd_editor.viewer.panels.agent_panel import AgentPanel
+from pd_editor.viewer.panels.basket_panel import BasketPanel
+from pd_editor.viewer.panels.dataset_panel import DatasetPanel
+from pd_editor.viewer.panels.export_panel import ExportPanel
+from pd_editor.viewer.panels.generation.candidates_panel import CandidatesPanel
+from pd_editor.viewer.panels.generation.generation_panel import GenerationPanel
+from pd_editor.viewer.panels.history_panel import HistoryPanel
+from pd_editor.viewer.panels.panel_style import PanelStyle
+from pd_editor.viewer.panels.road_panel import RoadPanel
+from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
+from pd_editor.viewer.panels.study_panel import StudyPanel
+from pd_editor.viewer.panels.unfinished_panel import UnfinishedPanel
+from pd_editor.viewer.panels.view_panel import ViewPanel
+from pd_editor.viewer.state.problem_watch import ProblemWatch
+from pd_editor.viewer.state.ui_context import UiContext
+from pd_editor.viewer.tab.modes import Modes
+from pd_editor.viewer.tab.picture import Picture
+from pd_editor.viewer.views.anchor_view import AnchorView
+
+
+class ControlPanel:
+    """All panels of one tab."""
+
+    def __init__(
+        self,
+        ui: UiContext,
+        generators: GeneratorCatalogue,
+        banner: Banner,
+        *,
+        problems: ProblemWatch,
+        picture: Picture,
+        modes: Modes,
+        viewpoint: Viewpoint,
+        agent_list: AgentList,
+        on_theme: Callable[[bool], None],
+        on_run: Callable[[], None],
+    ) -> None:
+        """Build the panels.
+
+        Args:
+            ui: the tab's session and page.
+            generators: what generates traffic.
+            banner: explains what is shown for a choice.
+            problems: problems that an export tells of.
+            picture: what panels switch on and off.
+            modes: the modes that panels start.
+            viewpoint: what panels frame.
+            agent_list: opened by the agent panel.
+            on_theme: called with whether the dark theme was chosen.
+            on_run: called when the state of the generator's run has changed.
+        """
+        gui, style = ui.client.gui, PanelStyle(ui.client.gui)
+        self._agent_list = agent_list
+        self._is_built = False
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Scene"):
+            self.scenario = ScenarioPanel(ui)
+            self.export = ExportPanel(ui, lambda: len(problems.new), self.star)
+            self.unfinished = UnfinishedPanel(ui)
+            self.dataset = DatasetPanel(ui)
+            self.basket = BasketPanel(ui, self.unfinished.refresh)
+        with tabs.add_tab("Road"):
+            self.road = RoadPanel(
+                ui,
+                style,
+                AnchorView(ui.client),
+                on_ghost=picture.map.set_ghost_wanted,
+                on_frame=viewpoint.frame_pose,
+            )
+        with tabs.add_tab("Agents"):
+            self.agent = AgentPanel(ui, modes.placing, banner, agent_list.toggle)
+        with tabs.add_tab("Guide"):
+            modes.steering.build_panel(
+                regenerate=self._regenerate,
+                is_running=lambda: self._is_built and self.generation.is_running,
+            )
+        with tabs.add_tab("Drive"):
+            self.candidates = CandidatesPanel(
+                ui, picture.candidates, modes.steering.mode.follow_path
+            )
+            self.generation = GenerationPanel(
+                ui,
+                generators,
+                lambda: picture.look_at_m,
+                modes.region,
+                picture.samples,
+                on_run,
+            )
+        with tabs.add_tab("Study"):
+            self.study = StudyPanel(ui, generators.offers)
+        with tabs.add_tab("History"):
+            self.history = HistoryPanel(ui, style)
+        with tabs.add_tab("View"):
+            ViewPanel(
+                ui,
+                viewpoint,
+                on_theme=on_theme,
+                on_layer=picture.map.set_layer_visible,
+                on_ribbons=picture.ribbons.set_visible,
+                on_compare=picture.comparison.keep,
+            )
+        # A search that finished under an earlier connection gives no new event.
+        self.dataset.show()
+        self._is_built = True
+
+    def show(self, state: SessionState) -> None:
+        """Show a state of the session in all panels."""
+        scenario, selection = state.scenario, state.selection
+        self.scenario.show(scenario)
+        self.export.show(scenario)
+        self.road.show(scenario, selection)
+        self.agent.show(scenario, selection, self._agent_list.stale_ids())
+        self.candidates.show(scenario, selection)
+        self.generation.show(scenario)
+        self.history.show()
+
+    def close(self) -> None:
+        """End what panels run."""
+        self.generation.close()
+        self.study.close()
+
+    def star(self) -> None:
+        """Put the current state into the basket."""
+        self.basket.star()
+
+    def _regenerate(self) -> None:
+        self.generation.regenerate()
