@@ -5,8 +5,15 @@ from typing import Final
 
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.commands.motion import SlowToComfort
 from pd_editor.editor.commands.poses import SnapToLane
-from pd_editor.editor.problem_cures import Cure, cures, regenerations, removals
+from pd_editor.editor.problem_cures import (
+    Cure,
+    cures,
+    regenerations,
+    removals,
+    yielding,
+)
 from pd_editor.errors import PdEditorError
 from pd_editor.metrics.findings import Finding
 from pd_editor.metrics.scorecard import scorecard
@@ -26,6 +33,7 @@ _PROBLEMS: Final[dict[str, frozenset[ProblemKind]]] = {
 def finding_cures(
     scenario: Scenario,
     finding: Finding,
+    alike: Collection[Finding],
     untouched: Collection[str] = (),
 ) -> tuple[Cure, ...]:
     """Find cures of one finding.
@@ -37,9 +45,10 @@ def finding_cures(
     Args:
         scenario: scenario with the finding.
         finding: finding to cure.
+        alike: all findings of its metric, including this one.
         untouched: ids of agents that move as recorded.
     """
-    if not finding.is_fault:
+    if not finding.is_fault and finding.metric != "lateral_deviation_mean":
         return ()
     problems = scene_problems(scenario)
     problem = _problem_of(finding, problems)
@@ -48,7 +57,7 @@ def finding_cures(
     count = len(problems)
     offered = [
         cure
-        for cure in _tried(scenario, finding)
+        for cure in _tried(scenario, finding, alike)
         if _helps(scenario, finding, cure.command, count)
     ]
     ids = (finding.agent_id,)
@@ -69,12 +78,25 @@ def _problem_of(
     return next(found, None)
 
 
-def _tried(scenario: Scenario, finding: Finding) -> Iterator[Cure]:
+def _tried(
+    scenario: Scenario, finding: Finding, alike: Collection[Finding]
+) -> Iterator[Cure]:
     agents, name = scenario.agents, finding.agent_id
-    if agents.kind_mask(LANE_FOLLOWER_KINDS)[agents.row_of[name]]:
-        yield Cure(
-            label=f"Snap {name} to its lane", command=SnapToLane(agent_ids=(name,))
-        )
+    follows = bool(agents.kind_mask(LANE_FOLLOWER_KINDS)[agents.row_of[name]])
+    if finding.metric in ("uncomfortable", "impossible"):
+        smooth = SlowToComfort(agent_ids=(name,))
+        yield Cure(label=f"Smooth the motion of {name}", command=smooth)
+        all_ids = tuple(one.agent_id for one in alike)
+        if len(all_ids) > 1:
+            yield Cure(
+                label=f"Smooth all {len(all_ids)}",
+                command=SlowToComfort(agent_ids=all_ids),
+            )
+    elif finding.metric == "critical_time_to_collision":
+        yield from yielding((name,))
+    elif finding.metric in ("off_drivable", "lateral_deviation_mean") and follows:
+        snap = SnapToLane(agent_ids=(name,))
+        yield Cure(label=f"Snap {name} to its lane", command=snap)
 
 
 def _helps(

@@ -7,7 +7,7 @@ from typing import Final
 from pd_editor.editor.commands.agents import DeleteAgents
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
-from pd_editor.editor.commands.motion import SlowToFrictionLimit
+from pd_editor.editor.commands.motion import SlowToFrictionLimit, YieldToOthers
 from pd_editor.editor.commands.poses import SnapToLane
 from pd_editor.editor.commands.road import SetRoadWarp
 from pd_editor.errors import PdEditorError
@@ -107,6 +107,8 @@ def _tried(
             )
         yield Cure(label="Reset the road", command=SetRoadWarp(warp=None))
     else:
+        if problem.kind == "later-collision":
+            yield from yielding(problem.agent_ids)
         agents, now = scenario.agents, scenario.current_step
         follows = agents.kind_mask(LANE_FOLLOWER_KINDS)
         for name in problem.agent_ids:
@@ -116,6 +118,12 @@ def _tried(
                     label=f"Snap {name} to its lane",
                     command=SnapToLane(agent_ids=(name,)),
                 )
+
+
+def yielding(agent_ids: tuple[str, ...]) -> Iterator[Cure]:
+    """Offer that each of some agents yields."""
+    for name in agent_ids:
+        yield Cure(label=f"Let {name} yield", command=YieldToOthers(agent_ids=(name,)))
 
 
 def _helps(

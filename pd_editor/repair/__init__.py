@@ -1,6 +1,7 @@
-"""Post-processing of scenes: snap to lanes, separate overlaps, limit speeds, yield."""
+"""Post-processing of scenes: snap to lanes, separate overlaps, limit speeds, smooth motion, yield."""
 
 from pd_editor.repair.braking_speeds import slow_for_gaps
+from pd_editor.repair.comfort_retiming import retime_for_comfort
 from pd_editor.repair.lane_projection import project_to_lanes
 from pd_editor.repair.repair_report import RepairChange, RepairProblem, RepairReport
 from pd_editor.repair.repair_scene import repair_scene
@@ -13,6 +14,7 @@ __all__ = [
     "RepairReport",
     "project_to_lanes",
     "repair_scene",
+    "retime_for_comfort",
     "retime_trajectories",
     "separate_overlaps",
     "slow_for_gaps",

@@ -49,8 +49,24 @@ def drivable_speed(
 
     Braking ahead of a limit and acceleration after it are those of normal driving.
     """
-    squared = (_MARGIN * limit_mps) ** 2
-    braking, gaining = 2 * BRAKING_MPS2 * along_m, 2 * ACCELERATION_MPS2 * along_m
+    return highest_speed(
+        along_m,
+        _MARGIN * limit_mps,
+        braking_mps2=BRAKING_MPS2,
+        acceleration_mps2=ACCELERATION_MPS2,
+    )
+
+
+def highest_speed(
+    along_m: Float[np.ndarray, "G H"],
+    limit_mps: Float[np.ndarray, "G H"],
+    *,
+    braking_mps2: float,
+    acceleration_mps2: float,
+) -> Float[np.ndarray, "G H"]:
+    """Highest speed at each point that keeps all limits by braking and accelerating."""
+    squared = limit_mps**2
+    braking, gaining = 2 * braking_mps2 * along_m, 2 * acceleration_mps2 * along_m
     ahead = np.minimum.accumulate((squared + braking)[:, ::-1], axis=1)[:, ::-1]
     behind = np.minimum.accumulate(squared - gaining, axis=1)
     return np.sqrt(np.maximum(np.minimum(ahead - braking, behind + gaining), 0.0))

@@ -12,7 +12,11 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
 RepairKind = Literal[
-    "project-to-lanes", "separate-overlaps", "slow-for-gaps", "retime-trajectories"
+    "project-to-lanes",
+    "separate-overlaps",
+    "slow-for-gaps",
+    "retime-trajectories",
+    "retime-for-comfort",
 ]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.repair.repair_report import (
     RepairChange,
+    RepairKind,
     RepairProblem,
     RepairReport,
     name_of,
@@ -52,7 +53,8 @@ def retime_trajectories(
             break
         trajectories = after
     return trajectories.scenario, RepairReport(
-        changes=_changes(scenario, trajectories), problems=_problems(trajectories)
+        changes=changes_of(scenario, trajectories, "retime-trajectories"),
+        problems=_problems(trajectories),
     )
 
 
@@ -97,9 +99,10 @@ def _one_round(trajectories: Trajectories) -> Trajectories:
     return trajectories.with_yielding()
 
 
-def _changes(
-    scenario: Scenario, trajectories: Trajectories
+def changes_of(
+    scenario: Scenario, trajectories: Trajectories, repair: RepairKind
 ) -> tuple[RepairChange, ...]:
+    """Changes of all retimed agents, in a sentence each."""
     before, after, step = scenario.agents, trajectories.agents, scenario.current_step
     there = before.is_valid[:, step:]
     slower = (before.speed_mps() - after.speed_mps())[:, step:]
@@ -111,7 +114,7 @@ def _changes(
         shift = float(np.hypot(*gap))
         changes.append(
             RepairChange(
-                repair="retime-trajectories",
+                repair=repair,
                 agent_id=before.ids[row],
                 shift_m=shift,
                 turn_deg=0.0,

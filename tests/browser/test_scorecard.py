@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pd_editor.editor.commands import TransformAgents
+from pd_editor.editor.commands import AdoptTrajectory, TransformAgents
 
 pytestmark = pytest.mark.browser
 
@@ -88,3 +88,68 @@ def test_it_shares_its_place_with_the_agent_list(editor):
     page.get_by_role("region", name="Agent list").wait_for(state="hidden")
     page.get_by_role("button", name="Close the scorecard").click()
     page.get_by_role("region", name="Scorecard").wait_for(state="hidden")
+
+
+def hard_braking(scenario) -> AdoptTrajectory:
+    """A fast vehicle brakes by 9 m/s^2 for a second, on its own path."""
+    agents, now = scenario.agents, scenario.current_step
+    row = max(
+        np.flatnonzero(agents.is_valid[:, now:].all(axis=1)),
+        key=lambda one: np.linalg.norm(
+            agents.position_m[one, -1] - agents.position_m[one, now]
+        ),
+    )
+    path, heading = agents.position_m[row, now:], agents.heading_rad[row, now:]
+    step_s = scenario.time_axis.step_s
+    along = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=-1))]
+    )
+    later = np.arange(len(path)) * step_s
+    speed = np.gradient(along, step_s) - 9.0 * np.clip(later - 2.2, 0.0, 1.0)
+    speed = np.maximum(speed, 0.0)
+    moved = np.concatenate([[0.0], np.cumsum(speed[:-1] * step_s)])
+    place = np.stack([np.interp(moved, along, path[:, axis]) for axis in (0, 1)], -1)
+    turned = np.interp(moved, along, np.unwrap(heading))
+    forward = np.stack([np.cos(turned), np.sin(turned)], -1)
+    return AdoptTrajectory.of_arrays(
+        agent_id=agents.ids[row],
+        position_m=place,
+        heading_rad=turned,
+        velocity_mps=speed[:, None] * forward,
+    )
+
+
+def test_hard_braking_is_shown_and_smoothed_with_one_click(editor):
+    page, tab = editor.page, editor._tab()
+    scenario = editor.session.scenario
+    command = hard_braking(scenario)
+    name = command.agent_id
+    tab._ui.post(lambda: editor.session.apply(command))
+    editor.key("i")
+    drawer = page.get_by_role("region", name="Scorecard")
+    drawer.wait_for()
+    score(editor, "Harsh motion").click()
+    listed = page.get_by_role("group", name="Findings: Harsh motion")
+    finding = listed.get_by_role("button", name=f"{name} brakes with")
+    finding.wait_for()
+
+    def drawn():
+        return {one.agent_id: one for one in tab._findings._findings}
+
+    editor.until(lambda: name in drawn(), "the part of the trajectory is drawn")
+    worst = drawn()[name].worst_step
+    later_s = (worst - scenario.current_step) * scenario.time_axis.step_s
+    page.get_by_role("button", name=f"Finding at {later_s:.1f} s").click()
+    playback = editor.workspace.playback
+    editor.until(lambda: playback.step == worst, "the mark goes to its time")
+    editor.until(lambda: editor.session.selection == (name,), "it is selected")
+    assert name in tab._scorecard.agents_at(playback.step)
+    entries = len(editor.session.entries)
+    cure = listed.get_by_role("button", name=f"Smooth the motion of {name}")
+    cure.click()
+    editor.until(lambda: len(editor.session.entries) == entries + 1, "one edit")
+    editor.until(lambda: name not in drawn(), "it is no longer drawn")
+    finding.wait_for(state="detached")
+    editor.screenshot("smoothed")
+    editor.key("Control+z")
+    editor.until(lambda: name in drawn(), "drawn again after undo")

@@ -30,9 +30,11 @@ from pd_editor.editor.commands import (
     SetFocalAgent,
     SetLocks,
     SetRoadWarp,
+    SlowToComfort,
     SlowToFrictionLimit,
     SnapToLane,
     TransformAgents,
+    YieldToOthers,
     new_agent_id,
     new_agent_ids,
 )
@@ -281,6 +283,12 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
         SlowToFrictionLimit,
         agent_ids=present(scenario),
         friction_coefficient=numbers(0.1, 1.2),
+    ),
+    SlowToComfort: lambda scenario: st.builds(
+        SlowToComfort, agent_ids=present(scenario)
+    ),
+    YieldToOthers: lambda scenario: st.builds(
+        YieldToOthers, agent_ids=present(scenario)
     ),
     AdoptTrajectory: adoptions,
     SetAgentActivity: activities,

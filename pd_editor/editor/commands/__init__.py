@@ -24,7 +24,9 @@ from pd_editor.editor.commands.locks import SetLocks
 from pd_editor.editor.commands.motion import (
     AdoptTrajectory,
     SetAgentSpeed,
+    SlowToComfort,
     SlowToFrictionLimit,
+    YieldToOthers,
 )
 from pd_editor.editor.commands.placement import PlaceAgent
 from pd_editor.editor.commands.poses import (
@@ -52,6 +54,8 @@ COMMANDS: Final[dict[str, type[Command]]] = {
         SnapToLane,
         SetAgentSpeed,
         SlowToFrictionLimit,
+        SlowToComfort,
+        YieldToOthers,
         AdoptTrajectory,
         SetAgentActivity,
         SetAgentKind,
@@ -95,9 +99,11 @@ __all__ = [
     "SetFocalAgent",
     "SetLocks",
     "SetRoadWarp",
+    "SlowToComfort",
     "SlowToFrictionLimit",
     "SnapToLane",
     "TransformAgents",
+    "YieldToOthers",
     "command_from_json",
     "command_to_json",
     "new_agent_id",

@@ -19,6 +19,7 @@ from pd_editor.geometry.angles import unit_vector, wrap_angle
 from pd_editor.paths.retiming import with_new_speed
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.problems.friction import slowed_to_limit
+from pd_editor.repair import retime_for_comfort, yield_to_others
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
@@ -96,6 +97,44 @@ class SlowToFrictionLimit(Command):
         """Scenario with slower agents; the same one if none is too fast."""
         agents = slowed_to_limit(scenario, self.agent_ids, self.friction_coefficient)
         return scenario if agents is scenario.agents else scenario.with_agents(agents)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlowToComfort(Command):
+    """Retime agents with harsh motion along their own trajectories within limits.
+
+    Agents whose motion is comfortable, or would stay harsh, do not change; others of
+    the given agents may yield to a slowed one.
+    """
+
+    agent_ids: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """Label with the name or number of the agents."""
+        return f"Smooth the motion of {agents_in_words(self.agent_ids)}"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """Scenario with comfortable agents; the same one if no agent changes."""
+        after, report = retime_for_comfort(scenario, self.agent_ids, keep_ids=())
+        return after if report.changes else scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class YieldToOthers(Command):
+    """Let agents yield to those that they would collide with; others do not change."""
+
+    agent_ids: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """Label with the name or number of the agents."""
+        return f"Let {agents_in_words(self.agent_ids)} yield"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """Scenario with later agents; the same one if no agent yields."""
+        after, names = yield_to_others(scenario, self.agent_ids, keep_ids=())
+        return after if names else scenario
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -188,6 +188,7 @@ class ScorecardDrawer:
             self._cures = finding_cures(
                 self._ui.session.scenario,
                 self._chosen,
+                self._findings_of(self._chosen.metric),
                 self._watch.untouched(),
             )
             self.show()
