@@ -10,11 +10,12 @@ from typing import Annotated, Final
 import tyro
 
 from pd_editor.cli.options.arguments import (
+    AddressOption,
     FolderOption,
     OptionalFolders,
     Switch,
+    WorkersOption,
     folders,
-    num_workers,
     several,
 )
 from pd_editor.cli.output.progress import work_shown
@@ -58,7 +59,7 @@ from pd_editor.generators import (
     is_generator,
     make_generator,
 )
-from pd_editor.work_engine import LocalProcesses
+from pd_editor.work_engine import EngineChoice, EngineName
 
 DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower")
 DEFAULT_PLACING_METHODS = (GROUND_TRUTH, DEFAULT_GENERATOR)
@@ -117,9 +118,9 @@ def evaluate(
     limit: Annotated[
         int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
     ] = None,
-    workers: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
-    ] = None,
+    engine: EngineName = "local",
+    address: AddressOption = None,
+    workers: WorkersOption = None,
     time_limit: Annotated[
         float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: none)")
     ] = None,
@@ -141,7 +142,9 @@ def evaluate(
         seed: Random seed; the same seed gives the same numbers.
         development: Splits on which settings were chosen; headline figures are of the other splits alone.
         limit: Use only the first N scenarios.
-        workers: Processes to use; they do not change the numbers.
+        engine: Processes of this machine, or Ray (extra "cluster").
+        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
+        workers: Work items that run at a time; they do not change the numbers.
         time_limit: Seconds that a method may take for a scene; a method that takes longer has no rows of that scene, and the rest goes on.
         device: Where models compute; auto takes a GPU if there is one.
         paper: Print the tables of the paper instead, with all its systems, and draw its figures, into paper.html; roads are all unless given.
@@ -162,22 +165,23 @@ def evaluate(
         development=several(development),
         limit_s=None if time_limit is None else limit_in_s(time_limit),
     )
+    choice = EngineChoice(name=engine, address=address, num_workers=workers)
     if paper:
         return evaluate_paper(
             plan,
             folders(models) if models else (),
             Path(out),
             _maker(device),
-            workers=num_workers(workers),
+            choice,
             resume=resume,
             command=_paper_command(plan, out, models),
         )
-    engine = LocalProcesses(num_workers=num_workers(workers))
     found = scenes_of(plan.data, plan.limit)
-    folder = EvaluationFolder(Path(out), plan.settings, resume=resume)
-    record = run_evaluation(
-        plan, found, folder, engine, on_progress=work_shown("scenes on roads")
-    )
+    with choice.engine() as runner:
+        folder = EvaluationFolder(Path(out), plan.settings, resume=resume)
+        record = run_evaluation(
+            plan, found, folder, runner, on_progress=work_shown("scenes on roads")
+        )
     splits = splits_of(plan, found)
     return _reported(plan, splits, folder, record, _command(plan, out))
 

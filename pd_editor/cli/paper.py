@@ -29,7 +29,7 @@ from pd_editor.evaluation.results_folder import EvaluationFolder
 from pd_editor.generation import ScenarioGenerator
 from pd_editor.generators import SHIPPED_MODEL
 from pd_editor.installed_files import models_folder
-from pd_editor.work_engine import LocalProcesses
+from pd_editor.work_engine import EngineChoice, WorkEngine
 from pd_editor.work_engine.work_folder import WorkFolder
 
 PAGE_NAME: Final = "paper.html"
@@ -60,8 +60,8 @@ def evaluate_paper(
     models: Sequence[Path],
     out: Path,
     make_generator: Callable[[str], ScenarioGenerator],
+    choice: EngineChoice,
     *,
-    workers: int | None,
     resume: bool,
     command: str,
 ) -> PaperEvaluation:
@@ -72,7 +72,7 @@ def evaluate_paper(
         models: folders of variants.
         out: folder of the results.
         make_generator: factory of generators by name.
-        workers: processes.
+        choice: where items run.
         resume: whether to go on with an earlier run.
         command: that reproduces it.
 
@@ -92,8 +92,8 @@ def evaluate_paper(
         _check_weights(folders[one.method])
     plan = paper_plan(base, trained, make_generator)
     found = scenes_of(base.data, base.limit)
-    engine = LocalProcesses(num_workers=workers)
-    records = [_run(part, out, engine, resume=resume) for part in plan.parts]
+    with choice.engine() as engine:
+        records = [_run(part, out, engine, resume=resume) for part in plan.parts]
     splits = splits_of(base, found)
     rows = _tables(plan, out, splits.headline, base.seed)
     held = [one.folder for one in found.scenes if one.split in splits.headline]
@@ -131,7 +131,7 @@ def _check_weights(folder: Path) -> None:
     load_model(folder, STAGE_KINDS)
 
 
-def _run(part: Part, out: Path, engine: LocalProcesses, *, resume: bool) -> RunRecord:
+def _run(part: Part, out: Path, engine: WorkEngine, *, resume: bool) -> RunRecord:
     folder = EvaluationFolder(part.folder(out), part.plan.settings, resume=resume)
     found = scenes_of(part.plan.data, part.plan.limit)
     shown = work_shown(f"scenes on roads, {part.name}")

@@ -1,12 +1,18 @@
 """``pd-editor study``: perturbation studies."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from pd_editor.cli.evaluate import checked_methods, limit_in_s, within
-from pd_editor.cli.options.arguments import FolderOption, Switch, num_workers, several
+from pd_editor.cli.options.arguments import (
+    AddressOption,
+    FolderOption,
+    Switch,
+    WorkersOption,
+    several,
+)
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.errors import InputError
@@ -26,10 +32,8 @@ from pd_editor.studies.study_plan import (
 from pd_editor.studies.variant_rows import STUDY_METRICS
 from pd_editor.studies.whole_study import Study, StudyExtras, run_whole_study
 from pd_editor.studies.worst_case import SearchSettings
-from pd_editor.work_engine import LocalProcesses, WorkEngine
-from pd_editor.work_engine.ray_cluster import RayCluster
+from pd_editor.work_engine import EngineChoice, EngineName
 
-Engine = Literal["local", "ray"]
 _Texts = str | tuple[str, ...]
 _BY_DEFAULT = "(default: -9 to 9 without 0)"
 
@@ -65,14 +69,9 @@ def study(
     limit: Annotated[
         int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
     ] = None,
-    engine: Engine = "local",
-    address: Annotated[
-        str | None,
-        tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="(default: this machine)"),
-    ] = None,
-    workers: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
-    ] = None,
+    engine: EngineName = "local",
+    address: AddressOption = None,
+    workers: WorkersOption = None,
     time_limit: Annotated[
         float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: none)")
     ] = None,
@@ -99,8 +98,8 @@ def study(
         dangers: Number of dangerous but avoidable behaviours of agents that are searched over all scenes and exported; 0 does not search.
         limit: Use only the first N scenarios.
         engine: Processes of this machine, or Ray (extra "cluster").
-        address: Address of a Ray cluster, such as auto or ray://head:10001.
-        workers: Processes to use; they do not change the numbers.
+        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
+        workers: Work items that run at a time; they do not change the numbers.
         time_limit: Seconds that a method may take for a variant; one that takes longer fails there, and the rest goes on.
         device: Where models compute; auto takes a GPU if there is one.
         resume: Go on with an earlier run of the same settings.
@@ -137,22 +136,15 @@ def study(
         num_worst=within(0, gallery, 1000, "gallery"),
         num_dangers=within(0, dangers, 1000, "dangers"),
     )
-    runner = _engine(engine, address, workers)
+    choice = EngineChoice(name=engine, address=address, num_workers=workers)
     found = scenes_of(plan.data, plan.limit)
-    return run_whole_study(
-        plan,
-        extras,
-        found,
-        StudyFolder(Path(out), plan.settings, resume=resume),
-        runner,
-        study_command(plan, out),
-        progress_of=work_shown,
-    )
-
-
-def _engine(engine: Engine, address: str | None, workers: int | None) -> WorkEngine:
-    if engine == "ray":
-        return RayCluster(address=address, num_workers=num_workers(workers))
-    if address is not None:
-        raise InputError("--address is for --engine ray.")
-    return LocalProcesses(num_workers=num_workers(workers))
+    with choice.engine() as runner:
+        return run_whole_study(
+            plan,
+            extras,
+            found,
+            StudyFolder(Path(out), plan.settings, resume=resume),
+            runner,
+            study_command(plan, out),
+            progress_of=work_shown,
+        )

@@ -9,11 +9,12 @@ from typing import Annotated
 import tyro
 
 from pd_editor.cli.options.arguments import (
+    AddressOption,
     FolderOption,
     OptionalFolders,
     Switch,
+    WorkersOption,
     folders,
-    num_workers,
 )
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.errors import InputError
@@ -29,7 +30,7 @@ from pd_editor.synthesis.dataset.scene_source import (
     scenario_folders,
 )
 from pd_editor.synthesis.realism.realism_report import realism_report
-from pd_editor.work_engine import LocalProcesses
+from pd_editor.work_engine import EngineChoice, EngineName
 
 _MAX_REASONS = 5
 
@@ -74,9 +75,9 @@ def synth(
     shards: Switch = False,
     report: OptionalFolders = (),
     noise: Switch = False,
-    workers: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
-    ] = None,
+    engine: EngineName = "local",
+    address: AddressOption = None,
+    workers: WorkersOption = None,
     resume: Switch = False,
 ) -> Synthesis:
     """Simulate traffic on procedural roads or real maps, as Argoverse 2 scenarios.
@@ -92,11 +93,13 @@ def synth(
         report: Write realism.md too: distances to real scenes below the first folder, and between those and scenes below a second one, if given.
         shards: Write compact shards for training instead of scenario folders.
         noise: Add a tracker's noise to states and break off tracks; not with --shards.
-        workers: Processes to use; they do not change the files.
+        engine: Processes of this machine, or Ray (extra "cluster").
+        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
+        workers: Work items that run at a time; they do not change the files.
         resume: Go on with an earlier run of the same settings.
     """
     began = time.monotonic()
-    engine = LocalProcesses(num_workers=num_workers(workers))
+    choice = EngineChoice(name=engine, address=address, num_workers=workers)
     real_roots = _real_roots(report)
     plan = DatasetPlan(
         num=num,
@@ -106,8 +109,9 @@ def synth(
         as_shards=shards,
         with_noise=noise,
     )
-    folder = DatasetFolder(Path(out), plan.settings, resume=resume)
-    record = build_dataset(plan, folder, engine, on_progress=work_shown("networks"))
+    with choice.engine() as runner:
+        folder = DatasetFolder(Path(out), plan.settings, resume=resume)
+        record = build_dataset(plan, folder, runner, on_progress=work_shown("networks"))
     return Synthesis(
         folder=folder.path,
         record=record,

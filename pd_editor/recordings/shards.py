@@ -28,7 +28,6 @@ from pd_editor.recordings.clip import (
 from pd_editor.recordings.recording import Recording, Window
 from pd_editor.recordings.recording_codec import coded_recording, decoded_recording
 from pd_editor.recordings.tracking_noise import TrackingNoise
-from pd_editor.regular_file import write_whole
 from pd_editor.scene.scenario import Scenario
 
 SHARD_SUFFIX: Final = ".shard"
@@ -52,17 +51,6 @@ _DAMAGE: Final = (
     OverflowError,
 )
 """Exceptions of the standard library and NumPy for damaged files."""
-
-
-def write_shard(
-    path: Path, recordings: Iterable[tuple[Recording, Sequence[Window]]]
-) -> None:
-    """Write a shard with recordings and their windows atomically.
-
-    Raises:
-        ExportError: it cannot be written.
-    """
-    write_whole(path, shard_bytes(recordings))
 
 
 def shard_bytes(recordings: Iterable[tuple[Recording, Sequence[Window]]]) -> bytes:

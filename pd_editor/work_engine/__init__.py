@@ -1,6 +1,14 @@
-"""Parallel execution of many work items on local processes."""
+"""Parallel execution of many work items on local processes or a Ray cluster."""
 
+from pd_editor.work_engine.engine_choice import EngineChoice, EngineName
 from pd_editor.work_engine.local_processes import LocalProcesses
 from pd_editor.work_engine.work_engine import WorkEngine, WorkResult, run_items
 
-__all__ = ["LocalProcesses", "WorkEngine", "WorkResult", "run_items"]
+__all__ = [
+    "EngineChoice",
+    "EngineName",
+    "LocalProcesses",
+    "WorkEngine",
+    "WorkResult",
+    "run_items",
+]

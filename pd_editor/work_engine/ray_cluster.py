@@ -1,10 +1,13 @@
 """Runs work items on a Ray cluster (extra ``cluster``)."""
 
 import importlib
+import logging
 import os
+import socket
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from pd_editor.errors import InputError
@@ -20,6 +23,9 @@ LOCAL_ADDRESS: Final = "local"
 _QUEUED_PER_CORE: Final = 2
 """Tasks submitted per core, so that no core waits for the caller."""
 _LEAST_WAITING: Final = 8
+_PROBE_S: Final = 5.0
+_TOKEN_FILE: Final = Path(".ray/auth_token")
+"""Below the home folder; ``ray get-auth-token --generate`` writes it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,15 +33,15 @@ class RayCluster:
     """Work engine on Ray: one task of one core per item, each with one compute thread.
 
     A task whose worker or node is lost is run again, once; if it is lost again, it
-    fails. Folders of data and results must be reachable from all nodes under the same
-    paths: tasks read them, and the caller writes the results.
+    fails. Folders of data must be reachable from all nodes under the same paths: tasks
+    read them, and the caller writes the results.
     """
 
     address: str | None = None
     """Address of an existing cluster, such as ``auto`` or ``ray://head:10001``; None or
     ``local``: a new one on this machine."""
     num_workers: int | None = None
-    """Number of cores of a new cluster; None: those of this machine."""
+    """Number of tasks that run at a time; None: one per core of the cluster."""
 
     def run(
         self,
@@ -51,14 +57,13 @@ class RayCluster:
         """
         if not items:
             return
-        with self._connected() as ray:
+        with self.connected() as ray:
             task = ray.remote(result_of).options(num_cpus=1, max_retries=1)
             waiting = iter(items.items())
             running: dict[Any, str] = {}
             try:
                 while True:
-                    cores = int(ray.cluster_resources().get("CPU", 1))
-                    most = max(cores * _QUEUED_PER_CORE, _LEAST_WAITING)
+                    most = self._most_submitted(ray)
                     while len(running) < most:
                         found = next(waiting, None)
                         if found is None:
@@ -74,36 +79,68 @@ class RayCluster:
                     ray.cancel(reference, force=True)
                 raise
 
+    @property
+    def _is_new(self) -> bool:
+        """Whether the cluster is started for the run."""
+        return self.address in (None, LOCAL_ADDRESS)
+
+    def _most_submitted(self, ray: Any) -> int:
+        """Limit of submitted tasks; nodes may join and leave during a run."""
+        if self.num_workers is not None and not self._is_new:
+            return self.num_workers
+        cores = int(ray.cluster_resources().get("CPU", 1))
+        return max(cores * _QUEUED_PER_CORE, _LEAST_WAITING)
+
     @contextmanager
-    def _connected(self) -> Iterator[Any]:
-        """Connection to the cluster, ended with the context."""
+    def connected(self) -> Iterator[Any]:
+        """Connection to the cluster, ended with the context; runs within it share it.
+
+        Raises:
+            InputError: Ray is not installed, or the cluster does not answer.
+        """
         ray = _ray()
-        options: dict[str, Any] = {
-            "log_to_driver": False,
-            "runtime_env": {"env_vars": {**ONE_THREAD, WORKER_MARK: "1"}},
-        }
-        if self.address in (None, LOCAL_ADDRESS):
-            options |= {
-                "address": LOCAL_ADDRESS,
-                "num_cpus": self.num_workers,
-                "include_dashboard": False,
-            }
-        else:
-            options["address"] = self.address
         is_ours = not ray.is_initialized()
         if is_ours:
             try:
-                ray.init(**options)
-            except (ConnectionError, RuntimeError, ValueError, OSError) as error:
-                reason = str(error).strip().splitlines()[0][:200]
+                self._check_reachable()
+                ray.init(**self._options())
+            except (ImportError, RuntimeError, ValueError, OSError) as error:
+                reason = getattr(error, "strerror", None) or str(error).strip()
+                reason = reason.splitlines()[0][:200]
+                place = "on this machine" if self._is_new else f"at {self.address}"
                 raise InputError(
-                    f"The Ray cluster at {self.address} cannot be used: {reason}"
+                    f"The Ray cluster {place} cannot be used: {reason}"
                 ) from error
         try:
             yield ray
         finally:
             if is_ours:
                 ray.shutdown()
+
+    def _options(self) -> dict[str, Any]:
+        """Arguments of ``ray.init``."""
+        options: dict[str, Any] = {
+            "log_to_driver": False,
+            "logging_level": logging.ERROR,
+            "runtime_env": {"env_vars": {**ONE_THREAD, WORKER_MARK: "1"}},
+        }
+        if not self._is_new:
+            return options | {"address": self.address}
+        return options | {
+            "address": LOCAL_ADDRESS,
+            "num_cpus": self.num_workers,
+            "include_dashboard": False,
+        }
+
+    def _check_reachable(self) -> None:
+        """Raise at once if nothing listens; Ray itself would try for minutes.
+
+        Raises:
+            OSError: the host is not known, or nothing listens at the port.
+        """
+        host, _, port = (self.address or "").removeprefix("ray://").rpartition(":")
+        if host and port.isdecimal():
+            socket.create_connection((host.strip("[]"), int(port)), _PROBE_S).close()
 
 
 def _ray() -> Any:
@@ -114,13 +151,18 @@ def _ray() -> Any:
     """
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if (Path.home() / _TOKEN_FILE).exists():
+        # Ray uses the token by itself for clusters that it starts or finds only.
+        os.environ.setdefault("RAY_AUTH_MODE", "token")
     try:
-        return importlib.import_module("ray")
+        ray = importlib.import_module("ray")
     except ImportError as error:
         raise InputError(
             'Ray is not installed; install the extra "cluster" '
             "(pip install 'pd-editor[cluster]'), or use --engine local."
         ) from error
+    logging.getLogger("ray").setLevel(logging.ERROR)
+    return ray
 
 
 def _result_of(ray: Any, reference: Any, key: str) -> WorkResult[Any]:

@@ -214,8 +214,10 @@ def test_progress_in_words():
         return progress_line(progress, 60.0, "scenes on roads")
 
     assert line(0) == "0 of 10 scenes on roads"
-    assert line(4, failed=1) == "4 of 10 scenes on roads, 1 failed, 1:30 left"
-    assert line(10) == "10 of 10 scenes on roads"
+    assert (
+        line(4, failed=1) == "4 of 10 scenes on roads, 1 failed, 4 a minute, 1:30 left"
+    )
+    assert line(10) == "10 of 10 scenes on roads, 10 a minute"
 
 
 @pytest.mark.real_data

@@ -8,7 +8,7 @@ from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.stages import STAGE_KINDS
 from pd_editor.errors import TrainingError
 from pd_editor.recordings.clip_selection import choose_windows
-from pd_editor.recordings.shards import write_shard
+from pd_editor.recordings.shards import shard_bytes
 from pd_editor.training.config.presets import PRESETS
 from pd_editor.training.config.run_config import Budget, Optimisation, RunConfig
 from pd_editor.training.data.training_data import prepared_data, training_data
@@ -23,7 +23,7 @@ def prepared(tmp_path_factory):
     folder = tmp_path_factory.mktemp("corpus")
     recording = drive(num_agents=16)
     windows = choose_windows(recording, seed=3, num_windows=8)
-    write_shard(folder / "one.shard", [(recording, windows)])
+    (folder / "one.shard").write_bytes(shard_bytes([(recording, windows)]))
     return prepared_data([folder], tmp_path_factory.mktemp("cache"), workers=1)
 
 

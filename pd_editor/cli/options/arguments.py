@@ -1,11 +1,9 @@
 """Command-line arguments that several commands share."""
 
 from pathlib import Path
-from typing import Annotated, Final, TypeVar
+from typing import Annotated, TypeVar
 
 import tyro
-
-from pd_editor.errors import InputError
 
 One = TypeVar("One", str, Path, str | Path)
 ScenarioArgument = Annotated[
@@ -33,19 +31,13 @@ Switch = Annotated[
     bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")
 ]
 
-
-MAX_WORKERS: Final = 256
-
-
-def num_workers(value: int | None) -> int | None:
-    """Validate the number of processes; None leaves it to the program.
-
-    Raises:
-        InputError: it is out of range.
-    """
-    if value is not None and not 1 <= value <= MAX_WORKERS:
-        raise InputError(f"--workers is {value}; expected 1 to {MAX_WORKERS}.")
-    return value
+AddressOption = Annotated[
+    str | None,
+    tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="(default: this machine)"),
+]
+WorkersOption = Annotated[
+    int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
+]
 
 
 def folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:

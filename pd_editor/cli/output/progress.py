@@ -69,9 +69,18 @@ def progress_line(progress: WorkProgress, elapsed_s: float, noun: str) -> str:
     words = f"{done} of {num} {noun}"
     if progress.num_failed:
         words += f", {progress.num_failed} failed"
-    if 0 < done < num:
-        words += f", {minutes_left(elapsed_s / done * (num - done))}"
+    if done > 0 and elapsed_s > 0:
+        words += f", {rate_in_words(done / elapsed_s)}"
+        if done < num:
+            words += f", {minutes_left(elapsed_s / done * (num - done))}"
     return words
+
+
+def rate_in_words(per_s: float) -> str:
+    """Rate of work, as in "2.5 a second" or "12 a minute"."""
+    if per_s >= 1:
+        return f"{per_s:.3g} a second"
+    return f"{60 * per_s:.2g} a minute"
 
 
 def minutes_left(left_s: float) -> str:

@@ -146,7 +146,7 @@ def build_dataset(
         usable = [one for one in maps if not _is_hopeless(one, failures)]
         if missing <= 0 or (maps and not usable):
             break
-        items = _items(plan, folder, usable, missing, num_planned)
+        items = _items(plan, usable, missing, num_planned)
         num_planned += len(items)
         done = {key for key in items if folder.load(key) is not None}
         num_resumed += len(done)
@@ -170,7 +170,6 @@ def build_dataset(
 
 def _items(
     plan: DatasetPlan,
-    folder: DatasetFolder,
     maps: Sequence[Path],
     num_windows: int,
     first: int,
@@ -195,7 +194,6 @@ def _items(
             map_folder=map_folder,
             seed=plan.seed * _SEEDS_PER_CORPUS + index,
             num_windows=num_windows // count + (number < num_windows % count),
-            out=folder.path,
             as_shard=plan.as_shards,
             with_noise=plan.with_noise,
         )

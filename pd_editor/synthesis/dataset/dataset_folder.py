@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
+from pd_editor.exporters.bundle import replace_folder
 from pd_editor.work_engine.work_folder import FINISHED_NAME, ResumableFolder
 
 MANIFEST_NAME: Final = "manifest.json"
@@ -36,6 +37,17 @@ class NetworkRecord:
     """Number of agents in all windows at their current steps."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class NetworkFiles:
+    """Windows of one network as files, which the worker makes and the caller writes."""
+
+    record: NetworkRecord
+    shards: Mapping[str, bytes]
+    """Shards by file name."""
+    folders: Mapping[str, Mapping[str, bytes]]
+    """Files of scenario folders, by the folder's name and their own."""
+
+
 class DatasetFolder(ResumableFolder):
     """Folder of a dataset that can be resumed."""
 
@@ -49,13 +61,17 @@ class DatasetFolder(ResumableFolder):
         self.settings = settings
         super().__init__(path, settings, work="dataset", resume=resume)
 
-    def store(self, key: str, record: NetworkRecord) -> None:
-        """Store the record of a network whose files are written.
+    def store(self, key: str, made: NetworkFiles) -> None:
+        """Write the files of a network, then its record, with which it is finished.
 
         Raises:
-            ExportError: it cannot be written.
+            ExportError: a file cannot be written.
         """
-        self.write_json(f"{FINISHED_NAME}/{key}.json", asdict(record))
+        for name, data in made.shards.items():
+            self.write(name, data)
+        for name, files in made.folders.items():
+            replace_folder(files, self.path / name)
+        self.write_json(f"{FINISHED_NAME}/{key}.json", asdict(made.record))
 
     def load(self, key: str) -> NetworkRecord | None:
         """Record of a finished network; None if it is not finished."""

@@ -9,14 +9,13 @@ from typing import Final
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import SynthesisError
-from pd_editor.exporters.bundle import replace_folder
 from pd_editor.recordings.clip import cut_scenario
 from pd_editor.recordings.clip_selection import choose_windows
-from pd_editor.recordings.recording import Recording, Window
-from pd_editor.recordings.shards import SHARD_SUFFIX, write_shard
+from pd_editor.recordings.recording import Recording
+from pd_editor.recordings.shards import SHARD_SUFFIX, shard_bytes
 from pd_editor.recordings.tracking_noise import TrackingNoise
 from pd_editor.synthesis.av2_to_sumo.network_conversion import network_of_map
-from pd_editor.synthesis.dataset.dataset_folder import NetworkRecord
+from pd_editor.synthesis.dataset.dataset_folder import NetworkFiles, NetworkRecord
 from pd_editor.synthesis.road_network.generator import generate_network
 from pd_editor.synthesis.traffic.demand_config import MAP_DEMAND
 from pd_editor.synthesis.traffic.simulation import simulate
@@ -39,28 +38,35 @@ class NetworkItem:
     """Folder of a real scenario whose map is used."""
     seed: int
     num_windows: int
-    out: Path
     as_shard: bool
     with_noise: bool
 
 
-def make_network(item: NetworkItem) -> NetworkRecord:
-    """Write the windows of one network; equal items give equal bytes.
+def make_network(item: NetworkItem) -> NetworkFiles:
+    """Make the windows of one network; equal items give equal bytes.
 
     Raises:
         SynthesisError: SUMO refused the roads or the traffic, or no agent moves.
         InputError: the map cannot be read.
-        ExportError: a file cannot be written.
     """
     recording = _recording(item)
     windows = choose_windows(recording, item.seed, num_windows=item.num_windows)
     if not windows:
         raise SynthesisError(f"{item.key}: no agent drives there for long enough.")
+    shards: dict[str, bytes] = {}
+    folders: dict[str, dict[str, bytes]] = {}
     if item.as_shard:
-        write_shard(item.out / f"{item.key}{SHARD_SUFFIX}", [(recording, windows)])
+        shards[f"{item.key}{SHARD_SUFFIX}"] = shard_bytes([(recording, windows)])
     else:
-        _write_folders(item, recording, windows)
-    return NetworkRecord(num_windows=len(windows), num_agents=len(recording.ids))
+        noise = TrackingNoise() if item.with_noise else None
+        for window in windows:
+            scenario = cut_scenario(recording, window, noise=noise)
+            folders[scenario.scenario_id] = scenario_files(scenario)
+    return NetworkFiles(
+        record=NetworkRecord(num_windows=len(windows), num_agents=len(recording.ids)),
+        shards=shards,
+        folders=folders,
+    )
 
 
 def _recording(item: NetworkItem) -> Recording:
@@ -79,13 +85,3 @@ def _recording(item: NetworkItem) -> Recording:
         return dataclasses.replace(
             recording, city=real.city, origin_city_m=real.origin_city_m
         )
-
-
-def _write_folders(
-    item: NetworkItem, recording: Recording, windows: tuple[Window, ...]
-) -> None:
-    noise = TrackingNoise() if item.with_noise else None
-    for window in windows:
-        scenario = cut_scenario(recording, window, noise=noise)
-        files = scenario_files(scenario)
-        replace_folder(files, item.out / scenario.scenario_id)

@@ -10,7 +10,7 @@ from pd_editor.errors import InputError, TrainingError
 from pd_editor.features.encoded_scene import PackedScene, packed
 from pd_editor.features.scene_features import scene_features
 from pd_editor.recordings.clip_selection import choose_windows
-from pd_editor.recordings.shards import write_shard
+from pd_editor.recordings.shards import shard_bytes
 from pd_editor.training.data import feature_preparation as scenario_dataset
 from pd_editor.training.data.feature_preparation import (
     fit_basis,
@@ -27,7 +27,7 @@ def shards(tmp_path_factory):
     for name in ("drive-1", "drive-2"):
         recording = drive(name=name, seed=int(name[-1]))
         windows = choose_windows(recording, seed=3, num_windows=9)
-        write_shard(folder / f"{name}.shard", [(recording, windows)])
+        (folder / f"{name}.shard").write_bytes(shard_bytes([(recording, windows)]))
     return folder
 
 

@@ -4,7 +4,7 @@ import torch
 
 from pd_editor.errors import InputError, TrainingError
 from pd_editor.recordings.clip_selection import choose_windows
-from pd_editor.recordings.shards import write_shard
+from pd_editor.recordings.shards import shard_bytes
 from pd_editor.training.config.run_config import Budget
 from pd_editor.training.data.batched_scenes import augmented_scenes
 from pd_editor.training.data.training_data import (
@@ -21,7 +21,9 @@ def shards(tmp_path_factory):
     for number in range(3):
         recording = drive(name=f"drive-{number}", seed=number)
         windows = choose_windows(recording, seed=3, num_windows=6)
-        write_shard(folder / f"drive-{number}.shard", [(recording, windows)])
+        (folder / f"drive-{number}.shard").write_bytes(
+            shard_bytes([(recording, windows)])
+        )
     return folder
 
 
@@ -90,7 +92,7 @@ def test_every_scene_is_trained_on_or_held_out(prepared):
 def test_a_root_with_too_few_scenes_is_refused(tmp_path):
     recording = drive()
     windows = choose_windows(recording, seed=3, num_windows=2)
-    write_shard(tmp_path / "few.shard", [(recording, windows)])
+    (tmp_path / "few.shard").write_bytes(shard_bytes([(recording, windows)]))
     prepared = prepared_data([tmp_path], tmp_path / "cache", workers=1)
     with pytest.raises(TrainingError, match="to train on"):
         training_data(prepared.store, Budget(), seed=0)
