@@ -106,10 +106,10 @@ class RayCluster:
                 ray.init(**self._options())
             except (ImportError, RuntimeError, ValueError, OSError) as error:
                 reason = getattr(error, "strerror", None) or str(error).strip()
-                reason = reason.splitlines()[0][:200]
+                reason = reason.splitlines()[0][:200].rstrip(".")
                 place = "on this machine" if self._is_new else f"at {self.address}"
                 raise InputError(
-                    f"The Ray cluster {place} cannot be used: {reason}"
+                    f"The Ray cluster {place} cannot be used: {reason}."
                 ) from error
         try:
             yield ray
