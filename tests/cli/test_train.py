@@ -13,7 +13,7 @@ import pd_editor
 from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.stages import STAGE_KINDS
 from pd_editor.recordings.clip_selection import choose_windows
-from pd_editor.recordings.shards import write_shard
+from pd_editor.recordings.shards import shard_bytes
 from tests.cli.shell import ROOT, Shell
 from tests.recordings.recordings import drive
 
@@ -28,7 +28,9 @@ def shards(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(3):
         recording = drive(name=f"drive-{number}", seed=number)
         windows = choose_windows(recording, seed=3, num_windows=6)
-        write_shard(folder / f"drive-{number}.shard", [(recording, windows)])
+        (folder / f"drive-{number}.shard").write_bytes(
+            shard_bytes([(recording, windows)])
+        )
     return folder
 
 
