@@ -35,7 +35,7 @@ class Command(ABC):
 
     @property
     def parts(self) -> tuple["Command", ...]:
-        """The commands of which it consists: itself, unless it joins several."""
+        """The commands of which it consists: itself, unless it applies several in turn."""
         return (self,)
 
     @property

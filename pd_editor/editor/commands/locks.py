@@ -54,12 +54,16 @@ def apply_within_locks(command: Command, scenario: Scenario) -> Scenario:
     """Apply a command that may not change what locks keep.
 
     A command that moves the road moves locked agents with it, and agents that it deletes
-    lose their locks.
+    lose their locks. Each part of a command is checked on its own.
 
     Raises:
         LockedAgentError: the command would change what is kept of a locked agent.
         EditError: the edit is not valid for this scenario.
     """
+    if len(command.parts) > 1:
+        for part in command.parts:
+            scenario = apply_within_locks(part, scenario)
+        return scenario
     after = command.apply(scenario)
     if after.agents is scenario.agents or command.moves_road or not scenario.locks:
         return after

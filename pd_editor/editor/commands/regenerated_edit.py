@@ -59,15 +59,22 @@ class RegeneratedEdit(Command):
 
 
 def carried_to(sample: TrafficSample, scenario: Scenario) -> TrafficSample:
-    """Move each trajectory rigidly so that it begins at its agent's present pose.
+    """Move each trajectory rigidly so that it continues what is fixed of its agent.
 
-    All agents of the sample must be in the scenario.
+    That is the present pose, or for agents with locked seconds the last locked one. All
+    agents of the sample must be in the scenario.
     """
     agents, now = scenario.agents, scenario.current_step
     rows = agents.rows(sample.ids)
-    start = agents.position_m[rows, now]
-    turn = wrap_angle(agents.heading_rad[rows, now] - sample.heading_rad[:, 0])
-    gap_m = np.hypot(*(start - sample.position_m[:, 0]).T)
+    kept = scenario.kept_steps()[rows, now:].sum(axis=1)
+    last = np.clip(kept - 1, 0, sample.heading_rad.shape[1] - 1)
+    each = np.arange(len(rows))
+    here = sample.position_m[each, last]
+    start = agents.position_m[rows, now + last]
+    turn = wrap_angle(
+        agents.heading_rad[rows, now + last] - sample.heading_rad[each, last]
+    )
+    gap_m = np.hypot(*(start - here).T)
     if (gap_m < SAME_STATE_M).all() and (np.abs(turn) < _SAME_HEADING_RAD).all():
         return sample
     cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
@@ -76,10 +83,13 @@ def carried_to(sample: TrafficSample, scenario: Scenario) -> TrafficSample:
         x, y = vectors[..., 0], vectors[..., 1]
         return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
+    position = start[:, None] + rotated(sample.position_m - here[:, None])
+    # The traffic is applied where it begins at the present state.
+    is_locked = last > 0
+    position[is_locked, 0] = agents.position_m[rows[is_locked], now]
     return replace(
         sample,
-        position_m=start[:, None]
-        + rotated(sample.position_m - sample.position_m[:, :1]),
+        position_m=position,
         heading_rad=wrap_angle(sample.heading_rad + turn[:, None]),
         velocity_mps=rotated(sample.velocity_mps),
     )

@@ -2,12 +2,15 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pd_editor.editor.commands import (
     RegeneratedEdit,
+    SetLocks,
+    SetRoadWarp,
     TransformAgents,
     command_from_json,
     command_to_json,
@@ -17,10 +20,14 @@ from pd_editor.editor.commands.carried_trajectories import (
     carried_agent_ids,
     generated_agent_ids,
 )
+from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.regenerated_edit import carried_to
 from pd_editor.editor.recipe import Recipe, regenerate, replay
-from pd_editor.errors import RecipeError
+from pd_editor.errors import LockedAgentError, RecipeError
 from pd_editor.generation import GenerationRequest, run_to_end
+from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.locks import STATE_LOCK, Lock
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.editor.command_strategies import busy_scenario
 from tests.editor.fake_generators import DriftGenerator
 from tests.editor.same_scenario import same_scenario
@@ -28,6 +35,12 @@ from tests.editor.same_scenario import same_scenario
 BASE = busy_scenario()
 MOVE = TransformAgents(agent_ids=("100",), dx_m=2.0, rotation_rad=0.3)
 GENERATOR = DriftGenerator()
+
+
+def bend(power: float) -> SetRoadWarp:
+    term = WarpTerm(kind="smooth-turn", power=power, length_m=20.0, border_m=0.0)
+    anchor = RigidMotion(x_m=0.0, y_m=0.0, rotation_rad=0.0)
+    return SetRoadWarp(warp=RoadWarp(anchor=anchor, terms=(term,)))
 
 
 def regenerated(ids: tuple[str, ...] = ("100", "101")) -> RegeneratedEdit:
@@ -92,3 +105,41 @@ def test_carried_trajectories_begin_at_the_present_poses_and_keep_their_shape():
     turn = math.atan2(way[1], way[0]) - math.atan2(before[1], before[0])
     assert math.isclose(turn, 1.0, abs_tol=1e-4)
     assert carried_to(sample, MOVE.apply(BASE)) is sample
+
+
+def test_traffic_with_a_bent_road_keeps_locked_states():
+    """(W9) The road carries locked agents along; its traffic must not move them."""
+    locked = SetLocks(agent_ids=("100",), lock=STATE_LOCK).apply(BASE)
+    warp = bend(6.0)
+    request = GenerationRequest(scenario=warp.apply(locked), agent_ids=("100",), seed=7)
+    traffic = run_to_end(GENERATOR.generate(request))
+    command = traffic_command(request, traffic)
+    kept = RegeneratedEdit(edit=warp, traffic=command)
+    assert same_scenario(apply_within_locks(kept, locked), kept.apply(locked))
+    sample = replace(command.sample, position_m=command.sample.position_m + 3.0)
+    with pytest.raises(LockedAgentError, match="state of agent 100 is locked"):
+        apply_within_locks(
+            RegeneratedEdit(edit=warp, traffic=replace(command, sample=sample)), locked
+        )
+
+
+def test_carried_trajectories_continue_the_locked_seconds():
+    """(W9) No jump where the locked seconds end, while a road is bent further."""
+    locked = SetLocks(agent_ids=("100",), lock=Lock(kept_s=2.0)).apply(BASE)
+    first, further = bend(-8.0).apply(BASE), bend(8.0)
+    request = GenerationRequest(scenario=first, agent_ids=("100",), seed=7)
+    command = traffic_command(request, run_to_end(GENERATOR.generate(request)))
+    now, row = BASE.current_step, BASE.agents.row_of["100"]
+    sample = replace(
+        command.sample,
+        position_m=first.agents.position_m[[row], now:],
+        heading_rad=first.agents.heading_rad[[row], now:],
+        velocity_mps=first.agents.velocity_mps[[row], now:],
+    )
+    edited = further.apply(locked)
+    carried = replace(command, sample=carried_to(sample, edited))
+    after = apply_within_locks(RegeneratedEdit(edit=further, traffic=carried), locked)
+    track, speed = after.agents.position_m[row], BASE.agents.velocity_mps[row, now, 0]
+    assert (track[now : now + 21] == edited.agents.position_m[row, now : now + 21]).all()
+    steps_m = np.hypot(*np.diff(track[now:], axis=0).T)
+    assert steps_m.max() < 1.5 * speed * BASE.time_axis.step_s
