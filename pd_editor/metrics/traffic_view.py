@@ -122,7 +122,8 @@ class TrafficView:
     agents: AgentStates
     """The evaluated agents."""
     context: AgentStates
-    """Other road users at the current step; agents can collide with them."""
+    """Other road users, those at the current step unless stated; agents can collide with
+    them."""
     logged: AgentStates
     """Recorded trajectories of the evaluated agents; not valid without a recording."""
 
@@ -180,10 +181,13 @@ def recorded_traffic(
     )
 
 
-def generated_traffic(scenario: Scenario, sample: SampledTraffic) -> TrafficView:
+def generated_traffic(
+    scenario: Scenario, sample: SampledTraffic, *, with_later: bool = False
+) -> TrafficView:
     """View of a sample's trajectories among the scenario's other agents.
 
     In a scenario without a future, other agents exist at the current step only.
+    ``with_later`` adds road users that appear after the current step.
     """
     num_agents, num_steps = sample.heading_rad.shape
     row_of = scenario.agents.row_of
@@ -199,15 +203,22 @@ def generated_traffic(scenario: Scenario, sample: SampledTraffic) -> TrafficView
             velocity_mps=sample.velocity_mps,
             is_valid=np.ones((num_agents, num_steps), bool),
         ),
-        context=_states(scenario, np.setdiff1d(_road_users(scenario), rows), num_steps),
+        context=_states(
+            scenario,
+            np.setdiff1d(_road_users(scenario, with_later=with_later), rows),
+            num_steps,
+        ),
         logged=_logged(scenario, sample, rows, num_steps),
     )
 
 
-def _road_users(scenario: Scenario) -> Int[np.ndarray, "A"]:
-    """Rows of the road users that exist at the current step."""
-    agents = scenario.agents
-    present = agents.is_valid[:, scenario.current_step]
+def _road_users(
+    scenario: Scenario, *, with_later: bool = False
+) -> Int[np.ndarray, "A"]:
+    """Rows of the road users that exist at the current step, or also of later ones."""
+    agents, now = scenario.agents, scenario.current_step
+    end = scenario.time_axis.num_steps if with_later else now + 1
+    present = agents.is_valid[:, now:end].any(axis=1)
     return np.flatnonzero(present & agents.kind_mask(ROAD_USER_KINDS))
 
 

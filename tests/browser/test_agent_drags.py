@@ -5,6 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from tests.browser.view_page import camera_rests
+
 pytestmark = pytest.mark.browser
 
 
@@ -171,3 +173,28 @@ def test_what_a_drag_does_to_the_future_is_told(editor):
     editor.until(lambda: any(not p.is_now for p in watch.new), "a later problem", 5)
     told = editor.page.get_by_text(re.compile(r"ego ok · [1-9]\d* open problem"))
     told.first.wait_for(timeout=5000)
+
+
+def test_the_offered_goal_of_a_slow_agent_leaves_its_drag_alone(editor):
+    """(W11) Its flag stood on the agent, so that a drag set a goal.
+
+    (W12) A press on an agent writes no error to the browser's console.
+    """
+    session, agent_id, errors = editor.session, "pedestrian-0038", []
+    editor.page.on(
+        "console", lambda line: line.type == "error" and errors.append(line.text)
+    )
+    look_from_above(editor)
+    editor.key("Home")
+    camera_rests(editor)
+    place = positions(editor, (agent_id,))[0]
+    editor.click_at(place)
+    editor.until(lambda: session.selection == (agent_id,), "a selection")
+    editor.drag(place, place + np.array([10.0, 0.0]))
+    editor.until(lambda: len(session.entries) == 1, "one entry")
+    assert session.entries[0].label.startswith(f"Move agent {agent_id}")
+    # Seen from near, the flag stands clear of the agent.
+    assert not editor.page.locator(".pd-guide-offer .pd-guide-flag").count()
+    editor.key("f")
+    editor.page.locator(".pd-guide-offer .pd-guide-flag").wait_for()
+    assert not errors

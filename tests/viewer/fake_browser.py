@@ -4,17 +4,21 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import msgspec
 import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from pd_editor.generators import registry
 from pd_editor.viewer import viewer_app
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.viewer_app import ViewerApp
+from tests.editor.fake_generators import DriftGenerator
 
 CAMERA = {
     "type": "ViewerCameraMessage",
@@ -94,12 +98,27 @@ def until(condition: Callable[[], object], seconds: float = 30.0) -> None:
 
 @contextlib.contextmanager
 def running_app(library: Path, reference: str, **options: Any) -> Iterator[ViewerApp]:
-    """An app on a free port; no browser answers for its storage, so do not wait."""
+    """An app on a free port; no browser answers for its storage, so do not wait.
+
+    No shipped network runs in it: live reactions to an edit would load torch on a thread,
+    which may still be inside of it when the process ends.
+    """
     before = viewer_app.STORAGE_TIMEOUT_S
     viewer_app.STORAGE_TIMEOUT_S = 0.05
-    app = ViewerApp(reference=reference, port=0, library=library, **options)
+    with mock.patch.object(registry, "GENERATORS", _without_networks()):
+        app = ViewerApp(reference=reference, port=0, library=library, **options)
     try:
         yield app
     finally:
         viewer_app.STORAGE_TIMEOUT_S = before
         app.stop()
+
+
+def _without_networks() -> dict[str, Any]:
+    """The shipped generators, each that has to be loaded replaced by a quick one."""
+    return {
+        name: replace(offer, make=DriftGenerator, warm_up=None)
+        if offer.warm_up is not None
+        else offer
+        for name, offer in registry.GENERATORS.items()
+    }

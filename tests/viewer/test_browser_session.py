@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 
 from pd_editor.av2_io.write import scenario_files
-from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, SetFocalAgent
+from pd_editor.editor.commands import (
+    AddGuidance,
+    DeleteAgents,
+    RegeneratedEdit,
+    SetAgentSpeed,
+    SetFocalAgent,
+    TransformAgents,
+)
 from pd_editor.errors import EditError, InputError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.guidance_terms import GoalPoint
 from pd_editor.viewer.state import ui_context as ui_module
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
@@ -38,6 +46,21 @@ def tab(app):
 
 def labels(tab: FakeTab) -> list[str]:
     return [entry.label for entry in tab.session.entries]
+
+
+def test_reactions_to_edits_run_no_network_here(tab):
+    """(W10) Live is on by default, and guided agents react to every gesture."""
+    first, second = tab.session.scenario.agents.ids
+    goal = AddGuidance(term=GoalPoint(agent_id=first, point_m=(0.0, 0.0)))
+    tab.run(lambda: tab.ui.apply(goal))
+    move = TransformAgents(agent_ids=(second,), dx_m=1.0)
+    tab.run(lambda: tab.ui.preview("drag 1", move, has_end=True))
+    tab.run(tab.ui.end_gesture)
+    until(lambda: len(labels(tab)) == 2 and tab.ui.gesture is None)
+    tab.run(lambda: None)
+    command = tab.session.entries[1].command
+    assert isinstance(command, RegeneratedEdit)
+    assert command.traffic.generator == "drift"
 
 
 def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab, monkeypatch):

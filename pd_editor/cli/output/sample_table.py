@@ -51,7 +51,10 @@ class SampleTable:
         pick: int | None,
     ) -> "SampleTable":
         """Rank samples among a scenario's other agents; None picks all of them."""
-        numbers = tuple(numbers_of(generated_traffic(scenario, one)) for one in samples)
+        numbers = tuple(
+            numbers_of(generated_traffic(scenario, one, with_later=True))
+            for one in samples
+        )
         order = ranked(numbers, ranking)
         count = len(samples) if pick is None else pick
         return cls(

@@ -81,7 +81,7 @@ class GuidanceHandles:
         playback = self._ui.workspace.playback
         offer = None if playback.is_playing else offered_goal(scenario, selection)
         if offer is not None:
-            marks.append(offer_mark(*offer))
+            marks.append(offer_mark(scenario, poses, *offer))
         grab = self._grab
         refusal = "" if grab is None else grab.refusal
         self._overlay.show("guidance_marks", {"marks": marks, "refusal": refusal})

@@ -79,17 +79,18 @@ def offered_goal(
 ) -> tuple[str, Float[np.ndarray, "2"]] | None:
     """Agent and end of its trajectory: a flag that a drag makes a goal.
 
-    None unless one agent is selected that drives on from t = 0 and has no goal.
+    None unless one agent is selected that drives on from t = 0, has no goal, and whose
+    trajectory is not locked.
     """
     if len(selection) != 1:
         return None
     (agent_id,) = selection
-    row = scenario.agents.row_of.get(agent_id)
+    row, lock = scenario.agents.row_of.get(agent_id), scenario.locks.get(agent_id)
     has_goal = any(
         isinstance(term, GoalPoint) and term.agent_id == agent_id
         for term in scenario.guidance
     )
-    if row is None or has_goal:
+    if row is None or has_goal or (lock is not None and lock.keeps_trajectory):
         return None
     step = scenario.current_step
     is_valid = scenario.agents.is_valid[row, step:]
@@ -101,8 +102,10 @@ def offered_goal(
     return agent_id, track[-1]
 
 
-def offer_mark(agent_id: str, end_m: Float[np.ndarray, "2"]) -> dict[str, Any]:
-    """Mark of an offered goal."""
+def offer_mark(
+    scenario: Scenario, poses: AgentPoses, agent_id: str, end_m: Float[np.ndarray, "2"]
+) -> dict[str, Any]:
+    """Mark of an offered goal; the page hides it where it would cover its agent."""
     return {
         "index": OFFER,
         "kind": GoalPoint.kind,
@@ -113,6 +116,7 @@ def offer_mark(agent_id: str, end_m: Float[np.ndarray, "2"]) -> dict[str, Any]:
         "lines": [f"{agent_id}: {DRAG_HINT}"],
         "shape": "flag",
         "point": _rounded(end_m),
+        "from": _places(scenario, poses)(agent_id),
         "isOffer": True,
     }
 

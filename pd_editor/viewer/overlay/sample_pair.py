@@ -16,12 +16,28 @@ _OTHER, _FOCAL, _EGO, _PEDESTRIAN = range(4)
 
 
 class SamplePair:
-    """The element ``sample-pair``: the page draws both samples at its playhead."""
+    """The element ``sample-pair``: the page draws both samples at its playhead.
 
-    def __init__(self, overlay: Overlay, use: Callable[[int], None]) -> None:
-        """Show nothing yet; ``use`` adopts one of both."""
+    Each side has a menu of all samples.
+    """
+
+    def __init__(
+        self,
+        overlay: Overlay,
+        *,
+        use: Callable[[int], None],
+        choose: Callable[[int, int], None],
+    ) -> None:
+        """Show nothing yet.
+
+        Args:
+            overlay: draws it.
+            use: adopts one of both samples.
+            choose: called with a side, 0 or 1, and the sample that is wanted there.
+        """
         self._overlay = overlay
         self._use = use
+        self._choose = choose
         self.is_open = False
         overlay.on("sample-pair", self._heard)
 
@@ -29,9 +45,14 @@ class SamplePair:
         self,
         samples: Sequence[tuple[int, Scenario]],
         frame: PictureFrame,
+        *,
         adopted: int | None,
+        offered: Sequence[int],
     ) -> None:
-        """Show two samples with their indices, the left one first."""
+        """Show two samples with their indices, the left one first.
+
+        ``offered`` are the samples of the menus, and ``adopted`` is the one in use.
+        """
         self.is_open = True
         wide = PictureFrame(middle_m=frame.middle_m, scale=frame.scale * GROUND_SCALE)
         self._overlay.show(
@@ -40,6 +61,9 @@ class SamplePair:
                 "isOpen": True,
                 "halfWidth": round(frame.half_size_m[0], 1),
                 "ground": ground_path(samples[0][1].road_map, wide),
+                "offered": [
+                    {"index": index, "isAdopted": index == adopted} for index in offered
+                ],
                 "samples": [
                     {
                         "index": index,
@@ -59,11 +83,15 @@ class SamplePair:
         return was_open
 
     def _heard(self, event: Mapping[str, Any]) -> None:
-        kind, value = event.get("kind"), event.get("value")
+        kind, value, side = (event.get(name) for name in ("kind", "value", "side"))
         if kind == "close":
             self.close()
-        elif kind == "use" and isinstance(value, int) and self.is_open:
+        elif not isinstance(value, int) or not self.is_open:
+            return
+        elif kind == "use":
             self._use(value)
+        elif kind == "choose" and isinstance(side, int) and side in (0, 1):
+            self._choose(side, value)
 
 
 def _paths(scenario: Scenario, frame: PictureFrame) -> list[dict[str, Any]]:

@@ -68,7 +68,8 @@ class SampleCards:
             apply_within_locks(command, samples.before) for command in samples.commands
         )
         numbers = tuple(
-            numbers_of(generated_traffic(samples.scene, one)) for one in samples.samples
+            numbers_of(generated_traffic(samples.scene, one, with_later=True))
+            for one in samples.samples
         )
         there = [
             name
@@ -122,7 +123,8 @@ class SampleStrip:
         self._ranking: Ranking = "realism"
         self._pick: int | None = None
         self._previewed: int | None = None
-        self._pair = SamplePair(overlay, self._adopt)
+        self._compared = (0, 0)
+        self._pair = SamplePair(overlay, use=self._adopt, choose=self._choose_compared)
         overlay.on("samples", self._heard)
         self._show()
 
@@ -291,16 +293,32 @@ class SampleStrip:
             self.adopt(index)
 
     def _compare(self, index: int) -> None:
-        """Show a sample beside the adopted one, or beside the best one without any."""
-        assert self._cards is not None
-        other = self._order()[0] if self._adopted is None else self._adopted
-        if other == index:
+        """Show a sample beside the adopted one, or beside the best other one."""
+        others = [one for one in self._order() if one != index]
+        if self._adopted is not None and self._adopted != index:
+            others.insert(0, self._adopted)
+        if others:
+            self._compared = others[0], index
+            self._show_pair()
+
+    def _choose_compared(self, side: int, index: int) -> None:
+        """Put a sample on one side; one that is on the other side changes places."""
+        if not self.is_open or not self._has(index):
             return
+        kept = self._compared[1 - side]
+        if kept == index:
+            kept = self._compared[side]
+        self._compared = (index, kept) if side == 0 else (kept, index)
+        self._show_pair()
+
+    def _show_pair(self) -> None:
+        assert self._cards is not None
         scenarios = self._cards.scenarios
         self._pair.show(
-            [(other, scenarios[other]), (index, scenarios[index])],
+            [(index, scenarios[index]) for index in self._compared],
             self._cards.frame,
-            self._adopted,
+            adopted=self._adopted,
+            offered=ranked(self._cards.numbers, self._ranking),
         )
 
     def _point_at(self, index: int | None) -> None:

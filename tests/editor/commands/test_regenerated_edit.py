@@ -140,6 +140,8 @@ def test_carried_trajectories_continue_the_locked_seconds():
     carried = replace(command, sample=carried_to(sample, edited))
     after = apply_within_locks(RegeneratedEdit(edit=further, traffic=carried), locked)
     track, speed = after.agents.position_m[row], BASE.agents.velocity_mps[row, now, 0]
-    assert (track[now : now + 21] == edited.agents.position_m[row, now : now + 21]).all()
+    assert (
+        track[now : now + 21] == edited.agents.position_m[row, now : now + 21]
+    ).all()
     steps_m = np.hypot(*np.diff(track[now:], axis=0).T)
     assert steps_m.max() < 1.5 * speed * BASE.time_axis.step_s

@@ -9,9 +9,14 @@ import pytest
 from pd_editor.editor.commands import traffic_command
 from pd_editor.generation import GeneratedTraffic, GenerationRequest
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.overlay.sample_strip import SampleSet, SampleStrip, card_lines
+from pd_editor.viewer.overlay.sample_strip import (
+    SampleCards,
+    SampleSet,
+    SampleStrip,
+    card_lines,
+)
 from pd_editor.viewer.state.ui_context import UiContext
-from tests.builders import two_agents_that_pass
+from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
 from tests.metrics.test_sample_ranking import PLAIN
 from tests.metrics.traffic_builders import sample_of
 
@@ -151,6 +156,53 @@ def test_a_sample_is_compared_with_the_one_in_use(strip, page):
     assert strip.close()
     assert not strip.is_open
     assert not strip.close()
+
+
+def test_cards_count_collisions_with_agents_that_appear_later():
+    """(W14) A card told "No collisions" beside a problem of the same sample."""
+    agents = straight_drivers([(0, 0, 0, 5), (20, 0, 0, 0)])
+    is_valid = agents.is_valid.copy()
+    is_valid[1, :60] = False
+    scenario = scenario_with(agents.with_rows(np.arange(2), is_valid=is_valid))
+    (driver, _), now = agents.ids, scenario.current_step
+    sample = sample_of((driver,), agents.position_m[:1, now:])
+    request = GenerationRequest(scenario=scenario, agent_ids=(driver,))
+    traffic = GeneratedTraffic(samples=(sample,), generator="fake")
+    cards = SampleCards.of(
+        SampleSet(
+            before=scenario,
+            scene=scenario,
+            samples=traffic.samples,
+            commands=(traffic_command(request, traffic),),
+        )
+    )
+    assert cards.numbers[0].num_collisions == 1
+
+
+def test_any_two_samples_are_compared(strip, page):
+    """(W13) Each side has a menu of all samples; the one of the other side swaps."""
+    opened(strip, page)
+    hear = page.handlers["sample-pair"]
+
+    def sides() -> list[int]:
+        return [one["index"] for one in page.shown["sample-pair"]["samples"]]
+
+    page.handlers["samples"]({"kind": "pair", "value": 2})
+    assert sides() == [0, 2]
+    offered = page.shown["sample-pair"]["offered"]
+    assert sorted(one["index"] for one in offered) == [0, 1, 2]
+    assert [one["index"] for one in offered if one["isAdopted"]] == [0]
+    hear({"kind": "choose", "side": 0, "value": 1})
+    assert sides() == [1, 2]
+    hear({"kind": "choose", "side": 1, "value": 1})
+    assert sides() == [2, 1]
+    for side, value in ((0, 3), (0, -1), (2, 0), (None, 0), (1, "0"), ([0], 0)):
+        hear({"kind": "choose", "side": side, "value": value})
+    assert sides() == [2, 1]
+    assert not strip.adopted
+    # The one in use is compared with the best other one.
+    page.handlers["samples"]({"kind": "pair", "value": 0})
+    assert sides() == [offered[0]["index"] or offered[1]["index"], 0]
 
 
 def test_the_strip_hides_and_comes_back_with_the_state(strip, page):

@@ -6,6 +6,8 @@ pdOverlay.define("guidance_marks", (api) => {
   const SEND_MS = 50;
   const SETTLE_MS = 700;
   const HELD_BACK_PX = 16; // Arrows begin and end outside the agents.
+  // Around an offered flag's foot: agents in there could not be pressed.
+  const COVERED_PX = { left: -20, right: 37, top: -48, bottom: 2 };
   const DRAGGED = ["flag", "line"];
   const layer = shape("svg", "pd-guide-marks");
   const tip = api.make("div", "pd-tip pd-guide-tip", { role: "tooltip" });
@@ -55,11 +57,17 @@ pdOverlay.define("guidance_marks", (api) => {
   });
   const ground = (point) => api.project([point[0], point[1], 0]);
 
+  function isCovered(x, y) {
+    const { left, right, top, bottom } = COVERED_PX;
+    return left < x && x < right && top < y && y < bottom;
+  }
+
   function drawFlag(mark, parent) {
     const foot = ground(mark.point);
     if (!foot) return;
     const from = mark.from && api.project(mark.from);
-    if (from && !mark.isFaint)
+    if (mark.isOffer && from && isCovered(from[0] - foot[0], from[1] - foot[1])) return;
+    if (from && !mark.isFaint && !mark.isOffer)
       parent.append(shape("path", "pd-guide-leader", { d: along([from, foot]) }));
     const picture = flag(mark.isOffer);
     for (const [key, value] of Object.entries(moved(foot))) picture.setAttribute(key, value);

@@ -7,6 +7,11 @@ pdOverlay.define("page", (api) => {
     if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "a")
       event.preventDefault();
   });
+  // viser calls preventDefault for a press on an agent in a passive listener, where it has
+  // no effect but an error in the console.
+  api.listen(document, "pointerdown", (event) => {
+    if (api.isOnPicture(event)) event.preventDefault = () => {};
+  }, { capture: true });
   return ({ title, isDark }) => {
     document.title = title;
     api.root.classList.toggle("pd-dark", isDark);

@@ -4,9 +4,13 @@ pdOverlay.define("sample-pair", (api) => {
   const panel = make("section", "pd-solid pd-pair", {
     role: "dialog", "aria-label": "Two samples side by side",
   });
-  const sides = ["left", "right"].map((name) => {
+  const sides = ["left", "right"].map((name, place) => {
     const box = make("div", "pd-pair-side");
-    const title = make("strong");
+    const title = make("select", "", {
+      "aria-label": `Sample on the ${name}`, title: "Another sample here",
+    });
+    title.addEventListener("change", () =>
+      api.send({ kind: "choose", side: place, value: Number(title.value) }));
     const use = make("button", "pd-pair-use", { type: "button" });
     const head = make("div", "pd-pair-head");
     const canvas = make("canvas", "", { "aria-label": `Top view, ${name}` });
@@ -121,7 +125,10 @@ pdOverlay.define("sample-pair", (api) => {
     ground = new Path2D(state.ground);
     sides.forEach((side, place) => {
       side.sample = state.samples[place];
-      side.title.textContent = `Sample ${side.sample.index + 1}`;
+      side.title.replaceChildren(...state.offered.map(({ index, isAdopted }) =>
+        make("option", "", { value: String(index) },
+          `Sample ${index + 1}${isAdopted ? ", in use" : ""}`)));
+      side.title.value = String(side.sample.index);
       side.use.textContent = side.sample.isAdopted ? "In use" : "Use this sample";
       side.use.disabled = side.sample.isAdopted;
     });

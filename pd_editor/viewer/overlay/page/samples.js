@@ -38,6 +38,7 @@
     let state = { cards: [] };
     let cursor = null;
     let pointed = null;
+    let shownInUse = null; // the card in use that was scrolled into sight
 
     function point(index) {
       if (pointed === index) return;
@@ -132,7 +133,7 @@
       strip.hidden = !state.isOpen;
       api.root.classList.toggle("pd-shows-samples", Boolean(state.isOpen));
       if (!state.isOpen) {
-        pointed = cursor = null;
+        pointed = cursor = shownInUse = null;
         return;
       }
       const hadFocus = list.contains(document.activeElement);
@@ -145,6 +146,12 @@
         all.find((one) => one.getAttribute("aria-selected") === "true") ?? all[0];
       if (!current) return;
       current.tabIndex = 0;
+      const inUse = state.cards.find((one) => one.isAdopted)?.index ?? null;
+      if (inUse !== shownInUse) {
+        shownInUse = inUse;
+        all.find((one) => Number(one.dataset.index) === inUse)?.scrollIntoView(
+          { block: "nearest", inline: "nearest" });
+      }
       if (state.takesFocus || hadFocus) moveTo(all.indexOf(current));
     };
 
