@@ -271,7 +271,10 @@ def test_possible_trajectories_are_told_apart(editor):
 
 
 def test_a_slider_dragged_with_a_rest_is_one_edit_and_the_tabs_stay_in_sight(editor):
-    """One drag of the mouse is one undo step; tabs do not scroll away with the panel."""
+    """One drag of the mouse is one undo step; tabs do not scroll away with the panel.
+
+    (W8) Each tab is scrolled on its own: another one opened with its top out of sight.
+    """
     page, session = editor.page, editor.session
     editor.open_tab("Road")
     tab_bar = page.get_by_role("tab", name="Road", exact=True)
@@ -307,3 +310,6 @@ def test_a_slider_dragged_with_a_rest_is_one_edit_and_the_tabs_stay_in_sight(edi
     assert hit
     page.get_by_role("tab", name="Drive", exact=True).click()
     page.get_by_role("button", name="Regenerate", exact=True).wait_for()
+    editor.until(lambda: viewport.evaluate("e => e.scrollTop") == 0, "its top")
+    page.get_by_role("tab", name="Road", exact=True).click()
+    editor.until(lambda: viewport.evaluate("e => e.scrollTop") > 50, "where it was")

@@ -106,18 +106,19 @@ def attribute_notes(
     Empty if no attribute was requested, or no agent placed.
     """
     count = sum(len(ids) for _, ids in placed)
+    where = f" in {len(placed)} samples" if len(placed) > 1 else ""
     notes: list[str] = []
     if count and request.moving_share is not None:
         moving = sum(_num_moving(*one) for one in placed)
         notes.append(
-            f"{moving} of {count} placed agents move ({moving / count:.0%}; "
+            f"{moving} of {count} placed agents{where} move ({moving / count:.0%}; "
             f"{request.moving_share:.0%} were asked for)."
         )
     if count and request.only_on_road:
         off = sum(_num_off_road(*one) for one in placed)
         notes.append(
-            f"{off or 'None'} of {count} placed agents {'is' if off < 2 else 'are'} "
-            "off the road."
+            f"{off or 'None'} of {count} placed agents{where} "
+            f"{'is' if off < 2 else 'are'} off the road."
         )
     return tuple(notes)
 

@@ -61,9 +61,13 @@ class RequestSummary:
     """Index of the applied sample."""
     num_denoising_steps: int | None = None
     guidance: tuple[GuidanceTerm | GuidanceSetting, ...] = ()
+    is_unguided: bool = False
+    """Whether the sample is the one without guidance, which a guided run also makes."""
 
     def request(self, scenario: Scenario, seed: int) -> GenerationRequest:
         """The request for a scenario that still contains the removed agents."""
+        if self.is_unguided:
+            scenario = replace(scenario, guidance=())
         return GenerationRequest(
             scenario=scenario.without_agents(self.removed_ids),
             agent_ids=self.agent_ids,
@@ -133,7 +137,8 @@ class ReplaceTraffic(Command):
         which = ""
         if asked.num_samples > 1:
             which = f", sample {asked.sample_index + 1} of {asked.num_samples}"
-        return f"{done}{which} ({self.generator}, seed {self.seed})"
+        how = ", unguided" if asked.is_unguided else ""
+        return f"{done}{which} ({self.generator}, seed {self.seed}{how})"
 
     def apply(self, scenario: Scenario) -> Scenario:
         """Scenario with the generated traffic."""

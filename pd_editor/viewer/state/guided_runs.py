@@ -34,7 +34,10 @@ class GuidedRun:
         if unguided is None:
             return None
         traffic = replace(self.traffic, samples=(unguided,), guidance=(), notes=())
-        return traffic_command(self.request, traffic, 0, removed_ids=self.removed_ids)
+        command = traffic_command(
+            self.request, traffic, 0, removed_ids=self.removed_ids
+        )
+        return replace(command, request=replace(command.request, is_unguided=True))
 
 
 class GuidedRuns:

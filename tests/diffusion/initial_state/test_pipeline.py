@@ -184,10 +184,12 @@ def test_wishes_about_those_placed_are_answered(
         off[walker] = False
         numbers.append(((speed >= 0.5).sum(), off.sum()))
     moving, off = np.sum(numbers, axis=0)
-    assert traffic.notes[0].startswith(f"{moving} of 14 placed agents move")
+    assert traffic.notes[0].startswith(
+        f"{moving} of 14 placed agents in 2 samples move"
+    )
     assert "75% were asked for" in traffic.notes[0]
     verb = "is" if off < 2 else "are"
-    expected = f"{off or 'None'} of 14 placed agents {verb} off the road."
+    expected = f"{off or 'None'} of 14 placed agents in 2 samples {verb} off the road."
     assert traffic.notes[1].startswith(expected)
     assert not generated(diffuser, scenario, (), **asked).notes
 

@@ -132,6 +132,8 @@ def test_the_unguided_sample_is_taken_and_undone(guided: FakeTab):
     guided.run(lambda: panel_._heard({"kind": "take"}))
     assert speed(guided) == 3.0
     assert len(guided.session.entries) == count + 1
+    # (W15) In the history both runs had the same name.
+    assert guided.session.entries[-1].label.endswith("unguided)")
     assert guided.session.scenario.guidance == (TERM,)
     assert panel(guided)["action"] is None
     assert panel(guided)["rows"][0]["notes"] == []

@@ -33,8 +33,25 @@ pdOverlay.define("panel", (api) => {
     const open = tabs().find(isOpen);
     if (!open || title(open) === told) return;
     told = title(open);
+    const box = scrolled();
+    if (box) box.scrollTop = places.get(told) ?? 0;
     api.send({ kind: "tab", title: told });
   }
+
+  // viser scrolls all tabs as one: each shall be where it was left, at first at its top.
+  const places = new Map();
+  function scrolled() {
+    let box = [...document.querySelectorAll("[role=tabpanel]")].find(
+      (one) => one.offsetParent !== null && !api.root.contains(one));
+    while (box && !/auto|scroll/.test(getComputedStyle(box).overflowY))
+      box = box.parentElement;
+    return box;
+  }
+  api.listen(document, "scroll", (event) => {
+    const box = event.target;
+    if (told !== null && box !== document && box === scrolled())
+      places.set(told, box.scrollTop);
+  }, { capture: true });
 
   // viser tells a slider's values, not that the pointer has let go of it. Outside of the
   // window no pointer tells either: a slider is let go when the window is left.
