@@ -434,14 +434,15 @@ def held_rows(
     least = last.new_full((samples * agents, count), count)
     index = (sample * agents + own)[:, None].expand(-1, count)
     least = least.scatter_reduce(0, index, last, "amin").view(samples, agents, count)
-    held = least < count
     # No agent can brake harder than it can.
-    place = least.maximum(tracks.braked).clamp_max(count - 1)
+    place = least.maximum(tracks.braked)
+    # One that backs into another one is held as well.
+    held = (least < count) & (place < torch.arange(count, device=own.device))
+    place = place.clamp_max(count - 1)
     spot = tracks.position_m.gather(2, place[..., None].expand(*place.shape, 2))
     heading = tracks.heading_rad.gather(2, place)
     forward = torch.stack([heading.cos(), heading.sin()], dim=-1)
     target = (spot * forward).sum(-1)
-    held = held & ((tracks.position_m * forward).sum(-1) > target)
     return ResidualRows(
         agents=torch.arange(agents, device=own.device),
         order=0,

@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.inputs.trajectory_pca import NUM_ALONG
-from pd_editor.diffusion.trajectory.network.decoding import TrajectoryDecoder
+from pd_editor.diffusion.trajectory.network.decoding import STAYS_M, TrajectoryDecoder
 from pd_editor.features.encoded_scene import LATENT_SIZE
-from pd_editor.scene.thresholds import MOVING_MPS
+from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,6 +73,7 @@ class LatentMotion:
     origin_m: Float[Tensor, "A 2"]
     heading_rad: Float[Tensor, "A"]
     forward: Float[Tensor, "A 2"]
+    speed_mps: Float[Tensor, "A"]
     size_m: Float[Tensor, "A 2"]
     is_sampled: Bool[Tensor, "A"]
     known: KnownMotion
@@ -115,6 +116,7 @@ class LatentMotion:
             origin_m=origin_m,
             heading_rad=heading_rad,
             forward=torch.stack([heading_rad.cos(), heading_rad.sin()], dim=-1),
+            speed_mps=speed_mps,
             size_m=size_m,
             is_sampled=is_sampled,
             known=known,
@@ -133,6 +135,8 @@ class LatentMotion:
         forward = self.forward[:, None, None]
         left = torch.stack([-forward[..., 1], forward[..., 0]], dim=-1)
         points = x[..., None] * forward + y[..., None] * left
+        if level == 0:
+            points = torch.where(self._stays(points)[..., None, None], 0.0, points)
         known = self.known
         where = known.is_known[..., None]
         position = points[:, :, 0] + self.origin_m[:, None]
@@ -152,6 +156,13 @@ class LatentMotion:
             time_s=self.time_s,
             level=level,
         )
+
+    def _stays(
+        self, points_m: Float[Tensor, "S A 3 T 2"]
+    ) -> Bool[Tensor, "S A 1"]:
+        """Agents that the decoder keeps exactly at their positions."""
+        reach = points_m[:, :, 0].norm(dim=-1).amax(dim=-1, keepdim=True)
+        return (self.speed_mps[:, None] < STANDING_MPS) & (reach < STAYS_M)
 
     def _heading(
         self, velocity_mps: Float[Tensor, "S A T 2"]

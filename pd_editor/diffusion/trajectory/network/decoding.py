@@ -19,7 +19,7 @@ from pd_editor.geometry.angles import unit_vector
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_axis import TimeAxis
 
-_STAYS_M: Final = 0.5
+STAYS_M: Final = 0.5
 """A stationary agent that would move less than this stays exactly at its position."""
 
 
@@ -112,7 +112,7 @@ def motion_of(
     speed = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1])
     local = np.pad(basis.decode(latent, speed), [(0, 0), (0, 0), (1, 0), (0, 0)])
     reach = np.hypot(local[..., 0], local[..., 1]).max(axis=-1)
-    stays = (speed < STANDING_MPS) & (reach < _STAYS_M)
+    stays = (speed < STANDING_MPS) & (reach < STAYS_M)
     local = np.where(stays[..., None, None], 0.0, local)
     local = _at_steps(local, basis.step_s, axis)
     forward = unit_vector(heading_rad)[:, None]
