@@ -17,6 +17,7 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
     row_weights,
 )
 from pd_editor.guidance.limits import OPENING_MPS
+from pd_editor.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.guidance_terms import AvoidCollisions, KeepGap, YieldTo
@@ -90,8 +91,9 @@ class AvoidTerm:
         begin = there.to(torch.uint8).argmax(dim=-1, keepdim=True)
         apart = -depth.gather(-1, begin)[:, 0]
         margin, gap = self._margins(apart)
-        # Pairs that overlap from the beginning, or when one enters, are left alone.
-        hits = (depth + margin[:, None] > 0) & there & (apart > 0)[:, None]
+        # Pairs that overlap when one of them enters are left alone.
+        matters = (apart > 0) | (begin[:, 0] == 0)
+        hits = (depth + margin[:, None] > 0) & there & matters[:, None]
         some = hits.any(dim=-1)
         if not bool(some.any()):
             return []
@@ -112,10 +114,12 @@ class AvoidTerm:
     ) -> tuple[Float[Tensor, "P"], Float[Tensor, "P"]]:
         """Wanted gaps to the side and ahead: no more than there is now."""
         config = self.context.config
-        now = _SHARE_OF_GAP * apart_m
+        now = (_SHARE_OF_GAP * apart_m).clamp_min(_LEAST_MARGIN_M)
+        # Of boxes that touch now, none comes closer.
+        now = torch.where(apart_m > 0, now, apart_m - _LEAST_MARGIN_M)
         return (
-            now.clamp(_LEAST_MARGIN_M, config.avoided_aside_m),
-            now.clamp(_LEAST_MARGIN_M, config.avoided_ahead_m),
+            now.clamp_max(config.avoided_aside_m),
+            now.clamp_max(config.avoided_ahead_m),
         )
 
     def _resolved(
@@ -503,12 +507,17 @@ def _at_all_steps(
 
 
 def _counted_pairs(context: TermContext) -> Bool[Tensor, "A A"]:
-    """Pairs of agents that should not collide."""
+    """Pairs of agents that should not collide: those that do not now."""
     count = len(context.ids)
-    agents = context.scenario.agents
+    agents, now = context.scenario.agents, context.scenario.current_step
     one, two = np.triu_indices(count, 1)
     rows = agents.rows(context.ids)
     pairs = np.stack([rows[one], rows[two]], axis=-1)
     found = np.zeros((count, count), bool)
     found[one, two] = counted(agents, pairs)
+    index = {row: place for place, row in enumerate(rows.tolist())}
+    for pair in overlapping_pairs(agents, now).tolist():
+        if pair[0] in index and pair[1] in index:
+            a, b = sorted(index[row] for row in pair)
+            found[a, b] = False
     return torch.from_numpy(found | found.T)
