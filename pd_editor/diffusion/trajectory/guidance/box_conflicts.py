@@ -12,6 +12,8 @@ from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotio
 _STRIDE: Final = 3
 """Boxes are compared at every third step."""
 
+_LEAST_WAY_M: Final = 0.1
+
 
 def depth_m(
     offset_m: Float[Tensor, "*N 2"],
@@ -56,6 +58,10 @@ class BoxTracks:
     exists: Bool[Tensor, "A K"]
     time_s: Float[Tensor, "K"]
     size_m: Float[Tensor, "A 2"]
+    along_m: Float[Tensor, "S A K"]
+    """Way that each agent has driven."""
+    speed_mps: Float[Tensor, "S A"]
+    """At the current step."""
     braked: Int[Tensor, "S A K"]
     """Step of the own path that an agent at least reaches by each step if it brakes."""
 
@@ -80,6 +86,8 @@ class BoxTracks:
             exists=motion.exists[:, step],
             time_s=time,
             size_m=motion.size_m,
+            along_m=along,
+            speed_mps=speed[..., 0],
             braked=torch.searchsorted(along, least.contiguous()).clamp_max(
                 len(step) - 1
             ),
@@ -96,6 +104,21 @@ class BoxTracks:
         meets = (low[:, :, None] < high[:, None]) & (high[:, :, None] > low[:, None])
         sample, one, two = (meets.all(dim=-1) & counts.triu(1)).nonzero(as_tuple=True)
         return sample, one, two
+
+    def braking_mps2(
+        self, sample: Int[Tensor, "P"], own: Int[Tensor, "P"], last: Int[Tensor, "P K"]
+    ) -> Float[Tensor, "P"]:
+        """Constant braking that keeps agents from going beyond steps of their paths.
+
+        ``last`` is that step at each compared one; K where an agent is unhindered.
+        """
+        count = len(self.step)
+        way = self.along_m[sample, own].gather(1, last.clamp(0, count - 1))
+        way = way.clamp_min(_LEAST_WAY_M)
+        speed, time = self.speed_mps[sample, own][:, None], self.time_s
+        slows = 2 * (speed * time - way) / time.square().clamp_min(0.01)
+        braking = torch.where(2 * way < speed * time, speed.square() / (2 * way), slows)
+        return (braking.clamp_min(0.0) * (last < count)).amax(dim=-1)
 
     def blocked(
         self,

@@ -218,11 +218,12 @@ class _Slowing:
         path = tracks.position_m[sample, own]
         place = last.clamp_min(0)[..., None].expand(-1, -1, 2)
         back = (path - path.gather(1, place)).norm(dim=-1) * reaches
-        rate = (2 * back / tracks.time_s.square().clamp_min(0.01)).amax(dim=-1)
-        cost = back.amax(dim=-1) + 3 * (rate - _GENTLE_MPS2).clamp_min(0).square()
         is_in_the_way = (reaches & (last < 0)).any(dim=-1)
+        last = torch.where(reaches, last.clamp_min(0), count)
+        rate = tracks.braking_mps2(sample, own, last)
+        cost = back.amax(dim=-1) + 3 * (rate - _GENTLE_MPS2).clamp_min(0).square()
         return cls(
-            last=torch.where(reaches, last.clamp_min(0), count),
+            last=last,
             cost=cost.masked_fill(is_in_the_way, torch.inf),
         )
 
