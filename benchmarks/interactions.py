@@ -109,7 +109,7 @@ class RealismTable:
             print(f"{column:24}{before:12.4f}{after:12.4f}{change:10.1%}")
 
 
-def avoided(split: str, most: int, samples: int) -> None:
+def avoided(split: str, most: int, samples: int, seed: int) -> None:
     """Collisions with and without the term."""
     table = RealismTable()
     for scenario in scenes(split, most):
@@ -120,7 +120,7 @@ def avoided(split: str, most: int, samples: int) -> None:
                 ids,
                 AvoidCollisions(),
                 samples=samples,
-                seed=1,
+                seed=seed,
                 compares=True,
             )
         )
@@ -338,6 +338,7 @@ def main() -> None:
     parser.add_argument("--split", default="val")
     parser.add_argument("--scenes", type=int, default=100)
     parser.add_argument("--samples", type=int, default=4)
+    parser.add_argument("--seed", type=int, default=1, help="of avoided collisions")
     parser.add_argument(
         "--what",
         nargs="+",
@@ -346,7 +347,7 @@ def main() -> None:
     )
     options = parser.parse_args()
     if "avoid" in options.what:
-        avoided(options.split, options.scenes, options.samples)
+        avoided(options.split, options.scenes, options.samples, options.seed)
     if "gaps" in options.what:
         gaps(options.split, options.scenes, options.samples)
     if "yields" in options.what:

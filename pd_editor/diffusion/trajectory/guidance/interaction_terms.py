@@ -445,13 +445,12 @@ def held_rows(
     held = (least < count) & (place < torch.arange(count, device=own.device))
     place = place.clamp_max(count - 1)
     spot = tracks.position_m.gather(2, place[..., None].expand(*place.shape, 2))
-    heading = tracks.heading_rad.gather(2, place)
-    forward = torch.stack([heading.cos(), heading.sin()], dim=-1)
-    target = (spot * forward).sum(-1)
+    beyond = torch.nn.functional.normalize(tracks.position_m - spot, dim=-1)
+    target = (spot * beyond).sum(-1)
     return ResidualRows(
         agents=torch.arange(agents, device=own.device),
         order=0,
-        direction=forward,
+        direction=beyond,
         target=target,
         weight=torch.where(held, row_weights(accepted_m, strength, target), 0.0),
     )
@@ -509,16 +508,14 @@ def _at_all_steps(
 
 def _counted_pairs(context: TermContext) -> Bool[Tensor, "A A"]:
     """Pairs of agents that should not collide: those that do not now."""
-    count = len(context.ids)
-    agents, now = context.scenario.agents, context.scenario.current_step
-    one, two = np.triu_indices(count, 1)
+    agents = context.scenario.agents
+    one, two = np.triu_indices(len(context.ids), 1)
     rows = agents.rows(context.ids)
-    pairs = np.stack([rows[one], rows[two]], axis=-1)
-    found = np.zeros((count, count), bool)
-    found[one, two] = counted(agents, pairs)
-    index = {row: place for place, row in enumerate(rows.tolist())}
-    for pair in overlapping_pairs(agents, now).tolist():
-        if pair[0] in index and pair[1] in index:
-            a, b = sorted(index[row] for row in pair)
-            found[a, b] = False
-    return torch.from_numpy(found | found.T)
+    found = np.zeros((len(agents), len(agents)), bool)
+    found[rows[one], rows[two]] = counted(
+        agents, np.stack([rows[one], rows[two]], axis=-1)
+    )
+    found |= found.T
+    colliding = overlapping_pairs(agents, context.scenario.current_step)
+    found[colliding, colliding[:, ::-1]] = False
+    return torch.from_numpy(found[np.ix_(rows, rows)])

@@ -157,9 +157,7 @@ class LatentMotion:
             level=level,
         )
 
-    def _stays(
-        self, points_m: Float[Tensor, "S A 3 T 2"]
-    ) -> Bool[Tensor, "S A 1"]:
+    def _stays(self, points_m: Float[Tensor, "S A 3 T 2"]) -> Bool[Tensor, "S A 1"]:
         """Agents that the decoder keeps exactly at their positions."""
         reach = points_m[:, :, 0].norm(dim=-1).amax(dim=-1, keepdim=True)
         return (self.speed_mps[:, None] < STANDING_MPS) & (reach < STAYS_M)

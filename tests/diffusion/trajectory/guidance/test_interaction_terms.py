@@ -165,6 +165,30 @@ def test_pairs_that_overlap_now_are_left_alone() -> None:
     assert torch.equal(after.position_m, before.position_m)
 
 
+@pytest.mark.parametrize(
+    ("other", "way_m"),
+    [
+        ((-5.2, 0, 0, 0), (-1.5, 0)),
+        ((0, 2.5, 0, 0), (0, 1.5)),
+        ((4.59, 0, 0, 0), (1.5, 0)),
+    ],
+    ids=["backwards", "sideways", "forwards from a touch"],
+)
+def test_agents_that_stand_are_held(
+    other: tuple[float, float, float, float], way_m: tuple[float, float]
+) -> None:
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 0), other]))
+    guide, motion, latent = guide_of(scenario, AvoidCollisions())
+    path = np.linspace(0, 1, 60)[1:, None] ** 2 * np.array(way_m)
+    encoded = small_model().decoder.basis.encode(path[None], np.zeros(1))
+    latent[0, 0, 0] = torch.from_numpy(encoded[0]).float()
+    before = motion.predicted(latent[:, 0], 0.0)
+    after = motion.predicted(guide.closed(latent)[:, 0], 0.0)
+    now = gaps(before, 0, 1)[0]
+    assert gaps(before, 0, 1).min() < now - 0.5
+    assert gaps(after, 0, 1).min() > min(now, 0) - 0.02
+
+
 @pytest.mark.parametrize(("agent", "other"), [("100", "101"), ("101", "100")])
 def test_the_agent_that_yields_passes_after_the_other(agent: str, other: str) -> None:
     # By the diagonal of places and times: its box is nowhere where the other's will be.
