@@ -98,7 +98,10 @@ DEFAULT_GENERATOR: Final = next(iter(GENERATORS))
 
 
 def catalogue_with(models: Sequence[str | Path]) -> GeneratorCatalogue:
-    """All generators, before them those that are named; installed plugins come last.
+    """All generators, the default first.
+
+    Those that are named come before the shipped ones. After these come the models of
+    folders with several, of which none is preferred, and installed plugins.
 
     Args:
         models: folders of models or with ``generator.py``, folders of such folders, and
@@ -109,12 +112,16 @@ def catalogue_with(models: Sequence[str | Path]) -> GeneratorCatalogue:
             generator.
     """
     offers: dict[str, GeneratorSpec] = {}
+    among_several: set[str] = set()
     unusable: list[UnusableGenerator] = []
     for given in map(str, models):
         if is_reference(given) and not Path(given).exists():
             _add(offers, given, _plugin_offer(partial(make_generator, given), given))
             continue
-        for folder in _folders_in(Path(given).resolve()):
+        folders = _folders_in(Path(given).resolve())
+        if len(folders) > 1:
+            among_several.update(folder.name for folder in folders)
+        for folder in folders:
             reason = _damage(folder)
             if reason:
                 unusable.append(UnusableGenerator(name=folder.name, reason=reason))
@@ -125,6 +132,8 @@ def catalogue_with(models: Sequence[str | Path]) -> GeneratorCatalogue:
                 make = partial(make_generator, str(folder))
                 _add(offers, folder.name, _plugin_offer(make, str(folder)), folder)
     offers |= GENERATORS
+    for name in [one for one in offers if one in among_several]:
+        offers[name] = offers.pop(name)
     for name, entry_point in installed_plugins().items():
         if name not in offers:
             make = partial(generator_of_entry_point, name)

@@ -65,7 +65,7 @@ class ViewerApp:
         self._is_debug = debug
         self._is_local = host in LOOPBACK_HOSTS
         self._lock = threading.Lock()
-        self._warm_up = threading.Timer(WARM_UP_AFTER_S, self._warm_up_generators)
+        self._warm_up = threading.Timer(WARM_UP_AFTER_S, self._warm_up_default)
         # No daemon: a thread that is ended inside torch aborts the process at its exit.
         self._warm_up.daemon = False
         self._warms_up = False
@@ -142,15 +142,18 @@ class ViewerApp:
         with self._lock:
             self._tabs.pop(client.client_id, None)
 
-    def _warm_up_generators(self) -> None:
-        """Load models ahead of the first generation, which reports their errors."""
-        for name, offer in self._generators.offers.items():
-            if offer.warm_up is None:
-                continue
-            try:
-                offer.warm_up()
-            except PdEditorError as error:
-                _LOG.info("%s cannot be prepared: %s", name, error)
+    def _warm_up_default(self) -> None:
+        """Load the default model ahead of its first generation, which reports errors.
+
+        Others are loaded when they are used: there may be many, and each takes a while.
+        """
+        name, offer = next(iter(self._generators.offers.items()))
+        if offer.warm_up is None:
+            return
+        try:
+            offer.warm_up()
+        except PdEditorError as error:
+            _LOG.info("%s cannot be prepared: %s", name, error)
 
     def _forget_old(self, in_use: set[str]) -> None:
         idle = [key for key in self._workspaces if key not in in_use]
