@@ -67,7 +67,7 @@ def test_a_folder_of_models_offers_each_and_lists_the_broken_ones(tmp_path: Path
     # (W16) None of several is preferred: the default stays, and is still the first.
     assert list(found.offers)[: len(GENERATORS) + 2] == [*GENERATORS, "a", "b"]
     mine = model_folder(tmp_path / "more" / "mine")
-    assert list(catalogue_with([tmp_path, mine]).offers)[0] == "mine"
+    assert next(iter(catalogue_with([tmp_path, mine]).offers)) == "mine"
     reasons = {one.name: one.reason for one in found.unusable}
     assert reasons == {
         "damaged": "config.json is not readable JSON",

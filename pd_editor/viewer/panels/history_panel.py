@@ -87,8 +87,11 @@ class HistoryPanel:
             f", {undone} undone" if undone else ""
         )
         newest = count - self._page * ROWS
-        oldest = max(newest - ROWS + 1, 0)
-        return title, f"Rows {newest} to {oldest} of {count}, newest first."
+        oldest = max(newest - ROWS + 1, 1)
+        if newest == 0:
+            return title, "Shown: the scenario as opened."
+        shown = f"{newest} to {oldest}" if newest > oldest else f"{newest}"
+        return title, f"Shown: {shown} of {count}, newest first."
 
     def _turn_page(self, where: str) -> None:
         session = self._ui.session

@@ -40,13 +40,7 @@ pdOverlay.define("panel", (api) => {
 
   // viser scrolls all tabs as one: each shall be where it was left, at first at its top.
   const places = new Map();
-  function scrolled() {
-    let box = [...document.querySelectorAll("[role=tabpanel]")].find(
-      (one) => one.offsetParent !== null && !api.root.contains(one));
-    while (box && !/auto|scroll/.test(getComputedStyle(box).overflowY))
-      box = box.parentElement;
-    return box;
-  }
+  const scrolled = () => tabs().find(isOpen)?.closest("[data-scrollarea-viewport]");
   api.listen(document, "scroll", (event) => {
     const box = event.target;
     if (told !== null && box !== document && box === scrolled())
