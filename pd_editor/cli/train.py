@@ -1,8 +1,10 @@
 """``pd-editor train``: train a stage of the model."""
 
 import math
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -10,6 +12,9 @@ import tyro
 
 from pd_editor.cli.options.arguments import OptionalFolder, Switch, several
 from pd_editor.cli.output.progress import ProgressLine, minutes_left
+from pd_editor.diffusion.defaults import DeviceName
+from pd_editor.generators import SHIPPED_MODEL
+from pd_editor.installed_files import models_folder
 from pd_editor.regular_file import check_path
 from pd_editor.work_engine.work_engine import WorkProgress
 
@@ -17,6 +22,7 @@ if TYPE_CHECKING:
     from pd_editor.training.config.run_request import RunRequest
     from pd_editor.training.config.settings import Settings
     from pd_editor.training.loop.train_loop import TrainingProgress
+    from pd_editor.training.monitoring import Monitoring, SampleCheck
     from pd_editor.training.training_run import Hardware
 
 StageName = Literal["init", "traj", "all"]
@@ -105,6 +111,11 @@ def train(
             name="set", metavar="NAME=VALUE [...]", help_behavior_hint=_OPTIONAL
         ),
     ] = (),
+    evaluate_every: Annotated[
+        float | None,
+        tyro.conf.arg(metavar="MIN", help_behavior_hint="(default: never)"),
+    ] = None,
+    tensorboard: Switch = False,
     resume: Switch = False,
 ) -> Training:
     """Train initial states (init), trajectories (traj) or both (all) on scenarios.
@@ -134,10 +145,13 @@ def train(
         copies: Number of randomly augmented copies of each scenario (default: 1).
         config: TOML files with values of single fields, in the sections [model], [loss], [optimisation], [augmentation], [sampler], [guidance] and [own_samples]; [init.model] or [traj.model] for one of the stages. Of several files, later ones count.
         settings: Values of single fields, such as model.is_differential=false augmentation.warp_share=0; they count before the files.
-        resume: Go on with the run in the folder; its settings are taken from there.
+        evaluate_every: Evaluate samples on scenes of --validate about every MIN minutes of training, into log.jsonl: scene test, collisions, off-drivable and askew shares of initial states; minADE6, collisions and lane deviation of trajectories. The time that it takes does not count as training.
+        tensorboard: Write losses and figures of samples for TensorBoard (extra "monitor") into the folder tensorboard of the run.
+        resume: Go on with the run in the folder; its settings are taken from there, but for --evaluate-every and --tensorboard.
     """
     from pd_editor.training.config.run_request import RunRequest
     from pd_editor.training.config.settings import settings_of
+    from pd_editor.training.monitoring import Monitoring
     from pd_editor.training.training_run import Hardware
 
     stages = _STAGES if stage == "all" else (stage,)
@@ -161,9 +175,16 @@ def train(
         copies=copies,
     )
     hardware = Hardware(device=device, num_devices=devices, threads=threads)
+    monitoring = Monitoring(
+        evaluate_minutes=evaluate_every,
+        check_of=partial(_sample_check, device),
+        has_tensorboard=tensorboard,
+    )
     if stage == "all":
-        return _both_trained(request, given, hardware, out, cache, resume=resume)
-    return _trained(request, hardware, out, cache, resume=resume)
+        return _both_trained(
+            request, given, hardware, monitoring, out, cache, resume=resume
+        )
+    return _trained(request, hardware, monitoring, out, cache, resume=resume)
 
 
 def _absolute(roots: str | Path | tuple[str | Path, ...]) -> tuple[str, ...]:
@@ -177,6 +198,7 @@ def _both_trained(
     request: "RunRequest",
     settings: Mapping[str, "Settings"],
     hardware: "Hardware",
+    monitoring: "Monitoring",
     out: Path | None,
     cache: Path | None,
     *,
@@ -193,6 +215,7 @@ def _both_trained(
             _trained(
                 replace(request, stage=stage, settings=settings[stage]),
                 hardware,
+                monitoring,
                 run,
                 cache,
                 resume=resume and run.exists(),
@@ -214,6 +237,7 @@ def _both_trained(
 def _trained(
     request: "RunRequest",
     hardware: "Hardware",
+    monitoring: "Monitoring",
     out: Path | None,
     cache: Path | None,
     *,
@@ -228,6 +252,7 @@ def _trained(
         default_cache() if cache is None else Path(cache),
         hardware,
         resume=resume,
+        monitoring=monitoring,
         on_preparation=_preparation_shown(),
         on_progress=_progress_shown(),
     )
@@ -244,6 +269,34 @@ def _trained(
         num_left_out=outcome.num_left_out,
         is_stopped=outcome.is_stopped,
     )
+
+
+def _sample_check(
+    device: DeviceName, roots: Sequence[Path], stage: str
+) -> "SampleCheck":
+    """Evaluation of samples of a stage; initial states get the shipped trajectories.
+
+    Raises:
+        InputError: there are no scenario folders below the roots.
+        ModelError: the shipped model cannot be read.
+    """
+    from pd_editor.diffusion.checkpoints.model_folder import load_model, save_model
+    from pd_editor.diffusion.path_diffuser import PathDiffuser
+    from pd_editor.diffusion.stages import STAGE_KINDS
+    from pd_editor.evaluation.report.sample_figures import figure_scenes
+
+    places = stage == "init"
+    scenes = figure_scenes(roots, samples_states=places)
+    shipped = models_folder() / SHIPPED_MODEL
+    others = load_model(shipped, STAGE_KINDS).stages if places else {}
+
+    def check(folder: Path) -> Mapping[str, Mapping[str, float]]:
+        stages = {**others, **load_model(folder, STAGE_KINDS).stages}
+        with tempfile.TemporaryDirectory() as joined:
+            save_model(Path(joined), stages)
+            return scenes.figures(lambda _: PathDiffuser(Path(joined), device=device))
+
+    return check
 
 
 def _preparation_shown() -> Callable[[WorkProgress], None]:

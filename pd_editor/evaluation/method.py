@@ -144,3 +144,8 @@ def _generator(
 ) -> ScenarioGenerator:
     """Make a generator; models are loaded once per process."""
     return make_generator(name)
+
+
+def forget_generators() -> None:
+    """Release the generators that this process has made."""
+    _generator.cache_clear()

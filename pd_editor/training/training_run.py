@@ -5,7 +5,8 @@ import logging
 import math
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any, Final
@@ -38,14 +39,17 @@ from pd_editor.training.data.training_data import (
 from pd_editor.training.loop.loss_curves import loss_curves_png
 from pd_editor.training.loop.run_folder import CURVES_NAME, RunFolder
 from pd_editor.training.loop.stop_request import stop_requests
-from pd_editor.training.loop.train_loop import TrainingProgress, TrainLoop
+from pd_editor.training.loop.tensorboard_log import check_installed, tensorboard_log
+from pd_editor.training.loop.train_loop import TrainingProgress, TrainLoop, spent
 from pd_editor.training.loop.training_state import TrainState
+from pd_editor.training.monitoring import Monitoring, SampleWatch
 from pd_editor.training.stage_objective import STAGES
 from pd_editor.training.warm_start import basis_of, start_from, starting_model
 from pd_editor.work_engine.work_engine import WorkProgress
 
 MAX_DEVICES: Final = 64
 MAX_THREADS: Final = 1_024
+NO_MONITORING: Final = Monitoring()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +135,7 @@ def run_asked_for(
     hardware: Hardware,
     *,
     resume: bool = False,
+    monitoring: Monitoring = NO_MONITORING,
     on_preparation: Callable[[WorkProgress], None] | None = None,
     on_progress: Callable[[TrainingProgress], None] = lambda _: None,
 ) -> RunOutcome:
@@ -142,6 +147,7 @@ def run_asked_for(
         cache: Folder of prepared scenes.
         hardware: Devices and threads.
         resume: Resume from the folder's checkpoint.
+        monitoring: What is watched besides the losses.
         on_preparation: Called with the progress of the preparation.
         on_progress: Called with the progress of the training.
 
@@ -155,13 +161,16 @@ def run_asked_for(
     else:
         config = new_config(request, is_gpu=is_gpu)
         run.check_free()
+    if monitoring.has_tensorboard:
+        check_installed()
+    watch = monitoring.watch(_roots(config.validate), config.stage, run)
     fabric = _fabric(hardware, config.precision, is_gpu=is_gpu)
     # The first process prepares the data and the folder; the others use them.
     if fabric.is_global_zero:
         _begin(config, run, cache, resume=resume, on_preparation=on_preparation)
     fabric.barrier()
     prepared = _prepared(config, cache, _kept_basis(run))
-    return _train(config, run, prepared, fabric, on_progress)
+    return _train(config, run, prepared, fabric, watch, monitoring, on_progress)
 
 
 def _train(
@@ -169,6 +178,8 @@ def _train(
     run: RunFolder,
     prepared: "_Prepared",
     fabric: Fabric,
+    watch: SampleWatch | None,
+    monitoring: Monitoring,
     on_progress: Callable[[TrainingProgress], None],
 ) -> RunOutcome:
     stage = STAGES[config.stage]
@@ -182,7 +193,7 @@ def _train(
             start_from(model, earlier.model.state_dict(), config.start)
     stage.fit_statistics(model, prepared.data.store)
     loop = TrainLoop(
-        config,
+        config if watch is None else _with_checkpoints(config, watch.minutes),
         model,
         stage.loss(config.loss, config.own_samples),
         training_data(
@@ -208,8 +219,18 @@ def _train(
         save_model(run.model_path, {stage.kind.name: trained})
         write_curves(run, config)
 
-    with stop_requests() as is_stopped:
-        for progress in loop.run(is_stopped=is_stopped, on_checkpoint=write_results):
+    first_step = loop.train_state.step + 1
+    is_charted = monitoring.has_tensorboard and fabric.is_global_zero
+    charts = tensorboard_log(run, first_step) if is_charted else nullcontext()
+    with charts, stop_requests() as is_stopped:
+
+        def keep() -> None:
+            write_results()
+            if watch is not None and not is_stopped():
+                is_over = spent(config.budget, loop.train_state) >= 1
+                watch.look(loop.train_state, is_over=is_over)
+
+        for progress in loop.run(is_stopped=is_stopped, on_checkpoint=keep):
             if fabric.is_global_zero:
                 on_progress(progress)
         return RunOutcome(
@@ -224,9 +245,15 @@ def _train(
         )
 
 
+def _with_checkpoints(config: RunConfig, minutes: float) -> RunConfig:
+    """The configuration with checkpoints at least so often."""
+    most = min(config.budget.checkpoint_minutes, minutes)
+    return replace(config, budget=replace(config.budget, checkpoint_minutes=most))
+
+
 def write_curves(run: RunFolder, config: RunConfig) -> None:
     """Plot the losses of a run that has logged some."""
-    entries = run.logged()
+    entries = [entry for entry in run.logged() if "loss" in entry]
     if entries:
         title = f"{config.stage}: {run.path.name}"
         run.write(CURVES_NAME, loss_curves_png(entries, title))

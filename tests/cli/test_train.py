@@ -131,7 +131,9 @@ def test_what_is_no_trained_stage_is_refused(shell: Shell, runs: Path, tmp_path:
     assert "no model" in shell.refused("model", "--out", tmp_path / "c", *missing)
 
 
-def test_bad_input_is_said_in_a_sentence(shell: Shell, shards: Path, tmp_path: Path):
+def test_bad_input_is_said_in_a_sentence(
+    shell: Shell, shards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     def refused(*options: object) -> str:
         return shell.refused("train", "traj", "--out", tmp_path / "run", *options)
 
@@ -146,6 +148,12 @@ def test_bad_input_is_said_in_a_sentence(shell: Shell, shards: Path, tmp_path: P
     assert "minutes" in refused("--data", shards, "--minutes", 0)
     assert "--threads" in refused("--data", shards, "--threads", 0)
     assert "no training run" in refused("--resume")
+    watched = ("--data", shards, *cache, "--evaluate-every", 1)
+    assert "needs --validate" in refused(*watched)
+    assert "scenario folders" in refused(*watched, "--validate", shards)
+    monkeypatch.setitem(sys.modules, "tensorboard", None)
+    told = refused("--data", shards, *cache, "--tensorboard")
+    assert "pip install 'pd-editor[monitor]'" in told
     assert not (tmp_path / "run").exists()
 
 
@@ -261,6 +269,28 @@ def test_one_command_makes_a_model_of_ones_own_recordings(
         "all", out=tmp_path / "own", steps=3, resume=True, cache=cache
     )
     assert resumed.steps == 6
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_samples_of_both_stages_are_evaluated_during_a_training(
+    shards: Path, cache: Path, tmp_path: Path, av2_scenario_folders: list[Path]
+):
+    root = tmp_path / "val"
+    for folder in [one for one in av2_scenario_folders if one.parent.name == "val"][:2]:
+        shutil.copytree(folder, root / folder.name)
+    watched = pd_editor.train(
+        "all", data=shards, validate=root, cache=cache, preset="tiny", device="cpu",
+        precision="32", steps=3, out=tmp_path / "own", evaluate_every=30.0,
+        tensorboard=True,
+    )  # fmt: skip
+    for stage, name in (("init", "scene_test"), ("traj", "min_ade")):
+        run = watched.folder / "runs" / stage
+        lines = (run / "log.jsonl").read_text().splitlines()
+        entry = next(one for one in map(json.loads, lines) if "samples" in one)
+        assert entry["step"] == 3
+        assert entry["samples"]["failed_scenes"] == 0
+        assert entry["samples"][name] > 0
+        assert list((run / "tensorboard").iterdir())
 
 
 def test_a_variant_is_one_file_and_its_fields_are_stored_with_the_weights(

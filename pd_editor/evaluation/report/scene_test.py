@@ -117,6 +117,19 @@ def scene_test_tables(
     ]
 
 
+def scene_test_of(
+    rows_file: Path, method: str, splits: Sequence[str]
+) -> SceneTest | None:
+    """Scene test of one method; None without scikit-learn or with too few scenes."""
+    recorded, generated = (
+        _surroundings(rows_file, name, splits) for name in (GROUND_TRUTH, method)
+    )
+    try:
+        return scene_test(recorded, generated)
+    except ImportError:
+        return None
+
+
 def _surroundings(rows_file: Path, method: str, splits: Sequence[str]) -> Surroundings:
     table = pq.read_table(
         rows_file,

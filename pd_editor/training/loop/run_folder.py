@@ -1,7 +1,7 @@
 """Folder of a training run: configuration, log, checkpoint and model."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,8 +23,15 @@ class RunFolder(WorkFolder):
     """Files of a training run; the log grows line by line.
 
     run.json is the configuration, data.json describes the data; log.jsonl has the losses,
+    and figures of samples;
     loss.png plots them; state.safetensors is the checkpoint, model/ the trained model.
     """
+
+    def __init__(self, path: Path) -> None:
+        """Set the path of the folder."""
+        super().__init__(path)
+        self.on_entry: Callable[[Mapping[str, Any]], None] = lambda _: None
+        """Called with each entry of the log."""
 
     @property
     def state_path(self) -> Path:
@@ -93,6 +100,7 @@ class RunFolder(WorkFolder):
                 file.write(json.dumps(entry) + "\n")
         except OSError as error:
             raise unwritable(self.path / LOG_NAME, error) from error
+        self.on_entry(entry)
 
     def logged(self) -> list[dict[str, Any]]:
         """Entries of the log, without one that was truncated by a kill."""

@@ -96,6 +96,8 @@ class TrainLoop:
         )
         self.held_out_loss = math.nan
         """Loss of the averaged network at the last validation."""
+        self._paused_s = 0.0
+        """Time that callers took at checkpoints, which is no training."""
 
     @property
     def averaged_model(self) -> nn.Module:
@@ -140,13 +142,13 @@ class TrainLoop:
         """
         budget, recent = self._config.budget, RecentLosses()
         checked_s = self.train_state.trained_s
-        began = time.perf_counter() - self.train_state.trained_s
+        began = time.perf_counter() - self.train_state.trained_s - self._paused_s
         is_over = spent(budget, self.train_state) >= 1
         with prefetched(self._batch, first=self.train_state.step) as batches:
             while not is_over:
                 recent.add(*self._step(next(batches)))
                 trained_s, must_stop = self._fabric.broadcast(
-                    (time.perf_counter() - began, is_stopped())
+                    (time.perf_counter() - began - self._paused_s, is_stopped())
                 )
                 self.train_state = TrainState(
                     step=self.train_state.step + 1, trained_s=trained_s
@@ -234,7 +236,9 @@ class TrainLoop:
                 average=self._average.model,
                 optimiser=self._optimiser.optimizer,
             )
+            paused = time.perf_counter()
             on_checkpoint()
+            self._paused_s += time.perf_counter() - paused
         self._fabric.barrier()
 
     @torch.no_grad()
