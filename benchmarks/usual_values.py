@@ -14,6 +14,9 @@ import numpy as np
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.metrics import scorecard as scorecard_module
 from pd_editor.metrics.scorecard import TITLES, UsualRange, scene_means, scorecard
+from pd_editor.viewer.meshes.flat_mesh import glb_of
+from pd_editor.viewer.meshes.palette import LIGHT
+from pd_editor.viewer.views.findings_view import finding_primitives
 
 TARGET = Path(scorecard_module.__file__).with_name("usual_values.csv")
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -26,13 +29,17 @@ def main() -> None:
     root = Path(os.environ["PD_EDITOR_AV2"]) / "train"
     if not TARGET.exists():
         scorecard_module.usual_ranges = lambda: dict.fromkeys(TITLES, NOTHING)
-    means, times = [], []
+    means, times, drawn = [], [], []
     for folder in sorted(path.parent for path in root.glob("*/scenario*.parquet")):
         scenario = read_scenario(folder)
         scorecard(scenario)
         began = time.perf_counter()
         means.append(scene_means(scenario))
         times.append(1e3 * (time.perf_counter() - began))
+        found = [one for row in scorecard(scenario) for one in row.findings]
+        began = time.perf_counter()
+        glb_of(finding_primitives(scenario, [f for f in found if f.is_fault], LIGHT))
+        drawn.append(1e3 * (time.perf_counter() - began))
     rows = []
     for name in TITLES:
         values = np.array([one[name] for one in means])
@@ -44,7 +51,8 @@ def main() -> None:
     table = csv.DictWriter(target, ("name", *FIELDS, "num_scenes"), lineterminator="\n")
     table.writeheader()
     table.writerows(rows)
-    print(f"a scorecard: median {np.median(times):.1f} ms, most {max(times):.1f} ms")
+    for what, took in (("a scorecard", times), ("its findings drawn", drawn)):
+        print(f"{what}: median {np.median(took):.1f} ms, most {max(took):.1f} ms")
 
 
 if __name__ == "__main__":

@@ -55,10 +55,11 @@ def finding_cures(
     if problem is not None:
         return cures(scenario, problem, problems, untouched)
     count = len(problems)
+    faults = sum(one.is_fault for row in scorecard(scenario) for one in row.findings)
     offered = [
         cure
         for cure in _tried(scenario, finding, alike)
-        if _helps(scenario, finding, cure.command, count)
+        if _helps(scenario, finding, cure.command, count, faults)
     ]
     ids = (finding.agent_id,)
     offered += regenerations(scenario, ids, untouched)
@@ -100,9 +101,13 @@ def _tried(
 
 
 def _helps(
-    scenario: Scenario, finding: Finding, command: Command | None, num_problems: int
+    scenario: Scenario,
+    finding: Finding,
+    command: Command | None,
+    num_problems: int,
+    num_faults: int,
 ) -> bool:
-    """Whether the finding is gone after a command, without a new problem."""
+    """Whether the finding is gone after a command, with fewer faults, no more problems."""
     assert command is not None
     try:
         after = apply_within_locks(command, scenario)
@@ -110,8 +115,11 @@ def _helps(
         return False
     if after is scenario or len(scene_problems(after)) > num_problems:
         return False
-    return not any(
+    found = [one for row in scorecard(after) for one in row.findings]
+    is_gone = not any(
         one.metric == finding.metric and one.agent_id == finding.agent_id
-        for row in scorecard(after)
-        for one in row.findings
+        for one in found
     )
+    # A finding that is no fault counts for nothing when it is gone.
+    left = sum(one.is_fault for one in found) + finding.is_fault
+    return is_gone and left <= num_faults
