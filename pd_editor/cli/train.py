@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from pd_editor.cli.options.arguments import OptionalFolder, Switch, several
-from pd_editor.cli.output.progress import ProgressLine, minutes_left
+from pd_editor.cli.output.progress import ProgressLine
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.generators import SHIPPED_MODEL
 from pd_editor.installed_files import models_folder
 from pd_editor.regular_file import check_path
-from pd_editor.work_engine.work_engine import WorkProgress
+from pd_editor.work_engine.work_engine import WorkProgress, minutes_left
 
 if TYPE_CHECKING:
     from pd_editor.training.config.run_request import RunRequest

@@ -40,13 +40,22 @@ class RoadCondition:
         if self.is_plain:
             return PLAIN
         at = "" if self.anchor == DEFAULT_ANCHOR else f"@{self.anchor}"
-        return "+".join(f"{kind}:{power:g}" for kind, power in self.terms) + at
+        return _sum_of(self.terms) + at
 
     @property
     def kind(self) -> str:
         """Kind of the warp; the whole label of a sum or of another anchor."""
         is_single = len(self.terms) == 1 and self.anchor == DEFAULT_ANCHOR
         return self.terms[0][0] if is_single else self.label
+
+    @property
+    def family(self) -> str:
+        """What conditions of other powers share with this one, besides the anchor."""
+        if self.is_plain:
+            return PLAIN
+        if len(self.terms) == 1:
+            return self.terms[0][0]
+        return _sum_of(self.terms)
 
     @property
     def power(self) -> float:
@@ -90,6 +99,10 @@ class RoadCondition:
             self.warp_of(scenario),
             friction_coefficient=friction_coefficient,
         )
+
+
+def _sum_of(terms: tuple[tuple[WarpKind, float], ...]) -> str:
+    return "+".join(f"{kind}:{power:g}" for kind, power in terms)
 
 
 ALL_CONDITIONS: Final = (

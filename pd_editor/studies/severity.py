@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Float, Int
 
-from pd_editor.evaluation.road_condition import PLAIN
+from pd_editor.evaluation.road_condition import DEFAULT_ANCHOR, PLAIN
 from pd_editor.evaluation.scene_bootstrap import (
     Estimate,
     mean_over_scenes,
@@ -31,6 +31,16 @@ class SeverityCurve:
     """Means [P] with intervals, by metric."""
     num_scenes: Int[np.ndarray, "P"]
     """Number of scenes with values of the first metric."""
+
+    @property
+    def road(self) -> str:
+        """Kind of warp, and its anchor if it is not the focal agent."""
+        return road_title(self.kind, self.anchor)
+
+
+def road_title(kind: str, anchor: str) -> str:
+    """Kind of warp, and its anchor if it is not the focal agent."""
+    return kind if anchor == DEFAULT_ANCHOR else f"{kind} ahead of the {anchor}"
 
 
 def severity_curves(

@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
@@ -15,7 +16,11 @@ from pd_editor.studies.study_plan import StudyPlan, study_command
 from pd_editor.studies.variant_rows import VARIANT_SCHEMA
 from pd_editor.studies.whole_study import Study, StudyExtras, run_whole_study
 from pd_editor.work_engine import WorkEngine
-from pd_editor.work_engine.work_engine import WorkProgress
+from pd_editor.work_engine.work_engine import (
+    WorkProgress,
+    minutes_left,
+    rate_in_words,
+)
 
 _logger: Final = logging.getLogger(__name__)
 
@@ -33,11 +38,30 @@ class StudyProgress:
     num_done: int
     num_items: int
     num_failed: int
+    elapsed_s: float
+    """Since the work on these items began."""
 
     @property
     def fraction(self) -> float:
         """Share of the items that are done."""
         return self.num_done / max(self.num_items, 1)
+
+    def in_words(self, variants_per_item: float = 0.0) -> str:
+        """Number of finished items, rate and time left.
+
+        ``variants_per_item`` makes it a rate of variants instead of items.
+        """
+        words = f"{self.num_done} of {self.num_items} {self.noun}"
+        if self.num_failed:
+            words += f", {self.num_failed} failed"
+        if not 0 < self.num_done < self.num_items or self.elapsed_s <= 0:
+            return words
+        items_per_s = self.num_done / self.elapsed_s
+        rate = rate_in_words(items_per_s)
+        if variants_per_item:
+            rate = rate_in_words(items_per_s * variants_per_item, "variants")
+        left_s = (self.num_items - self.num_done) / items_per_s
+        return f"{words}, {rate}, {minutes_left(left_s)}"
 
 
 class StudyJob:
@@ -99,6 +123,8 @@ class StudyJob:
         return pa.concat_tables([VARIANT_SCHEMA.empty_table(), *self._rows])
 
     def _progress_of(self, noun: str) -> Callable[[WorkProgress], None]:
+        began = time.monotonic()
+
         def tell(progress: WorkProgress) -> None:
             if self._cancelled.is_set():
                 raise _Cancelled
@@ -108,6 +134,7 @@ class StudyJob:
                     num_done=progress.num_done,
                     num_items=progress.num_items,
                     num_failed=progress.num_failed,
+                    elapsed_s=time.monotonic() - began,
                 )
             )
 

@@ -15,7 +15,7 @@ from pd_editor.evaluation.report.sections import FIGURES_TITLE, Report, Section
 from pd_editor.evaluation.report.tables import ReportTable, cell, unit_of
 from pd_editor.studies.avoidable_danger import AvoidableDanger
 from pd_editor.studies.gallery import GalleryEntry
-from pd_editor.studies.severity import SeverityCurve
+from pd_editor.studies.severity import SeverityCurve, road_title
 from pd_editor.studies.study_folder import StudyRecord
 from pd_editor.studies.study_plan import StudyPlan
 from pd_editor.studies.worst_case import SearchSettings, WorstCase
@@ -132,7 +132,7 @@ def _severity_svg(
                     alpha=0.15,
                     linewidth=0,
                 )
-            axes.set_title(kind, loc="left", weight="bold")
+            axes.set_title(road_title(kind, anchor), loc="left", weight="bold")
             axes.set_xlabel("power")
             axes.set_xticks(_TICKS)
             axes.grid(color="#eeeeee")
@@ -174,9 +174,8 @@ def _words(
 
 
 def _curve_table(curve: SeverityCurve) -> ReportTable:
-    at = "" if curve.anchor == "focal" else f" ahead of the {curve.anchor}"
     return ReportTable(
-        title=f"{curve.method}, {curve.kind}{at}, {curve.agents}",
+        title=f"{curve.method}, {curve.road}, {curve.agents}",
         header=("power", "scenes", *(title for _, title in SHOWN)),
         rows=tuple(
             (

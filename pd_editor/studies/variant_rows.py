@@ -228,7 +228,7 @@ def _rows(
             "method": item.method.name,
             "model_sha256": variant.model_sha256,
             "condition": condition.label,
-            "kind": condition.kind,
+            "kind": condition.family,
             "power": condition.power,
             "anchor": condition.anchor,
             "seed": item.seed,

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 import pyarrow as pa
 
@@ -40,6 +41,8 @@ from pd_editor.studies.worst_case import (
 from pd_editor.work_engine import WorkEngine, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
 
+WORK_ITEMS: Final = "work items"
+"""What the variants of a study are worked on in."""
 ProgressOf = Callable[[str], Callable[[WorkProgress], None]]
 """Makes the display of progress of work on items of a name."""
 
@@ -106,7 +109,7 @@ def run_whole_study(
     """
     items = study_items(plan, found.scenes)
     record = run_study(
-        items, folder, engine, on_progress=progress_of("work items"), on_rows=on_rows
+        items, folder, engine, on_progress=progress_of(WORK_ITEMS), on_rows=on_rows
     )
     grid = grid_worst_cases(record.rows, extras.search)
     searched = _searched(items, extras.search, engine, progress_of)

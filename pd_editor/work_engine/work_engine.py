@@ -67,6 +67,20 @@ class WorkProgress:
     num_items: int
 
 
+def rate_in_words(per_s: float, noun: str = "") -> str:
+    """Rate of work, as in "2.5 a second" or "12 variants a minute"."""
+    what = f" {noun}" if noun else ""
+    if per_s >= 1:
+        return f"{per_s:.3g}{what} a second"
+    return f"{60 * per_s:.2g}{what} a minute"
+
+
+def minutes_left(left_s: float) -> str:
+    """Time that work still takes, as in "2:05 left"."""
+    left = round(left_s)
+    return f"{left // 60}:{left % 60:02d} left"
+
+
 @runtime_checkable
 class WorkEngine(Protocol):
     """Interface of engines that call a function on many items."""

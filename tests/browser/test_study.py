@@ -19,6 +19,11 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.fill("Data", data)
     editor.fill("Results", out)
     editor.choose("Method", "lane-follower")
+    editor.fill("Sums", "smooth-turn:6+no-such-warp:2")
+    editor.press("Run the study")
+    editor.page.get_by_text("is not known; expected").wait_for()
+    editor.close_notifications()
+    editor.fill("Sums", "smooth-turn:6+ripple-road:2")
     editor.press("Run the study")
     editor.page.get_by_text("Done in").wait_for(timeout=120_000)
     assert (out / "report.html").exists()
@@ -27,6 +32,8 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.until(lambda: chart.locator("polyline").count() == 2, "two curves")
     points = chart.locator("polyline").first.get_attribute("points") or ""
     assert len(points.split()) == 7
+    editor.choose("Warp", "smooth-turn:6+ripple-road:2")
+    editor.until(lambda: chart.locator("circle").count() == 4, "the sum's two powers")
     editor.choose("Warp", "ripple-road")
     editor.until(lambda: len(panel._gallery) > 0, "worst scenes")
     editor.screenshot("study")

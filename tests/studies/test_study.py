@@ -16,6 +16,7 @@ from pd_editor.scenario_store import open_scenario
 from pd_editor.studies.gallery import export_cases, worst_of_scenes
 from pd_editor.studies.severity import severity_curves
 from pd_editor.studies.study_folder import VARIANTS_NAME, StudyFolder, run_study
+from pd_editor.studies.study_job import StudyProgress
 from pd_editor.studies.study_plan import StudyPlan, grid_conditions, study_items
 from pd_editor.studies.variant_rows import STUDY_AGENTS, STUDY_METRICS
 from pd_editor.studies.worst_case import (
@@ -53,6 +54,37 @@ def test_the_grid_is_scene_attacks():
     assert {one.power for one in conditions[1:]} == {*range(-9, 0), *range(1, 10)}
     both = grid_conditions(["ripple-road"], [2.0], ["focal", "ego"])
     assert [one.label for one in both] == ["none", "ripple-road:2", "ripple-road:2@ego"]
+
+
+def test_each_anchor_has_one_curve_over_all_powers(av2_root, tmp_path):
+    """Ahead of the ego, each power was a curve of its own."""
+    plan = StudyPlan(
+        data=(av2_root / "train",),
+        methods=methods("ground-truth"),
+        conditions=(
+            *grid_conditions(["ripple-road"], POWERS, ["focal", "ego"]),
+            *road_conditions(["smooth-turn:6+ripple-road:2@ego"]),
+        ),
+        limit=1,
+    )
+    curves = severity_curves(run(plan, tmp_path / "out").rows)
+    assert {one.road: one.power.tolist() for one in curves} == {
+        "ripple-road": [-6, 0, 6],
+        "ripple-road ahead of the ego": [-6, 0, 6],
+        "smooth-turn:6+ripple-road:2 ahead of the ego": [0, 6],
+    }
+
+
+def test_progress_tells_rate_and_time_left():
+    progress = StudyProgress(
+        noun="work items", num_done=10, num_items=40, num_failed=1, elapsed_s=20.0
+    )
+    assert progress.in_words() == (
+        "10 of 40 work items, 1 failed, 30 a minute, 1:00 left"
+    )
+    assert "9 variants a second" in progress.in_words(18.0)
+    done = replace(progress, num_done=40, num_failed=0)
+    assert done.in_words() == "40 of 40 work items"
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,11 @@ from collections.abc import Callable, Generator
 from typing import Final
 
 from pd_editor.generation import GeneratedTraffic, GenerationProgress, run_to_end
-from pd_editor.work_engine.work_engine import WorkProgress
+from pd_editor.work_engine.work_engine import (
+    WorkProgress,
+    minutes_left,
+    rate_in_words,
+)
 
 _SECONDS_BETWEEN_LINES: Final = 30.0
 _WIDTH: Final = 78
@@ -74,16 +78,3 @@ def progress_line(progress: WorkProgress, elapsed_s: float, noun: str) -> str:
         if done < num:
             words += f", {minutes_left(elapsed_s / done * (num - done))}"
     return words
-
-
-def rate_in_words(per_s: float) -> str:
-    """Rate of work, as in "2.5 a second" or "12 a minute"."""
-    if per_s >= 1:
-        return f"{per_s:.3g} a second"
-    return f"{60 * per_s:.2g} a minute"
-
-
-def minutes_left(left_s: float) -> str:
-    """Time that work still takes, as in "2:05 left"."""
-    left = round(left_s)
-    return f"{left // 60}:{left % 60:02d} left"

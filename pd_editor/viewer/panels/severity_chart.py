@@ -38,7 +38,7 @@ def severity_svg(curves: Sequence[SeverityCurve], name: str, title: str) -> str:
         parts.append(
             f'<polygon fill="{color}" fill-opacity="0.16" points="{" ".join(band)}"/>'
             f'<polyline fill="none" stroke="{color}" stroke-width="1.8" '
-            f'points="{" ".join(line)}"/>'
+            f'points="{" ".join(line)}"/>' + _dots(line, color)
         )
     legend = "&ensp;".join(
         f'<span style="color:{color};font-weight:700">\u2014</span> '
@@ -50,6 +50,14 @@ def severity_svg(curves: Sequence[SeverityCurve], name: str, title: str) -> str:
         f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" style="display:block;width:100%" '
         f'role="img" aria-label="{html.escape(title)} by power">{"".join(parts)}</svg>'
         f"{legend or 'Power of the warp; no study yet'}</div>"
+    )
+
+
+def _dots(points: list[str], color: str) -> str:
+    """Dots at the powers; the curve of a sum has one power beside the plain road."""
+    places = (point.split(",") for point in points)
+    return "".join(
+        f'<circle cx="{x}" cy="{y}" r="2.2" fill="{color}"/>' for x, y in places
     )
 
 

@@ -12,14 +12,25 @@ from pd_editor.errors import InputError, PdEditorError
 from pd_editor.evaluation.evaluation import scenes_of
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
+from pd_editor.evaluation.road_condition import (
+    ANCHORS,
+    DEFAULT_ANCHOR,
+    RoadCondition,
+    road_conditions,
+)
 from pd_editor.generation import GeneratorSpec, ScenarioGenerator
 from pd_editor.scene.road_warp import WARP_KINDS
 from pd_editor.studies.severity import SeverityCurve, severity_curves
 from pd_editor.studies.study_folder import StudyFolder
 from pd_editor.studies.study_job import StudyJob, StudyProgress
-from pd_editor.studies.study_plan import GRID_POWERS, StudyPlan, grid_conditions
+from pd_editor.studies.study_plan import (
+    GRID_POWERS,
+    StudyPlan,
+    grid_conditions,
+    study_items,
+)
 from pd_editor.studies.study_report import SHOWN
-from pd_editor.studies.whole_study import Study, StudyExtras
+from pd_editor.studies.whole_study import WORK_ITEMS, Study, StudyExtras
 from pd_editor.studies.worst_case import GRID_SIZE, SearchSettings
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.panels.severity_chart import severity_svg
@@ -30,6 +41,13 @@ POWERS: Final[Mapping[str, tuple[float, ...]]] = {
     "\u00b13, \u00b16, \u00b19": (-9.0, -6.0, -3.0, 3.0, 6.0, 9.0),
     "-9 to 9 (Scene-Attack's grid)": GRID_POWERS,
 }
+ANCHOR_CHOICES: Final[Mapping[str, tuple[str, ...]]] = {
+    "Focal agent": (DEFAULT_ANCHOR,),
+    "Ego vehicle": ("ego",),
+    "Both": ANCHORS,
+}
+ROADS: Final[list[str]] = [*WARP_KINDS]
+"""What a chart can be chosen for before a study."""
 NO_METHOD: Final[str] = "None"
 NOT_THERE: Final[str] = "-"
 _NO_SCENE: Final[list[str]] = [NOT_THERE]
@@ -58,6 +76,7 @@ class StudyPanel:
         self._curves: tuple[SeverityCurve, ...] = ()
         self._curves_at = 0.0
         self._began = 0.0
+        self._variants_per_item = 1.0
         self._gallery: dict[str, Path] = {}
         gui = ui.client.gui
         names = (*generators, *REFERENCE_METHODS)
@@ -80,18 +99,36 @@ class StudyPanel:
                 for kind in WARP_KINDS
             }
             self._powers = gui.add_dropdown("Powers", tuple(POWERS))
-            self._seed = gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
-            self._searches = gui.add_checkbox(
-                "Search the worst warps", False, hint="Needs the extra 'study' (Optuna)"
+            self._anchors = gui.add_dropdown(
+                "Ahead of", tuple(ANCHOR_CHOICES), hint="Where the warps begin"
+            )
+            self._sums = gui.add_text(
+                "Sums",
+                "",
+                hint="Further roads, such as smooth-turn:6+ripple-road:2; several with "
+                "spaces between them; @ego at the end warps ahead of the ego vehicle",
             )
             self._out = gui.add_text("Results", "study", hint="A new folder")
+            with gui.add_folder("More settings", expand_by_default=False):
+                self._seed = gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
+                self._searches = gui.add_checkbox(
+                    "Worst warps",
+                    False,
+                    hint="Search the worst warps of each scene; needs the extra 'study'"
+                    " (Optuna)",
+                )
+                self._resumes = gui.add_checkbox(
+                    "Go on",
+                    False,
+                    hint="Go on with an earlier run of the same settings in this folder",
+                )
             self._run = gui.add_button("Run the study", icon=viser.Icon.CHART_LINE)
             self._cancel = gui.add_button("Cancel", color="gray", disabled=True)
             self._bar = gui.add_progress_bar(0.0, visible=False)
             self._note = FixedText(gui, 2)
         with gui.add_folder("Severity curves"):
             self._metric = gui.add_dropdown("Metric", tuple(t for _, t in SHOWN))
-            self._kind = gui.add_dropdown("Warp", WARP_KINDS)
+            self._kind: viser.GuiDropdownHandle[str] = gui.add_dropdown("Warp", ROADS)
             self._chart = gui.add_html(severity_svg((), *SHOWN[0]))
         with gui.add_folder("Worst scenes"):
             self._worst: viser.GuiDropdownHandle[str] = gui.add_dropdown(
@@ -118,18 +155,21 @@ class StudyPanel:
             raise InputError(
                 "Name the folder of the scenarios and one for the results."
             )
-        kinds = [kind for kind, box in self._kinds.items() if box.value]
         plan = StudyPlan(
             data=(Path(data).expanduser(),),
             methods=self._methods(),
-            conditions=grid_conditions(kinds, POWERS[self._powers.value]),
+            conditions=self._conditions(),
             seeds=(int(self._seed.value),),
             limit=int(self._limit.value),
         )
         found = scenes_of(plan.data, plan.limit)
-        folder = StudyFolder(Path(out).expanduser(), plan.settings, resume=False)
+        folder = StudyFolder(
+            Path(out).expanduser(), plan.settings, resume=bool(self._resumes.value)
+        )
         trials = GRID_SIZE if self._searches.value else 0
         self._curves, self._began = (), time.monotonic()
+        per_scene = plan.num_variants(1)
+        self._variants_per_item = per_scene / len(study_items(plan, found.scenes[:1]))
         self._show_gallery({})
         self._job = StudyJob(
             plan,
@@ -168,6 +208,24 @@ class StudyPanel:
 
         self._ui.post(still, merge_key)
 
+    def _conditions(self) -> tuple[RoadCondition, ...]:
+        """The grid of the ticked kinds at each anchor, and the sums.
+
+        Raises:
+            InputError: nothing is ticked and no sum named, or a sum is not known.
+        """
+        kinds = [kind for kind, box in self._kinds.items() if box.value]
+        sums = str(self._sums.value).replace(",", " ").split()
+        if not kinds and not sums:
+            raise InputError("Tick a kind of warp, or name a sum of warps.")
+        grid = grid_conditions(
+            kinds,
+            POWERS[self._powers.value],
+            ANCHOR_CHOICES[self._anchors.value],
+        )
+        extra = road_conditions(sums) if sums else ()
+        return tuple(dict.fromkeys((*grid, *extra)))
+
     def _methods(self) -> tuple[Method, ...]:
         wanted = dict.fromkeys((self._method.value, self._other.value))
         return tuple(
@@ -183,13 +241,8 @@ class StudyPanel:
 
     def _progressed(self, progress: StudyProgress) -> None:
         set_property(self._bar, "value", round(100 * progress.fraction, 1))
-        text = f"{progress.num_done} of {progress.num_items} {progress.noun}"
-        if progress.num_failed:
-            text += f", {progress.num_failed} failed"
-        took = time.monotonic() - self._began
-        if 0 < progress.num_done < progress.num_items:
-            left = took / progress.num_done * (progress.num_items - progress.num_done)
-            text += f", about {left:.0f} s left"
+        is_grid = progress.noun == WORK_ITEMS
+        text = progress.in_words(self._variants_per_item if is_grid else 0.0)
         self._note.show("", f"{text}.")
         now = time.monotonic()
         if self._job is not None and now - self._curves_at > CURVE_REFRESH_S:
@@ -247,5 +300,15 @@ class StudyPanel:
         """Draw the chosen metric of the methods, with their intervals."""
         names = {title: name for name, title in SHOWN}
         title = str(self._metric.value)
-        curves = [one for one in self._curves if one.kind == self._kind.value]
+        self._offer_roads()
+        curves = [one for one in self._curves if one.road == self._kind.value]
         set_property(self._chart, "content", severity_svg(curves, names[title], title))
+
+    def _offer_roads(self) -> None:
+        """Offer the roads that have curves; the chosen one stays if it has one."""
+        roads = list(dict.fromkeys(one.road for one in self._curves)) or ROADS
+        if list(self._kind.options) == roads:
+            return
+        chosen = self._kind.value
+        self._kind.options = roads
+        set_value(self._kind, chosen if chosen in roads else roads[0])
