@@ -92,6 +92,9 @@ class RoadPanel:
         self._power: dict[WarpKind, Any] = {}
         self._length: dict[WarpKind, Any] = {}
         self._own_pose: RigidMotion | None = None
+        self._marks_anchor = False
+        """Whether the anchor is marked in the picture of a road that is not bent."""
+        self._was_bent = False
         self._own_warp: object = (None, None)
         """Warp and friction coefficient that the inputs show."""
         self._slowed_of: AppliedWarp | None = None
@@ -383,7 +386,7 @@ class RoadPanel:
     def _take_anchor(self, choice: Anchor, pose: RigidMotion) -> None:
         """Use a pose as the anchor of the warp, and mark it in the picture."""
         self._anchor_taken = choice
-        self._own_pose = pose
+        self._own_pose, self._marks_anchor = pose, True
         if choice == POINT:
             self._gizmo.place(pose)
         else:
@@ -403,7 +406,7 @@ class RoadPanel:
         self._offer((*self._anchor.options, POINT))
         set_value(self._anchor, POINT)
         self._anchor_taken = POINT
-        self._own_pose = pose
+        self._own_pose, self._marks_anchor = pose, True
         self._gizmo.place(pose)
         if self._ui.session.scenario.applied_warp is not None:
             self._preview("warp", self._command(pose), has_end=False)
@@ -438,7 +441,7 @@ class RoadPanel:
         if pose is None:
             return
         if self._ui.session.scenario.applied_warp is None:
-            self._own_pose = pose
+            self._own_pose, self._marks_anchor = pose, True
             self._show_pose(self._ui.session.scenario)
             return
         command = self._command(pose)
@@ -450,6 +453,9 @@ class RoadPanel:
     def _show_anchor(self, scenario: Scenario, is_other_base: bool) -> None:
         """After undo, redo or a reload, choose the anchor that is in force."""
         applied = scenario.applied_warp
+        if applied is None and (is_other_base or self._was_bent):
+            self._marks_anchor = False
+        self._was_bent = applied is not None
         if applied is None and is_other_base:
             self._own_pose = None
             first = next(iter(_choices(scenario, ())[0]))
@@ -513,7 +519,7 @@ class RoadPanel:
         )
         set_value(self._anchor_at, (round(x, 1), round(y, 1)))
         set_value(self._anchor_heading, round(heading, 1))
-        is_marked = applied is not None or self._own_pose is not None
+        is_marked = applied is not None or self._marks_anchor
         self._view.show(
             pose if is_marked else None,
             float(self._border.value) if applied is None else applied.warp.border_m(),

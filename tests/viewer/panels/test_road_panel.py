@@ -148,6 +148,15 @@ def test_only_anchors_that_can_be_are_offered(tab: FakeTab, panel):
     assert EGO not in panel._anchor.options
 
 
+def test_the_mark_of_the_anchor_goes_with_the_bend(tab: FakeTab, panel):
+    """(W18) It stayed on the road as recorded when the bend was undone."""
+    bend(tab, panel)
+    tab.run(tab.ui.commit_gesture)
+    assert panel._view._drawn is not None
+    tab.run(tab.session.undo)
+    assert panel._view._drawn is None
+
+
 def test_the_anchor_can_be_typed(tab: FakeTab, panel):
     """(D29)"""
     bend(tab, panel)

@@ -267,11 +267,11 @@ class GenerationRun:
         if progress.fraction == 0 and progress.message:
             text = progress.message
         elif request.num_samples > 1 and request.samples_states:
-            text = f"{verb}, {request.num_samples} samples"
+            text = f"{request.num_samples} samples ..."
         elif request.num_samples > 1:
             number = int(progress.fraction * request.num_samples + 1e-6) + 1
             number = min(number, request.num_samples)
-            text = f"{verb}, sample {number} of {request.num_samples}"
+            text = f"Sample {number} of {request.num_samples}"
         self._set_state(RunState(text=text, fraction=round(progress.fraction, 3)))
         self._say(f"{text}.")
 
