@@ -169,8 +169,10 @@ class BrowserSession:
             on_compare=self._compared,
             on_fan=self._fan_changed,
             on_preview=self._previewed,
+            on_samples=self._viewpoint.uncover,
             star=self._star,
         )
+        self._viewpoint.covered_px = self.picture.samples.covered_px
         self._scorecard = ScorecardDrawer(
             ui,
             overlay,

@@ -27,6 +27,8 @@ LOWEST_OF_MAP_RAD: Final = float(np.radians(50.0))
 """A whole map, seen flatter than this, leaves most of the picture empty."""
 NARROWEST_FREE: Final = 0.45
 """So much of the picture's width is used even if elements cover more than the rest."""
+LOWEST_FREE: Final = 0.5
+"""At least this share of the picture's height is used."""
 MAX_WHOLE_MAP_M: Final = 1000.0
 """Of a larger map, the part with traffic is shown."""
 TALLEST_M: Final = 2.0
@@ -45,6 +47,11 @@ class FreePart:
     def left_of(cls, share: float) -> "FreePart":
         """What is free where an element covers all but a share of the width, left."""
         return cls(right=2.0 * min(max(share, NARROWEST_FREE), 1.0) - 1.1)
+
+    @classmethod
+    def above(cls, share: float) -> "FreePart":
+        """What is free where an element covers a share of the height, at the bottom."""
+        return cls(bottom=max(cls.bottom, 2.0 * min(share, LOWEST_FREE) - 1.0))
 
     @classmethod
     def right_of(cls, share: float) -> "FreePart":

@@ -8,8 +8,12 @@ import numpy as np
 
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.interaction.camera import (
+    ground_point,
+    projected,
+    ray_through,
+)
 from pd_editor.viewer.interaction.framing import (
-    FREE_PART,
     LOOK_AHEAD_M,
     LOWEST_OF_MAP_RAD,
     LOWEST_RAD,
@@ -34,6 +38,8 @@ AHEAD_M: Final = 70.0
 """Length of road ahead of a pose that is framed with it."""
 PLACE_HALF_SIDE_M: Final = 13.0
 """Half side of the area that is shown around a position."""
+UNCOVERED_AT: Final = 0.75
+"""Where an agent is brought that an element covered: a share of the uncovered height."""
 UP: Final = (0.0, 0.0, 1.0)
 TOP_TO_3D: Final = TOP_VIEW_HALF_HEIGHT_M / from_behind(np.zeros(2), 0.0).half_height_m
 """Ratio of the heights that the top view and a 3-D view of the same position show."""
@@ -58,6 +64,8 @@ class Viewpoint:
         self._on_switch = on_switch
         self._camera = ui.client.camera
         self._num_looks = 0
+        self.covered_px: Callable[[], int] = lambda: 0
+        """Height of the picture's lower part that an element covers at present."""
         overlay.on("compass", self._compass_clicked)
 
     @property
@@ -115,13 +123,41 @@ class Viewpoint:
         if extent is not None:
             self._fit(extent)
 
+    def uncover(self) -> None:
+        """Move along the ground if an element covers the selection or the focal agent."""
+        ids = self._ui.session.selection or (self._scenario.focal_id,)
+        agents = self._scenario.agents
+        rows = [agents.row_of[name] for name in ids if name in agents.row_of]
+        if not rows:
+            return
+        place_m = agents.position_m[rows, self._scenario.current_step].mean(axis=0)
+        screen, is_ahead = projected(self._camera, np.append(place_m, 0.0)[None])
+        x, y = screen[0].tolist()
+        lowest = 1.0 - self.covered_px() / max(self._camera.image_height, 1)
+        if not (is_ahead[0] and 0.0 <= x <= 1.0 and lowest < y <= 1.0):
+            return
+        ray = ray_through(self._camera, (x, UNCOVERED_AT * lowest))
+        there_m = ground_point(self._camera.position, ray)
+        if there_m is None:
+            self.frame_agents(ids)
+            return
+        pose = ViewPose.of(self._camera)
+        shift = np.append(place_m - there_m, 0.0)
+        self._look(
+            replace(
+                pose,
+                position_m=vector(pose.position_m + shift),
+                look_at_m=vector(pose.look_at_m + shift),
+            )
+        )
+
     def frame_pose(self, pose: RigidMotion) -> None:
         """Show the road about a pose and ahead of it."""
         corners = np.array([[x, y] for x in (-10.0, AHEAD_M) for y in (-15.0, 15.0)])
         self._fit(np.column_stack([pose.apply(corners), np.zeros(len(corners))]))
 
     def frame_place(
-        self, place_m: tuple[float, float], free: FreePart = FREE_PART
+        self, place_m: tuple[float, float], free: FreePart | None = None
     ) -> None:
         """Show a place and its surroundings, the place in the middle of the free part."""
         forward, up, _ = self._direction(LOWEST_RAD)
@@ -195,8 +231,11 @@ class Viewpoint:
         self,
         points_m: np.ndarray,
         lowest_rad: float = LOWEST_RAD,
-        free: FreePart = FREE_PART,
+        free: FreePart | None = None,
     ) -> None:
+        if free is None:
+            covered = self.covered_px() / max(self._camera.image_height, 1)
+            free = FreePart.above(covered)
         forward, up, fov_rad = self._direction(lowest_rad)
         aspect = float(self._camera.aspect)
         self._look(

@@ -29,6 +29,8 @@ from pd_editor.viewer.state.ui_context import UiContext
 PICKS: Final = (2, 3, 4, 6)
 """Sizes of a diverse choice that are offered, as far as there are more samples."""
 SECONDS_DIGITS: Final = 1
+COVERED_PX: Final = 300
+"""Height of the picture's lower part that the strip and what is under it cover."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,6 +101,7 @@ class SampleStrip:
         overlay: Overlay,
         *,
         on_preview: Callable[[], None],
+        on_opened: Callable[[], None],
         star: Callable[[], None],
     ) -> None:
         """Show nothing yet.
@@ -107,11 +110,13 @@ class SampleStrip:
             ui: the tab's session.
             overlay: shows the strip.
             on_preview: called when the sample in the scene has changed, to draw it.
+            on_opened: called when the cards of a run have appeared over the picture.
             star: puts the scenario at hand into the basket.
         """
         self._ui = ui
         self._overlay = overlay
         self._on_preview = on_preview
+        self._on_opened = on_opened
         self._star = star
         self.adopt: Callable[[int], None] = lambda _index: None
         """Applies a sample in the place of the one that is applied."""
@@ -139,6 +144,10 @@ class SampleStrip:
     def is_open(self) -> bool:
         """Whether the strip is on the page."""
         return self._is_shown and not self._is_closed and self._cards is not None
+
+    def covered_px(self) -> int:
+        """Height of the picture's lower part that the strip takes; 0 while it is closed."""
+        return COVERED_PX if self.is_open else 0
 
     def open(self, samples: SampleSet) -> None:
         """Show the samples of a new run as soon as their cards are computed."""
@@ -202,6 +211,8 @@ class SampleStrip:
         if self._samples is samples:
             self._cards = cards
             self._show()
+            if self.is_open:
+                self._on_opened()
 
     def _order(self) -> list[int]:
         assert self._cards is not None
@@ -350,10 +361,11 @@ def card_lines(numbers: SampleNumbers, ranking: Ranking) -> Sequence[Mapping[str
         )
         lines.append({"text": near, "tone": ""})
     else:
-        moving = round(100 * numbers.moving_share)
-        lines.append(
-            {"text": f"{moving} % move, {numbers.mean_speed_mps:.1f} m/s", "tone": ""}
-        )
+        moving, speed = round(100 * numbers.moving_share), numbers.mean_speed_mps
+        # A card is too narrow for two figures of three digits.
+        share = "all" if moving == 100 else f"{moving} %"
+        digits = 1 if speed < 9.95 else 0
+        lines.append({"text": f"{share} move, {speed:.{digits}f} m/s", "tone": ""})
     return lines
 
 

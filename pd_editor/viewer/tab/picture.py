@@ -38,6 +38,7 @@ class Picture:
         on_compare: Callable[[], None],
         on_fan: Callable[[bool], None],
         on_preview: Callable[[bool], None],
+        on_samples: Callable[[], None],
         star: Callable[[], None],
     ) -> None:
         """Make the views, without a scenario.
@@ -51,6 +52,7 @@ class Picture:
             on_compare: called when the original is shown or hidden.
             on_fan: called when possible trajectories are shown or hidden.
             on_preview: called with whether a sample is drawn instead of the scenario.
+            on_samples: called when the samples of a run appear over the picture.
             star: puts the scenario into the basket.
         """
         self._ui = ui
@@ -70,7 +72,11 @@ class Picture:
         self._legend = Legend(overlay)
         self.comparison = Comparison(ui, overlay, palette, self._compared)
         self.samples = SampleStrip(
-            ui, overlay, on_preview=self._sample_pointed, star=star
+            ui,
+            overlay,
+            on_preview=self._sample_pointed,
+            on_opened=on_samples,
+            star=star,
         )
         self.findings = FindingsView(client, palette)
         self.candidates = CandidatesView(client, palette, on_fan)

@@ -63,7 +63,11 @@ def drawn():
 @pytest.fixture
 def strip(page, drawn):
     strip = SampleStrip(
-        Tab(), page, on_preview=lambda: drawn.append(1), star=lambda: None
+        Tab(),
+        page,
+        on_preview=lambda: drawn.append(1),
+        on_opened=lambda: None,
+        star=lambda: None,
     )
     strip.adopted = []
     strip.adopt = strip.adopted.append
