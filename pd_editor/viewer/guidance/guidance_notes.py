@@ -1,6 +1,6 @@
 """What is said of guidance terms: problems before a run, and outcomes after it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from pd_editor.generation import GuidanceReport
@@ -17,6 +17,7 @@ from pd_editor.viewer.state.ui_context import UiContext
 
 Tone = Literal["plain", "good", "warn", "bad"]
 TAKE_UNGUIDED: Final = "Take the unguided sample"
+CHANGED: Final = "Terms have changed since this run:"
 MAX_DRAGGED_TERMS: Final = 2
 """More terms that change at once, as in a warp, are checked when the edit is over."""
 
@@ -112,8 +113,19 @@ class GuidanceNotes:
 
     def report(self) -> RunReport:
         """Lines on the last run as a whole; none after another edit of the traffic."""
-        run = self._ui.workspace.guided_runs.of(self._ui.session.scenario.agents)
-        return RunReport() if run is None else report_of(run.report)
+        scenario = self._ui.session.scenario
+        run = self._ui.workspace.guided_runs.of(scenario.agents)
+        if run is None:
+            return RunReport()
+        report = report_of(run.report)
+        if _in_force(scenario) != _in_force(run.request.scenario):
+            lines = (Line(tone="plain", text=CHANGED), *report.lines)
+            report = replace(report, lines=lines)
+        return report
+
+
+def _in_force(scenario: Scenario) -> list[GuidanceTerm]:
+    return [term for term in scenario.guidance if term.is_on]
 
 
 def outcome_line(outcome: TermOutcome) -> Line:

@@ -19,7 +19,7 @@ from pd_editor.scene.guidance_terms import (
     TargetSpeed,
     Threaten,
 )
-from pd_editor.viewer.guidance.guidance_notes import TAKE_UNGUIDED
+from pd_editor.viewer.guidance.guidance_notes import CHANGED, TAKE_UNGUIDED
 from pd_editor.viewer.panels.generation.generation_run import GenerationInput
 from tests.viewer.fake_browser import FakeTab, until
 
@@ -151,6 +151,10 @@ def test_a_term_that_changes_after_the_run_has_no_outcome(guided: FakeTab):
     state = panel(guided)
     assert state["rows"][0]["notes"] == []
     assert state["action"] == TAKE_UNGUIDED
+    # (W20) "Terms obeyed: 1 of 1" stood there as if it were of the present terms.
+    assert state["report"][0] == {"tone": "plain", "text": CHANGED}
+    guided.run(guided.session.undo)
+    assert panel(guided)["report"][0]["text"] == "Terms obeyed: 1 of 1"
 
 
 def test_contradictions_are_told_beside_the_terms_and_before_a_run(
