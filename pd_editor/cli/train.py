@@ -46,6 +46,8 @@ class Training:
     """Number of scenarios and files that could not be used."""
     is_stopped: bool
     """Whether it was stopped before its time; it can be resumed."""
+    is_first: bool = True
+    """Whether this is the first of all processes, which reports the result."""
 
     def __str__(self) -> str:
         """The model's folder, then remarks."""
@@ -181,10 +183,15 @@ def train(
         has_tensorboard=tensorboard,
     )
     if stage == "all":
-        return _both_trained(
+        trained = _both_trained(
             request, given, hardware, monitoring, out, cache, resume=resume
         )
-    return _trained(request, hardware, monitoring, out, cache, resume=resume)
+    else:
+        trained = _trained(request, hardware, monitoring, out, cache, resume=resume)
+    if not trained.is_first:
+        # The other processes of several devices report nothing.
+        raise SystemExit(0)
+    return trained
 
 
 def _absolute(roots: str | Path | tuple[str | Path, ...]) -> tuple[str, ...]:
@@ -208,9 +215,11 @@ def _both_trained(
     from pd_editor.cli.model import model
 
     folder = Path("runs/all") if out is None else Path(out)
+    runs = {stage: folder / "runs" / stage for stage in _STAGES}
+    # Asked before the first of several processes makes a folder.
+    begun = [stage for stage in _STAGES if resume and runs[stage].exists()]
     found: list[Training] = []
-    for stage in _STAGES:
-        run = folder / "runs" / stage
+    for stage, run in runs.items():
         found.append(
             _trained(
                 replace(request, stage=stage, settings=settings[stage]),
@@ -218,13 +227,14 @@ def _both_trained(
                 monitoring,
                 run,
                 cache,
-                resume=resume and run.exists(),
+                resume=stage in begun,
             )
         )
         if found[-1].is_stopped:
             return replace(found[-1], folder=folder)
     init, traj = found
-    model(out=folder, init=init.folder, traj=traj.folder)
+    if traj.is_first:
+        model(out=folder, init=init.folder, traj=traj.folder)
     return replace(
         traj,
         folder=folder,
@@ -256,9 +266,6 @@ def _trained(
         on_preparation=_preparation_shown(),
         on_progress=_progress_shown(),
     )
-    if not outcome.is_first:
-        # Worker processes report nothing.
-        raise SystemExit(0)
     return Training(
         folder=outcome.folder,
         model=outcome.model,
@@ -268,6 +275,7 @@ def _trained(
         num_scenes=outcome.num_scenes,
         num_left_out=outcome.num_left_out,
         is_stopped=outcome.is_stopped,
+        is_first=outcome.is_first,
     )
 
 

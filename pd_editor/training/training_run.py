@@ -19,7 +19,7 @@ from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_mode
 from pd_editor.diffusion.checkpoints.tensor_file import config_from_json
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.errors import TrainingError
+from pd_editor.errors import PdEditorError, TrainingError
 from pd_editor.features.feature_store import FeatureStore
 from pd_editor.training.config.run_config import Augmentation, Precision, RunConfig
 from pd_editor.training.config.run_request import (
@@ -160,15 +160,25 @@ def run_asked_for(
         config = continued_config(run.config(), request)
     else:
         config = new_config(request, is_gpu=is_gpu)
-        run.check_free()
+        if not torch.distributed.is_initialized():
+            # Later runs of several processes: the first of them checks it.
+            run.check_free()
     if monitoring.has_tensorboard:
         check_installed()
     watch = monitoring.watch(_roots(config.validate), config.stage, run)
     fabric = _fabric(hardware, config.precision, is_gpu=is_gpu)
     # The first process prepares the data and the folder; the others use them.
+    failure: PdEditorError | None = None
     if fabric.is_global_zero:
-        _begin(config, run, cache, resume=resume, on_preparation=on_preparation)
-    fabric.barrier()
+        try:
+            _begin(config, run, cache, resume=resume, on_preparation=on_preparation)
+        except PdEditorError as error:
+            failure = error
+    if fabric.broadcast(failure is not None):
+        if failure is not None:
+            raise failure
+        # The first process says what is wrong.
+        raise SystemExit(0)
     prepared = _prepared(config, cache, _kept_basis(run))
     return _train(config, run, prepared, fabric, watch, monitoring, on_progress)
 
@@ -240,7 +250,7 @@ def _train(
             held_out_loss=loop.held_out_loss,
             num_scenes=len(prepared.data.store),
             num_left_out=prepared.data.num_left_out,
-            is_stopped=is_stopped(),
+            is_stopped=fabric.broadcast(is_stopped()),
             is_first=fabric.is_global_zero,
         )
 

@@ -26,7 +26,7 @@ COMMANDS = {
         METHODS[2],
     ),
     "evaluate": (*METHODS, "--warps", "none", "ripple-road:6", "--samples", 2),
-    "synth": ("--num", 90, "--families", "grid", "town", "--shards"),
+    "synth": ("--num", 6, "--families", "grid", "town", "--shards"),
 }
 ROWS = {"study": "variants.parquet", "evaluate": "rows.parquet"}
 

@@ -14,7 +14,7 @@ from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.stages import STAGE_KINDS
 from pd_editor.recordings.clip_selection import choose_windows
 from pd_editor.recordings.shards import shard_bytes
-from tests.cli.shell import ROOT, Shell
+from tests.cli.shell import ROOT, Result, Shell, run_in_process
 from tests.recordings.recordings import drive
 
 FILES = {"data.json", "log.jsonl", "loss.png", "model", "run.json", "state.safetensors"}
@@ -269,6 +269,33 @@ def test_one_command_makes_a_model_of_ones_own_recordings(
         "all", out=tmp_path / "own", steps=3, resume=True, cache=cache
     )
     assert resumed.steps == 6
+
+
+@pytest.mark.slow
+def test_both_stages_are_trained_by_several_processes(shards: Path, tmp_path: Path):
+    """With gloo on a CPU, as with NCCL on GPUs; the other processes say nothing."""
+    out, empty = tmp_path / "own", tmp_path / "empty"
+    empty.mkdir()
+
+    def run(*options: object) -> Result:
+        command = ("train", "all", "--devices", "2", "--device", "cpu",
+                   "--threads", "1", "--cache", tmp_path / "cache")  # fmt: skip
+        return run_in_process(*map(str, (*command, *options)))
+
+    begin = ("--preset", "tiny", "--precision", 32, "--steps", 3)
+    result = run("--data", shards, "--out", out, *begin)
+    assert result.code == 0, result.err
+    assert result.lines[0] == str(out)
+    assert result.lines[1].startswith("6 steps in ")
+    assert set(load_model(out, STAGE_KINDS).stages) == {"init", "traj"}
+    longer = run("--out", out, "--resume", "--steps", 5)
+    assert longer.code == 0, longer.err
+    for stage in ("init", "traj"):
+        lines = (out / "runs" / stage / "log.jsonl").read_text().splitlines()
+        assert [json.loads(one)["step"] for one in lines] == [3, 5]
+    refused = run("--data", empty, "--out", tmp_path / "new", *begin)
+    assert (refused.code, refused.out) == (2, "")
+    assert refused.err.count("\n") == 1, refused.err
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
