@@ -63,6 +63,7 @@ from pd_editor.generation import (
 from pd_editor.guidance.report import guidance_reports
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.guidance_terms import GoalPoint, StopAtLine
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS
 
@@ -547,7 +548,13 @@ def _yielding(
         return [(one, ()) for one in samples]
     # Agents that threaten others, and those, drive as they do.
     kept = {name for one in threats_in_force(request.terms) for name in one.named_ids}
-    return [with_yielding(scenario, rows, one, kept) for one in samples]
+    # Agents that are to be somewhere yield last, so that they still get there.
+    last = {
+        term.agent_id
+        for term in request.terms
+        if isinstance(term, GoalPoint | StopAtLine) and term.is_on
+    }
+    return [with_yielding(scenario, rows, one, kept, last) for one in samples]
 
 
 def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptions:

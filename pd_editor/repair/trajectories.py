@@ -1,5 +1,6 @@
 """Trajectories of a scene while they are retimed."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -124,16 +125,22 @@ class Trajectories:
             self, scenario=self.scenario.with_agents(changed), reasons=reasons
         )
 
-    def with_yielding(self) -> "Trajectories":
-        """Let agents yield where they would collide."""
+    def with_yielding(self, last_ids: Collection[str] = ()) -> "Trajectories":
+        """Let agents yield where they would collide.
+
+        Agents with ``last_ids`` or locked first seconds yield only if the other one
+        cannot.
+        """
         step, agents = self.scenario.current_step, self.agents
         is_kept = self.scenario.kept_steps()[:, step:]
+        num_kept = is_kept[:, 1:].sum(axis=1)
         found = yielding(
             agents,
             step,
             self.may_change,
             self.scenario.time_axis.step_s,
-            is_kept[:, 1:].sum(axis=1),
+            num_kept,
+            np.isin(agents.ids, list(last_ids)) | (num_kept > 0),
         )
         if not len(found.row):
             return self

@@ -63,11 +63,12 @@ def yield_to_others(
     agent_ids: Iterable[str] | None = None,
     *,
     keep_ids: Collection[str] | None = None,
+    last_ids: Collection[str] = (),
 ) -> tuple[Scenario, tuple[str, ...]]:
     """Let road users yield that would collide; all others are unchanged.
 
     Agents whose trajectory is locked never yield, and those with locked first seconds
-    only later.
+    only later. These and agents with ``last_ids`` yield only if the other one cannot.
 
     One round of ``retime_trajectories`` without the friction limit.
 
@@ -84,7 +85,7 @@ def yield_to_others(
             scenario, agent_ids, keep_ids, ROAD_USER_KINDS, keeps_beginnings=True
         ),
     )
-    resolved = trajectories.with_yielding()
+    resolved = trajectories.with_yielding(last_ids)
     names = sorted(scenario.agents.ids[row] for row in resolved.reasons)
     return resolved.scenario, tuple(names)
 

@@ -134,6 +134,7 @@ def yielding(
     may_yield: Bool[np.ndarray, "A"],
     step_s: float,
     num_kept: Int[np.ndarray, "A"] | None = None,
+    yields_last: Bool[np.ndarray, "A"] | None = None,
 ) -> Yielded:
     """Which agents yield to avoid collisions, and how they drive then.
 
@@ -141,11 +142,13 @@ def yielding(
     other one if that does not help. Pairs that overlap now are left out. Agents that
     enter later are avoided from then on; they do not yield. Agents that cannot avoid
     anything drive on as before. Of its first ``num_kept`` steps after the current one
-    no agent is driven later.
+    no agent is driven later. Agents that yield last do so only where the other one cannot.
     """
     if num_kept is None:
         num_kept = np.zeros(len(agents), int)
-    scene = _Scene.of(agents, now, may_yield, step_s, num_kept)
+    if yields_last is None:
+        yields_last = np.zeros(len(agents), bool)
+    scene = _Scene.of(agents, now, may_yield, step_s, num_kept, yields_last)
     plans = _Plans.of(scene)
     best, behind, fewest = plans.clock.copy(), plans.behind.copy(), plans.num_conflicts
     for _ in range(_MOST_ROUNDS):
@@ -184,6 +187,7 @@ class _Scene:
     size_m: Float[np.ndarray, "A 2"]
     may_yield: Bool[np.ndarray, "A"]
     num_kept: Int[np.ndarray, "A"]
+    yields_last: Bool[np.ndarray, "A"]
     pairs: Int[np.ndarray, "P 2"]
     """Those that could ever meet and of which one may yield."""
     keeps_gap: Bool[np.ndarray, "P"]
@@ -200,6 +204,7 @@ class _Scene:
         may_yield: Bool[np.ndarray, "A"],
         step_s: float,
         num_kept: Int[np.ndarray, "A"],
+        yields_last: Bool[np.ndarray, "A"],
     ) -> "_Scene":
         is_valid = agents.is_valid[:, now:]
         position = fill_gaps(agents.position_m[:, now:], is_valid)
@@ -240,6 +245,7 @@ class _Scene:
             size_m=size,
             may_yield=may_yield,
             num_kept=num_kept,
+            yields_last=yields_last,
             pairs=pairs[is_apart],
             keeps_gap=keeps_gap[is_apart],
             clocks=clocks(num_steps + beyond, step_s),
@@ -365,13 +371,18 @@ class _Plans:
     def _side_that_yields(
         self, scene: _Scene, pair: Int[np.ndarray, "C"]
     ) -> Int[np.ndarray, "C"]:
-        """The one with the other in front of it, unless it has tried in vain."""
+        """The one with the other in front of it, unless it has tried in vain.
+
+        Of two of which one yields last, the other one.
+        """
         both, step = scene.pairs[pair], self.first_step[pair][:, None]
         place = self.position_m[both, step]
         forward = unit_vector(self.heading_rad[both, step])
         gap = place[:, ::-1] - place
         ahead = (forward * gap).sum(axis=-1)
         side = (ahead[:, 1] >= ahead[:, 0]).astype(int)
+        last = scene.yields_last[both]
+        side = np.where(last[:, 0] == last[:, 1], side, last[:, 0])
         has_tried = self.tried[pair, side]
         return np.where(has_tried, 1 - side, side)
 
@@ -422,7 +433,7 @@ class _Plans:
 
         First with the gap to others, then where it would overlap them; that counts
         until the end only. Others that have the agent in front of them are left to
-        yield themselves, unless they cannot or have tried.
+        yield themselves, unless they cannot, have tried or yield last.
         """
         num_steps = scene.speed_mps.shape[1]
         place = np.full(len(scene.size_m), -1)
@@ -455,6 +466,7 @@ class _Plans:
         turns = facing[0][a, cell], facing[1][b, compared[at]]
         theirs_to_yield = scene.may_yield[other] & ~self.tried[pair, 1 - side]
         ahead = np.real(offset * (turns[0] + turns[1]).conj())
+        theirs_to_yield &= ~scene.yields_last[other] | scene.yields_last[own]
         counts = (ahead >= 0) | ~theirs_to_yield[index]
         room = np.array([GAP_M, 0.0]) * scene.keeps_gap[pair][index][:, None]
         sizes = scene.size_m[a], scene.size_m[b]

@@ -144,3 +144,15 @@ def test_no_two_points_within_reach_are_missed() -> None:
     assert len(near) > 100
     assert {tuple(cell) for cell in near.tolist()} <= found
     assert len(found) == len(index) < gap.size / 2
+
+
+def test_of_two_the_one_that_yields_last_drives_on() -> None:
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 8), (32, -34, np.pi / 2, 8)]))
+    agents, both = scenario.agents, np.array([True, True])
+    (usual,) = yielding(agents, NOW, both, STEP_S).row.tolist()
+    last = np.arange(2) == usual
+    found = yielding(agents, NOW, both, STEP_S, yields_last=last)
+    assert found.row.tolist() == [1 - usual]
+    assert conflicts(driven(scenario, found)) == set()
+    # It yields where the other one cannot.
+    assert yielding(agents, NOW, last, STEP_S, yields_last=last).row.tolist() == [usual]

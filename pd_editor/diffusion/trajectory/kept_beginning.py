@@ -19,9 +19,10 @@ from pd_editor.diffusion.trajectory.network.decoding import Motion
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.scene.scenario import Scenario
 
-_POSITION_NOISE_M: Final = 0.05
-"""Tolerance of a kept position, against latents of unit variance."""
-_VELOCITY_NOISE_MPS: Final = 0.1
+_POSITION_NOISE_M: Final = 0.6
+"""Tolerance of each kept position, against latents of unit variance: recorded positions
+jitter, and a rest that follows from the jitter is not drivable."""
+_VELOCITY_NOISE_MPS: Final = 0.5
 """Tolerance of the velocity at the end of the kept beginning."""
 _BLEND_S: Final = 2.0
 """Time in which the offset of the rest decays."""

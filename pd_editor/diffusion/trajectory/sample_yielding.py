@@ -17,12 +17,14 @@ def with_yielding(
     rows: Int[np.ndarray, "G"],
     sample: TrafficSample,
     keep_ids: Collection[str] = (),
+    last_ids: Collection[str] = (),
 ) -> tuple[TrafficSample, tuple[str, ...]]:
     """Slow agents of a sample that would collide later along their own paths.
 
     ``rows`` are the sample's agents in the scenario; others move as recorded. Late agents
     that continue the track of a sampled one are no obstacles. Current states stay, and
-    agents with ``keep_ids`` do not yield. Also returns the ids of the agents that yield.
+    agents with ``keep_ids`` do not yield, those with ``last_ids`` only if the other one
+    cannot. Also returns the ids of the agents that yield.
     """
     now, agents = scenario.current_step, scenario.agents
     driven = agents.with_rows(
@@ -39,7 +41,7 @@ def with_yielding(
     if len(doubles):
         driven = driven.with_rows(doubles, is_valid=np.array(False))
     waiting, ids = yield_to_others(
-        scenario.with_agents(driven), sample.ids, keep_ids=keep_ids
+        scenario.with_agents(driven), sample.ids, keep_ids=keep_ids, last_ids=last_ids
     )
     if not ids:
         return sample, ()

@@ -104,6 +104,26 @@ def test_projecting_twice_changes_little_and_others_not_at_all(kept_s, seed):
     assert np.linalg.norm(twice - once) <= np.linalg.norm(once - latent) + 1e-9
 
 
+def test_the_rest_does_not_follow_the_jitter_of_a_recorded_beginning() -> None:
+    agents = straight_drivers([(0, 0, 0, 8.0)])
+    place = agents.position_m.copy()
+    place[0, NOW:, 0] += 0.25 * np.sin(0.3 * np.arange(place.shape[1] - NOW))
+    scenario = locked(
+        scenario_with(agents.with_rows(np.array([0]), position_m=place)), 2.0
+    )
+    _, offset = kept_beginning(scenario).projection(BASIS, 1)
+    raw = motion_of(
+        BASIS,
+        offset[None],
+        place[:, NOW],
+        agents.heading_rad[:, NOW],
+        agents.velocity_mps[:, NOW],
+        scenario.time_axis,
+    )
+    speed = np.hypot(*np.moveaxis(raw.velocity_mps[0, 0, 20:], -1, 0))
+    assert np.abs(speed - 8.0).max() < 1.0
+
+
 def test_a_locked_beginning_comes_out_bit_identical(diffuser: PathDiffuser):
     scenario = locked(curved(), 2.0)
     ids = scenario.agents.ids
