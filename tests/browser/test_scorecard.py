@@ -67,6 +67,8 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
     editor.until(lambda: drawer.locator(".pd-chart").count() == 3, "three charts")
     head = drawer.locator(".pd-chart-head").first
     x = head.get_attribute("x1")
+    value = drawer.locator(".pd-chart-value").first
+    editor.until(lambda: value.inner_text().strip(), "the value under the playhead")
     editor.seek(3.0)
     editor.until(
         lambda: head.get_attribute("x1") != x, "the playhead moves in the chart"

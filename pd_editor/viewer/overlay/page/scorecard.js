@@ -7,7 +7,7 @@
   const LEFT = 30;
   // Level is told by shape as well as by colour.
   const SHAPES = { usual: "\u25cf", unusual: "\u25b2", extreme: "\u25a0" };
-  const COLORS = ["#1c6fd1", "#d1600c", "#0e8a5f"];
+  const COLORS = ["var(--pd-line-1)", "var(--pd-line-2)", "var(--pd-line-3)"];
   let showTime = () => {};
   let setCharts = () => {};
 
@@ -61,12 +61,15 @@
         viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img",
         "aria-label": `${title} of ${ids.join(", ")}`,
       });
-      for (const value of [low, high]) {
+      for (const value of low < 0 ? [low, 0, high] : [low, high]) {
         svg.append(shape("line", {
           x1: LEFT, x2: WIDTH - 4, y1: y(value), y2: y(value), class: "pd-chart-grid",
         }));
+        // Of an axis that reaches just below zero only the ends are labelled.
+        if (value === 0 && low < 0 && Math.min(y(low) - y(0), y(0) - y(high)) < 11) continue;
         const text = shape("text", { x: LEFT - 4, y: y(value) + 3.5, class: "pd-chart-text" });
-        text.textContent = Math.abs(value) >= 100 ? value.toFixed(0) : value.toFixed(1);
+        const shown = Math.abs(value) >= 100 ? value.toFixed(0) : value.toFixed(1);
+        text.textContent = value === 0 ? "0" : shown.replace("-", "\u2212");
         svg.append(text);
       }
       lines.forEach((line, index) => {
@@ -79,15 +82,32 @@
             isDrawing = true;
           }
         });
-        svg.append(shape("path", { d: path, stroke: COLORS[index], class: "pd-chart-line" }));
+        const drawn = shape("path", { d: path, class: "pd-chart-line" });
+        drawn.style.stroke = COLORS[index];
+        svg.append(drawn);
       });
       const playhead = shape("line", { y1: TOP - 4, y2: HEIGHT - 2, class: "pd-chart-head" });
       svg.append(playhead);
       const box = make("div", "pd-chart");
-      box.append(make("div", "pd-chart-title", {}, title), svg);
+      // The values under the playhead, in the colours of their lines.
+      const values = lines.map((_, index) => {
+        const value = make("span", "pd-chart-value");
+        value.style.color = COLORS[index];
+        return value;
+      });
+      const heading = make("div", "pd-chart-title", {}, title);
+      heading.append(...values);
+      box.append(heading, svg);
+      const step = (time.at(-1) - time[0]) / Math.max(time.length - 1, 1) || 1;
       return { box, move: (t) => {
         playhead.setAttribute("x1", x(t));
         playhead.setAttribute("x2", x(t));
+        const at = Math.min(Math.max(Math.round((t - time[0]) / step), 0), time.length - 1);
+        lines.forEach((line, index) => {
+          const value = line[at];
+          const text = value === null ? "\u2013" : value.toFixed(1).replace("-", "\u2212");
+          if (values[index].textContent !== text) values[index].textContent = text;
+        });
       } };
     }
 
