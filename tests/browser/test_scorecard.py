@@ -136,7 +136,7 @@ def test_hard_braking_is_shown_and_smoothed_with_one_click(editor):
     finding.wait_for()
 
     def drawn():
-        return {one.agent_id: one for one in tab._findings._findings}
+        return {one.agent_id: one for one in tab.picture.findings._findings}
 
     editor.until(lambda: name in drawn(), "the part of the trajectory is drawn")
     worst = drawn()[name].worst_step
