@@ -5,7 +5,8 @@ scenarios unless ``--data`` names a corpus, prepares them once, and trains each 
 each seed for equally many steps of equal scenes; every variant is the base of the study
 but for one file. Then, if PD_EDITOR_AV2 is set, ``pd-editor evaluate --paper`` with its
 ``val`` scenes. What is finished stays: the same command goes on where it was stopped. A
-variant of one's own is one more TOML file: ``--variants my.toml``.
+variant of one's own is one more TOML file: ``--variants my.toml`` trains it and the base
+instead of those of the paper. A file that was edited since its training is refused.
 """
 
 import json
@@ -21,6 +22,15 @@ from pd_editor.cli.evaluate import evaluate
 from pd_editor.cli.model import model
 from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
+from pd_editor.errors import PdEditorError, TrainingError
+from pd_editor.training.config.run_request import (
+    RunRequest,
+    StageName,
+    new_config,
+    other_fields,
+)
+from pd_editor.training.config.settings import settings_of
+from pd_editor.training.loop.run_folder import CONFIG_NAME, RunFolder
 
 FOLDER = Path(__file__).parents[1] / "examples" / "variants"
 BASE = FOLDER / "study" / "base.toml"
@@ -34,7 +44,7 @@ VARIANTS = (
 )
 DEFAULT = "pd"
 """Name of the base alone, whose stages the other variants borrow."""
-STAGES = ("init", "traj")
+STAGES: tuple[StageName, ...] = ("init", "traj")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +77,7 @@ class Task:
     """One network to train."""
 
     variant: str
-    stage: str
+    stage: StageName
     seed: int
     files: tuple[Path, ...]
 
@@ -85,7 +95,7 @@ def tasks_of(study: Study, seed: int) -> Iterator[Task]:
                 )
 
 
-def stages_of(path: Path) -> tuple[str, ...]:
+def stages_of(path: Path) -> tuple[StageName, ...]:
     """The stages that a variant changes."""
     sections = tomllib.loads(path.read_text())
     shared = sections.keys() - set(STAGES)
@@ -95,6 +105,46 @@ def stages_of(path: Path) -> tuple[str, ...]:
 def model_folder(study: Study, variant: str, seed: int) -> Path:
     """Folder of a variant's model; its runs are below."""
     return study.out / f"{variant}-seed{seed}"
+
+
+def check(study: Study, tasks: Sequence[Task]) -> None:
+    """Refuse variants that cannot be trained, or that were edited since they were.
+
+    Raises:
+        TrainingError: names the file, what is wrong and what to do.
+    """
+    names = [DEFAULT, *(path.stem for path in study.variants)]
+    for path in study.variants:
+        if names.count(path.stem) > 1:
+            raise TrainingError(
+                f"{path}: there are several variants {path.stem!r}; give the file "
+                "another name."
+            )
+    for task in tasks:
+        asked = RunRequest(
+            stage=task.stage,
+            data=("",),
+            preset="default",
+            settings=settings_of(task.files, (), task.stage),
+        )
+        config, run = new_config(asked, is_gpu=False), run_folder(study, task)
+        if not (run / CONFIG_NAME).exists():
+            continue
+        changed = other_fields(RunFolder(run).config(), config)
+        if changed:
+            told = ", ".join(
+                f"{name} was {before}, is now {after}"
+                for name, (before, after) in changed.items()
+            )
+            raise TrainingError(
+                f"{task.files[-1]}: {run} was begun with other settings ({told}); delete "
+                "that folder to train it anew, or give the changed file another name."
+            )
+
+
+def run_folder(study: Study, task: Task) -> Path:
+    """Folder of the run of a network."""
+    return model_folder(study, task.variant, task.seed) / "runs" / task.stage
 
 
 def is_trained(run: Path, steps: int) -> bool:
@@ -108,7 +158,7 @@ def is_trained(run: Path, steps: int) -> bool:
 
 def train_task(study: Study, data: Path, task: Task) -> bool:
     """Train a network, or go on; false if it was stopped before its end."""
-    run = model_folder(study, task.variant, task.seed) / "runs" / task.stage
+    run = run_folder(study, task)
     steps = study.init_steps if task.stage == "init" else study.traj_steps
     name = f"{task.variant}, {task.stage}, seed {task.seed}"
     if is_trained(run, steps):
@@ -126,7 +176,7 @@ def train_task(study: Study, data: Path, task: Task) -> bool:
         threads=study.threads,
         preset="default",
         out=run,
-        resume=(run / "run.json").exists(),
+        resume=(run / CONFIG_NAME).exists(),
     )
     print(result, flush=True)
     return not result.is_stopped
@@ -161,16 +211,20 @@ def corpus(study: Study) -> Path:
 
 def run_study(study: Study) -> int:
     """Train what is left, join the stages, and print the tables; the exit code."""
+    tasks_of_seed = {seed: list(tasks_of(study, seed)) for seed in study.seeds}
+    check(study, [one for tasks in tasks_of_seed.values() for one in tasks])
     data = corpus(study)
-    for seed in study.seeds:
-        tasks = list(tasks_of(study, seed))
+    for tasks in tasks_of_seed.values():
         for task in tasks:
             if not train_task(study, data, task):
                 print(f"Stopped; the same command goes on ({study.out}).")
                 return 130
         join(study, tasks)
+    if study.only_train:
+        print(f"All variants are trained ({study.out}).")
+        return 0
     recorded = os.environ.get("PD_EDITOR_AV2")
-    if study.only_train or not recorded:
+    if not recorded:
         print("No tables; set PD_EDITOR_AV2 to a folder with val/ for them.")
         return 0
     report = study.out / "report"
@@ -187,4 +241,7 @@ def run_study(study: Study) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(run_study(tyro.cli(Study)))
+    try:
+        raise SystemExit(run_study(tyro.cli(Study)))
+    except PdEditorError as error:
+        raise SystemExit(f"Error: {error}") from None

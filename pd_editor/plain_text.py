@@ -1,5 +1,7 @@
 """Makes texts from files and users safe to show in one line."""
 
+import difflib
+from collections.abc import Iterable
 from typing import Final
 
 MAX_NAME_BYTES: Final = 255
@@ -28,3 +30,13 @@ def one_line(text: str, max_characters: int = _SHOWN_CHARACTERS) -> str:
         return text
     half = (max_characters - 5) // 2
     return f"{text[:half]} ... {text[-half:]}"
+
+
+def nearest_or_all(name: str, known: Iterable[str]) -> str:
+    """What a user may have meant by an unknown name, for the end of a sentence."""
+    names = list(dict.fromkeys(known))
+    lower = {one.lower(): one for one in reversed(names)}
+    near = difflib.get_close_matches(name.lower(), lower, n=1)
+    if near:
+        return f"the nearest is {lower[near[0]]}"
+    return f"expected one of {', '.join(names)}"

@@ -8,6 +8,9 @@ import pytest
 
 from benchmarks import variants
 from benchmarks.variants import BASE, VARIANTS, Study, run_study, stages_of, tasks_of
+from pd_editor.errors import TrainingError
+from pd_editor.training.config.run_request import RunRequest, StageName, new_config
+from pd_editor.training.config.settings import settings_of
 
 
 def test_each_variant_trains_the_stages_that_it_changes(tmp_path: Path):
@@ -35,20 +38,73 @@ def test_each_variant_trains_the_stages_that_it_changes(tmp_path: Path):
     }
 
 
+def begin(run: Path, stage: StageName, *files: Path) -> None:
+    """A run's folder as a training leaves it, but for its weights."""
+    given = settings_of(files, (), stage)
+    asked = RunRequest(stage=stage, data=("/data",), settings=given)
+    run.mkdir(parents=True)
+    (run / "run.json").write_text(new_config(asked, is_gpu=False).to_json())
+
+
+def test_a_variant_that_was_edited_since_its_training_is_refused(tmp_path: Path):
+    """Whether a field has another value, is new, or has been taken out of the file."""
+    file, run = (
+        tmp_path / "mine.toml",
+        tmp_path / "out" / "mine-seed0" / "runs" / "traj",
+    )
+    study = Study(out=tmp_path / "out", data=tmp_path, seeds=(0,), variants=(file,))
+    file.write_text("[traj.model]\nnum_blocks = 1\n[traj.loss]\nmetre_share = 0.25\n")
+    begin(run, "traj", BASE, file)
+    variants.check(study, list(tasks_of(study, 0)))
+    for text, told in (
+        (
+            "num_blocks = 3\n[traj.loss]\nmetre_share = 0.25",
+            "num_blocks was 1, is now 3",
+        ),
+        ("num_blocks = 1", "loss.metre_share was 0.25, is now 0.5"),
+        (
+            "num_blocks = 1\n[traj.loss]\nmetre_share = 0.25\n[traj.sampler]\neta = 1.0",
+            "sampler.eta was None, is now 1.0",
+        ),
+    ):
+        file.write_text(f"[traj.model]\n{text}\n")
+        with pytest.raises(TrainingError, match=told) as caught:
+            run_study(study)
+        assert f"mine.toml: {run} was begun" in str(caught.value)
+        assert "delete that folder" in str(caught.value)
+
+
+def test_a_variant_that_cannot_be_trained_is_refused_before_any_is(tmp_path: Path):
+    file, same = tmp_path / "mine.toml", tmp_path / "pd.toml"
+    file.write_text("[traj.model]\nnum_block = 1\n")
+    same.write_text("[model]\nwidth = 32\n")
+    for path, told in ((file, "the nearest is num_blocks"), (same, "several variants")):
+        study = Study(out=tmp_path / "out", data=tmp_path, variants=(path,))
+        with pytest.raises(TrainingError, match=told):
+            run_study(study)
+        assert not study.out.exists()
+
+
 def test_what_is_trained_is_not_trained_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     calls: list[tuple[str, str, dict]] = []
     joined: list[tuple[str, str, str]] = []
     stop_at = "vd"
 
-    def train(stage: str, **options):
+    def train(stage: StageName, **options):
         variant = options["out"].parents[1].name
         calls.append((variant, stage, options))
         is_stopped = variant.startswith(stop_at)
         folder = options["out"]
         (folder / "model").mkdir(parents=True, exist_ok=True)
-        (folder / "run.json").touch()
+        asked = RunRequest(
+            stage=stage,
+            data=("/data",),
+            settings=settings_of(options["config"], (), stage),
+        )
+        config = new_config(asked, is_gpu=False)
+        (folder / "run.json").write_text(config.to_json())
         steps = 0 if is_stopped else options["steps"]
         about = {"stages": {stage: {"training": {"steps": steps}}}}
         (folder / "model" / "config.json").write_text(json.dumps(about))
@@ -79,6 +135,7 @@ def test_what_is_trained_is_not_trained_again(
     assert not calls[1][2]["resume"]
     assert {options["steps"] for _, stage, options in calls if stage == "init"} == {7}
     assert {options["seed"] for _, _, options in calls} == {0, 1}
+    assert "All variants are trained" in capsys.readouterr().out
     assert ("mha-seed1", "mha-seed1", "pd-seed1") in joined
     assert ("vd-seed0", "pd-seed0", "vd-seed0") in joined
     assert ("paper-seed0", "paper-seed0", "paper-seed0") in joined

@@ -213,16 +213,24 @@ def _both_trained(
 ) -> Training:
     """Train one stage after the other, then join them into a model."""
     from pd_editor.cli.model import model
+    from pd_editor.training.training_run import config_asked_for
 
     folder = Path("runs/all") if out is None else Path(out)
     runs = {stage: folder / "runs" / stage for stage in _STAGES}
     # Asked before the first of several processes makes a folder.
     begun = [stage for stage in _STAGES if resume and runs[stage].exists()]
+    requests = {
+        stage: replace(request, stage=stage, settings=settings[stage])
+        for stage in _STAGES
+    }
+    for stage, run in runs.items():
+        # What is wrong with the second stage is told before the first one is trained.
+        config_asked_for(requests[stage], run, hardware, resume=stage in begun)
     found: list[Training] = []
     for stage, run in runs.items():
         found.append(
             _trained(
-                replace(request, stage=stage, settings=settings[stage]),
+                requests[stage],
                 hardware,
                 monitoring,
                 run,

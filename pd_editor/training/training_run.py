@@ -128,6 +128,24 @@ def _fabric(hardware: Hardware, precision: Precision, *, is_gpu: bool) -> Fabric
     return fabric
 
 
+def config_asked_for(
+    request: RunRequest, folder: Path, hardware: Hardware, *, resume: bool
+) -> RunConfig:
+    """Configuration of a run, new or resumed; nothing is written.
+
+    Raises:
+        PdEditorError: the settings are invalid, or the folder cannot be used.
+    """
+    run = RunFolder(folder)
+    if resume:
+        return continued_config(run.config(), request)
+    config = new_config(request, is_gpu=has_gpu(hardware))
+    if not torch.distributed.is_initialized():
+        # Later runs of several processes: the first of them checks it.
+        run.check_free()
+    return config
+
+
 def run_asked_for(
     request: RunRequest,
     folder: Path,
@@ -156,13 +174,7 @@ def run_asked_for(
     """
     run = RunFolder(folder)
     is_gpu = has_gpu(hardware)
-    if resume:
-        config = continued_config(run.config(), request)
-    else:
-        config = new_config(request, is_gpu=is_gpu)
-        if not torch.distributed.is_initialized():
-            # Later runs of several processes: the first of them checks it.
-            run.check_free()
+    config = config_asked_for(request, folder, hardware, resume=resume)
     if monitoring.has_tensorboard:
         check_installed()
     watch = monitoring.watch(_roots(config.validate), config.stage, run)

@@ -14,6 +14,7 @@ from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.stages import STAGE_KINDS
 from pd_editor.recordings.clip_selection import choose_windows
 from pd_editor.recordings.shards import shard_bytes
+from pd_editor.training.config.run_request import StageName
 from tests.cli.shell import ROOT, Result, Shell, run_in_process
 from tests.recordings.recordings import drive
 
@@ -43,7 +44,8 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def runs(shards: Path, cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run of each stage."""
     folder = tmp_path_factory.mktemp("runs")
-    for stage in ("init", "traj"):
+    stages: tuple[StageName, ...] = ("init", "traj")
+    for stage in stages:
         pd_editor.train(
             stage,
             data=shards,
@@ -157,6 +159,23 @@ def test_bad_input_is_said_in_a_sentence(
     assert not (tmp_path / "run").exists()
 
 
+def test_both_stages_are_checked_before_the_first_is_trained(
+    shell: Shell, shards: Path, tmp_path: Path
+):
+    file = tmp_path / "mine.toml"
+    file.write_text("[traj.model]\nwidth = 30\n")
+    out = tmp_path / "out"
+    data = ("--data", shards, "--cache", tmp_path / "cache", "--steps", 1)
+    told = shell.refused("train", "all", "--out", out, *data, *TINY, "--config", file)
+    assert f"{file}: [traj.model] width is 30 and num_heads is 4" in told
+    assert not out.exists()
+    (out / "runs" / "traj").mkdir(parents=True)
+    (out / "runs" / "traj" / "notes.txt").touch()
+    told = shell.refused("train", "all", "--out", out, *data, *TINY)
+    assert "already holds files" in told
+    assert not (out / "runs" / "init").exists()
+
+
 def test_broken_scenarios_are_counted(av2_scenario_folders: list[Path], tmp_path: Path):
     root = tmp_path / "av2"
     chosen = [one for one in av2_scenario_folders if one.parent.name == "train"][:7]
@@ -200,7 +219,7 @@ def test_ctrl_c_leaves_a_run_that_goes_on(shards: Path, cache: Path, tmp_path: P
 
 @pytest.mark.parametrize("stage", ["init", "traj"])
 def test_a_run_starts_from_a_model_and_keeps_its_basis(
-    stage: str, runs: Path, shards: Path, cache: Path, tmp_path: Path
+    stage: StageName, runs: Path, shards: Path, cache: Path, tmp_path: Path
 ):
     """The weights begin where the model's are; each scenario is prepared twice."""
     source = runs / stage
@@ -332,7 +351,9 @@ def test_a_variant_is_one_file_and_its_fields_are_stored_with_the_weights(
         "--steps", 1, "--device", "cpu", "--precision", "32", "--out", tmp_path / "run",
     )  # fmt: skip
     told = shell.refused(*command, "--config", variant, "--set", "model.widht=16")
-    assert told == "model: there is no field 'widht'; the nearest is width."
+    assert told.endswith(
+        "model.widht=16: [init.model] has no field 'widht'; the nearest is width."
+    )
     result = shell.run(*command, "--config", variant, "--set", "model.width=16")
     assert result.code == 0, result.err
     config = json.loads((tmp_path / "run" / "model" / "config.json").read_text())

@@ -10,7 +10,12 @@ from pd_editor.errors import TrainingError
 from pd_editor.recordings.clip_selection import choose_windows
 from pd_editor.recordings.shards import shard_bytes
 from pd_editor.training.config.presets import PRESETS
-from pd_editor.training.config.run_config import Budget, Optimisation, RunConfig
+from pd_editor.training.config.run_config import (
+    Budget,
+    Optimisation,
+    Precision,
+    RunConfig,
+)
 from pd_editor.training.data.training_data import prepared_data, training_data
 from pd_editor.training.loop.run_folder import RunFolder
 from pd_editor.training.loop.train_loop import TrainLoop
@@ -27,7 +32,9 @@ def prepared(tmp_path_factory):
     return prepared_data([folder], tmp_path_factory.mktemp("cache"), workers=1)
 
 
-def loop_of(name, prepared, folder, *, steps, precision="32", optimisation=None):
+def loop_of(
+    name, prepared, folder, *, steps, precision: Precision = "32", optimisation=None
+):
     preset = PRESETS[name]["tiny"]
     stage = STAGES[name]
     config = RunConfig(
@@ -88,9 +95,7 @@ def test_own_samples_add_to_the_loss_of_denoising(name, prepared):
     assert more.keys() == {*parts, "own_collision"}
     added = 2.0 * float(more["own_collision"].detach())
     assert float(both.detach()) == pytest.approx(float(alone.detach()) + added)
-    with pytest.raises(
-        TrainingError, match="own_samples: there is no field 'colision'"
-    ):
+    with pytest.raises(TrainingError, match="own_samples has no field 'colision'"):
         loss(colision=1.0)
 
 

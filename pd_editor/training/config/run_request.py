@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import torch
 
@@ -26,6 +26,7 @@ from pd_editor.training.config.settings import Settings, with_settings
 from pd_editor.training.own_samples.settings import OwnSamplesConfig
 
 StageName = Literal["init", "traj"]
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +50,17 @@ class RunRequest:
     """Absolute paths of roots."""
     windows: int | None = None
     copies: int | None = None
-    settings: Settings = field(default_factory=dict)
+    settings: Settings = field(default_factory=Settings)
     """Values of single fields, by section; they count before the preset."""
+
+    def with_settings(self, value: _Value, section: str) -> _Value:
+        """A dataclass with the values that are given for a section.
+
+        Raises:
+            TrainingError: they cannot be; the message has their files and the stage.
+        """
+        place = self.settings.place(section, self.stage)
+        return with_settings(value, self.settings.of(section), place)
 
 
 def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
@@ -75,21 +85,19 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
         seed=request.seed or 0,
         precision=request.precision or fast_precision(is_gpu=is_gpu),
         model=_model_of(request, preset),
-        loss=asdict(
-            with_settings(LOSSES[request.stage](), given.get("loss", {}), "loss")
-        ),
-        own_samples=_own_samples_of(given.get("own_samples", {})),
-        augmentation=asdict(
-            with_settings(Augmentation(), given.get("augmentation", {}), "augmentation")
-        ),
+        loss=asdict(request.with_settings(LOSSES[request.stage](), "loss")),
+        own_samples=asdict(request.with_settings(OwnSamplesConfig(), "own_samples"))
+        if given.of("own_samples")
+        else {},
+        augmentation=asdict(request.with_settings(Augmentation(), "augmentation")),
         sampling=_sampling_of(request),
         start=request.start or "",
         validate=request.validate or (),
         windows=request.windows or preset.windows,
         copies=request.copies or 1,
         optimisation=with_settings(
-            preset.optimisation,
-            {**given.get("optimisation", {}), **asked},
+            request.with_settings(preset.optimisation, "optimisation"),
+            asked,
             "optimisation",
         ),
         budget=_requested_budget(Budget(minutes=preset.minutes), request),
@@ -124,7 +132,7 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
     other = [name for name, (new, old) in same.items() if new not in (None, old)]
     other += [
         f"{section}.{name}"
-        for section, fields in request.settings.items()
+        for section, fields in request.settings.values.items()
         for name, value in fields.items()
         if _of_section(earlier, section).get(name) != value
     ]
@@ -134,6 +142,25 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
             "go on with it, or begin a new run."
         )
     return replace(earlier, budget=_requested_budget(earlier.budget, request))
+
+
+def other_fields(earlier: RunConfig, now: RunConfig) -> dict[str, tuple[Any, Any]]:
+    """Fields by name that make the networks of two runs differ, with both values.
+
+    Data, seed and budget do not count, nor do fields that the earlier run did not have.
+    """
+    found = {}
+    for section in ("model", "loss", "own_samples", "augmentation", "optimisation"):
+        before, after = _of_section(earlier, section), _of_section(now, section)
+        for name in before.keys() & after.keys():
+            if before[name] != after[name]:
+                found[f"{section}.{name}"] = (before[name], after[name])
+    for section in SAMPLING[now.stage]:
+        before, after = _of_section(earlier, section), _of_section(now, section)
+        for name in before.keys() | after.keys():
+            if before.get(name) != after.get(name):
+                found[f"{section}.{name}"] = (before.get(name), after.get(name))
+    return dict(sorted(found.items()))
 
 
 def fast_precision(*, is_gpu: bool) -> Precision:
@@ -153,23 +180,17 @@ def _requested_budget(budget: Budget, request: RunRequest) -> Budget:
 
 def _model_of(request: RunRequest, preset: Preset) -> Mapping[str, Any]:
     network = config_from_json(NETWORKS[request.stage], preset.model, "the preset")
-    return asdict(with_settings(network, request.settings.get("model", {}), "model"))
+    return asdict(request.with_settings(network, "model"))
 
 
 def _sampling_of(request: RunRequest) -> Mapping[str, Mapping[str, Any]]:
     """Settings of the sampling that were given, checked."""
     found: dict[str, Mapping[str, Any]] = {}
     for name, kind in SAMPLING[request.stage].items():
-        if given := request.settings.get(name):
-            with_settings(kind(), given, name)
+        if given := request.settings.of(name):
+            request.with_settings(kind(), name)
             found[name] = dict(given)
     return found
-
-
-def _own_samples_of(given: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Settings of the loss of samples; empty unless some were given."""
-    settings = with_settings(OwnSamplesConfig(), given, "own_samples")
-    return asdict(settings) if given else {}
 
 
 def _of_section(config: RunConfig, section: str) -> Mapping[str, Any]:

@@ -1,91 +1,157 @@
-"""Settings of a run by name, out of a TOML file and of ``key=value`` texts.
+"""Settings of a run by name, out of TOML files and of ``key=value`` texts.
 
 A name is a section and a field, ``model.width``; before it a stage, ``init.model.width``,
-where both stages are trained. Sections are those of ``SECTIONS``.
+where both stages are trained. ``SECTIONS`` has the sections of each stage.
 """
 
-import difflib
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
 from pd_editor.errors import ModelError, TrainingError
+from pd_editor.plain_text import nearest_or_all
 from pd_editor.regular_file import read_regular
+from pd_editor.training.config.presets import LOSSES, NETWORKS, SAMPLING
+from pd_editor.training.config.run_config import Augmentation, Optimisation
+from pd_editor.training.own_samples.settings import OwnSamplesConfig
 
-SECTIONS: Final = (
-    "model",
-    "loss",
-    "optimisation",
-    "augmentation",
-    "sampler",
-    "guidance",
-    "own_samples",
-)
 STAGES: Final = ("init", "traj")
+SECTIONS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
+    stage: {
+        "model": NETWORKS[stage],
+        "loss": LOSSES[stage],
+        "optimisation": Optimisation,
+        "augmentation": Augmentation,
+        "sampler": SAMPLING[stage]["sampler"],
+        "guidance": SAMPLING[stage]["guidance"],
+        "own_samples": OwnSamplesConfig,
+    }
+    for stage in STAGES
+}
+"""Types of the sections that can be set, for each stage."""
 _MAX_BYTES: Final = 1_000_000
+_KINDS: Final[Mapping[Any, str]] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    tuple[float, float]: "two numbers, [LOW, HIGH]",
+}
 _Value = TypeVar("_Value")
 
-Settings = Mapping[str, Mapping[str, Any]]
-"""Values of fields, by section."""
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Values of fields by section, and the files and texts that they are from."""
+
+    values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    places: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Files and texts of each section."""
+
+    def of(self, section: str) -> Mapping[str, Any]:
+        """Values of the fields of a section that were given."""
+        return self.values.get(section, {})
+
+    def place(self, section: str, stage: str) -> str:
+        """Where the values of a section are from, in words."""
+        given = ", ".join(self.places.get(section, ()))
+        return f"{given}: [{stage}.{section}]" if given else f"[{stage}.{section}]"
 
 
 def settings_of(files: Sequence[Path], texts: Sequence[str], stage: str) -> Settings:
     """What files and texts say for a stage; texts count before files, later ones first.
 
     Raises:
-        TrainingError: a file is no TOML, a text is no ``key=value``, or a section is
-            unknown.
+        TrainingError: a file is no TOML, a text is no ``key=value``, or the stage has no
+            such section, field or type of value.
     """
     found: dict[str, dict[str, Any]] = {}
+    places: dict[str, tuple[str, ...]] = {}
     given = [(str(file), _read(file)) for file in files]
     given += [(f"--set {text}", _parsed(text)) for text in texts]
     for place, tree in given:
-        own = tree.get(stage, {})
         shared = {name: one for name, one in tree.items() if name not in STAGES}
-        for part in (shared, own):
+        for part in (shared, tree.get(stage, {})):
             if not isinstance(part, Mapping):
                 raise TrainingError(f"{place}: {stage} is no table of sections.")
-            for section, fields in part.items():
-                _check_name(place, section, SECTIONS, "section")
-                if not isinstance(fields, Mapping):
+            for section, values in part.items():
+                if section not in SECTIONS[stage]:
+                    raise TrainingError(
+                        f"{place}: there is no section {section!r}; "
+                        f"{nearest_or_all(section, SECTIONS[stage])}."
+                    )
+                if not isinstance(values, Mapping):
                     raise TrainingError(
                         f"{place}: {section} is no table of fields; expected for "
                         f"example {section}.NAME=VALUE."
                     )
-                found.setdefault(section, {}).update(fields)
-    return found
+                _check_fields(values, section, stage, place)
+                found.setdefault(section, {}).update(values)
+                places[section] = (*places.get(section, ()), place)
+    return Settings(values=found, places=places)
 
 
-def with_settings(value: _Value, given: Mapping[str, Any], section: str) -> _Value:
+def _check_fields(
+    values: Mapping[str, Any], section: str, stage: str, place: str
+) -> None:
+    """Raise for fields that the stage does not have, and for values of another type."""
+    place = f"{place}: [{stage}.{section}]"
+    kinds = get_type_hints(SECTIONS[stage][section])
+    other = next(one for one in STAGES if one != stage)
+    theirs = get_type_hints(SECTIONS[other][section])
+    for name, value in values.items():
+        if name in theirs and name not in kinds:
+            raise TrainingError(
+                f"{place} has no field {name!r}; [{other}.{section}] has it, expected it "
+                "there."
+            )
+        _check_name(place, name, kinds)
+        try:
+            msgspec.convert(value, kinds[name])
+        except msgspec.ValidationError as error:
+            raise TrainingError(
+                f"{place} {name} is {_as_text(value)}; expected {in_words(kinds[name])}."
+            ) from error
+
+
+def _as_text(value: Any) -> str:
+    """A value as TOML writes it."""
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
+def in_words(kind: Any) -> str:
+    """What values a field may have, by its type."""
+    if get_origin(kind) is Literal:
+        return " or ".join(map(repr, get_args(kind)))
+    return _KINDS[kind]
+
+
+def with_settings(value: _Value, given: Mapping[str, Any], place: str) -> _Value:
     """A dataclass of a config with other values in some fields.
 
     Raises:
-        TrainingError: a field is unknown, or its value cannot be.
+        TrainingError: the values cannot be; the message begins with the place.
     """
     present = asdict(value)  # type: ignore[call-overload]
     for name in given:
-        _check_name(section, name, present, "field")
+        _check_name(place, name, present)
     try:
         return msgspec.convert({**present, **given}, type(value))
     except msgspec.ValidationError as error:
-        reason = str(error).replace("`$.", f"`{section}.")
-        raise TrainingError(f"{section}: {reason}.") from error
-    except ModelError as error:
-        raise TrainingError(f"{section}: {error}") from error
+        reason = str(error).partition(" - at `$")[0]
+        raise TrainingError(f"{place} {reason}.") from error
+    except (ModelError, TrainingError) as error:
+        raise TrainingError(f"{place} {error}") from error
 
 
-def _check_name(place: str, name: str, known: Iterable[str], what: str) -> None:
-    names = list(known)
-    if name not in names:
-        near = difflib.get_close_matches(name, names, n=1) or [", ".join(names)]
+def _check_name(place: str, name: str, known: Iterable[str]) -> None:
+    if name not in known:
         raise TrainingError(
-            f"{place}: there is no {what} {name!r}; the nearest is {near[0]}."
-            if near[0] in names
-            else f"{place}: there is no {what} {name!r}; expected one of {near[0]}."
+            f"{place} has no field {name!r}; {nearest_or_all(name, known)}."
         )
 
 

@@ -3,9 +3,11 @@ from pathlib import Path
 import pytest
 
 from pd_editor.errors import TrainingError
+from pd_editor.features.scene_features import NUM_NEAR_AGENTS
 from pd_editor.training.config.run_config import Augmentation, Optimisation, RunConfig
 from pd_editor.training.config.run_request import (
     RunRequest,
+    StageName,
     continued_config,
     new_config,
 )
@@ -36,18 +38,18 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_a_file_has_values_for_both_stages_and_for_one(file: Path):
-    assert settings_of([file], (), "init")["model"] == {
+    assert settings_of([file], (), "init").of("model") == {
         "width": 64,
         "is_ordered": False,
     }
-    assert settings_of([file], (), "traj")["model"] == {"width": 64, "num_blocks": 2}
+    assert settings_of([file], (), "traj").of("model") == {"width": 64, "num_blocks": 2}
 
 
 def test_texts_count_before_the_file(file: Path):
     texts = ("model.width=32", "traj.model.num_blocks=1", "augmentation.warp_share=0.5")
     found = settings_of([file], texts, "traj")
-    assert found["model"] == {"width": 32, "num_blocks": 1}
-    assert found["augmentation"]["warp_share"] == 0.5
+    assert found.of("model") == {"width": 32, "num_blocks": 1}
+    assert found.of("augmentation")["warp_share"] == 0.5
 
 
 def request(file: Path | None = None, *texts: str) -> RunRequest:
@@ -81,27 +83,71 @@ def test_a_run_goes_on_with_its_own_settings_only(file: Path):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("model.widht=96", "model: there is no field 'widht'; the nearest is width."),
+        (
+            "model.widht=96",
+            r"--set model.widht=96: \[init.model\] has no field 'widht'; the nearest is width\.",
+        ),
         ("modle.width=96", "no section 'modle'; the nearest is model."),
         ("zzz.steps=3", "no section 'zzz'; expected one of model, loss, opt"),
-        ("sampler.steps=3", "sampler: there is no field 'steps'; the nearest is num_s"),
-        ("guidance.push=-1", "guidance: push is -1; expected a finite number"),
+        ("sampler.steps=3", r"sampler\] has no field 'steps'; the nearest is num_s"),
+        (
+            "model.num_blocks=3",
+            r"\[init.model\] has no field 'num_blocks'; \[traj.model\] has it",
+        ),
+        ("guidance.push=-1", r"\[init.guidance\] push is -1; expected a finite number"),
         (
             "model.sees_relations=false",
-            "model: sees_relations is false; expected sees_b",
+            r"model.sees_relations=false: \[init.model\] sees_relations is false; expected",
         ),
-        ("model.width=wide", r"model: Expected `int`, got `str` - at `model\.width`"),
-        ("augmentation.warp_share=2", "warp_share is 2.0; expected 0 to 1"),
+        (
+            "model.width=wide",
+            r"\[init.model\] width is 'wide'; expected a whole number\.",
+        ),
+        ("model.is_ordered=1", "is_ordered is 1; expected true or false"),
+        (
+            "model.prediction=x",
+            "prediction is 'x'; expected 'preconditioned' or 'noise'",
+        ),
+        ("augmentation.jitter_wave_m=[1.0]", r"is \[1.0\]; expected two numbers"),
+        (
+            "augmentation.warp_share=2",
+            r"\[init.augmentation\] warp_share is 2.0; expected 0 to 1",
+        ),
         ("optimisation.ema_decay=1.5", "ema_decay is 1.5; expected at least 0"),
         ("width=96", r"--set width=96: expected SECTION\.FIELD=VALUE, such as"),
         ("model.width", "expected SECTION"),
-        ("model.a.b=1", "model: there is no field 'a'"),
+        ("model.a.b=1", r"\[init.model\] has no field 'a'; expected one of width"),
     ],
 )
 def test_what_cannot_be_set_is_told_with_the_nearest_name(text: str, sentence: str):
     with pytest.raises(TrainingError, match=sentence) as caught:
         new_config(request(None, text), is_gpu=False)
     assert "\n" not in str(caught.value)
+
+
+def test_the_message_names_the_files_that_set_the_section(tmp_path: Path):
+    base, mine = tmp_path / "base.toml", tmp_path / "mine.toml"
+    base.write_text("[model]\nwidth = 30\n[augmentation]\nwarp_share = 0.1\n")
+    mine.write_text("[init.model]\nnum_heads = 4\n")
+    given = settings_of([base, mine], (), "init")
+    asked = RunRequest(stage="init", data=("/data",), settings=given)
+    with pytest.raises(TrainingError) as caught:
+        new_config(asked, is_gpu=False)
+    assert str(caught.value).startswith(
+        f"{base}, {mine}: [init.model] width is 30 and num_heads is 4; expected"
+    )
+
+
+def test_the_network_sees_no_more_neighbours_than_scenes_hold():
+    def asked(number: int) -> RunRequest:
+        given = settings_of((), (f"model.num_near_agents={number}",), "traj")
+        return RunRequest(stage="traj", data=("/data",), settings=given)
+
+    most = NUM_NEAR_AGENTS
+    assert new_config(asked(most), is_gpu=False).model["num_near_agents"] == most
+    told = f"num_near_agents is {most + 1}; scenes are prepared with the {most} nearest"
+    with pytest.raises(TrainingError, match=told):
+        new_config(asked(most + 1), is_gpu=False)
 
 
 def test_files_that_are_no_settings_are_refused(tmp_path: Path):
@@ -126,7 +172,7 @@ def test_a_config_that_is_given_nothing_is_the_same():
 @pytest.mark.parametrize("path", sorted((ROOT / "examples/variants").glob("*.toml")))
 @pytest.mark.parametrize("stage", ["init", "traj"])
 def test_the_variants_of_the_documents_are_the_default_but_for_their_fields(
-    path: Path, stage: str
+    path: Path, stage: StageName
 ):
     def config(*files: Path) -> RunConfig:
         given = settings_of(files, (), stage)
@@ -135,11 +181,11 @@ def test_the_variants_of_the_documents_are_the_default_but_for_their_fields(
 
     plain, variant = config(), config(path)
     given = settings_of([path], (), stage)
-    assert (variant != plain) == bool(given)
+    assert (variant != plain) == bool(given.values)
     for section in ("model", "loss", "augmentation"):
         changed = {
             name: value
             for name, value in getattr(variant, section).items()
             if getattr(plain, section)[name] != value
         }
-        assert changed == given.get(section, {})
+        assert changed == given.of(section)

@@ -55,8 +55,9 @@ from pd_editor.diffusion.trajectory.network.interaction_features import (
     InteractionGeometry,
 )
 from pd_editor.diffusion.trajectory.network.token_encoder import TokenEncoder
+from pd_editor.errors import ModelError
 from pd_editor.features.encoded_scene import LATENT_SIZE
-from pd_editor.features.scene_features import NUM_FUTURE_STEPS
+from pd_editor.features.scene_features import NUM_FUTURE_STEPS, NUM_NEAR_AGENTS
 from pd_editor.scene.activity import Activity
 
 
@@ -77,6 +78,8 @@ class TrajectoryConfig:
     sees_way_points: bool = True
     """Whether there are interaction features of neighbours at predicted waypoints."""
     num_near_agents: int = _added(16, before=8)
+    """Number of the nearest other agents that each agent sees; at most those that scenes
+    hold."""
     sees_gaps: bool = _added(True, before=False)
     """Whether interaction features of each block but the first include the gaps between
     boxes; requires ``sees_way_points``."""
@@ -96,6 +99,11 @@ class TrajectoryConfig:
 
     def __post_init__(self) -> None:
         check_sizes(self)
+        if self.num_near_agents > NUM_NEAR_AGENTS:
+            raise ModelError(
+                f"num_near_agents is {self.num_near_agents}; scenes are prepared with the "
+                f"{NUM_NEAR_AGENTS} nearest agents of each, expected no more."
+            )
 
 
 class TrajectoryDenoiser(nn.Module):
