@@ -9,7 +9,7 @@ import argparse
 import os
 import time
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -55,7 +55,7 @@ from pd_editor.metrics.traffic_view import (
     generated_traffic,
     recorded_traffic,
 )
-from pd_editor.metrics.values import MetricValues, pooled
+from pd_editor.metrics.values import MetricValues
 from pd_editor.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.scene.scenario import Scenario
 
@@ -77,6 +77,11 @@ class Drawn:
 
     sample: TrafficSample
     may_be_projected: tuple[str, ...]
+
+
+def pooled(values: Iterable[MetricValues]) -> np.ndarray:
+    """Valid values of several scenes, concatenated."""
+    return np.concatenate([np.zeros(0), *(one.valid() for one in values)])
 
 
 def real_scenes(split: str, *, only_paper_agents: bool) -> list[RealScene]:
@@ -201,9 +206,9 @@ def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
         arrays[name][:, step] = values
     rows = np.arange(len(agents))
     mended = scenario.with_agents(agents.with_rows(rows, **arrays))
-    mended, _ = project_to_lanes(mended, drawn.may_be_projected, keep_ids=())
-    mended, _ = separate_overlaps(mended, keep_ids=())
-    mended, _ = slow_for_gaps(mended, keep_ids=())
+    mended = project_to_lanes(mended, drawn.may_be_projected, keep_ids=())
+    mended = separate_overlaps(mended, keep_ids=())
+    mended = slow_for_gaps(mended, keep_ids=())
     now = mended.agents
     mended_sample = replace(
         sample,
@@ -298,7 +303,7 @@ def print_table(
     recorded = [state_values(recorded_traffic(scene.scenario)) for scene in scenes]
     print(summary("recorded", recorded, recorded))
     # The bound for states whose boxes do not overlap.
-    apart = [separate_overlaps(scene.scenario, keep_ids=())[0] for scene in scenes]
+    apart = [separate_overlaps(scene.scenario, keep_ids=()) for scene in scenes]
     line = [state_values(recorded_traffic(one)) for one in apart]
     print(summary("recorded, slid apart", line, recorded))
     print(floor_line(recorded))

@@ -6,6 +6,7 @@ Reads the train and val folders under PD_EDITOR_AV2: the scenarios with a future
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +87,16 @@ def percent(scenes: list[MetricValues]) -> str:
     return f"{mean:5.2f} % [{low:.2f}, {high:.2f}] of {count} agents"
 
 
+def only(view: TrafficView, mask: np.ndarray) -> TrafficView:
+    """Some evaluated agents, without any other agent."""
+    return replace(
+        view,
+        agents=view.agents.taken(mask),
+        context=view.context.taken(np.zeros(0, int)),
+        logged=view.logged.taken(mask),
+    )
+
+
 def print_init_collisions(views: list[TrafficView]) -> None:
     print("recordings, another centre within 2 m at the state (paper: 0.70 %)")
     filters = {
@@ -94,7 +105,7 @@ def print_init_collisions(views: list[TrafficView]) -> None:
         "all movers": lambda view: view.agents.is_in("movers"),
     }
     for name, choose in filters.items():
-        scenes = [init_collision_2m(view.only(choose(view))) for view in views]
+        scenes = [init_collision_2m(only(view, choose(view))) for view in views]
         print(f"  {name:22s} {percent(scenes)}")
     print()
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.metrics import scorecard as scorecard_module
-from pd_editor.metrics.scorecard import TITLES, UsualRange, scene_means, scorecard
+from pd_editor.metrics.scorecard import TITLES, UsualRange, scorecard
 from pd_editor.viewer.meshes.flat_mesh import glb_of
 from pd_editor.viewer.meshes.palette import LIGHT
 from pd_editor.viewer.views.findings_view import finding_primitives
@@ -34,7 +34,7 @@ def main() -> None:
         scenario = read_scenario(folder)
         scorecard(scenario)
         began = time.thread_time()
-        means.append(scene_means(scenario))
+        means.append({row.name: row.value for row in scorecard(scenario)})
         times.append(1e3 * (time.thread_time() - began))
         found = [one for row in scorecard(scenario) for one in row.findings]
         began = time.thread_time()

@@ -60,11 +60,6 @@ class GenerationJob:
         """Whether the thread is running."""
         return self._thread.is_alive()
 
-    @property
-    def is_cancelled(self) -> bool:
-        """Whether cancellation was requested."""
-        return self._cancelled.is_set()
-
     def wait(self, timeout_s: float | None = None) -> None:
         """Wait until the thread ends."""
         self._thread.join(timeout_s)

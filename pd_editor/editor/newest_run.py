@@ -82,12 +82,6 @@ class NewestRun:
             if self._running is not None:
                 self._running.is_dropped.set()
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether a request is running or waiting."""
-        with self._changed:
-            return self._running is not None or self._waiting is not None
-
     def close(self, timeout_s: float | None = None) -> None:
         """Drop everything and wait until the thread has ended."""
         self.drop()

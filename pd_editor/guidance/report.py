@@ -89,16 +89,6 @@ def _order(figures: Realism) -> tuple[float, float, float]:
     return (figures.num_collisions, figures.off_road, figures.lateral_deviation_m)
 
 
-def realism(
-    scenario: Scenario, sample: TrafficSample, collide_ids: Collection[str] = ()
-) -> Realism:
-    """Realism of a sample, over its motor vehicles and cyclists.
-
-    Collisions of agents with ``collide_ids``, which were asked for, do not count.
-    """
-    return AgentRealism.of(scenario, sample, collide_ids).over()
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AgentRealism:
     """Figures of the G agents of a sample, to be summed over some of them."""

@@ -101,11 +101,6 @@ def scorecard(scenario: Scenario) -> tuple[ScoreRow, ...]:
     return tuple(rows)
 
 
-def scene_means(scenario: Scenario) -> dict[str, float]:
-    """Means of the scorecard's metrics; NaN where no agent has a value."""
-    return {row.name: row.value for row in scorecard(scenario)}
-
-
 @cache
 def usual_ranges() -> Mapping[str, UsualRange]:
     """What is usual in recorded scenes, by metric; from ``usual_values.csv``."""

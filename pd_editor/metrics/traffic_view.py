@@ -149,15 +149,6 @@ class TrafficView:
         """The evaluated agents, then the context agents."""
         return self.agents.joined(self.context)
 
-    def only(self, rows: np.ndarray) -> "TrafficView":
-        """Select evaluated agents, and remove all other agents from the scene."""
-        return TrafficView(
-            scenario=self.scenario,
-            agents=self.agents.taken(rows),
-            context=self.context.taken(np.zeros(0, int)),
-            logged=self.logged.taken(rows),
-        )
-
 
 def recorded_traffic(
     scenario: Scenario, agent_ids: Iterable[str] | None = None

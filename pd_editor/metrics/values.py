@@ -1,6 +1,5 @@
 """Values of a metric with a validity mask."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -87,8 +86,3 @@ def any_step(
 ) -> MetricValues:
     """Whether a condition holds for each agent at any valid step."""
     return measured(name, np.any(value & is_valid, axis=1), np.any(is_valid, axis=1))
-
-
-def pooled(values: Iterable[MetricValues]) -> Float[np.ndarray, "N"]:
-    """Valid values of several scenes, concatenated."""
-    return np.concatenate([np.zeros(0), *(one.valid() for one in values)])

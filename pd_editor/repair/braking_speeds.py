@@ -4,18 +4,12 @@ from collections.abc import Collection, Iterable
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import unit_vector
 from pd_editor.paths.speed_profiles import MAX_BRAKING_MPS2
 from pd_editor.repair.box_overlaps import counted
-from pd_editor.repair.repair_report import (
-    RepairChange,
-    RepairReport,
-    name_of,
-    repairable,
-    sentence,
-)
+from pd_editor.repair.repairable import repairable
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
@@ -34,7 +28,7 @@ def slow_for_gaps(
     agent_ids: Iterable[str] | None = None,
     *,
     keep_ids: Collection[str] | None = None,
-) -> tuple[Scenario, RepairReport]:
+) -> Scenario:
     """Limit the current speeds of lane followers to the gaps ahead of them.
 
     Ahead is the strip that an agent sweeps when it drives straight on. With a gap g to
@@ -48,33 +42,18 @@ def slow_for_gaps(
     """
     may_change = repairable(scenario, agent_ids, keep_ids)
     if not may_change.any():
-        return scenario, RepairReport()
+        return scenario
     agents, step = scenario.agents, scenario.current_step
     velocity = agents.velocity_mps[:, step]
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     gap = _gaps_ahead_m(agents, step)
-    slowed, ahead = _slowed(gap, agents.heading_rad[:, step], velocity, may_change)
+    slowed = _slowed(gap, agents.heading_rad[:, step], velocity, may_change)
     rows = np.flatnonzero(speed - slowed > _LEAST_CHANGE_MPS)
     if not len(rows):
-        return scenario, RepairReport()
+        return scenario
     later = agents.velocity_mps[rows].copy()
     later[:, step] *= (slowed[rows] / speed[rows])[:, None]
-    changes = tuple(
-        RepairChange(
-            repair="slow-for-gaps",
-            agent_id=agents.ids[row],
-            shift_m=0.0,
-            turn_deg=0.0,
-            slowdown_mps=float(speed[row] - slowed[row]),
-            message=sentence(
-                f"{name_of(agents, row)} is {speed[row] - slowed[row]:.1f} m/s slower, "
-                f"behind {name_of(agents, int(ahead[row]))}"
-            ),
-        )
-        for row in rows.tolist()
-    )
-    changed = scenario.with_agents(agents.with_rows(rows, velocity_mps=later))
-    return changed, RepairReport(changes=changes)
+    return scenario.with_agents(agents.with_rows(rows, velocity_mps=later))
 
 
 def _slowed(
@@ -82,8 +61,8 @@ def _slowed(
     heading_rad: Float[np.ndarray, "A"],
     velocity_mps: Float[np.ndarray, "A 2"],
     may_change: Bool[np.ndarray, "A"],
-) -> tuple[Float[np.ndarray, "A"], Int[np.ndarray, "A"]]:
-    """Speeds that the gaps allow, and the row of the agent that limits each most.
+) -> Float[np.ndarray, "A"]:
+    """Speeds that the gaps allow.
 
     A slowed agent may slow agents behind it, so limits are iterated until nothing
     changes. Two agents in each other's strip treat each other as stationary.
@@ -95,7 +74,6 @@ def _slowed(
     along = velocity_mps @ forward.T / np.maximum(speed, 1e-9)[:, None]
     is_mutual = np.isfinite(gap_m) & np.isfinite(gap_m.T)
     along = np.where(is_mutual, 0.0, np.maximum(along.T, 0.0))
-    allowed = braking
     for _ in range(_MOST_ROUNDS):
         allowed = np.sqrt((along * speed) ** 2 + braking)
         new = np.where(may_change, np.minimum(speed, allowed.min(axis=1)), speed)
@@ -103,7 +81,7 @@ def _slowed(
         speed = new
         if is_done:
             break
-    return speed, allowed.argmin(axis=1)
+    return speed
 
 
 def _gaps_ahead_m(agents: AgentTracks, step: int) -> Float[np.ndarray, "A A"]:

@@ -18,24 +18,15 @@ from pd_editor.metrics.motion.kinematics import (
     kinematics,
 )
 from pd_editor.metrics.traffic_view import recorded_traffic
-from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.repair.friction_pass import highest_speed, slowed_distance
-from pd_editor.repair.repair_report import (
-    RepairProblem,
-    RepairReport,
-    name_of,
-    repairable,
-    sentence,
-)
+from pd_editor.repair.repairable import repairable
 from pd_editor.repair.trajectories import Trajectories
-from pd_editor.repair.trajectory_retiming import changes_of
 from pd_editor.scene.scenario import Scenario
 
 SHARES: Final = (0.9, 0.75, 0.6, 0.45)
 """Shares of the limits that are tried in turn, until the motion is within the limits."""
 _SLOWEST_MPS: Final = 1.0
 """Below this speed the curvature of a recorded path is noise."""
-_REASON: Final = "to move comfortably"
 
 
 def retime_for_comfort(
@@ -43,7 +34,7 @@ def retime_for_comfort(
     agent_ids: Iterable[str] | None = None,
     *,
     keep_ids: Collection[str] | None = None,
-) -> tuple[Scenario, RepairReport]:
+) -> Scenario:
     """Slow lane followers with harsh motion along their own paths.
 
     Harsh is what the metrics ``uncomfortable`` and ``impossible`` count. Agents brake
@@ -59,24 +50,10 @@ def retime_for_comfort(
     """
     before = Trajectories(
         scenario=scenario,
-        friction_coefficient=DRY_ROAD_FRICTION,
         may_change=repairable(scenario, agent_ids, keep_ids),
     )
     wanted = np.intersect1d(before.moving_rows(), harsh_rows(scenario))
-    after, left = _smoothed(before, wanted)
-    after, collide = _without_new_conflicts(before, after)
-    agents = scenario.agents
-    problems = [
-        _problem(agents.ids[row], f"{name_of(agents, row)} still moves harshly")
-        for row in left.tolist()
-    ] + [
-        _problem(agents.ids[row], f"{name_of(agents, row)} would collide if it slowed")
-        for row in collide.tolist()
-    ]
-    return after.scenario, RepairReport(
-        changes=changes_of(scenario, after, "retime-for-comfort"),
-        problems=tuple(problems),
-    )
+    return _without_new_conflicts(before, _smoothed(before, wanted)).scenario
 
 
 def harsh_rows(scenario: Scenario) -> Int[np.ndarray, "G"]:
@@ -88,10 +65,8 @@ def harsh_rows(scenario: Scenario) -> Int[np.ndarray, "G"]:
     return scenario.agents.rows(names)
 
 
-def _smoothed(
-    before: Trajectories, wanted: Int[np.ndarray, "G"]
-) -> tuple[Trajectories, Int[np.ndarray, "L"]]:
-    """Slow agents as little as is enough; also those for which nothing is enough."""
+def _smoothed(before: Trajectories, wanted: Int[np.ndarray, "G"]) -> Trajectories:
+    """Slow agents as little as is enough."""
     done = before
     for share in SHARES:
         if not len(wanted):
@@ -100,7 +75,7 @@ def _smoothed(
         is_left = np.isin(wanted, harsh_rows(tried.scenario))
         done = _with_rows_of(done, tried, wanted[~is_left])
         wanted = wanted[is_left]
-    return done, wanted
+    return done
 
 
 def _slowed(
@@ -126,7 +101,7 @@ def _slowed(
     )
     speed = np.gradient(along, step_s, axis=1)
     distance, slowed = slowed_distance(along, speed, allowed, step_s)
-    return trajectories.retimed(rows, distance, slowed, _REASON)
+    return trajectories.retimed(rows, distance, slowed)
 
 
 def _turning_limit(
@@ -144,30 +119,26 @@ def _turning_limit(
     return np.where(bends, np.minimum(sideways, turning), np.inf)
 
 
-def _without_new_conflicts(
-    before: Trajectories, after: Trajectories
-) -> tuple[Trajectories, Int[np.ndarray, "L"]]:
+def _without_new_conflicts(before: Trajectories, after: Trajectories) -> Trajectories:
     """Let others yield to slowed agents, else restore the slowed ones of new conflicts."""
-    known = {tuple(pair) for pair in before.conflicts()[0].tolist()}
-    slowed = set(after.reasons)
+    known = {tuple(pair) for pair in before.conflicts().tolist()}
+    slowed = after.changed
 
     def new_rows(trajectories: Trajectories) -> set[int]:
-        pairs = trajectories.conflicts()[0].tolist()
+        pairs = trajectories.conflicts().tolist()
         return {row for pair in pairs if tuple(pair) not in known for row in pair}
 
     involved = new_rows(after)
     if not involved:
-        return after, np.zeros(0, int)
+        return after
     partners: Bool[np.ndarray, "A"] = np.zeros(len(before.agents), bool)
     partners[list(involved - slowed)] = True
     yielding = replace(after, may_change=before.may_change & partners).with_yielding()
-    left = new_rows(yielding)
-    if not left:
-        return replace(yielding, may_change=before.may_change), np.zeros(0, int)
+    if not new_rows(yielding):
+        return yielding
     # Without those that still collide, those that yielded to them need not.
-    undone = np.array(sorted(involved & slowed), int)
     kept = np.array(sorted(slowed - involved), int)
-    return _with_rows_of(before, after, kept), undone
+    return _with_rows_of(before, after, kept)
 
 
 def _with_rows_of(
@@ -183,15 +154,8 @@ def _with_rows_of(
         heading_rad=agents.heading_rad[rows],
         velocity_mps=agents.velocity_mps[rows],
     )
-    reasons = {row: other.reasons[row] for row in rows.tolist()}
     return replace(
         one,
         scenario=one.scenario.with_agents(changed),
-        reasons={**one.reasons, **reasons},
-    )
-
-
-def _problem(agent_id: str, text: str) -> RepairProblem:
-    return RepairProblem(
-        repair="retime-for-comfort", agent_ids=(agent_id,), message=sentence(text)
+        changed=one.changed.union(rows.tolist()),
     )

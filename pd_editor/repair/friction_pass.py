@@ -3,43 +3,17 @@
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.paths.retiming import interpolate_rows
-from pd_editor.perturbation.friction_limit import friction_limited_speed
 from pd_editor.perturbation.friction_slowdown import (
     ACCELERATION_MPS2,
     BRAKING_MPS2,
-    path_curvature,
 )
-from pd_editor.scene.road_warp import RoadWarp
 
-TOLERANCE: Final = 1.02
-"""Ratio of speed to limit up to which an agent is not slowed."""
 _MARGIN: Final = 0.98
 """Ratio of new speed to limit: retiming moves the points at which curvature is measured."""
 _SLOWEST_MPS: Final = 0.1
-_NO_WARP: Final = RoadWarp(
-    anchor=RigidMotion(x_m=0.0, y_m=0.0, rotation_rad=0.0), terms=()
-)
-
-
-def speed_limit(
-    curve_m: Float[np.ndarray, "G H 2"],
-    heading_rad: Float[np.ndarray, "G H"],
-    friction_coefficient: float,
-) -> Float[np.ndarray, "G H"]:
-    """Friction-limited speed at each point of curves; infinite where straight."""
-    curvature = path_curvature(curve_m, heading_rad, _NO_WARP)
-    return friction_limited_speed(curvature, friction_coefficient)
-
-
-def exceeds(
-    speed_mps: Float[np.ndarray, "G H"], limit_mps: Float[np.ndarray, "G H"]
-) -> Bool[np.ndarray, "G"]:
-    """Which agents exceed their limit at any point."""
-    return np.any(speed_mps > TOLERANCE * limit_mps, axis=1)
 
 
 def drivable_speed(

@@ -9,21 +9,13 @@ from pd_editor.geometry.angles import wrap_angle
 from pd_editor.paths.lanes.lane_graph import LaneGraph, lane_graph
 from pd_editor.paths.lanes.route_choice import MAX_TURN_RAD
 from pd_editor.repair.current_states import States
-from pd_editor.repair.repair_report import (
-    RepairChange,
-    RepairProblem,
-    RepairReport,
-    name_of,
-    repairable,
-    sentence,
-)
+from pd_editor.repair.repairable import repairable
 from pd_editor.repair.sliding import (
     lanes_of,
     line_through,
     poses_along,
     slides_m,
 )
-from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 
@@ -44,15 +36,14 @@ def project_to_lanes(
     max_offset_m: float = MAX_OFFSET_M,
     max_shift_m: float = MAX_SHIFT_M,
     moves_stationary: bool = False,
-) -> tuple[Scenario, RepairReport]:
+) -> Scenario:
     """Snap moving lane followers that are too far from any lane in their direction.
 
     They keep their speed and head along the lane; whole tracks move with them.
     Stationary agents stay, since parked ones belong beside lanes, unless
     ``moves_stationary`` is set. If the position on the lane is occupied, the nearest
-    free one along it is used. Agents that would overlap more others than before stay,
-    and are reported. ``agent_ids`` None means all; ``keep_ids`` None keeps the focal
-    agent.
+    free one along it is used. Agents that would overlap more others than before stay.
+    ``agent_ids`` None means all; ``keep_ids`` None keeps the focal agent.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -72,34 +63,18 @@ def project_to_lanes(
         max_turn_rad=MAX_TURN_RAD,
     )
     off_lane = np.flatnonzero(choice.distance_m > max_offset_m).tolist()
-    left = _placed_until_stuck(
+    _place_until_stuck(
         states,
         graph,
         {int(rows[i]): (int(choice.lane[i]), choice.along_m[i]) for i in off_lane},
     )
-    changes = tuple(
-        _change(states, int(rows[index]))
-        for index in off_lane
-        if rows[index] not in left
-    )
-    problems = tuple(
-        _problem(
-            agents,
-            int(rows[index]),
-            "there is no free place on its lane"
-            if choice.lane[index] >= 0
-            else f"no lane within {max_shift_m:g} m runs its way",
-        )
-        for index in off_lane
-        if rows[index] in left
-    )
-    return states.carried(), RepairReport(changes=changes, problems=problems)
+    return states.carried()
 
 
-def _placed_until_stuck(
+def _place_until_stuck(
     states: States, graph: LaneGraph, place_of: dict[int, tuple[int, float]]
-) -> set[int]:
-    """Move each row to its lane; returns the rows that could not be moved."""
+) -> None:
+    """Move each row to its lane if possible."""
     left = list(place_of)
     num_left = len(left) + 1
     # A position may become free when another agent is moved.
@@ -108,15 +83,6 @@ def _placed_until_stuck(
         left = [
             row for row in left if not _put_on_lane(states, row, graph, *place_of[row])
         ]
-    return set(left)
-
-
-def _problem(agents: AgentTracks, row: int, reason: str) -> RepairProblem:
-    return RepairProblem(
-        repair="project-to-lanes",
-        agent_ids=(agents.ids[row],),
-        message=sentence(f"{name_of(agents, row)} drives off its lane, and {reason}"),
-    )
 
 
 def _put_on_lane(
@@ -144,22 +110,3 @@ def _put_on_lane(
     states.position_m[row] = position[best]
     states.heading_rad[row] = wrap_angle(heading)[best]
     return True
-
-
-def _change(states: States, row: int) -> RepairChange:
-    agents, step = states.scenario.agents, states.scenario.current_step
-    shift = float(np.hypot(*(states.position_m[row] - agents.position_m[row, step])))
-    turned = wrap_angle(states.heading_rad - agents.heading_rad[:, step])
-    turn = float(np.degrees(turned[row]))
-    name = name_of(agents, row)
-    return RepairChange(
-        repair="project-to-lanes",
-        agent_id=agents.ids[row],
-        shift_m=shift,
-        turn_deg=turn,
-        slowdown_mps=0.0,
-        message=sentence(
-            f"{name} was put onto its lane, {shift:.1f} m away, and turned by "
-            f"{turn:.0f} degrees"
-        ),
-    )

@@ -1,7 +1,7 @@
 """Trajectories of a scene while they are retimed."""
 
-from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,14 +15,9 @@ from pd_editor.paths.retiming import (
     travelled_m,
 )
 from pd_editor.repair.box_overlaps import counted
-from pd_editor.repair.friction_pass import (
-    drivable_speed,
-    exceeds,
-    slowed_distance,
-    speed_limit,
-)
-from pd_editor.repair.repair_report import name_of
+from pd_editor.repair.repairable import repairable
 from pd_editor.repair.yielding import yielding
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
@@ -32,10 +27,9 @@ class Trajectories:
     """Trajectories of a scene's agents, some of which may be slowed along their paths."""
 
     scenario: Scenario
-    friction_coefficient: float
     may_change: Bool[np.ndarray, "A"]
-    reasons: dict[int, tuple[str, ...]] = field(default_factory=dict)
-    """Reasons why each row was retimed."""
+    changed: frozenset[int] = frozenset()
+    """Rows that were retimed."""
 
     @property
     def agents(self) -> AgentTracks:
@@ -64,32 +58,11 @@ class Trajectories:
         heading = fill_heading_gaps(self.agents.heading_rad[rows, step:], is_valid)
         return curve, heading, travelled_m(curve)
 
-    def slowed_to_friction(self) -> "Trajectories":
-        """Slow all agents that exceed the friction limit of their own curves."""
-        rows, step_s = self.moving_rows(), self.scenario.time_axis.step_s
-        if len(rows) == 0 or self.scenario.time_axis.num_future_steps < 1:
-            return self
-        curve, heading, along = self.paths(rows)
-        speed = np.gradient(along, step_s, axis=1)
-        now = self.agents.velocity_mps[rows, self.scenario.current_step]
-        speed[:, 0] = np.hypot(now[:, 0], now[:, 1])
-        limit = speed_limit(curve, heading, self.friction_coefficient)
-        fast = exceeds(speed, limit)
-        if not fast.any():
-            return self
-        along, speed, limit = along[fast], speed[fast], limit[fast]
-        distance, slowed = slowed_distance(
-            along, speed, drivable_speed(along, limit), step_s
-        )
-        reason = "to keep the friction limit of its curve"
-        return self.retimed(rows[fast], distance, slowed, reason)
-
     def retimed(
         self,
         rows: Int[np.ndarray, "G"],
         distance_m: Float[np.ndarray, "G H"],
         speed_mps: Float[np.ndarray, "G H"],
-        reason: str,
     ) -> "Trajectories":
         """Move some agents to other distances along their own paths."""
         step = self.scenario.current_step
@@ -110,7 +83,7 @@ class Trajectories:
         factor = np.minimum(speed_mps[:, 0] / np.maximum(length, 1e-9), 1.0)
         velocity[:, 0] = factor[:, None] * now
         past = slice(None, step)
-        changed = agents.with_rows(
+        retimed = agents.with_rows(
             rows,
             position_m=np.concatenate([old[0][:, past], position], axis=1),
             heading_rad=np.concatenate([old[1][:, past], heading], axis=1),
@@ -118,12 +91,7 @@ class Trajectories:
                 [agents.velocity_mps[rows, past], velocity], axis=1
             ),
         )
-        reasons = dict(self.reasons)
-        for row in rows.tolist():
-            reasons[row] = tuple(dict.fromkeys((*reasons.get(row, ()), reason)))
-        return replace(
-            self, scenario=self.scenario.with_agents(changed), reasons=reasons
-        )
+        return self._with(retimed, rows)
 
     def with_yielding(self, last_ids: Collection[str] = ()) -> "Trajectories":
         """Let agents yield where they would collide.
@@ -154,32 +122,61 @@ class Trajectories:
             driven = np.where(kept, former[:, step:], driven)
             return np.concatenate([former[:, :step], driven], axis=1)
 
-        changed = agents.with_rows(
+        yielded = agents.with_rows(
             found.row,
             position_m=later(agents.position_m, found.position_m),
             heading_rad=later(agents.heading_rad, found.heading_rad),
             velocity_mps=later(agents.velocity_mps, found.velocity_mps),
         )
-        reasons = dict(self.reasons)
-        for row, other in zip(found.row.tolist(), found.behind.tolist(), strict=True):
-            why = f"behind {name_of(agents, other)}"
-            reasons[row] = tuple(dict.fromkeys((*reasons.get(row, ()), why)))
+        return self._with(yielded, found.row)
+
+    def _with(self, agents: AgentTracks, rows: Int[np.ndarray, "G"]) -> "Trajectories":
         return replace(
-            self, scenario=self.scenario.with_agents(changed), reasons=reasons
+            self,
+            scenario=self.scenario.with_agents(agents),
+            changed=self.changed.union(rows.tolist()),
         )
 
-    def conflicts(self) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P"], int]:
-        """Pairs that collide, first step of each, and the number of all overlaps.
+    def conflicts(self) -> Int[np.ndarray, "P 2"]:
+        """Pairs that collide later.
 
         Pairs that overlap now are left out, and so are tracks that begin later:
         recordings often lose an agent and find it again under another id.
         """
         now = self.scenario.current_step
-        later = np.arange(now + 1, self.agents.num_steps)
-        pairs, steps = first_overlap(self.agents, later)
+        pairs, _ = first_overlap(self.agents, np.arange(now + 1, self.agents.num_steps))
         already = {tuple(pair) for pair in overlapping_pairs(self.agents, now).tolist()}
         new = np.array([tuple(pair) not in already for pair in pairs.tolist()], bool)
         there = np.all(self.agents.is_valid[pairs, now], axis=1)
-        matters = counted(self.agents, pairs) & new & there
-        order = np.lexsort((pairs[matters, 1], pairs[matters, 0], steps[matters]))
-        return pairs[matters][order], steps[matters][order], len(pairs)
+        return pairs[counted(self.agents, pairs) & new & there]
+
+
+def yield_to_others(
+    scenario: Scenario,
+    agent_ids: Iterable[str] | None = None,
+    *,
+    keep_ids: Collection[str] | None = None,
+    last_ids: Collection[str] = (),
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Let road users yield that would collide; all others are unchanged.
+
+    Agents whose trajectory is locked never yield, and those with locked first seconds
+    only later. These and agents with ``last_ids`` yield only if the other one cannot.
+
+    One round of ``retime_trajectories`` without the friction limit.
+
+    Returns:
+        The scene, and the sorted ids of the agents that were slowed.
+
+    Raises:
+        EditError: an id is not in the scenario.
+    """
+    trajectories = Trajectories(
+        scenario=scenario,
+        may_change=repairable(
+            scenario, agent_ids, keep_ids, ROAD_USER_KINDS, keeps_beginnings=True
+        ),
+    )
+    resolved = trajectories.with_yielding(last_ids)
+    names = sorted(scenario.agents.ids[row] for row in resolved.changed)
+    return resolved.scenario, tuple(names)

@@ -121,8 +121,6 @@ class Yielded:
     """What the G agents do that yield, from the current step on."""
 
     row: Int[np.ndarray, "G"]
-    behind: Int[np.ndarray, "G"]
-    """The agent that each yields to."""
     position_m: Float[np.ndarray, "G H 2"]
     heading_rad: Float[np.ndarray, "G H"]
     velocity_mps: Float[np.ndarray, "G H 2"]
@@ -150,13 +148,12 @@ def yielding(
         yields_last = np.zeros(len(agents), bool)
     scene = _Scene.of(agents, now, may_yield, step_s, num_kept, yields_last)
     plans = _Plans.of(scene)
-    best, behind, fewest = plans.clock.copy(), plans.behind.copy(), plans.num_conflicts
+    best, fewest = plans.clock.copy(), plans.num_conflicts
     for _ in range(_MOST_ROUNDS):
         if not plans.num_conflicts or not plans.advanced(scene):
             break
         if plans.num_conflicts < fewest:
-            best, behind = plans.clock.copy(), plans.behind.copy()
-            fewest = plans.num_conflicts
+            best, fewest = plans.clock.copy(), plans.num_conflicts
     rows = np.flatnonzero(best)
     position, heading = scene.driven(rows, best[rows])
     position, heading = position[:, : scene.num_steps], heading[:, : scene.num_steps]
@@ -168,7 +165,6 @@ def yielding(
     heading[:, 0] = agents.heading_rad[rows, now]
     return Yielded(
         row=rows,
-        behind=behind[rows],
         position_m=position,
         heading_rad=heading,
         velocity_mps=velocity,
@@ -300,7 +296,6 @@ class _Plans:
     """The clocks of all agents, and which pairs collide then."""
 
     clock: Int[np.ndarray, "A"]
-    behind: Int[np.ndarray, "A"]
     position_m: Float[np.ndarray, "A N 2"]
     heading_rad: Float[np.ndarray, "A N"]
     first_step: Int[np.ndarray, "P"]
@@ -315,7 +310,6 @@ class _Plans:
         count = len(scene.size_m)
         plans = cls(
             clock=np.zeros(count, int),
-            behind=np.full(count, -1),
             position_m=scene.position_m.copy(),
             heading_rad=scene.heading_rad.copy(),
             first_step=np.full(len(scene.pairs), -1),
@@ -347,14 +341,12 @@ class _Plans:
         side = self._side_that_yields(scene, pair)
         self.tried[pair, side] = True
         both = scene.pairs[pair]
-        every = np.arange(len(pair))
-        row, first = np.unique(both[every, side], return_index=True)
+        row = np.unique(both[np.arange(len(pair)), side])
         clock = self._best_clocks(scene, row)
         changed = clock != self.clock[row]
-        row, first, clock = row[changed], first[changed], clock[changed]
+        row, clock = row[changed], clock[changed]
         self.has_changed[row] = True
         self.clock[row] = clock
-        self.behind[row] = both[first, 1 - side[first]]
         self.position_m[row], self.heading_rad[row] = scene.driven(row, clock)
         touched = np.isin(scene.pairs, row).any(axis=1)
         self._find_conflicts(scene, np.flatnonzero(touched))

@@ -76,7 +76,6 @@ def test_cancel_in_the_last_step_gives_no_result():
     job = heard.job(DriftGenerator(num_steps=1, on_step=lambda _: job.cancel()))
     job.start()
     job.wait(10)
-    assert job.is_cancelled
     assert heard.done == heard.errors == heard.progress == []
 
 

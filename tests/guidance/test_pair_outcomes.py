@@ -1,5 +1,6 @@
 """Outcomes of terms on pairs of agents, and their problems before a run."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from pd_editor.generation import TrafficSample
 from pd_editor.guidance.feasibility import guidance_problems, infeasible_terms
 from pd_editor.guidance.outcomes import term_outcomes
 from pd_editor.guidance.pair_outcomes import gaps_ahead
-from pd_editor.guidance.report import realism
+from pd_editor.guidance.report import AgentRealism
 from pd_editor.metrics.traffic_view import generated_traffic
 from pd_editor.scene.guidance_terms import (
     AvoidCollisions,
@@ -93,13 +94,13 @@ CROSSES = [(0.0, 0.0, 0.0, 8.0), (24.0, -45.0, np.pi / 2, 8.0)]
     ],
 )
 def test_outcomes_say_what_was_achieved(
-    states: list[State],
+    states: Sequence[State],
     term: GuidanceTerm,
     achieved: str,
     error: float,
     is_obeyed: bool,
 ) -> None:
-    scenario = scenario_with(straight_drivers(states))
+    scenario = scenario_with(straight_drivers(list(states)))
     (outcome,) = term_outcomes(scenario, recorded(scenario), [term])
     assert achieved in outcome.achieved
     assert outcome.error == pytest.approx(error, abs=0.11)
@@ -128,8 +129,9 @@ def test_collisions_that_were_asked_for_do_not_count() -> None:
         straight_drivers([(0, 0, 0, 10), (-12, 0, 0, 12), (40, LANE_WIDTH_M, 0, 5)])
     )
     sample = recorded(scenario)
-    assert realism(scenario, sample).num_collisions == 2
-    assert realism(scenario, sample, {"100", "101"}).num_collisions == 0
+    assert AgentRealism.of(scenario, sample).over().num_collisions == 2
+    asked_for = AgentRealism.of(scenario, sample, {"100", "101"})
+    assert asked_for.over().num_collisions == 0
 
 
 def test_gaps_are_those_of_the_guidance() -> None:
@@ -168,8 +170,8 @@ def test_gaps_are_those_of_the_guidance() -> None:
     np.testing.assert_allclose(now[0].numpy()[leads], first[leads], atol=1e-9)
 
 
-def problems(states: list[State], *terms: GuidanceTerm) -> list[str]:
-    scenario = scenario_with(straight_drivers(states))
+def problems(states: Sequence[State], *terms: GuidanceTerm) -> list[str]:
+    scenario = scenario_with(straight_drivers(list(states)))
     return [one.message for one in guidance_problems(scenario, terms)]
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from pd_editor.generation import TrafficSample
 from pd_editor.guidance.outcomes import term_outcomes
-from pd_editor.guidance.report import guidance_reports, motion_problems, realism
+from pd_editor.guidance.report import AgentRealism, guidance_reports, motion_problems
 from pd_editor.scene.guidance_terms import (
     ComfortLimits,
     FollowLane,
@@ -108,11 +108,13 @@ def test_a_worse_sample_holds_the_best_unguided_one():
 
 def test_realism_counts_collisions_and_distance():
     near = recorded(pace=4.0)
-    assert realism(SCENE, recorded()).num_collisions == 0
+    assert AgentRealism.of(SCENE, recorded()).over().num_collisions == 0
     together = replace(near, position_m=near.position_m.copy())
     together.position_m[1, 20:] = together.position_m[0, 20:]
-    assert realism(SCENE, together).num_collisions == 2
-    assert realism(SCENE, recorded(shift_m=8.0)).lateral_deviation_m > 1.0
+    assert AgentRealism.of(SCENE, together).over().num_collisions == 2
+    assert (
+        AgentRealism.of(SCENE, recorded(shift_m=8.0)).over().lateral_deviation_m > 1.0
+    )
 
 
 def test_impossible_motion_is_told():

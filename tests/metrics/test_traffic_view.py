@@ -39,7 +39,6 @@ def test_only_some_are_judged_among_the_others():
     view = recorded_traffic(SCENARIO, ["102"])
     assert view.agents.ids == ("102",)
     assert view.context.ids == ("100", "101")
-    assert len(view.only(np.array([True])).everyone) == 1
     with pytest.raises(EditError):
         recorded_traffic(SCENARIO, ["missing"])
 

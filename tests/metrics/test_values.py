@@ -8,7 +8,6 @@ from pd_editor.metrics.values import (
     any_step,
     mean_over_steps,
     measured,
-    pooled,
 )
 from tests.metrics.traffic_builders import recorded
 
@@ -18,8 +17,6 @@ def test_what_is_not_valid_is_zero_and_never_counted():
     assert values.value.tolist() == [3, 0, 5]
     assert values.valid().tolist() == [3, 5]
     assert values.unit == "m/s"
-    assert pooled([values, values]).tolist() == [3, 5, 3, 5]
-    assert pooled([]).shape == (0,)
 
 
 def test_nan_is_never_a_value():

@@ -408,15 +408,15 @@ def _repaired(
         for name, code in zip(placing.ids, on_road, strict=True)
         if code != CONDITIONED_NO
     ]
-    on_lanes, _ = project_to_lanes(scenario, follows, keep_ids=keep)
+    on_lanes = project_to_lanes(scenario, follows, keep_ids=keep)
     left = _outside(on_lanes, placing) - _outside(scenario, placing)
     if left:
         follows = [name for name in follows if name not in left]
-        on_lanes, _ = project_to_lanes(scenario, follows, keep_ids=keep)
-    scenario, _ = separate_overlaps(on_lanes, placing.ids, keep_ids=keep)
+        on_lanes = project_to_lanes(scenario, follows, keep_ids=keep)
+    scenario = separate_overlaps(on_lanes, placing.ids, keep_ids=keep)
     if placing.traits.only_on_road:
         scenario = _back_on_road(scenario, placing, keep)
-    return slow_for_gaps(scenario, placing.ids, keep_ids=keep)[0]
+    return slow_for_gaps(scenario, placing.ids, keep_ids=keep)
 
 
 def _back_on_road(
@@ -429,7 +429,7 @@ def _back_on_road(
     """
     off = _off_road(scenario, placing.ids)
     for _ in range(2):
-        back, _ = project_to_lanes(
+        back = project_to_lanes(
             scenario, off, keep_ids=keep, max_offset_m=0.0, moves_stationary=True
         )
         left = _outside(back, placing) - _outside(scenario, placing)

@@ -67,10 +67,3 @@ def lit_from_above(color: Rgb) -> Rgb:
     lit = inverse_aces(srgb_to_linear(np.array(color) / 255.0)) / LIGHT_ON_ROOFS
     red, green, blue = np.clip(np.round(lit * 255), 0, 255)
     return int(red), int(green), int(blue)
-
-
-def contrast_ratio(one: Rgb, other: Rgb) -> float:
-    """Contrast of two colours from 1 to 21, as WCAG 2.2 defines it."""
-    weights = np.array([0.2126, 0.7152, 0.0722])
-    pair = srgb_to_linear(np.array([one, other]) / 255.0) @ weights
-    return float((pair.max() + 0.05) / (pair.min() + 0.05))

@@ -7,9 +7,6 @@ from typing import Final
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.meshes.colors import Rgb
 
-MIN_CONTRAST: Final = 3.0
-"""Least contrast of graphics by WCAG 2.2: agents and marks against their background."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Palette:

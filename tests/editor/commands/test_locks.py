@@ -28,7 +28,13 @@ from pd_editor.generation import (
     TrafficSample,
 )
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.repair import repair_scene
+from pd_editor.repair import (
+    project_to_lanes,
+    retime_for_comfort,
+    separate_overlaps,
+    slow_for_gaps,
+    yield_to_others,
+)
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
@@ -179,7 +185,8 @@ def test_a_lock_in_json_is_the_same_lock(lock):
 @given(chosen=st.dictionaries(st.sampled_from(present_ids(BASE)), locks(), min_size=1))
 def test_repairs_keep_what_is_locked(chosen: dict[str, Lock]):
     before = replace(BASE, locks=chosen)
-    after, _ = repair_scene(before, friction_coefficient=0.1)
+    after = slow_for_gaps(separate_overlaps(project_to_lanes(before)))
+    after, _ = yield_to_others(retime_for_comfort(after))
     assert kept_parts(after) == kept_parts(before)
 
 

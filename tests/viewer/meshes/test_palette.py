@@ -1,8 +1,21 @@
+from typing import Final
+
+import numpy as np
 import pytest
 
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.viewer.meshes.colors import contrast_ratio
-from pd_editor.viewer.meshes.palette import DARK, LIGHT, MIN_CONTRAST, Palette
+from pd_editor.viewer.meshes.colors import Rgb, srgb_to_linear
+from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
+
+MIN_CONTRAST: Final = 3.0
+"""Least contrast of graphics by WCAG 2.2."""
+
+
+def contrast_ratio(one: Rgb, other: Rgb) -> float:
+    """Contrast of two colours from 1 to 21, as WCAG 2.2 defines it."""
+    weights = np.array([0.2126, 0.7152, 0.0722])
+    pair = srgb_to_linear(np.array([one, other]) / 255.0) @ weights
+    return float((pair.max() + 0.05) / (pair.min() + 0.05))
 
 
 def surfaces(palette: Palette) -> dict[str, tuple[int, int, int]]:
