@@ -12,6 +12,8 @@ from torch import Tensor
 from pd_editor.diffusion.trajectory.guidance.box_conflicts import BoxTracks, depth_m
 from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
+    AgentsTerm,
+    GuidedAgents,
     ResidualRows,
     TermContext,
     row_weights,
@@ -354,28 +356,26 @@ def last_places(blocked: Bool[Tensor, "P K K"]) -> Int[Tensor, "P K"]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GapTerm:
+class GapTerm(AgentsTerm):
     """Keeps a distance between bumpers to the agent ahead."""
 
-    context: TermContext
-    agents: Int[Tensor, "G"]
-    gap_m: float
-    weight: float
-    is_closed: bool = True
+    gap_m: Float[Tensor, "G 1"]
 
     @classmethod
-    def of(cls, term: KeepGap, context: TermContext) -> "GapTerm | None":
+    def of(cls, terms: Sequence[KeepGap], context: TermContext) -> "GapTerm | None":
         """Make the term; None if no agent of it is sampled."""
-        agents = context.guided(term.agent_ids, LANE_FOLLOWER_KINDS)
-        if not len(agents):
+        guided = GuidedAgents.of(terms, context, LANE_FOLLOWER_KINDS)
+        if guided is None:
             return None
-        return cls(context=context, agents=agents, gap_m=term.gap_m, weight=term.weight)
+        return cls(
+            guided=guided, gap_m=guided.of_each(lambda term: term.gap_m)[:, None]
+        )
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of agents that are predicted to be nearer to their leader."""
         gap, first = gaps_ahead(motion, self.agents)
-        shorter = first.minimum(first.new_tensor(self.gap_m))
-        wanted = (shorter + OPENING_MPS * motion.time_s).clamp_max(self.gap_m)
+        shorter = first.minimum(self.gap_m)
+        wanted = (shorter + OPENING_MPS * motion.time_s).minimum(self.gap_m)
         position = motion.position_m[:, self.agents]
         heading = motion.heading_rad[:, self.agents]
         forward = torch.stack([heading.cos(), heading.sin()], dim=-1)
@@ -383,7 +383,7 @@ class GapTerm:
         moved = ((position - position[:, :, :1]) * forward).sum(-1).clamp_min(0)
         short = (wanted - gap).clamp_min(0).minimum(moved)
         place = (position * forward).sum(-1)
-        weight = row_weights(self.context.config.gap_m, self.weight, place)
+        weight = row_weights(self.config.gap_m, self.guided.weight, place)
         if not bool((short > 0).any()):
             return []
         return [

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotion
@@ -21,10 +21,12 @@ from pd_editor.diffusion.trajectory.guidance.target_motion import (
     speeds,
 )
 from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
+    AgentsTerm,
+    GuidedAgents,
     ResidualRows,
     TermContext,
 )
-from pd_editor.paths.drawn_path import lane_line, path_to_follow
+from pd_editor.paths.drawn_path import FollowedPath, lane_line, path_to_follow
 from pd_editor.paths.driving_paths import DrivingPaths
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.guidance_terms import FollowLane, FollowPath, GoalPoint
@@ -36,65 +38,48 @@ _ROUNDS: Final = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PathTerm:
-    """Follows a path that begins at the agent's pose, at the predicted pace.
+class PathTerm(AgentsTerm):
+    """Follows paths that begin at the agents' poses, at the predicted pace.
 
     A path that leads sideways or backwards is not followed.
     """
 
-    context: TermContext
-    agents: Int[Tensor, "1"]
     curves: Curves
-    length_m: float
-    """Arc length at which the path to follow ends."""
-    limit_mps: Float[Tensor, "M"]
-    """Speed limits of the path's curves, one per node."""
-    weight: float
-    is_closed: bool = True
+    length_m: Float[Tensor, "G 1"]
+    """Arc length at which each path to follow ends."""
+    limit_mps: Float[Tensor, "G M"]
+    """Speed limits of the paths, one per node."""
 
     @classmethod
-    def of_path(cls, term: FollowPath, context: TermContext) -> "PathTerm | None":
-        """Make the term of a drawn path; None if the agent is not sampled."""
-        return cls._of_line(term, np.array(term.points_m), context)
-
-    @classmethod
-    def of_lanes(cls, term: FollowLane, context: TermContext) -> "PathTerm | None":
-        """Make the term of lanes; None if the agent is not sampled."""
-        line = lane_line(context.scenario.road_map, term.lane_ids)
-        return None if line is None else cls._of_line(term, line, context)
-
-    @classmethod
-    def _of_line(
-        cls,
-        term: FollowPath | FollowLane,
-        line_m: Float[np.ndarray, "N 2"],
-        context: TermContext,
+    def of(
+        cls, terms: Sequence[FollowPath | FollowLane], context: TermContext
     ) -> "PathTerm | None":
-        agents = context.guided((term.agent_id,), ROAD_USER_KINDS)
-        if not len(agents) or len(line_m) < 2:
+        """Make the term; None if no path of a sampled agent is followed."""
+        found = [(term, _followed(term, context)) for term in terms]
+        lines = [(term, one) for term, one in found if one is not None]
+        guided = GuidedAgents.of([term for term, _ in lines], context, ROAD_USER_KINDS)
+        if guided is None:
             return None
-        tracks, now = context.scenario.agents, context.scenario.current_step
-        row = tracks.row_of[term.agent_id]
-        followed = path_to_follow(
-            line_m,
-            tracks.position_m[row, now],
-            float(tracks.heading_rad[row, now]),
-            float(np.hypot(*tracks.velocity_mps[row, now])),
-        )
-        if not followed.is_drivable:
-            return None
+        paths = [one.path for _, one in lines]
+        most = max(one.x_m.shape[1] for one in paths)
+        curves = [
+            _with_nodes(_even_curves(context.tensor(_points_m(one))[None]), most)
+            for one in paths
+        ]
+        limit = [
+            np.pad(one.speed_limit_mps[0], (0, most - one.x_m.shape[1]), mode="edge")
+            for one in paths
+        ]
+        length = np.array([one.length_m for _, one in lines])
         return cls(
-            context=context,
-            agents=agents,
-            curves=curves_of(followed.path, context),
-            length_m=followed.length_m,
-            limit_mps=context.tensor(followed.path.speed_limit_mps[0]),
-            weight=term.weight,
+            guided=guided,
+            curves=Curves(node=torch.cat([one.node for one in curves], dim=1)),
+            length_m=context.tensor(length)[:, None],
+            limit_mps=context.tensor(np.array(limit)),
         )
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
-        """Residuals to the points of the path at the predicted pace."""
-        config = self.context.config
+        """Residuals to the points of the paths at the predicted pace."""
         pace = predicted_curves(motion, self.agents).along_m
         speed = speeds(
             pace, motion.velocity_mps[:, self.agents, 0].norm(dim=-1), motion.step_s
@@ -104,113 +89,110 @@ class PathTerm:
             slowed = distances(
                 braked_in_time(
                     speed.minimum(self._limits(slowed)),
-                    config.max_braking_mps2,
+                    self.config.max_braking_mps2,
                     motion.step_s,
                 ),
                 motion.step_s,
             )
         target = TargetMotion.along(self.agents, self.curves, slowed, motion.step_s)
         return target.rows(
-            along_m=config.pace_m,
-            across_m=config.path_m,
-            strength=self.weight,
+            along_m=self.config.pace_m,
+            across_m=self.config.path_m,
+            strength=self.guided.weight,
             is_wanted=slowed <= self.length_m,
         )
 
     def _limits(self, along_m: Float[Tensor, "S G T"]) -> Float[Tensor, "S G T"]:
-        node = torch.searchsorted(self.curves.along_m[0, 0], along_m.contiguous())
-        return self.limit_mps[node.clamp_max(len(self.limit_mps) - 1)]
+        table = self.curves.along_m.expand(len(along_m), -1, -1).contiguous()
+        node = torch.searchsorted(table, along_m.contiguous())
+        limit = self.limit_mps.expand(len(along_m), -1, -1)
+        return limit.gather(-1, node.clamp_max(table.shape[-1] - 1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GoalTerm:
-    """Reaches a point at a step, along the predicted path or a planned one.
+class GoalTerm(AgentsTerm):
+    """Reaches points at given times, along the predicted paths or planned ones.
 
-    The path that comes nearest to the goal is retimed with the least change of
+    The path that comes nearest to a goal is retimed with the least change of
     acceleration, and shifted sideways to the goal. Of a goal out of reach, the nearest
     place in reach is aimed at.
     """
 
-    context: TermContext
-    agents: Int[Tensor, "1"]
-    point_m: Float[Tensor, "2"]
-    at_s: float | None
-    weight: float
-    is_closed: bool = True
+    point_m: Float[Tensor, "G 2"]
+    at_s: Float[Tensor, "G 1"]
+    """Infinite: at the end."""
 
     @classmethod
-    def of(cls, term: GoalPoint, context: TermContext) -> "GoalTerm | None":
-        """Make the term; None if the agent is not sampled."""
-        agents = context.guided((term.agent_id,), ROAD_USER_KINDS)
-        if not len(agents):
+    def of(cls, terms: Sequence[GoalPoint], context: TermContext) -> "GoalTerm | None":
+        """Make the term; None if no agent of it is sampled."""
+        guided = GuidedAgents.of(terms, context, ROAD_USER_KINDS)
+        if guided is None:
             return None
+        at = guided.of_each(lambda term: np.inf if term.at_s is None else term.at_s)
         return cls(
-            context=context,
-            agents=agents,
-            point_m=context.tensor(np.array(term.point_m)),
-            at_s=term.at_s,
-            weight=term.weight,
+            guided=guided,
+            point_m=guided.of_each(lambda term: term.point_m),
+            at_s=at[:, None],
         )
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals to a way to the goal, and to the goal itself at its step."""
-        config = self.context.config
-        predicted = extended(
-            predicted_curves(motion, self.agents), self.context, self.agents
-        )
-        num_steps = len(motion.time_s)
-        step = num_steps - 1
-        if self.at_s is not None:
-            step = min(max(round(self.at_s / motion.step_s), 1), step)
+        config, time_s = self.config, motion.time_s
+        predicted = extended(predicted_curves(motion, self.agents), self.guided)
+        num_steps = len(time_s)
+        step = (self.at_s / motion.step_s).round().clamp(1, num_steps - 1).long()
         curves, goal_along, goal_left = self._curves(predicted)
-        pace = predicted.along_m[..., :num_steps]
-        share = motion.time_s / motion.time_s[step]
+        share = time_s / time_s[step]
         early = share.clamp_max(1.0)
         # Least squared acceleration; then at the speed that was reached.
         growth = (3 * early**2 - early**3) / 2 + 1.5 * (share - early)
         goal_along, goal_left, is_reached = self._within_reach(
-            goal_along, goal_left, motion, step
+            goal_along, goal_left, motion, time_s[step[:, 0]]
         )
-        gap = goal_along[..., None] - pace[..., step, None]
-        along = (pace + gap * growth).clamp_min(0.0).cummax(dim=-1).values
+        pace = predicted.along_m[..., :num_steps]
+        gap = goal_along[..., None] - pace.gather(-1, step.expand(*pace.shape[:2], 1))
+        along = (pace + gap * growth).clamp_min_(0.0).cummax(dim=-1).values
         target = TargetMotion.along(self.agents, curves, along, motion.step_s)
-        done = (along / goal_along[..., None].clamp_min(1.0)).clamp(0, 1)
+        done = (along / goal_along[..., None].clamp_min(1.0)).clamp_(0, 1)
         aside = goal_left[..., None] * done**2 * (3 - 2 * done)
         left = torch.stack(
             [-target.direction[..., 1], target.direction[..., 0]], dim=-1
         )
         way = replace(target, position_m=target.position_m + aside[..., None] * left)
-        is_goal = torch.arange(num_steps, device=along.device) == step
-        nearest = way.position_m[..., step, None, :]
-        place = torch.where(is_reached[..., None, None], self.point_m, nearest)
-        goal = replace(way, position_m=place.expand_as(way.position_m))
-        # The way matters up to the goal; at the goal it is one of many steps.
-        every = motion.time_s <= motion.time_s[step]
+        moment = torch.arange(num_steps, device=step.device)
+        place = torch.where(
+            is_reached[..., None, None], self.point_m[:, None], way.position_m
+        )
+        # The goal is one of many steps.
         accepted = config.goal_m * (10.0 / num_steps) ** 0.5
+        rows = replace(way, position_m=place).rows(
+            along_m=accepted,
+            across_m=accepted,
+            strength=self.guided.weight,
+            is_wanted=(moment == step).expand(along.shape),
+        )
+        if motion.level == 0:
+            return rows
         return [
+            *rows,
+            # The way matters up to the goal.
             *way.rows(
                 along_m=config.goal_way_m,
                 across_m=config.goal_way_m,
-                strength=self.weight if motion.level > 0 else 0.0,
-                is_wanted=every.expand(along.shape),
-            ),
-            *goal.rows(
-                along_m=accepted,
-                across_m=accepted,
-                strength=self.weight,
-                is_wanted=is_goal.expand(along.shape),
+                strength=self.guided.weight,
+                is_wanted=(moment <= step).expand(along.shape),
             ),
         ]
 
     def _within_reach(
         self,
-        along_m: Float[Tensor, "S 1"],
-        left_m: Float[Tensor, "S 1"],
+        along_m: Float[Tensor, "S G"],
+        left_m: Float[Tensor, "S G"],
         motion: PredictedMotion,
-        step: int,
-    ) -> tuple[Float[Tensor, "S 1"], Float[Tensor, "S 1"], Bool[Tensor, "S 1"]]:
-        """Place of the goal, moved to where the agent can be, and whether it stayed."""
-        config, time_s = self.context.config, motion.time_s[step]
+        time_s: Float[Tensor, "G"],
+    ) -> tuple[Float[Tensor, "S G"], Float[Tensor, "S G"], Bool[Tensor, "S G"]]:
+        """Places of goals, moved to where the agents can be, and whether they stayed."""
+        config = self.config
         speed = motion.velocity_mps[:, self.agents, 0].norm(dim=-1)
         most = speed * time_s + config.max_acceleration_mps2 * time_s.square() / 2
         braking_s = time_s.minimum(speed / config.max_braking_mps2)
@@ -222,76 +204,81 @@ class GoalTerm:
 
     def _curves(
         self, predicted: Curves
-    ) -> tuple[Curves, Float[Tensor, "S 1"], Float[Tensor, "S 1"]]:
+    ) -> tuple[Curves, Float[Tensor, "S G"], Float[Tensor, "S G"]]:
         """The curve to the goal in each sample, with the goal's place on it."""
         along, left = predicted.nearest(self.point_m)
         planned, planned_along, planned_left = self._planned
         is_planned = left.abs() > planned_left.abs() + _PREFERENCE_M
-        count = predicted.along_m.shape[-1]
-        wide = _padded(planned, count)
-        nodes = is_planned[..., None]
+        node = torch.where(
+            is_planned[..., None, None],
+            _with_nodes(planned, predicted.node.shape[-2]).node,
+            predicted.node,
+        )
         return (
-            Curves(
-                points_m=torch.where(
-                    nodes[..., None], wide.points_m, predicted.points_m
-                ),
-                along_m=torch.where(nodes, wide.along_m, predicted.along_m),
-                direction=torch.where(
-                    nodes[..., None], wide.direction, predicted.direction
-                ),
-            ),
+            Curves(node=node),
             torch.where(is_planned, planned_along, along),
             torch.where(is_planned, planned_left, left),
         )
 
     @cached_property
-    def _planned(self) -> tuple[Curves, Float[Tensor, "1 1"], Float[Tensor, "1 1"]]:
-        """The planned path that comes nearest to the goal, and the goal's place on it."""
-        points, exists = self.context.planned(self.agents)
-        points, exists = points[0], exists[0]
-        curves = _even_curves(points[None])
-        along, left = curves.nearest(self.point_m)
+    def _planned(self) -> tuple[Curves, Float[Tensor, "1 G"], Float[Tensor, "1 G"]]:
+        """The planned path of each agent that comes nearest to its goal."""
+        points, exists = self.guided.planned
+        curves = _even_curves(points)
+        along, left = curves.nearest(self.point_m[:, None])
         cost = left.abs() + (-along).clamp_min(0.0)
-        best = cost[0].masked_fill(~exists, torch.inf).argmin()
-        chosen = Curves(
-            points_m=curves.points_m[:, best, None],
-            along_m=curves.along_m[:, best, None],
-            direction=curves.direction[:, best, None],
-        )
-        return chosen, along[:, best, None], left[:, best, None]
+        best = cost.masked_fill(~exists, torch.inf).argmin(dim=-1)
+        agent = torch.arange(len(best), device=best.device)
+        chosen = Curves(node=curves.node[agent, best][None])
+        return chosen, along[agent, best][None], left[agent, best][None]
 
 
-def curves_of(path: DrivingPaths, context: TermContext) -> Curves:
-    """Driving paths as curves of one sample."""
-    points = np.stack([path.x_m, path.y_m], axis=-1)
-    return _even_curves(context.tensor(points)[None])
+def _followed(
+    term: FollowPath | FollowLane, context: TermContext
+) -> FollowedPath | None:
+    """Path of a term; None if it cannot be followed."""
+    line = (
+        np.array(term.points_m)
+        if isinstance(term, FollowPath)
+        else lane_line(context.scenario.road_map, term.lane_ids)
+    )
+    tracks, now = context.scenario.agents, context.scenario.current_step
+    row = tracks.row_of.get(term.agent_id)
+    if row is None or line is None or len(line) < 2:
+        return None
+    followed = path_to_follow(
+        line,
+        tracks.position_m[row, now],
+        float(tracks.heading_rad[row, now]),
+        float(np.hypot(*tracks.velocity_mps[row, now])),
+    )
+    return followed if followed.is_drivable else None
 
 
-def _even_curves(points_m: Float[Tensor, "1 G M 2"]) -> Curves:
+def _points_m(path: DrivingPaths) -> Float[np.ndarray, "1 M 2"]:
+    return np.stack([path.x_m, path.y_m], axis=-1)
+
+
+def _even_curves(points_m: Float[Tensor, "S G M 2"]) -> Curves:
     step = points_m.diff(dim=-2)
     length = step.norm(dim=-1)
     direction = torch.nn.functional.normalize(step, dim=-1)
-    return Curves(
-        points_m=points_m,
-        along_m=torch.nn.functional.pad(length.cumsum(dim=-1), (1, 0)),
-        direction=torch.cat([direction[..., :1, :], direction], dim=-2),
+    return Curves.of(
+        points_m,
+        torch.cat([direction[..., :1, :], direction], dim=-2),
+        torch.nn.functional.pad(length.cumsum(dim=-1), (1, 0)),
     )
 
 
-def _padded(curves: Curves, count: int) -> Curves:
-    """Curves with more nodes, on the straight line after the last one."""
-    more = count - curves.along_m.shape[-1]
+def _with_nodes(curves: Curves, count: int) -> Curves:
+    """Curves with so many nodes, more ones on the straight line after the last one."""
+    more = count - curves.node.shape[-2]
     if more <= 0:
-        return Curves(
-            points_m=curves.points_m[..., :count, :],
-            along_m=curves.along_m[..., :count],
-            direction=curves.direction[..., :count, :],
-        )
-    further = torch.arange(1, more + 1).to(curves.along_m)
-    last = curves.direction[..., -1:, :]
-    points = curves.points_m[..., -1:, :] + further[:, None] * last
-    return Curves(
-        points_m=torch.cat([curves.points_m, points], dim=-2),
-        along_m=torch.cat([curves.along_m, curves.along_m[..., -1:] + further], dim=-1),
-        direction=torch.cat([curves.direction, last.expand_as(points)], dim=-2),
+        return Curves(node=curves.node[..., :count, :])
+    further = torch.arange(1, more + 1).to(curves.node)[:, None]
+    last = curves.node[..., -1:, :]
+    ahead = last[..., 2:4]
+    step = torch.cat(
+        [ahead, torch.zeros_like(ahead), torch.ones_like(ahead[..., :1])], -1
     )
+    return Curves(node=torch.cat([curves.node, last + further * step], dim=-2))

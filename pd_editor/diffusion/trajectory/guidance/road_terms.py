@@ -6,11 +6,11 @@ from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Int
-from torch import Tensor
 
 from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
+    AgentsTerm,
+    GuidedAgents,
     ResidualRows,
     TermContext,
     row_weights,
@@ -28,34 +28,29 @@ _FURTHEST_M: Final = 8.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RoadTerm:
+class RoadTerm(AgentsTerm):
     """Moves boxes that would leave the road back by their worst corner."""
 
-    context: TermContext
-    agents: Int[Tensor, "G"]
-    weight: float
-    is_closed: bool = True
-
     @classmethod
-    def of(cls, term: StayOnRoad, context: TermContext) -> "RoadTerm | None":
+    def of(cls, terms: Sequence[StayOnRoad], context: TermContext) -> "RoadTerm | None":
         """Make the term of agents that are on the road now; None if there is none."""
-        agents = context.guided(term.agent_ids, LANE_FOLLOWER_KINDS)
+        guided = GuidedAgents.of(terms, context, LANE_FOLLOWER_KINDS)
+        if guided is None:
+            return None
         tracks, now = context.scenario.agents, context.scenario.current_step
-        rows = tracks.rows(context.ids[one] for one in agents.tolist())
+        rows = tracks.rows(context.ids[one] for one in guided.index.tolist())
         corners = box_corners(
             tracks.position_m[rows, now],
             tracks.heading_rad[rows, now],
             tracks.size_m[rows],
         )
-        on_road = ~is_off_road(context.scenario, corners).any(axis=-1)
-        agents = agents[torch.from_numpy(on_road).to(agents.device)]
-        if not len(agents):
-            return None
-        return cls(context=context, agents=agents, weight=term.weight)
+        on_road = np.asarray(~is_off_road(context.scenario, corners).any(axis=-1))
+        return cls(guided=guided.only(on_road)) if on_road.any() else None
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of the boxes with a corner outside."""
-        config, scenario = self.context.config, self.context.scenario
+        context = self.guided.context
+        config, scenario = context.config, context.scenario
         position = motion.position_m[:, self.agents]
         tested = position[:, :, ::_STRIDE].double().cpu().numpy()
         heading = motion.heading_rad[:, self.agents, ::_STRIDE].double().cpu().numpy()
@@ -73,12 +68,12 @@ class RoadTerm:
         direction /= np.maximum(length, 1e-9)[..., None]
         counts = (length > 0) & (length < _FURTHEST_M)
         wide = torch.zeros_like(position)
-        wide[:, :, ::_STRIDE] = self.context.tensor(direction)
+        wide[:, :, ::_STRIDE] = context.tensor(direction)
         asked = torch.zeros_like(position[..., 0])
-        asked[:, :, ::_STRIDE] = self.context.tensor(length + config.road_margin_m)
+        asked[:, :, ::_STRIDE] = context.tensor(length + config.road_margin_m)
         wanted = torch.zeros_like(asked, dtype=torch.bool)
         wanted[:, :, ::_STRIDE] = torch.from_numpy(counts).to(wanted.device)
-        weight = row_weights(config.road_m, self.weight * _STRIDE, asked)
+        weight = row_weights(config.road_m, self.guided.weight * _STRIDE, asked)
         return [
             ResidualRows(
                 agents=self.agents,

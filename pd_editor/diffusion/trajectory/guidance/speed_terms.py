@@ -21,6 +21,8 @@ from pd_editor.diffusion.trajectory.guidance.target_motion import (
     speeds,
 )
 from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
+    AgentsTerm,
+    GuidedAgents,
     ResidualRows,
     TermContext,
 )
@@ -76,36 +78,32 @@ class _Pace:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SpeedTerm:
+class SpeedTerm(AgentsTerm):
     """Reaches and keeps a speed."""
 
-    context: TermContext
-    agents: Int[Tensor, "G"]
-    is_named: bool
-    is_standing: Bool[Tensor, "G"]
-    speed_mps: float
-    weight: float
-    is_closed: bool = True
+    may_stay: Bool[Tensor, "G 1"]
+    """Stationary agents that are not named."""
+    speed_mps: Float[Tensor, "G 1"]
 
     @classmethod
-    def of(cls, term: TargetSpeed, context: TermContext) -> "SpeedTerm | None":
+    def of(
+        cls, terms: Sequence[TargetSpeed], context: TermContext
+    ) -> "SpeedTerm | None":
         """Make the term; None if no agent of it is sampled."""
-        agents = context.guided(term.agent_ids, MOTOR_VEHICLE_KINDS)
-        if not len(agents):
+        guided = GuidedAgents.of(terms, context, MOTOR_VEHICLE_KINDS)
+        if guided is None:
             return None
-        standing = torch.from_numpy(context.is_standing).to(agents.device)
+        standing = torch.from_numpy(context.is_standing).to(guided.index.device)
+        is_named = guided.of_each(lambda term: bool(term.agent_ids)) > 0
         return cls(
-            context=context,
-            agents=agents,
-            is_named=bool(term.agent_ids),
-            is_standing=standing[agents],
-            speed_mps=term.speed_mps,
-            weight=term.weight,
+            guided=guided,
+            may_stay=(standing[guided.index] & ~is_named)[:, None],
+            speed_mps=guided.of_each(lambda term: term.speed_mps)[:, None],
         )
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals to a ramp to the speed along the predicted or planned path."""
-        config, pace = self.context.config, _Pace.of(motion, self.agents)
+        config, pace = self.config, _Pace.of(motion, self.agents)
         first = pace.speed_mps[..., :1]
         change = self.speed_mps - first
         needed = change.abs() / (_RAMP_SHARE * motion.time_s[-1])
@@ -116,50 +114,44 @@ class SpeedTerm:
         )
         done = (rate * motion.time_s).minimum(change.abs())
         along = distances(first + change.sign() * done, motion.step_s)
-        wanted = pace.changed(along)
-        if not self.is_named:
-            moved = pace.along_m[..., -1:]
-            wanted = wanted & ~(self.is_standing[:, None] & (moved < _STAYS_M))
-        curves = extended(pace.curves, self.context, self.agents)
+        stays = self.may_stay & (pace.along_m[..., -1:] < _STAYS_M)
+        wanted = pace.changed(along) & ~stays
+        curves = extended(pace.curves, self.guided)
         return TargetMotion.along(self.agents, curves, along, motion.step_s).rows(
             along_m=config.speed_m,
             speed_mps=config.speed_mps,
             across_m=config.held_path_m,
-            strength=self.weight,
+            strength=self.guided.weight,
             is_wanted=wanted,
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LimitTerm:
+class LimitTerm(AgentsTerm):
     """Keeps a speed limit."""
 
-    context: TermContext
-    agents: Int[Tensor, "G"]
-    speed_mps: float
-    weight: float
-    is_closed: bool = True
+    speed_mps: Float[Tensor, "G 1"]
 
     @classmethod
-    def of(cls, term: SpeedLimit, context: TermContext) -> "LimitTerm | None":
+    def of(
+        cls, terms: Sequence[SpeedLimit], context: TermContext
+    ) -> "LimitTerm | None":
         """Make the term; None if no agent of it is sampled."""
-        agents = context.guided(term.agent_ids, ROAD_USER_KINDS)
-        if not len(agents):
+        guided = GuidedAgents.of(terms, context, ROAD_USER_KINDS)
+        if guided is None:
             return None
         return cls(
-            context=context,
-            agents=agents,
-            speed_mps=term.speed_mps,
-            weight=term.weight,
+            guided=guided,
+            speed_mps=guided.of_each(lambda term: term.speed_mps)[:, None],
         )
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of the agents that are predicted to exceed the limit."""
-        config, pace = self.context.config, _Pace.of(motion, self.agents)
-        limit = max(self.speed_mps - config.limit_margin_mps, 0.0)
+        config, pace = self.config, _Pace.of(motion, self.agents)
+        limit = (self.speed_mps - config.limit_margin_mps).clamp_min(0.0)
         # The current speed is given, and may be above the limit.
         lost = config.braking_mps2 * motion.time_s
-        cap = (pace.speed_mps[..., :1] - lost).clamp_min(limit)
+        cap = (pace.speed_mps[..., :1] - lost).maximum(limit)
         kept = pace.speed_mps.minimum(cap)
         along = distances(kept, motion.step_s)
         is_over = (pace.speed_mps[..., 1:] > limit).any(dim=-1, keepdim=True)
@@ -167,32 +159,40 @@ class LimitTerm:
             along_m=config.speed_m,
             speed_mps=config.speed_mps,
             across_m=config.held_path_m,
-            strength=self.weight,
+            strength=self.guided.weight,
             is_wanted=is_over & pace.changed(along),
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ComfortTerm:
+class ComfortTerm(AgentsTerm):
     """Keeps limits of acceleration, braking and lateral acceleration."""
 
-    context: TermContext
-    agents: Int[Tensor, "G"]
-    limits: ComfortLimits
-    is_closed: bool = True
+    max_acceleration_mps2: Float[Tensor, "G 1"]
+    max_braking_mps2: Float[Tensor, "G 1"]
+    max_lateral_mps2: Float[Tensor, "G 1"]
 
     @classmethod
-    def of(cls, term: ComfortLimits, context: TermContext) -> "ComfortTerm | None":
+    def of(
+        cls, terms: Sequence[ComfortLimits], context: TermContext
+    ) -> "ComfortTerm | None":
         """Make the term; None if no agent of it is sampled."""
-        agents = context.guided(term.agent_ids, LANE_FOLLOWER_KINDS)
-        if not len(agents):
+        guided = GuidedAgents.of(terms, context, LANE_FOLLOWER_KINDS)
+        if guided is None:
             return None
-        return cls(context=context, agents=agents, limits=term)
+        most = guided.of_each(lambda term: term.max_acceleration_mps2)
+        braking = guided.of_each(lambda term: term.max_braking_mps2)
+        lateral = guided.of_each(lambda term: term.max_lateral_mps2)
+        return cls(
+            guided=guided,
+            max_acceleration_mps2=most[:, None],
+            max_braking_mps2=braking[:, None],
+            max_lateral_mps2=lateral[:, None],
+        )
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of the agents that are predicted to exceed a limit."""
-        config, limits = self.context.config, self.limits
-        pace = _Pace.of(motion, self.agents)
+        config, pace = self.config, _Pace.of(motion, self.agents)
         speed = pace.speed_mps
         direction = pace.curves.direction
         turn = torch.nn.functional.pad(
@@ -203,50 +203,42 @@ class ComfortTerm:
             (1, 1),
         )
         bend = turn.abs() / (2 * motion.step_s * speed).clamp_min(0.1)
-        slow = (limits.max_lateral_mps2 / bend.clamp_min(1e-3)).sqrt()
+        slow = (self.max_lateral_mps2 / bend.clamp_min(1e-3)).sqrt()
         kept = braked_in_time(
             speed.minimum(slow.maximum(speed.new_tensor(1.0))),
-            limits.max_braking_mps2,
+            self.max_braking_mps2,
             motion.step_s,
         )
-        kept = accelerated_in_time(kept, limits.max_acceleration_mps2, motion.step_s)
+        kept = accelerated_in_time(kept, self.max_acceleration_mps2, motion.step_s)
         along = distances(kept, motion.step_s)
         return TargetMotion.along(self.agents, pace.curves, along, motion.step_s).rows(
             along_m=config.comfort_m,
             speed_mps=config.comfort_mps,
             across_m=config.held_path_m,
-            strength=limits.weight,
+            strength=self.guided.weight,
             is_wanted=pace.changed(along),
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class StopTerm:
+class StopTerm(AgentsTerm):
     """Stops in front of a line, if the agent would cross it."""
 
-    context: TermContext
-    agents: Int[Tensor, "1"]
-    line_m: Float[Tensor, "2 2"]
-    weight: float
-    is_closed: bool = True
+    line_m: Float[Tensor, "G 2 2"]
 
     @classmethod
-    def of(cls, term: StopAtLine, context: TermContext) -> "StopTerm | None":
-        """Make the term; None if the agent is not sampled."""
-        agents = context.guided((term.agent_id,), ROAD_USER_KINDS)
-        if not len(agents):
+    def of(cls, terms: Sequence[StopAtLine], context: TermContext) -> "StopTerm | None":
+        """Make the term; None if no agent of it is sampled."""
+        guided = GuidedAgents.of(terms, context, ROAD_USER_KINDS)
+        if guided is None:
             return None
-        return cls(
-            context=context,
-            agents=agents,
-            line_m=context.tensor(np.array(term.line_m)),
-            weight=term.weight,
-        )
+        line = np.array([term.line_m for term in guided.values])
+        return cls(guided=guided, line_m=context.tensor(line))
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals to a stop with constant braking."""
-        config, pace = self.context.config, _Pace.of(motion, self.agents)
-        curves = extended(pace.curves, self.context, self.agents)
+        config, pace = self.config, _Pace.of(motion, self.agents)
+        curves = extended(pace.curves, self.guided)
         stop_m, exists = self._place(curves, motion)
         stopped, crosses = self._stopped(pace, stop_m, motion.time_s, 0)
         for harder in range(1, _NUM_RATES):
@@ -259,19 +251,19 @@ class StopTerm:
             along_m=config.stop_m,
             speed_mps=config.stop_mps,
             across_m=config.held_path_m,
-            strength=self.weight,
+            strength=self.guided.weight,
             is_wanted=crosses & pace.changed(stopped),
         )
 
     def _stopped(
         self,
         pace: _Pace,
-        stop_m: Float[Tensor, "S 1 1"],
+        stop_m: Float[Tensor, "S G 1"],
         time_s: Float[Tensor, "T"],
         harder: int,
-    ) -> tuple[Float[Tensor, "S 1 T"], Bool[Tensor, "S 1 1"]]:
+    ) -> tuple[Float[Tensor, "S G T"], Bool[Tensor, "S G 1"]]:
         """Arc lengths of a stop with constant braking, and whether one is needed."""
-        config = self.context.config
+        config = self.config
         share = harder / (_NUM_RATES - 1)
         braking = (
             config.braking_mps2
@@ -293,15 +285,15 @@ class StopTerm:
 
     def _place(
         self, curves: Curves, motion: PredictedMotion
-    ) -> tuple[Float[Tensor, "S 1 1"], Bool[Tensor, "S 1 1"]]:
+    ) -> tuple[Float[Tensor, "S G 1"], Bool[Tensor, "S G 1"]]:
         """Arc length at which the agent stands in front of the line, if it crosses it."""
-        first, last = self.line_m
-        across = last - first
-        length = across.norm()
-        across = across / length
-        normal = torch.stack([-across[1], across[0]])
-        side = (curves.points_m - first) @ normal
-        place = (curves.points_m - first) @ across
+        first = self.line_m[:, :1]
+        across = self.line_m[:, 1:] - first
+        length = across.norm(dim=-1)
+        across = across / length[..., None]
+        normal = torch.stack([-across[..., 1], across[..., 0]], dim=-1)
+        gap = curves.points_m - first
+        side, place = (gap * normal).sum(-1), (gap * across).sum(-1)
         crosses = side[..., :-1] * side[..., 1:] <= 0
         near = (place > -_LINE_MARGIN_M) & (place < length + _LINE_MARGIN_M)
         crosses = crosses & (near[..., :-1] | near[..., 1:])
@@ -311,10 +303,10 @@ class StopTerm:
         low, high = curves.along_m.gather(-1, node), curves.along_m.gather(-1, node + 1)
         along = torch.lerp(low, high, share.abs().clamp(0, 1))
         index = node[..., None].expand(*node.shape, 2)
-        course = curves.direction.gather(-2, index)[..., 0, :]
-        ahead = (course @ normal).abs().clamp_min(0.3)[..., None]
+        course = curves.direction.gather(-2, index)
+        ahead = (course * normal).sum(-1).abs().clamp_min(0.3)
         half = motion.size_m[self.agents] / 2
-        beside = (course @ across).abs()[..., None]
+        beside = (course * across).sum(-1).abs()
         reach = half[:, :1] + half[:, 1:] * beside / ahead
-        front = reach + self.context.config.stop_gap_m / ahead
+        front = reach + self.config.stop_gap_m / ahead
         return along - front, crosses.any(dim=-1, keepdim=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -9,57 +10,79 @@ from torch import Tensor
 
 from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
+    GuidedAgents,
     ResidualRows,
-    TermContext,
     row_weights,
 )
 from pd_editor.paths.driving_paths import SPACING_M
 
-_NUM_FURTHER: int = 45
+_NUM_FURTHER: Final = 45
 """Points, one every ``SPACING_M``, that extend a predicted path."""
-_NUM_COMPARED: int = 6
+_NUM_COMPARED: Final = 6
+_LEAST_STEP_M: Final = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curves:
     """Curves of G agents in S samples, each of N nodes; straight on beyond the last."""
 
-    points_m: Float[Tensor, "#S G N 2"]
-    along_m: Float[Tensor, "#S G N"]
-    """Arc length at each node, not decreasing."""
-    direction: Float[Tensor, "#S G N 2"]
+    node: Float[Tensor, "#S G N 5"]
+    """Position, direction and arc length, which does not decrease."""
+
+    @classmethod
+    def of(
+        cls,
+        points_m: Float[Tensor, "#S G N 2"],
+        direction: Float[Tensor, "#S G N 2"],
+        along_m: Float[Tensor, "#S G N"],
+    ) -> "Curves":
+        """Curves of nodes."""
+        return cls(node=torch.cat([points_m, direction, along_m[..., None]], dim=-1))
+
+    @property
+    def points_m(self) -> Float[Tensor, "#S G N 2"]:
+        """Positions of the nodes."""
+        return self.node[..., :2]
+
+    @property
+    def direction(self) -> Float[Tensor, "#S G N 2"]:
+        """Directions at the nodes."""
+        return self.node[..., 2:4]
+
+    @property
+    def along_m(self) -> Float[Tensor, "#S G N"]:
+        """Arc lengths of the nodes."""
+        return self.node[..., 4]
 
     def at(
         self, along_m: Float[Tensor, "S G T"]
     ) -> tuple[Float[Tensor, "S G T 2"], Float[Tensor, "S G T 2"]]:
         """Points and directions at arc lengths."""
-        table = self.along_m.expand(along_m.shape[0], -1, -1).contiguous()
-        end = table[..., -1:]
-        inside = along_m.clamp_min(0.0).minimum(end).contiguous()
-        after = torch.searchsorted(table, inside, right=True)
-        after = after.clamp(1, table.shape[-1] - 1)
-        low, high = table.gather(-1, after - 1), table.gather(-1, after)
-        share = ((inside - low) / (high - low).clamp_min(1e-4)).clamp(0, 1)[..., None]
-        one = _nodes(self.points_m, after - 1)
-        other = _nodes(self.points_m, after)
-        direction = torch.lerp(
-            _nodes(self.direction, after - 1), _nodes(self.direction, after), share
-        )
-        direction = torch.nn.functional.normalize(direction, dim=-1)
+        end = self.along_m[..., -1:]
+        between = self.between(along_m.clamp_min(0.0).minimum(end))
+        direction = torch.nn.functional.normalize(between[..., 2:4], dim=-1)
         beyond = (along_m - end).clamp_min(0.0)[..., None]
-        return torch.lerp(one, other, share) + beyond * direction, direction
+        return between[..., :2] + beyond * direction, direction
+
+    def between(self, along_m: Float[Tensor, "S G T"]) -> Float[Tensor, "S G T 5"]:
+        """Nodes interpolated at arc lengths within the curves."""
+        table = self.along_m.expand(len(along_m), -1, -1).contiguous()
+        after = torch.searchsorted(table, along_m.contiguous(), right=True)
+        after = after.clamp_(1, table.shape[-1] - 1)
+        low, high = _nodes(self.node, after - 1), _nodes(self.node, after)
+        length = (high[..., 4] - low[..., 4]).clamp_min(1e-4)
+        share = ((along_m - low[..., 4]) / length).clamp_(0, 1)
+        return torch.lerp(low, high, share[..., None])
 
     def nearest(
-        self, point_m: Float[Tensor, "2"]
+        self, point_m: Float[Tensor, "*#S #G 2"]
     ) -> tuple[Float[Tensor, "#S G"], Float[Tensor, "#S G"]]:
-        """Arc length and left offset of the point of each curve nearest to a point."""
-        gap = point_m - self.points_m
+        """Arc length and left offset of the point of each curve nearest to its point."""
+        gap = point_m[..., None, :] - self.points_m
         node = gap.square().sum(-1).argmin(dim=-1, keepdim=True)
-        gap = _nodes(gap, node)[..., 0, :]
-        direction = _nodes(self.direction, node)[..., 0, :]
-        along = self.along_m.gather(-1, node)[..., 0] + (gap * direction).sum(-1)
-        left = direction[..., 0] * gap[..., 1] - direction[..., 1] * gap[..., 0]
-        return along, left
+        x, y, ahead_x, ahead_y, along = _nodes(self.node, node)[..., 0, :].unbind(-1)
+        x, y = point_m[..., 0] - x, point_m[..., 1] - y
+        return along + x * ahead_x + y * ahead_y, ahead_x * y - ahead_y * x
 
 
 def predicted_curves(motion: PredictedMotion, agents: Int[Tensor, "G"]) -> Curves:
@@ -67,44 +90,40 @@ def predicted_curves(motion: PredictedMotion, agents: Int[Tensor, "G"]) -> Curve
     points = motion.position_m[:, agents]
     heading = motion.heading_rad[:, agents]
     direction = torch.stack([heading.cos(), heading.sin()], dim=-1)
-    step = (points.diff(dim=-2) * direction[..., 1:, :]).sum(-1).clamp_min(0.0)
+    step = (points.diff(dim=-2) * direction[..., 1:, :]).sum(-1).clamp_min_(0.0)
     along = torch.nn.functional.pad(step.cumsum(dim=-1), (1, 0))
-    return Curves(points_m=points, along_m=along, direction=direction)
+    return Curves.of(points, direction, along)
 
 
-def extended(curves: Curves, context: TermContext, agents: Int[Tensor, "G"]) -> Curves:
+def extended(curves: Curves, guided: GuidedAgents) -> Curves:
     """Curves that go on along the planned path that is nearest to each of them."""
-    planned, exists = context.planned(agents)
-    last = planned.shape[-2] - 1
-    end = curves.along_m[..., -1]
+    planned, exists = guided.planned
+    agent = torch.arange(len(planned), device=planned.device)[:, None]
+    most = planned.shape[-2] - 1
+    last = curves.node[..., -1:, :]
+    end = last[..., 4]
     share = torch.arange(1, _NUM_COMPARED + 1).to(end) / _NUM_COMPARED
-    places = end[..., None] * share
-    compared, _ = curves.at(places)
-    node = (places / SPACING_M).round().long().clamp_max(last)
-    others = _of_paths(planned, node)
+    places = end * share
+    compared = curves.between(places)[..., :2]
+    node = (places / SPACING_M).round().long().clamp_max_(most)
+    path = torch.arange(planned.shape[1], device=planned.device)
+    others = planned[agent[..., None], path[:, None], node[:, :, None]]
     gap = (others - compared[:, :, None]).norm(dim=-1).mean(dim=-1)
-    best = gap.masked_fill(~exists, torch.inf).argmin(dim=-1)
-    path = planned.expand(len(best), *planned.shape)
-    index = best[..., None, None, None].expand(*best.shape, 1, *planned.shape[-2:])
-    path = path.gather(2, index)[:, :, 0]
-    first = (end / SPACING_M).ceil().long()
-    further = torch.arange(_NUM_FURTHER + 1, device=end.device)
-    node = (first[..., None] + further).clamp_max(last)
-    points = _nodes(path, node)
+    best = gap.masked_fill_(~exists, torch.inf).argmin(dim=-1)
+    further = torch.arange(_NUM_FURTHER + 1, device=planned.device)
+    node = ((end / SPACING_M).ceil().long() + further).clamp_max_(most)
+    points = planned[agent, best[..., None], node]
     # The remainder begins where the curve ends.
-    shift = curves.points_m[..., -1:, :] - points[..., :1, :]
-    points = points + shift
+    points = points + (last[..., :2] - points[..., :1, :])
     step = points.diff(dim=-2)
     length = step.norm(dim=-1)
-    along = end[..., None] + length.cumsum(dim=-1)
-    known = torch.nn.functional.normalize(step, dim=-1)
-    before = curves.direction[..., -1:, :]
-    direction = torch.where(length[..., None] > 0.01, known, before)
-    return Curves(
-        points_m=torch.cat([curves.points_m, points[..., 1:, :]], dim=-2),
-        along_m=torch.cat([curves.along_m, along], dim=-1),
-        direction=torch.cat([curves.direction, direction], dim=-2),
+    direction = torch.where(
+        length[..., None] > _LEAST_STEP_M,
+        torch.nn.functional.normalize(step, dim=-1),
+        last[..., 2:4],
     )
+    more = Curves.of(points[..., 1:, :], direction, end + length.cumsum(dim=-1))
+    return Curves(node=torch.cat([curves.node, more.node], dim=-2))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,7 +160,7 @@ class TargetMotion:
         along_m: float,
         across_m: float,
         speed_mps: float | None = None,
-        strength: float,
+        strength: Float[Tensor, "G 1"],
         is_wanted: Bool[Tensor, "S G #T"],
     ) -> Sequence[ResidualRows]:
         """Residuals along and across, and of speeds, with accepted deviations."""
@@ -184,7 +203,9 @@ def distances(
 
 
 def braked_in_time(
-    speed_mps: Float[Tensor, "S G T"], braking_mps2: float, step_s: float
+    speed_mps: Float[Tensor, "S G T"],
+    braking_mps2: float | Float[Tensor, "G 1"],
+    step_s: float,
 ) -> Float[Tensor, "S G T"]:
     """Speeds that brake at most so hard, and early enough for the later ones."""
     count = speed_mps.shape[-1]
@@ -196,7 +217,9 @@ def braked_in_time(
 
 
 def accelerated_in_time(
-    speed_mps: Float[Tensor, "S G T"], acceleration_mps2: float, step_s: float
+    speed_mps: Float[Tensor, "S G T"],
+    acceleration_mps2: float | Float[Tensor, "G 1"],
+    step_s: float,
 ) -> Float[Tensor, "S G T"]:
     """Speeds that accelerate at most so hard."""
     count = speed_mps.shape[-1]
@@ -205,18 +228,7 @@ def accelerated_in_time(
 
 
 def _nodes(
-    table: Float[Tensor, "#S G N 2"], node: Int[Tensor, "S G K"]
-) -> Float[Tensor, "S G K 2"]:
+    table: Float[Tensor, "#S G N D"], node: Int[Tensor, "S G K"]
+) -> Float[Tensor, "S G K D"]:
     table = table.expand(len(node), *table.shape[1:])
-    return table.gather(-2, node[..., None].expand(*node.shape, 2))
-
-
-def _of_paths(
-    planned: Float[Tensor, "G P M 2"], node: Int[Tensor, "S G K"]
-) -> Float[Tensor, "S G P K 2"]:
-    """Points of all planned paths at some nodes."""
-    samples, agents, count = node.shape
-    paths = planned.shape[1]
-    table = planned.expand(samples, *planned.shape)
-    index = node[:, :, None, :, None].expand(samples, agents, paths, count, 2)
-    return table.gather(3, index)
+    return table.gather(-2, node[..., None].expand(*node.shape, table.shape[-1]))

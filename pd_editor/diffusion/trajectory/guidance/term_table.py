@@ -39,31 +39,42 @@ TermMaker = Callable[[Sequence[Any], TermContext], Sequence[TrajectoryTerm]]
 """Makes the terms of all values of a kind; none of agents that are not sampled."""
 
 
-def each(make: Callable[[Any, TermContext], TrajectoryTerm | None]) -> TermMaker:
-    """Maker that makes one term of each value; None if no agent of it is sampled."""
+def together(
+    make: Callable[[Sequence[Any], TermContext], TrajectoryTerm | None],
+) -> TermMaker:
+    """Maker of one term of all values."""
 
-    def made(terms: Sequence[Any], context: TermContext) -> Sequence[TrajectoryTerm]:
-        found = (make(term, context) for term in terms)
+    def made(values: Sequence[Any], context: TermContext) -> Sequence[TrajectoryTerm]:
+        term = make(values, context)
+        return [] if term is None else [term]
+
+    return made
+
+
+def each(make: Callable[[Any, TermContext], TrajectoryTerm | None]) -> TermMaker:
+    """Maker of one term of each value."""
+
+    def made(values: Sequence[Any], context: TermContext) -> Sequence[TrajectoryTerm]:
+        found = (make(value, context) for value in values)
         return [one for one in found if one is not None]
 
     return made
 
 
 TERM_MAKERS: Final[dict[type[GuidanceTerm], TermMaker]] = {
-    FollowPath: each(PathTerm.of_path),
-    FollowLane: each(PathTerm.of_lanes),
-    GoalPoint: each(GoalTerm.of),
-    TargetSpeed: each(SpeedTerm.of),
-    SpeedLimit: each(LimitTerm.of),
-    ComfortLimits: each(ComfortTerm.of),
-    StopAtLine: each(StopTerm.of),
-    StayOnRoad: each(RoadTerm.of),
-    KeepGap: each(GapTerm.of),
+    FollowPath: together(PathTerm.of),
+    FollowLane: together(PathTerm.of),
+    GoalPoint: together(GoalTerm.of),
+    TargetSpeed: together(SpeedTerm.of),
+    SpeedLimit: together(LimitTerm.of),
+    ComfortLimits: together(ComfortTerm.of),
+    StopAtLine: together(StopTerm.of),
+    StayOnRoad: together(RoadTerm.of),
+    KeepGap: together(GapTerm.of),
     AvoidCollisions: each(AvoidTerm.of),
     YieldTo: each(YieldTerm.of),
 }
-"""Maker of each kind of value. One term may guide the agents of several values: its cost
-is that of its tensor operations, not of their sizes."""
+"""Maker of each kind of value."""
 
 
 def trajectory_terms(

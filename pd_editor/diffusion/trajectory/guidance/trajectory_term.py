@@ -13,8 +13,10 @@ How to add a kind of term
    is nothing to do. There is no autograd. Whatever is not linear (the nearest point of a
    path, on which side to pass, who goes first) is decided anew from each prediction.
 2. Add a function that makes it from the values of the kind and the ``TermContext`` to
-   ``TERM_MAKERS`` in ``term_table.py`` (``each(make)`` for one value at a time). Numbers that say how strong or how wide go into
-   ``TermGuidance`` (stored with the model), not into the code.
+   ``TERM_MAKERS`` in ``term_table.py``. A subclass of ``AgentsTerm`` is made of all values
+   at once, since the cost of a term is that of its tensor operations, not of their sizes;
+   ``each(make)`` makes one term of each value. Numbers that say how strong or how wide go
+   into ``TermGuidance`` (stored with the model), not into the code.
 
 The guide sums the rows of all terms per agent, adds a prior that keeps the latents near
 the network's prediction, and takes one Gauss-Newton step per denoising step. So
@@ -31,10 +33,10 @@ Terms whose ``is_closed`` is true are met as well after the last denoising step,
 is the network's own: the result is projected to them (``TermGuide``).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Final, Protocol, runtime_checkable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Final, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import torch
@@ -46,8 +48,11 @@ from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.paths.candidate_grid import PlannedPaths, Start, plan_paths
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.guidance_terms import GuidanceTerm, Point
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
+
+_Value = TypeVar("_Value", bound=GuidanceTerm)
 
 _INDEPENDENT_ROWS: Final = 10.0
 """A trajectory has ten latents, so rows at all steps count as this many."""
@@ -154,6 +159,77 @@ class TermContext:
         return self.tensor(points), torch.from_numpy(exists).to(self.like.device)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GuidedAgents(Generic[_Value]):
+    """The G sampled agents that values of one kind guide.
+
+    An agent that is guided by two values occurs twice.
+    """
+
+    context: TermContext
+    index: Int[Tensor, "G"]
+    values: tuple[_Value, ...]
+    """The value of each agent."""
+    weight: Float[Tensor, "G 1"]
+
+    @classmethod
+    def of(
+        cls,
+        values: Sequence[_Value],
+        context: TermContext,
+        kinds: frozenset[AgentKind],
+    ) -> "GuidedAgents[_Value] | None":
+        """Agents that values name, or of some kinds; None if no such agent is sampled."""
+        pairs = [(one, context.guided(one.guided_ids, kinds)) for one in values]
+        each = tuple(value for value, some in pairs for _ in range(len(some)))
+        if not each:
+            return None
+        weight = np.array([value.weight for value in each])
+        return cls(
+            context=context,
+            index=torch.cat([some for _, some in pairs]),
+            values=each,
+            weight=context.tensor(weight)[:, None],
+        )
+
+    @cached_property
+    def planned(self) -> tuple[Float[Tensor, "G P M 2"], Bool[Tensor, "G P"]]:
+        """Paths that the agents could take, one point every ``SPACING_M``."""
+        return self.context.planned(self.index)
+
+    def only(self, keep: Bool[np.ndarray, "G"]) -> "GuidedAgents[_Value]":
+        """Some of the agents."""
+        some = torch.from_numpy(np.flatnonzero(keep)).to(self.index.device)
+        return replace(
+            self,
+            index=self.index[some],
+            values=tuple(np.array(self.values, object)[keep]),
+            weight=self.weight[some],
+        )
+
+    def of_each(self, read: Callable[[_Value], float | Point]) -> Float[Tensor, "G *s"]:
+        """What is read from the value of each agent."""
+        return self.context.tensor(np.array([read(one) for one in self.values], float))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AgentsTerm:
+    """A term on each of some agents by itself."""
+
+    guided: GuidedAgents
+    is_closed: bool = True
+
+    @property
+    def agents(self) -> Int[Tensor, "G"]:
+        """Indices of the guided agents."""
+        return self.guided.index
+
+    @property
+    def config(self) -> TermGuidance:
+        """Accepted deviations and limits."""
+        return self.guided.context.config
+
+
 @lru_cache(maxsize=32)
 def _plans(
     road_map: RoadMap,
@@ -167,14 +243,17 @@ def _plans(
 
 
 def row_weights(
-    accepted: float, strength: float, like: Float[Tensor, "S G T"]
+    accepted: float,
+    strength: float | Float[Tensor, "G 1"],
+    like: Float[Tensor, "S G T"],
 ) -> Float[Tensor, "S G T"]:
     """Equal weights of rows at all steps.
 
     Args:
         accepted: accepted deviation, in the unit of the rows.
-        strength: weight of the term.
+        strength: weight of the term, or of each agent.
         like: a tensor of the wanted shape.
     """
     share = _INDEPENDENT_ROWS / like.shape[-1]
-    return torch.full_like(like, (strength * share) ** 0.5 / accepted)
+    weight = torch.as_tensor((strength * share) ** 0.5 / accepted)
+    return weight.to(like).expand_as(like)

@@ -10,6 +10,7 @@ import torch
 from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.diffusion.stages import TRAJECTORIES
 from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
+from pd_editor.diffusion.trajectory.guidance.term_guide import TermGuide
 from pd_editor.diffusion.trajectory.guidance.term_table import TERM_MAKERS
 from pd_editor.diffusion.trajectory.pipeline import TrajectoryTask
 from pd_editor.errors import ModelError
@@ -20,6 +21,7 @@ from pd_editor.scene.guidance_terms import (
     FollowPath,
     GoalPoint,
     GuidanceTerm,
+    KeepGap,
     SpeedLimit,
     StayOnRoad,
     StopAtLine,
@@ -171,6 +173,55 @@ def test_agents_that_are_not_sampled_move_as_recorded(scenario: Scenario):
     goal = GoalPoint(agent_id="101", point_m=(48.0, 2.0))
     context = task.term_context(TermGuidance())
     assert TERM_MAKERS[GoalPoint]([goal], context) == []
+
+
+def test_terms_of_several_agents_are_those_of_each_alone(scenario: Scenario):
+    """All values of a kind make one term."""
+    model = small_model()
+    rows = scenario.agents.rows(scenario.agents.ids)
+    task = TrajectoryTask.of(scenario, rows, model.decoder.basis)
+    context = task.term_context(TermGuidance())
+    motion = task.latent_motion(model.decoder)
+    latent = 0.3 * torch.randn(2, 1, 4, 10, generator=torch.Generator().manual_seed(1))
+    line = ((40.0, -2.0), (40.0, 2.0))
+    short, long = ((-30.0, 0.0), (-5.0, 2.0)), ((0.0, 0.0), (30.0, 2.0), (90.0, 2.0))
+    alike: list[list[GuidanceTerm]] = [
+        [
+            GoalPoint(agent_id="100", point_m=(48.0, 2.0)),
+            GoalPoint(agent_id="101", point_m=(10.0, 1.0), weight=3.0),
+            GoalPoint(agent_id="100", point_m=(22.0, 0.0), at_s=2.0),
+        ],
+        [
+            FollowPath(agent_id="101", points_m=short),
+            FollowPath(agent_id="100", points_m=long),
+        ],
+        [TargetSpeed(speed_mps=5.0), TargetSpeed(agent_ids=("103",), speed_mps=3.0)],
+        [SpeedLimit(speed_mps=6.0), SpeedLimit(agent_ids=("101",), speed_mps=3.0)],
+        [
+            ComfortLimits(max_acceleration_mps2=0.2, weight=2.0),
+            ComfortLimits(agent_ids=("102",), max_braking_mps2=0.2),
+        ],
+        [
+            StopAtLine(agent_id="100", line_m=line),
+            StopAtLine(agent_id="101", line_m=((5.0, -2.0), (5.0, 2.0)), weight=2.0),
+        ],
+        [StayOnRoad(), StayOnRoad(agent_ids=("100",), weight=4.0)],
+        [KeepGap(gap_m=40.0), KeepGap(agent_ids=("102",), gap_m=95.0)],
+    ]
+    for values in alike:
+        make = TERM_MAKERS[type(values[0])]
+        together = make(values, context)
+        alone = [term for one in values for term in make([one], context)]
+        assert (len(together), len(alone)) == (1, len(values))
+        one, other = (
+            TermGuide(motion=motion, terms=tuple(terms)) for terms in (together, alone)
+        )
+        for found, expected in (
+            (one(latent, 0.5), other(latent, 0.5)),
+            (one.closed(latent), other.closed(latent)),
+        ):
+            assert not torch.equal(found, latent), values
+            torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-4)
 
 
 def test_the_settings_are_stored_with_the_model_and_checked():
