@@ -8,15 +8,16 @@ import math
 import re
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, Protocol, runtime_checkable
+from typing import Final, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from pd_editor.errors import GenerationError
-from pd_editor.plain_text import is_plain
+from pd_editor.plain_text import is_plain, nearest_or_all
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.finite_numbers import check_finite
 from pd_editor.scene.guidance_outcome import GuidanceCost, TermOutcome
 from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm
 from pd_editor.scene.scenario import Scenario
@@ -33,10 +34,15 @@ MAX_SIZE_M: Final = 100.0
 
 
 _KEPT_TOLERANCE_M: Final = 0.01
-"""Largest distance of a generated position to one that a lock keeps."""
+"""Largest distance of a generated position to one that is kept: the current one, unless
+states are sampled, and what a lock keeps."""
 
 Quality = Literal["fast", "high"]
 """Quality of sampled states; higher quality takes more time."""
+Capability = Literal["states", "new-agents", "guidance"]
+"""What a generator may be able to do beside trajectories of agents as they are: resample
+their initial states, add agents, and obey guidance terms."""
+CAPABILITIES: Final[frozenset[Capability]] = frozenset(get_args(Capability))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,8 +227,7 @@ class TrafficSample:
 
     def __post_init__(self) -> None:
         for name in ("position_m", "heading_rad", "velocity_mps"):
-            if not np.isfinite(getattr(self, name)).all():
-                raise GenerationError(f"The generated {name} holds NaN or infinity.")
+            check_finite(name, getattr(self, name), self.ids, ("step",))
         if not ((self.size_m > 0) & (self.size_m <= MAX_SIZE_M)).all():
             raise GenerationError(
                 f"The generated size_m holds a value that is not above 0 and at most "
@@ -276,7 +281,11 @@ class GenerationProgress:
 
 @runtime_checkable
 class ScenarioGenerator(Protocol):
-    """Interface of everything that generates traffic for a scenario."""
+    """Interface of everything that generates traffic for a scenario.
+
+    An optional attribute ``supports`` names what it can do beside trajectories: see
+    ``Capability``. Without it, it can do nothing of that.
+    """
 
     @property
     def name(self) -> str:
@@ -301,8 +310,8 @@ class GeneratorSpec:
     make: Callable[[], ScenarioGenerator]
     origin: str = ""
     """Where it is from, in words for the user."""
-    samples_states: bool = False
-    """Whether it can sample initial states, not only trajectories of existing agents."""
+    supports: frozenset[Capability] = frozenset()
+    """What it can do beside trajectories of existing agents."""
     default_num_steps: int | None = None
     """Default number of denoising steps; None if it has none."""
     default_guidance: float | None = None
@@ -327,6 +336,44 @@ AVOIDANCE: Final = "avoidance"
 """Name of the setting that avoids collisions: of ``tries`` sampled trajectories per agent,
 the least colliding joint combination is selected, and agents that would still collide
 yield, unless its parameter ``yields`` is 0. Without tries: raw model output."""
+
+
+def supported_by(generator: ScenarioGenerator) -> frozenset[Capability]:
+    """What a generator declares by its attribute ``supports``.
+
+    Raises:
+        GenerationError: it declares something unknown.
+    """
+    declared = getattr(generator, "supports", ())
+    names = (declared,) if isinstance(declared, str) else tuple(declared)
+    for name in names:
+        if name not in CAPABILITIES:
+            raise GenerationError(
+                f"The generator {generator.name} supports {name!r}, which is unknown; "
+                f"{nearest_or_all(str(name), sorted(CAPABILITIES))}."
+            )
+    return frozenset(names)
+
+
+def check_supported(
+    request: GenerationRequest, supports: frozenset[Capability], name: str
+) -> None:
+    """Refuse a request for sampled states that a generator cannot meet.
+
+    Raises:
+        GenerationError: names the generator and what it cannot do.
+    """
+    adds = request.draws_num_agents or any(request.num_new_agents.values())
+    if adds and "new-agents" not in supports:
+        raise GenerationError(
+            f"The generator {name} adds no agents; keep those of the scene, or choose a "
+            "generator that does."
+        )
+    if request.redrawn_state_ids and "states" not in supports:
+        raise GenerationError(
+            f"The generator {name} samples no initial states; keep the states, or choose "
+            "a generator that does."
+        )
 
 
 def check_numbers(
@@ -391,7 +438,24 @@ def check_traffic(traffic: GeneratedTraffic, request: GenerationRequest) -> None
                 f"Sample {number} holds other agents than were asked for."
             )
         _check_arrays(sample, number, len(sample.ids), num_steps)
+        _check_current(sample, number, request)
         check_kept(sample, request)
+
+
+def _check_current(
+    sample: TrafficSample, number: int, request: GenerationRequest
+) -> None:
+    """Refuse a sample that moves an agent whose state was not to be sampled."""
+    agents, now = request.scenario.agents, request.scenario.current_step
+    rows = agents.rows(request.agent_ids)
+    gap = sample.position_m[: len(rows), 0] - agents.position_m[rows, now]
+    distance = np.hypot(gap[:, 0], gap[:, 1])
+    for name, moved_m in zip(request.agent_ids, distance.tolist(), strict=True):
+        if moved_m > _KEPT_TOLERANCE_M and name not in request.redrawn_state_ids:
+            raise GenerationError(
+                f"Sample {number} moves agent {name} by {moved_m:.2f} m at the current "
+                "step; expected its state as it is, since none was to be sampled."
+            )
 
 
 def check_kept(sample: TrafficSample, request: GenerationRequest) -> None:
@@ -434,8 +498,6 @@ def _check_arrays(
                 f"Sample {number}: {name} has the shape {values.shape}; expected "
                 f"{expected}."
             )
-        if not np.isfinite(values).all():
-            raise GenerationError(f"Sample {number}: {name} holds NaN or infinity.")
 
 
 class RunningGeneration:

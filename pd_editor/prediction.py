@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from pd_editor.errors import GenerationError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.finite_numbers import check_finite
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
@@ -152,11 +153,12 @@ def checked_prediction(
                 f"{values.shape}; expected ({shape}) with A = {num_agents} agents, "
                 f"K = 1 or more trajectories, F = {num_steps} steps."
             )
-        if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+        if values.dtype.kind not in "fiu":
             raise GenerationError(
-                f"The predictor {name} returned {field} with NaN or infinity; expected "
-                "finite numbers."
+                f"The predictor {name} returned {field} of type {values.dtype}; expected "
+                "numbers."
             )
+        check_finite(field, values, request.agents.ids, ("trajectory", "step"))
     if (probability < 0).any():
         raise GenerationError(
             f"The predictor {name} returned a probability below 0; expected 0 or more."

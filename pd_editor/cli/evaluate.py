@@ -52,6 +52,7 @@ from pd_editor.generation import (
     MAX_SEED,
     ScenarioGenerator,
     is_reference,
+    supported_by,
 )
 from pd_editor.generators import (
     DEFAULT_GENERATOR,
@@ -59,6 +60,7 @@ from pd_editor.generators import (
     is_generator,
     make_generator,
 )
+from pd_editor.plain_text import nearest_or_all
 from pd_editor.work_engine import EngineChoice, EngineName
 
 DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower")
@@ -107,9 +109,13 @@ def evaluate(
     ] = None,
     states: StatesChoice = "recorded",
     agents: AgentsChoice = "all",
-    warps: Annotated[tuple[str, ...], tyro.conf.arg(metavar="WARP [WARP ...]")] = (
-        "none",
-    ),
+    warps: Annotated[
+        tuple[str, ...] | None,
+        tyro.conf.arg(
+            metavar="WARP [WARP ...]",
+            help_behavior_hint="(default: none; with --paper all)",
+        ),
+    ] = None,
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     development: Annotated[
@@ -147,13 +153,13 @@ def evaluate(
         workers: Work items that run at a time; they do not change the numbers.
         time_limit: Seconds that a method may take for a scene; a method that takes longer has no rows of that scene, and the rest goes on.
         device: Where models compute; auto takes a GPU if there is one.
-        paper: Print the tables of the paper instead, with all its systems, and draw its figures, into paper.html; roads are all unless given.
+        paper: Print the tables of the paper instead, with all its systems, and draw its figures, into paper.html.
         models: With --paper, folders of trained variants, or of such folders, as make variants leaves them; NAME-seedK is the variant NAME trained with seed K.
         resume: Go on with an earlier run of the same settings.
     """
     task = EvaluationTask(states=states, agents=agents)
     _check_paper(methods, task, models, paper=paper)
-    roads = ("all",) if paper and several(warps) == ("none",) else several(warps)
+    roads = several(warps or ("all" if paper else "none"))
     plan = EvaluationPlan(
         task=task,
         data=tuple(map(Path, several(data))),
@@ -250,12 +256,12 @@ def checked_methods(
         plain = method.generator_name if method.options else name
         if plain not in known and not is_generator(plain):
             raise GenerationError(
-                f"There is no method {name[:60]!r}; choose among {', '.join(known)}, "
+                f"There is no method {name[:60]!r}; {nearest_or_all(plain, known)}, "
                 "folders of models, and package.module:attribute."
             )
         if is_reference(plain):
             make(plain)  # What cannot be imported is refused once, not for each scene.
-        if task.samples_states and not _places_agents(plain):
+        if task.samples_states and not _places_agents(plain, make):
             raise GenerationError(
                 f"{name[:60]} samples no initial states; where states are sampled, choose "
                 f"{GROUND_TRUTH}, {DEFAULT_GENERATOR} or the folder of a model."
@@ -308,10 +314,12 @@ def _paper_command(
     return shlex.join(words)
 
 
-def _places_agents(name: str) -> bool:
+def _places_agents(name: str, make: Callable[[str], ScenarioGenerator]) -> bool:
     if name in REFERENCE_METHODS:
         return name == GROUND_TRUTH
-    return name not in GENERATORS or GENERATORS[name].samples_states
+    if name in GENERATORS:
+        return "states" in GENERATORS[name].supports
+    return "states" in supported_by(make(name))
 
 
 def limit_in_s(value: float) -> float:

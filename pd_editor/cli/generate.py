@@ -43,7 +43,9 @@ from pd_editor.generation import (
     GuidanceSetting,
     Quality,
     Region,
+    check_supported,
     guidance_settings,
+    supported_by,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.guidance.feasibility import guidance_problems
@@ -209,6 +211,13 @@ def generate(
     if pick is not None and not 1 <= pick <= samples:
         raise GenerationError(
             f"--pick is {pick}; expected 1 to {samples}, the number of samples."
+        )
+    supports = supported_by(generator)
+    check_supported(request, supports, generator.name)
+    if terms and "guidance" not in supports:
+        raise GenerationError(
+            f"--guide: the generator {generator.name} takes no guidance; leave --guide "
+            "out, or choose a generator that does, such as path-diffuser."
         )
     names = _names(opened, name, request)
     for one in names:

@@ -104,6 +104,7 @@ def evaluate_paper(
         splits=splits,
         records=records,
         command=command,
+        plain=any(one.is_plain for one in base.conditions),
         warped=any(not one.is_plain for one in base.conditions),
     )
     pictures = list(_pictures(held, trained, make_generator))

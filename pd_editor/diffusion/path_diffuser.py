@@ -52,6 +52,7 @@ from pd_editor.diffusion.trajectory.sample_yielding import with_yielding
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     AVOIDANCE,
+    CAPABILITIES,
     LANE_GUIDANCE,
     MAX_SEED,
     GeneratedTraffic,
@@ -90,6 +91,8 @@ class DenoisingProgress(GenerationProgress):
 
 class PathDiffuser:
     """Generates initial states and trajectories with the weights of a model folder."""
+
+    supports: Final = CAPABILITIES
 
     def __init__(
         self,

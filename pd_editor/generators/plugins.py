@@ -6,13 +6,14 @@ group ``pd_editor.generators``, and a folder with ``generator.py``, which define
 function that makes one without arguments.
 """
 
-import difflib
 import importlib
 import importlib.util
 import os
 import sys
+import sysconfig
 import traceback
 from collections.abc import Callable, Generator, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -21,18 +22,24 @@ from typing import Any, Final
 
 from pd_editor.errors import GenerationError, PdEditorError
 from pd_editor.generation import (
+    Capability,
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,
     ScenarioGenerator,
+    check_supported,
     check_traffic,
+    supported_by,
 )
 from pd_editor.generators.predictor_generator import PredictorGenerator
+from pd_editor.guidance.report import guidance_reports
+from pd_editor.plain_text import nearest_or_all
 from pd_editor.prediction import Predictor
 
 ENTRY_POINTS: Final = "pd_editor.generators"
 FOLDER_MODULE: Final = "generator.py"
 _FOLDER_FUNCTION: Final = "make_generator"
+_OWN_CODE: Final = str(Path(__file__).parents[1])
 
 
 class _Checked:
@@ -40,6 +47,7 @@ class _Checked:
 
     def __init__(self, generator: ScenarioGenerator, place: str) -> None:
         self._generator, self._place = generator, place
+        self.supports: frozenset[Capability] = supported_by(generator)
 
     @property
     def name(self) -> str:
@@ -52,16 +60,18 @@ class _Checked:
         """Yield the plugin's progress, return its traffic.
 
         Raises:
-            GenerationError: the plugin raised something, or its answer does not fit.
+            GenerationError: the plugin does not support the request, raised something,
+                or its answer does not fit.
         """
+        check_supported(request, self.supports, self.name)
         try:
             answer = self._generator.generate(request)
             # A plugin without progress may return the traffic at once.
             traffic = (
                 answer if isinstance(answer, GeneratedTraffic) else (yield from answer)
             )
-        except PdEditorError:
-            raise
+        except PdEditorError as error:
+            raise GenerationError(f"{self._place}: {error}") from error
         except Exception as error:
             raise GenerationError(
                 f"{self._place} failed ({described(error)})."
@@ -71,18 +81,45 @@ class _Checked:
                 f"{self._place} returned a {type(traffic).__name__}; expected "
                 "GeneratedTraffic."
             )
-        check_traffic(traffic, request)
-        return traffic
+        try:
+            check_traffic(traffic, request)
+        except GenerationError as error:
+            raise GenerationError(f"{self._place}: {error}") from error
+        return self._judged(traffic, request)
+
+    def _judged(
+        self, traffic: GeneratedTraffic, request: GenerationRequest
+    ) -> GeneratedTraffic:
+        """The traffic with our own report on guidance, which a plugin cannot claim."""
+        if not request.terms:
+            return replace(traffic, guidance=())
+        if "guidance" not in self.supports:
+            note = f"{self.name} takes no guidance: the guidance terms had no effect."
+            return replace(traffic, guidance=(), notes=(*traffic.notes, note))
+        reports = guidance_reports(request.scenario, traffic.samples, request.terms)
+        return replace(traffic, guidance=reports)
 
 
 def described(error: Exception) -> str:
-    """Class, text and place of an exception, in one line."""
-    frames = traceback.extract_tb(error.__traceback__)
-    place = (
-        f" in {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
+    """Class and text of an exception, and the line of the user's file, in one line."""
+    places = [
+        (frame.filename, frame.lineno)
+        for frame in traceback.extract_tb(error.__traceback__)
+    ]
+    if isinstance(error, SyntaxError) and error.filename:
+        places.append((error.filename, error.lineno))
+    own = [place for place in places if _is_users(place[0])]
+    at = f" in {Path(own[-1][0]).name}:{own[-1][1]}" if own else ""
+    text = str(error.msg if isinstance(error, SyntaxError) else error)
+    return f"{type(error).__name__}{': ' if text else ''}{text}{at}"
+
+
+def _is_users(file: str) -> bool:
+    """Whether code of a file is the user's, not ours, a library's or Python's."""
+    return not (
+        file.startswith(("<", _OWN_CODE, sysconfig.get_path("stdlib")))
+        or "site-packages" in Path(file).parts
     )
-    text = str(error)
-    return f"{type(error).__name__}{': ' if text else ''}{text}{place}"
 
 
 @lru_cache(maxsize=1)
@@ -114,10 +151,10 @@ def generator_of_reference(reference: str) -> ScenarioGenerator:
     found: Any = module
     for part in attribute.split("."):
         if not hasattr(found, part):
-            near = difflib.get_close_matches(part, dir(found), n=1)
-            instead = f"; the nearest name is {near[0]!r}" if near else ""
+            public = [name for name in dir(found) if not name.startswith("_")]
             raise GenerationError(
-                f"{reference}: {module_name} has no attribute {attribute!r}{instead}."
+                f"{reference}: {module_name} has no attribute {attribute!r}; "
+                f"{nearest_or_all(part, public)}."
             )
         found = getattr(found, part)
     return _as_generator(found, reference)

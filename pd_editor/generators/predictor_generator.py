@@ -47,15 +47,10 @@ class PredictorGenerator:
         """Yield progress, return the traffic.
 
         Raises:
-            GenerationError: initial states are asked for, or the prediction is wrong.
+            GenerationError: there is nothing to predict, or the prediction is wrong.
             EditError: an agent is not in the scenario.
         """
         began = time.perf_counter()
-        if request.samples_states:
-            raise GenerationError(
-                f"{self.name} is a predictor: it samples no initial states; choose a "
-                "generator that does, or keep the agents."
-            )
         scenario = request.scenario
         asked = prediction_request(
             scenario,
@@ -72,11 +67,6 @@ class PredictorGenerator:
         found = checked_prediction(self._predictor.predict(asked), asked, self.name)
         order = np.argsort(-found.probability, axis=1, kind="stable")
         rows, num_modes = np.arange(len(order)), order.shape[1]
-        notes = (
-            [f"{self.name} takes no guidance."]
-            if request.guidance or request.terms
-            else []
-        )
         return GeneratedTraffic(
             samples=tuple(
                 _sample(
@@ -89,7 +79,6 @@ class PredictorGenerator:
             generator=self.name,
             seed=request.seed,
             elapsed_s=time.perf_counter() - began,
-            notes=tuple(notes),
         )
 
 

@@ -14,7 +14,14 @@ from pd_editor.diffusion.defaults import (
     DeviceName,
 )
 from pd_editor.errors import GenerationError
-from pd_editor.generation import GeneratorSpec, ScenarioGenerator, is_reference
+from pd_editor.generation import (
+    CAPABILITIES,
+    Capability,
+    GeneratorSpec,
+    ScenarioGenerator,
+    is_reference,
+    supported_by,
+)
 from pd_editor.generators.plugins import (
     FOLDER_MODULE,
     generator_of_entry_point,
@@ -24,6 +31,7 @@ from pd_editor.generators.plugins import (
     origin_of,
 )
 from pd_editor.installed_files import models_folder
+from pd_editor.plain_text import nearest_or_all
 
 if TYPE_CHECKING:
     from pd_editor.diffusion.path_diffuser import PathDiffuser
@@ -70,11 +78,15 @@ def _shipped_model(device: DeviceName = "auto") -> "PathDiffuser":
     return _path_diffuser(models_folder() / SHIPPED_MODEL, SHIPPED_MODEL, device)
 
 
-def _model_offer(make: Callable[[], "PathDiffuser"], origin: str) -> GeneratorSpec:
+def _model_offer(
+    make: Callable[[], "PathDiffuser"],
+    origin: str,
+    supports: frozenset[Capability] = CAPABILITIES,
+) -> GeneratorSpec:
     return GeneratorSpec(
         make=make,
         origin=origin,
-        samples_states=True,
+        supports=supports,
         default_num_steps=NUM_STEPS,
         default_guidance=DEFAULT_WEIGHT,
         default_num_tries=NUM_TRIES,
@@ -105,7 +117,7 @@ def catalogue_with(models: Sequence[str | Path]) -> GeneratorCatalogue:
 
     Args:
         models: folders of models or with ``generator.py``, folders of such folders, and
-            ``package.module:attribute``.
+            ``package.module:attribute``. Plugins are loaded at once.
 
     Raises:
         GenerationError: a folder holds nothing of the kind, or has the name of another
@@ -116,7 +128,7 @@ def catalogue_with(models: Sequence[str | Path]) -> GeneratorCatalogue:
     unusable: list[UnusableGenerator] = []
     for given in map(str, models):
         if is_reference(given) and not Path(given).exists():
-            _add(offers, given, _plugin_offer(partial(make_generator, given), given))
+            _add_plugin(offers, unusable, given, given)
             continue
         folders = _folders_in(Path(given).resolve())
         if len(folders) > 1:
@@ -127,23 +139,42 @@ def catalogue_with(models: Sequence[str | Path]) -> GeneratorCatalogue:
                 unusable.append(UnusableGenerator(name=folder.name, reason=reason))
             elif (folder / MODEL_CONFIG).is_file():
                 make = partial(_path_diffuser, folder, folder.name)
-                _add(offers, folder.name, _model_offer(make, str(folder)), folder)
+                offer = _model_offer(make, str(folder), _supported_by_stages(folder))
+                _add(offers, folder.name, offer, folder)
             else:
-                make = partial(make_generator, str(folder))
-                _add(offers, folder.name, _plugin_offer(make, str(folder)), folder)
+                _add_plugin(offers, unusable, str(folder), folder.name, folder)
     offers |= GENERATORS
     for name in [one for one in offers if one in among_several]:
         offers[name] = offers.pop(name)
     for name, entry_point in installed_plugins().items():
         if name not in offers:
-            make = partial(generator_of_entry_point, name)
-            offers[name] = _plugin_offer(make, origin_of(entry_point))
+            # It may be slow to import, and was not asked for: it refuses what it cannot.
+            offers[name] = GeneratorSpec(
+                make=partial(generator_of_entry_point, name),
+                origin=origin_of(entry_point),
+                supports=CAPABILITIES,
+            )
     return GeneratorCatalogue(offers=offers, unusable=tuple(unusable))
 
 
-def _plugin_offer(make: Callable[[], ScenarioGenerator], origin: str) -> GeneratorSpec:
-    # What it understands is not known before it is loaded; it refuses what it cannot.
-    return GeneratorSpec(make=make, origin=origin, samples_states=True)
+def _add_plugin(
+    offers: dict[str, GeneratorSpec],
+    unusable: list[UnusableGenerator],
+    given: str,
+    name: str,
+    folder: Path | None = None,
+) -> None:
+    """Load a plugin that was named, to know what it can do, and whether it is broken."""
+    try:
+        plugin = make_generator(given)
+    except GenerationError as error:
+        reason = str(error).removeprefix(f"{given}: ").removesuffix(".")
+        unusable.append(UnusableGenerator(name=name, reason=reason))
+        return
+    offer = GeneratorSpec(
+        make=lambda: plugin, origin=given, supports=supported_by(plugin)
+    )
+    _add(offers, name, offer, folder)
 
 
 def _add(
@@ -194,6 +225,12 @@ def _damage(folder: Path) -> str:
     return ""
 
 
+def _supported_by_stages(folder: Path) -> frozenset[Capability]:
+    """What a model can do with the stages that it has; without one it is told at a run."""
+    stages = json.loads((folder / MODEL_CONFIG).read_bytes()).get("stages", {})
+    return CAPABILITIES if "init" in stages else frozenset({"guidance"})
+
+
 def is_generator(name: str) -> bool:
     """Whether ``make_generator`` would find something of a name to load."""
     return (
@@ -226,8 +263,8 @@ def make_generator(name: str, *, device: DeviceName = "auto") -> ScenarioGenerat
         return generator_of_entry_point(name)
     if is_reference(name):
         return generator_of_reference(name)
-    known = ", ".join([*GENERATORS, *installed_plugins()])
+    known = [*GENERATORS, *installed_plugins()]
     raise GenerationError(
-        f"There is no generator {name!r}; choose one of {known}, the folder of a "
+        f"There is no generator {name!r}; {nearest_or_all(name, known)}, the folder of a "
         "trained model, or package.module:attribute."
     )

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from pd_editor.cli import paper
@@ -61,7 +62,7 @@ def test_the_page_has_all_tables_and_figures_and_the_run_goes_on(
     drawn = Picture(name="states", caption="A caption.", png=b"png", pdf=b"pdf")
     monkeypatch.setattr(paper, "_pictures", lambda *_: [drawn])
     out = tmp_path / "report"
-    roads = ["--warps", "smooth-turn:6"]
+    roads = ["--warps", "none"]
     result = shell.run(*command(study, out, *roads))
     assert result.code == 0, result.err
     page = (out / "paper.html").read_text()
@@ -69,6 +70,13 @@ def test_the_page_has_all_tables_and_figures_and_the_run_goes_on(
         assert f"Table {number}" in page
     for name in ("MHA, raw", "PD, guided", "constant velocity", "lane follower", "GT"):
         assert name in page
+    # Roads that were not asked for are not evaluated, and the report says so.
+    evaluated = pq.read_table(
+        out / "trajectories-all-agents" / "rows.parquet", columns=["warp"]
+    )
+    assert set(evaluated["warp"].to_pylist()) == {"none"}
+    assert "no warped roads were asked for" in page
+    assert ", map perturbation" not in page
     assert page.count("data:image/png;base64") == 1
     assert (out / "figures" / "states.pdf").read_bytes() == b"pdf"
     text = (out / "paper.md").read_text()

@@ -8,7 +8,7 @@ import pytest
 from pd_editor.cli.generate import generate
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.errors import GenerationError
-from pd_editor.generation import LANE_GUIDANCE, GeneratorSpec, Region
+from pd_editor.generation import CAPABILITIES, LANE_GUIDANCE, GeneratorSpec, Region
 from pd_editor.generators import registry
 from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.activity import Activity
@@ -109,7 +109,7 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
         ("--seed -1", "The seed is -1; expected 0 to"),
         ("--model crystal-ball", "There is no generator 'crystal-ball'"),
         ("--agents missing", "There is no agent 'missing' here."),
-        ("--num-agents 3 --model lane-follower", "cannot place new agents"),
+        ("--num-agents 3 --model lane-follower", "lane-follower adds no agents"),
         ("--num-agents three", "neither a number, nor KIND=NUMBER"),
         ("--num-agents dragon=3", "a kind out of bus, cyclist, motorcyclist"),
         ("--num-agents fit 3", "'fit' is neither a number"),
@@ -180,7 +180,7 @@ def test_who_cannot_be_driven_is_said(av2_scenario_folders: list[Path], tmp_path
 @pytest.fixture
 def placing(monkeypatch: pytest.MonkeyPatch) -> PlacingGenerator:
     generator = PlacingGenerator()
-    offer = GeneratorSpec(make=lambda: generator, samples_states=True)
+    offer = GeneratorSpec(make=lambda: generator, supports=CAPABILITIES)
     monkeypatch.setattr(registry, "GENERATORS", {"placing": offer})
     return generator
 
@@ -434,4 +434,23 @@ def test_bad_locks_and_kinds_are_refused_in_words(
     result = shell.run("generate", JUNCTION, *options, "--out", tmp_path / "out")
     assert result.code == 2
     assert sentence in result.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_a_generator_cannot_do_is_refused_before_it_runs(
+    shell: Shell, tmp_path: Path
+):
+    """Nothing is asked of it silently: neither states, new agents nor guidance."""
+    drift = ("generate", JUNCTION, "--model", "examples.drift_generator:DriftGenerator")
+    goal = f"target-speed:agents={open_scenario(JUNCTION).focal_id},speed=8"
+    for options, sentence in (
+        (("--redraw-states",), "drift samples no initial states"),
+        (("--num-agents", 3), "drift adds no agents"),
+        (("--guide", goal), "--guide: the generator drift takes no guidance"),
+    ):
+        assert sentence in shell.refused(*drift, *options, "--out", tmp_path / "out")
+    told = shell.refused(
+        *drift[:2], "--model", "lane-folower", "--out", tmp_path / "out"
+    )
+    assert "There is no generator 'lane-folower'; the nearest is lane-follower" in told
     assert not (tmp_path / "out").exists()

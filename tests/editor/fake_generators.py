@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pd_editor.generation import (
+    CAPABILITIES,
+    Capability,
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,
@@ -64,6 +66,7 @@ class PlacingGenerator:
     """New agents stand in a row from the origin on; others keep standing."""
 
     name: str = "placing"
+    supports: frozenset[Capability] = CAPABILITIES
     requests: list[GenerationRequest] = field(default_factory=list)
 
     def generate(self, request):

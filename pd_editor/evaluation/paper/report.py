@@ -28,6 +28,7 @@ def paper_report(
     splits: EvaluationSplits,
     records: Sequence[RunRecord],
     command: str,
+    plain: bool,
     warped: bool,
 ) -> Report:
     """The report.
@@ -39,7 +40,8 @@ def paper_report(
         splits: splits of the scenes; the tables are of the headline ones.
         records: of the evaluations.
         command: that reproduces it.
-        warped: whether there are warped roads.
+        plain: whether trajectories are evaluated on plain roads.
+        warped: whether they are evaluated on warped roads.
     """
     states, paper, everyone = rows
     return Report(
@@ -63,10 +65,11 @@ def paper_report(
             ),
             Section(
                 title="Trajectories",
-                paragraphs=(_OUT_OF_DISTRIBUTION,),
+                paragraphs=_roads(plain=plain, warped=warped),
                 tables=trajectory_tables(
                     paper,
                     everyone,
+                    plain=plain,
                     warped=warped,
                     saw_warps={one.system for one in trained if one.saw_warps},
                 ),
@@ -81,9 +84,21 @@ _OUT_OF_DISTRIBUTION = (
     "Perturbed maps are out of distribution for systems that never saw a warped road; the "
     "others are marked."
 )
+_NO_WARPS = (
+    "There are no tables of perturbed maps: no warped roads were asked for (--warps)."
+)
+_NO_PLAIN = "There are no tables without map perturbation: plain roads were not asked for (--warps)."
 _FIGURES = (
     "One scene, samples of the systems above; each figure lies beside as PNG and PDF."
 )
+
+
+def _roads(*, plain: bool, warped: bool) -> tuple[str, ...]:
+    """What the tables of trajectories tell of roads, and which were not asked for."""
+    return (
+        *(() if plain else (_NO_PLAIN,)),
+        _OUT_OF_DISTRIBUTION if warped else _NO_WARPS,
+    )
 
 
 def _facts(states: RowTable, splits: EvaluationSplits, command: str) -> tuple[str, ...]:

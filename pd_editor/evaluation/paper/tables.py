@@ -179,6 +179,7 @@ def trajectory_tables(
     paper: RowTable,
     everyone: RowTable,
     *,
+    plain: bool,
     warped: bool,
     saw_warps: Collection[str] = (),
 ) -> tuple[ReportTable, ...]:
@@ -187,6 +188,7 @@ def trajectory_tables(
     Args:
         paper: rows of the paper's agents.
         everyone: rows of all agents.
+        plain: whether there are plain roads.
         warped: whether there are warped roads.
         saw_warps: systems that were trained on warped roads, which are marked.
     """
@@ -195,16 +197,16 @@ def trajectory_tables(
         ("III", "realism and road compliance", REALISM, CORRECTED_REALISM),
         ("IV", "comparison with the log", COMPARISON, CORRECTED_COMPARISON),
     ):
-        for plain in (True, False) if warped else (True,):
-            roads = "no map perturbation" if plain else "map perturbation"
+        for is_plain in (True,) * plain + (False,) * warped:
+            roads = "no map perturbation" if is_plain else "map perturbation"
             for rows, name, chosen, note in (
                 (paper, "as in the paper", columns, _PAPER_NOTE),
                 (everyone, "corrected", corrected, _CORRECTED_NOTE),
             ):
-                values = dict(_means(rows, chosen, plain=plain))
+                values = dict(_means(rows, chosen, plain=is_plain))
                 if number == "III":
                     values["MMD^2"] = [
-                        rows.discrepancy(TRAJECTORY_VECTOR, line, plain=plain)
+                        rows.discrepancy(TRAJECTORY_VECTOR, line, plain=is_plain)
                         for line in _lines(rows)
                     ]
                 found.append(
@@ -213,7 +215,7 @@ def trajectory_tables(
                         rows,
                         values,
                         f"{note} {_NO_INTERVAL}",
-                        marked=() if plain else saw_warps,
+                        marked=() if is_plain else saw_warps,
                     )
                 )
     return tuple(found)

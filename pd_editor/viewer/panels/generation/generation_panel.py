@@ -11,6 +11,7 @@ from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.editor.live_regeneration import LiveRegeneration, LiveRequests
 from pd_editor.errors import GenerationError, PdEditorError
 from pd_editor.generation import (
+    Capability,
     GenerationRequest,
     GeneratorSpec,
     GuidanceSetting,
@@ -470,6 +471,16 @@ class GenerationPanel:
     def _tell_of_guidance(self, request: GenerationRequest) -> None:
         """Say before the run which guidance cannot be met, and what could be done."""
         scenario = request.scenario
+        if (
+            request.terms
+            and "guidance" not in self._generators[self._model.value].supports
+        ):
+            self._ui.notify(
+                "Guidance has no effect",
+                f"{self._model.value} takes no guidance terms.",
+                "warning",
+            )
+            return
         ids = None if request.samples_states else request.agent_ids
         found = guidance_problems(scenario, scenario.guidance, ids)
         if not found:
@@ -556,17 +567,18 @@ class GenerationPanel:
             set_value(self._guidance, offer.default_guidance)
 
     def _show_counts(self) -> None:
-        places = self._generators[self._model.value].samples_states
+        supports = self._generators[self._model.value].supports
+        places = not supports.isdisjoint(("states", "new-agents"))
         which = self._which.value
         of_states = (self._which, self._moving, self._only_on_road, self._where)
         for handle in (*of_states, self._quality, self._draw_region):
             set_property(handle, "disabled", not places)
         for handle in (self._keeps_focal, self._keeps_ego):
             set_property(handle, "disabled", not places or which != REPLACE_ALL)
-        takes_counts = places and which != REDRAW_SELECTION
+        takes_counts = "new-agents" in supports and which != REDRAW_SELECTION
         set_property(self._fits, "disabled", not takes_counts)
         is_running = self._result.is_running
-        set_property(self._resample, "disabled", is_running or not places)
+        set_property(self._resample, "disabled", is_running or not self._may_resample())
         for count in self._counts.values():
             set_property(count, "disabled", not takes_counts or self._fits.value)
             if self._which.value == ADD_AGENTS:
@@ -598,7 +610,13 @@ class GenerationPanel:
             return self._drawing.region.held(scenario, ids)
         return ids
 
+    def _may_resample(self) -> bool:
+        """Whether the generator can do what is chosen under 'Replace'."""
+        needed: Capability = (
+            "states" if self._which.value == REDRAW_SELECTION else "new-agents"
+        )
+        return needed in self._generators[self._model.value].supports
+
     def _set_running(self, is_running: bool) -> None:
-        places = self._generators[self._model.value].samples_states
         set_property(self._run, "disabled", is_running)
-        set_property(self._resample, "disabled", is_running or not places)
+        set_property(self._resample, "disabled", is_running or not self._may_resample())

@@ -12,7 +12,12 @@ from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.errors import GenerationError
 from pd_editor.exporters.bundle import write_files
-from pd_editor.generation import LANE_GUIDANCE, GeneratorSpec, GuidanceSetting
+from pd_editor.generation import (
+    CAPABILITIES,
+    LANE_GUIDANCE,
+    GeneratorSpec,
+    GuidanceSetting,
+)
 from pd_editor.generators import registry
 from pd_editor.installed_files import models_folder
 from pd_editor.scene.agent_kind import AgentKind
@@ -34,7 +39,7 @@ def placing(monkeypatch) -> PlacingGenerator:
     offers = {
         "placing": GeneratorSpec(
             make=lambda: generator,
-            samples_states=True,
+            supports=CAPABILITIES,
             default_num_steps=6,
             default_guidance=0.4,
         ),
