@@ -7,6 +7,8 @@ from mkdocs.structure.files import File, Files
 
 from pd_editor.markdown import markdown_table
 from pd_editor.metrics.metric_table import METRICS
+from pd_editor.training.config.field_table import fields_table
+from pd_editor.training.config.settings import STAGES
 
 ROOT = Path(__file__).parents[1]
 PAGES = (
@@ -27,7 +29,20 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             place = path.relative_to(ROOT).as_posix()
             files.append(File.generated(config, place, abs_src_path=str(path)))
     files.append(File.generated(config, "metrics.md", content=metrics_page()))
+    files.append(File.generated(config, "fields.md", content=fields_page()))
     return files
+
+
+def fields_page() -> str:
+    """The tables of the fields of a variant."""
+    words = (
+        "What a file for `pd-editor train --config` or `make variants` can set, and "
+        "`--set`; defaults are those of the preset `default`."
+    )
+    tables = "\n\n".join(
+        f"## Stage {stage}\n\n{fields_table(stage)}" for stage in STAGES
+    )
+    return f"# Fields of a variant\n\n{words}\n\n{tables}\n"
 
 
 def metrics_page() -> str:

@@ -352,7 +352,7 @@ def supported_by(generator: ScenarioGenerator) -> frozenset[Capability]:
                 f"The generator {generator.name} supports {name!r}, which is unknown; "
                 f"{nearest_or_all(str(name), sorted(CAPABILITIES))}."
             )
-    return frozenset(names)
+    return frozenset(one for one in CAPABILITIES if one in names)
 
 
 def check_supported(

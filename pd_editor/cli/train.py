@@ -1,12 +1,13 @@
 """``pd-editor train``: train a stage of the model."""
 
 import math
+import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import tyro
 
@@ -113,6 +114,7 @@ def train(
             name="set", metavar="NAME=VALUE [...]", help_behavior_hint=_OPTIONAL
         ),
     ] = (),
+    fields: Switch = False,
     evaluate_every: Annotated[
         float | None,
         tyro.conf.arg(metavar="MIN", help_behavior_hint="(default: never)"),
@@ -128,7 +130,7 @@ def train(
     Args:
         stage: Stage to train: init (initial states), traj (trajectories), or all, which trains one after the other and joins them into a model.
         data: Roots of Argoverse 2 datasets, and folders of synthetic shards.
-        validate: Roots that are held out and not trained on; a part of the data unless given.
+        validate: Roots like those of --data, such as argoverse2/val, that are held out and not trained on; a part of the data unless given.
         weights: Shares of the roots in the training data, one number for each.
         out: New folder of the run, runs/STAGE unless given; of the model for all, with its runs below runs/.
         preset: Size of the network and of the batches, rate and minutes: default (for a CPU), gpu (a larger network), av2 (to go on with a model on recordings), tiny (to try things out); auto chooses by device.
@@ -145,8 +147,9 @@ def train(
         start: Start from the weights of this model, or run, instead of random ones; its trajectory basis is kept.
         windows: Number of current steps at which each scenario of Argoverse 2 is used (default: 1, av2 5).
         copies: Number of randomly augmented copies of each scenario (default: 1).
-        config: TOML files with values of single fields, in the sections [model], [loss], [optimisation], [augmentation], [sampler], [guidance] and [own_samples]; [init.model] or [traj.model] for one of the stages. Of several files, later ones count.
-        settings: Values of single fields, such as model.is_differential=false augmentation.warp_share=0; they count before the files.
+        config: TOML files with values of single fields, in the sections [model], [loss], [optimisation], [augmentation], [sampler], [guidance] and [own_samples]; [init.model] or [traj.model] for one of the stages. They are read in the order given: a field that is in several files has the value of the last one. --fields lists what can be set.
+        settings: Values of single fields, such as model.is_differential=false augmentation.warp_share=0; they are read after the files and replace their values.
+        fields: List all fields that --config and --set can set, with defaults and meanings, and do nothing else.
         evaluate_every: Evaluate samples on scenes of --validate about every MIN minutes of training, into log.jsonl: scene test, collisions, off-drivable and askew shares of initial states; minADE6, collisions and lane deviation of trajectories. The time that it takes does not count as training.
         tensorboard: Write losses and figures of samples for TensorBoard (extra "monitor") into the folder tensorboard of the run.
         resume: Go on with the run in the folder; its settings are taken from there, but for --evaluate-every and --tensorboard.
@@ -157,6 +160,8 @@ def train(
     from pd_editor.training.training_run import Hardware
 
     stages = _STAGES if stage == "all" else (stage,)
+    if fields:
+        _list_fields(stages)
     files = [Path(one) for one in several(config)]
     given = {one: settings_of(files, settings, one) for one in stages}
     request = RunRequest(
@@ -192,6 +197,14 @@ def train(
         # The other processes of several devices report nothing.
         raise SystemExit(0)
     return trained
+
+
+def _list_fields(stages: Sequence[Literal["init", "traj"]]) -> NoReturn:
+    """Print the fields of stages as tables, and end."""
+    from pd_editor.training.config.field_table import fields_table
+
+    sys.stdout.write("\n\n".join(map(fields_table, stages)) + "\n")
+    raise SystemExit(0)
 
 
 def _absolute(roots: str | Path | tuple[str | Path, ...]) -> tuple[str, ...]:

@@ -171,6 +171,8 @@ def test_who_cannot_be_driven_is_said(av2_scenario_folders: list[Path], tmp_path
         gone = [scenario.agents.ids[row] for row in np.flatnonzero(~there)]
         if things and gone:
             break
+    else:
+        pytest.fail("no scenario has such agents")
     names = (scenario.focal_id, things[0], gone[0])
     done = generate(folder, agents=names, out=tmp_path)
     assert f"Agent {things[0]} keeps its trajectory" in done.remarks[0]

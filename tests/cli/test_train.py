@@ -176,6 +176,13 @@ def test_both_stages_are_checked_before_the_first_is_trained(
     assert not (out / "runs" / "init").exists()
 
 
+def test_the_fields_of_both_stages_are_listed(shell: Shell):
+    listed = shell.run("train", "all", "--fields")
+    assert listed.code == 0, listed.err
+    for name in ("init.model.num_layers", "traj.augmentation.warp_share"):
+        assert f"| `{name}` |" in listed.out
+
+
 def test_broken_scenarios_are_counted(av2_scenario_folders: list[Path], tmp_path: Path):
     root = tmp_path / "av2"
     chosen = [one for one in av2_scenario_folders if one.parent.name == "train"][:7]

@@ -64,6 +64,7 @@ class InitialStateGuidance:
     first_noise_m: float = 12.0
     """There is no guidance above this noise on positions."""
     num_pushes: int = 2
+    """Number of pushes out of other boxes in each step."""
     num_last_pushes: int = 12
     """Number of pushes in the last step: a push out of one box may lead into another."""
     gap_m: float = 0.4

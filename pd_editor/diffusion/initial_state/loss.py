@@ -47,6 +47,7 @@ class InitialStateLossConfig:
     given_share: float = 0.4
     """Share of scenes with a random part of the agents given."""
     small_square_share: float = 0.3
+    """Share of scenes whose agents are sampled in a small square."""
     conditioned_share: float = 0.6
     """Share of scenes in which all or some agents are conditioned on an attribute."""
     across_weight: float = 3.0

@@ -38,6 +38,7 @@ class TrajectoryLossConfig:
     early_prediction_weight: float = 0.2
     """Weight of the predictions of all blocks but the last one."""
     overlap_weight: float = 2.0
+    """Weight of the overlap of predicted boxes."""
     starting_weight: float = 1.0
     """Weight of stationary agents that start, which makes starts more likely."""
     counted_error: Literal["clean", "noise"] = "clean"

@@ -39,6 +39,7 @@ class TrajectorySamplerConfig:
     """Settings of the sampling of trajectories."""
 
     num_steps: int = NUM_STEPS
+    """Denoising steps."""
     eta: float = 0.0
     """Stochasticity: 0 adds no fresh noise (DDIM), 1 is ancestral sampling."""
     standing_noise: float = 1.0

@@ -179,7 +179,7 @@ def trajectory_tables(
     paper: RowTable,
     everyone: RowTable,
     *,
-    plain: bool,
+    plain: bool = True,
     warped: bool,
     saw_warps: Collection[str] = (),
 ) -> tuple[ReportTable, ...]:

@@ -28,9 +28,11 @@ class Optimisation:
     weight_decay: float = 0.01
     """Weight decay of matrices; biases and gains have none."""
     warmup_steps: int = 100
+    """Steps in which the learning rate rises to its highest value."""
     constant_share: float = 0.4
     """Share of the budget before the learning rate decays."""
     max_gradient_norm: float = 1.0
+    """Longer gradients are shortened to this norm."""
     ema_decay: float = 0.999
     """Decay of the moving average of the weights, which is the trained model."""
 
@@ -90,10 +92,13 @@ class Augmentation:
     jitter_m: float = 0.1
     """Standard deviation of the random displacement of a map under its agents."""
     jitter_wave_m: tuple[float, float] = (40.0, 160.0)
+    """Shortest and longest wave length of that displacement."""
     lanes_dropped_share: float = 0.15
+    """Share of scenarios from whose maps lanes are left out."""
     lane_dropped: float = 0.12
     """Chance of each lane in such scenarios."""
     agents_dropped_share: float = 0.15
+    """Share of scenarios from which agents are left out."""
     agent_dropped: float = 0.4
     """Greatest chance of each agent in such scenarios."""
     parked_seen: float = 0.85

@@ -19,7 +19,7 @@ from pd_editor.training.config.presets import LOSSES, NETWORKS, SAMPLING
 from pd_editor.training.config.run_config import Augmentation, Optimisation
 from pd_editor.training.own_samples.settings import OwnSamplesConfig
 
-STAGES: Final = ("init", "traj")
+STAGES: Final[tuple[Literal["init", "traj"], ...]] = ("init", "traj")
 SECTIONS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
     stage: {
         "model": NETWORKS[stage],

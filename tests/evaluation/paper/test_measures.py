@@ -113,9 +113,7 @@ def test_the_tables_have_all_rows_and_both_kinds_of_columns():
     assert paper.rows[1][1] == "2"
     assert "[" in paper.rows[1][2]
     plain, warped = rows(TRAJECTORY_COLUMNS), rows(TRAJECTORY_COLUMNS, is_plain=False)
-    found = trajectory_tables(
-        warped, warped, plain=True, warped=True, saw_warps={"paper"}
-    )
+    found = trajectory_tables(warped, warped, warped=True, saw_warps={"paper"})
     assert len(found) == 8
     by_title = {one.title: one for one in found}
     perturbed = by_title[
@@ -125,7 +123,7 @@ def test_the_tables_have_all_rows_and_both_kinds_of_columns():
     assert not by_title[
         "Table IV: comparison with the log, corrected, no map perturbation"
     ].rows
-    assert len(trajectory_tables(plain, plain, plain=True, warped=False)) == 4
+    assert len(trajectory_tables(plain, plain, warped=False)) == 4
 
 
 def test_claims_are_told_whichever_way_they_come_out():

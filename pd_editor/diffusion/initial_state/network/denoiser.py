@@ -89,10 +89,15 @@ class InitialStateConfig:
     """Size and switches of the network."""
 
     width: int = 128
+    """Width of the embeddings of agents and map tokens; a multiple of ``num_heads``."""
     num_heads: int = 4
+    """Heads of each attention."""
     num_layers: int = 3
+    """Layers, each with attention to the map and among agents."""
     num_near_pieces: int = 16
+    """Number of the nearest lane pieces to which each agent attends in relative poses."""
     relation_width: int = 48
+    """Width of the embedding of a relative pose."""
     is_differential: bool = True
     """Whether map attention is differential; false is standard attention."""
     is_ordered: bool = True
@@ -105,13 +110,16 @@ class InitialStateConfig:
     """The same for headings (unit vectors) and speed codes at level 0. In between, noise is
     such that headings are resolved together with lanes: 0.4 at 3.5 m."""
     highest_direction_noise: float = 3.0
+    """Standard deviation of the noise on headings and speed codes at level 1."""
     sees_boundary: bool = field(default=True, metadata=_ABSENT)
     """Whether agents attend to the nearest pieces of the drivable area's boundary, and
     the lane-anchored head proposes poses in their frames."""
     num_near_boundary: int = field(default=8, metadata={"when_absent": 8})
+    """Number of the nearest boundary pieces to which each agent attends."""
     relates_map_tokens: bool = field(default=True, metadata=_ABSENT)
     """Whether map tokens attend to their neighbours in one layer, once per scene."""
     num_map_neighbors: int = field(default=12, metadata={"when_absent": 12})
+    """Number of the nearest other tokens to which each map token attends."""
     sees_box_gaps: bool = field(default=True, metadata=_ABSENT)
     """Whether relations of agents include the gaps between boxes."""
     folds_turns: bool = field(default=True, metadata=_ABSENT)

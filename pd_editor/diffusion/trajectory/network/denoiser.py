@@ -71,8 +71,11 @@ class TrajectoryConfig:
     """Size and switches of the network."""
 
     width: int = 128
+    """Width of the embeddings of agents and tokens; a multiple of ``num_heads``."""
     num_heads: int = 4
+    """Heads of each attention."""
     num_blocks: int = 2
+    """Blocks of attention to map, candidates and neighbours."""
     edge_width: int = 64
     """Width of the embedding of a neighbour's pose and waypoints."""
     sees_way_points: bool = True
@@ -95,7 +98,9 @@ class TrajectoryConfig:
     """Whether kinds, sizes and speeds of agents are an input. Latents are residuals of
     constant velocity in any case."""
     schedule: ScheduleKind = "cosine"
+    """How the noise grows with the level; ``betas`` is the paper's."""
     prediction: Prediction = "velocity"
+    """What the network predicts; ``noise`` is the paper's."""
 
     def __post_init__(self) -> None:
         check_sizes(self)
