@@ -2,13 +2,14 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 import torch
 from torch import nn
+from torch.overrides import TorchFunctionMode
 
 from pd_editor.diffusion.checkpoints.tensor_file import (
     check_fit,
@@ -198,7 +199,7 @@ def _loaded_stage(
         tensors = _upgraded(kind, tensors, config, folder / kind.file_name)
     # On the device meta a network takes no memory, so that sizes that do not fit are
     # detected before anything is allocated.
-    with torch.device("meta"):
+    with torch.device("meta"), _WithoutRandomValues():
         outline = made_model(kind, config, seed=0, source=source)
     check_fit(outline, tensors, folder / kind.file_name)
     model = made_model(kind, config, seed=0, source=source)
@@ -252,6 +253,26 @@ def _upgraded(
             f"{path}: does not fit the model, so it cannot be converted from format "
             f"version {UPGRADED_VERSION} ({reason})."
         ) from error
+
+
+class _WithoutRandomValues(TorchFunctionMode):
+    """Leaves weights as they are where layers would fill them with random values.
+
+    On the device meta there is nothing to fill, but torch would import its compiler for
+    it, which takes seconds.
+    """
+
+    def __torch_function__(
+        self,
+        func: Callable[..., Any],
+        types: Iterable[type],
+        args: tuple[Any, ...] = (),
+        kwargs: Mapping[str, Any] | None = None,
+    ) -> Any:
+        values = dict(kwargs or {})
+        if func in (nn.init.normal_, nn.init.uniform_, nn.init.kaiming_uniform_):
+            return args[0] if args else values["tensor"]
+        return func(*args, **values)
 
 
 def made_model(

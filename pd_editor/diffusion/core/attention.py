@@ -155,7 +155,9 @@ class DifferentialAttention(nn.Module):
         self.to_output = nn.Linear(width, width, bias=False)
         self.initial_lambda = initial_lambda(depth)
         if is_differential:
-            self.lambda_vectors = nn.Parameter(torch.randn(4, channels) * 0.1)
+            self.lambda_vectors = nn.Parameter(
+                nn.init.normal_(torch.empty(4, channels), std=0.1)
+            )
             self.norm = nn.RMSNorm(channels, _NORM_EPSILON, elementwise_affine=False)
             with torch.no_grad():
                 self.to_output.weight *= 1 - self.initial_lambda
