@@ -157,6 +157,7 @@ class MockWorkers:
         items: Mapping[str, Item],
         *,
         on_result: Callable[[WorkResult[Value]], None],
+        on_wait: Callable[[], None] = lambda: None,
     ) -> None:
         """Give each item to the worker that is free first; the caller's time is real."""
         random = np.random.default_rng(0)

@@ -73,7 +73,7 @@ def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario)
     parts = [short_id(base_id)]
     applied = scenario.applied_warp
     terms = () if applied is None else applied.warp.terms
-    parts += [f"{term.kind}-{_number(term.power)}" for term in terms]
+    parts += [f"{term.kind}-{power_name(term.power)}" for term in terms]
     commands = [part for command in commands for part in command.parts]
     generated = [one for one in commands if isinstance(one, ReplaceTraffic)]
     if generated:
@@ -103,6 +103,7 @@ def short_id(scenario_id: str) -> str:
     return scenario_id[:SHORT_ID_CHARACTERS]
 
 
-def _number(power: float) -> str:
+def power_name(power: float) -> str:
+    """Name of a power with its sign, such as ``p6`` and ``m2-5``."""
     sign = "p" if power >= 0 else "m"
     return f"{sign}{abs(power):g}".replace(".", "-")

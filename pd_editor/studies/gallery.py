@@ -10,10 +10,19 @@ import numpy as np
 from pd_editor.basket.thumbnail import thumbnail
 from pd_editor.editor.commands import SetRoadWarp, traffic_command
 from pd_editor.editor.session import EditorSession
-from pd_editor.editor.variant import Variant, name_from_text, short_id
+from pd_editor.editor.variant import (
+    Variant,
+    name_from_text,
+    power_name,
+    short_id,
+)
 from pd_editor.errors import PdEditorError
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH
-from pd_editor.evaluation.road_condition import RoadCondition, road_conditions
+from pd_editor.evaluation.road_condition import (
+    DEFAULT_ANCHOR,
+    RoadCondition,
+    road_conditions,
+)
 from pd_editor.generation import GeneratedTraffic, TrafficSample
 from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.scenario_store import export_into, open_scenario
@@ -56,9 +65,9 @@ def export_case(case: WorstCase, item: StudyItem, out: Path) -> GalleryEntry:
     """
     (condition,) = road_conditions([case.condition])
     session = EditorSession(open_scenario(item.folder))
-    name = " ".join(
-        (short_id(case.scenario), case.method, case.condition, str(case.seed))
-    )
+    road = [f"{kind}-{power_name(power)}" for kind, power in condition.terms]
+    at = () if condition.anchor == DEFAULT_ANCHOR else (condition.anchor,)
+    name = " ".join((short_id(case.scenario), case.method, *road, *at, f"s{case.seed}"))
     session.describe(Variant(name=name_from_text(name)))
     request = item.request(session.scenario, condition)
     traffic = item.method.traffic(request)

@@ -124,10 +124,15 @@ class StudyJob:
 
     def _progress_of(self, noun: str) -> Callable[[WorkProgress], None]:
         began = time.monotonic()
+        told: WorkProgress | None = None
 
         def tell(progress: WorkProgress) -> None:
+            nonlocal told
             if self._cancelled.is_set():
                 raise _Cancelled
+            if progress == told:
+                return
+            told = progress
             self._on_progress(
                 StudyProgress(
                     noun=noun,

@@ -41,6 +41,7 @@ from pd_editor.studies.worst_case import (
 from pd_editor.work_engine import WorkEngine, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
 
+REPORT_PAGE: Final = "report.html"
 WORK_ITEMS: Final = "work items"
 """What the variants of a study are worked on in."""
 ProgressOf = Callable[[str], Callable[[WorkProgress], None]]
@@ -129,7 +130,7 @@ def run_whole_study(
     page = html_of(report, severity_figures(findings.curves))
     files = (
         folder.write("report.md", markdown_of(report).encode()),
-        folder.write("report.html", page.encode()),
+        folder.write(REPORT_PAGE, page.encode()),
         folder.path / VARIANTS_NAME,
     )
     return Study(folder=folder.path, files=files, record=record, findings=findings)

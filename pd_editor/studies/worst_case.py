@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pyarrow as pa
 
+from pd_editor.editor.variant import short_id
 from pd_editor.errors import InputError
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.scene.road_warp import MAX_POWER, WARP_KINDS, WarpKind
@@ -63,6 +64,11 @@ class WorstCase:
     """The metric there; NaN if no trial had a value."""
     num_trials: int
     """Number of trials of a search; 0 for a grid."""
+
+    @property
+    def title(self) -> str:
+        """Scene, road and method in one line."""
+        return f"{short_id(self.scenario)} \N{MIDDLE DOT} {self.condition} \N{MIDDLE DOT} {self.method}"
 
 
 @dataclass(frozen=True, kw_only=True)

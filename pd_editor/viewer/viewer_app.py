@@ -97,7 +97,7 @@ class ViewerApp:
         self.server.stop()
 
     def workspaces(self) -> tuple[Workspace, ...]:
-        """All workspaces, oldest first."""
+        """All workspaces; of those without a tab, the one left last comes last."""
         with self._lock:
             return tuple(self._workspaces.values())
 
@@ -109,8 +109,9 @@ class ViewerApp:
             known = []
         with self._lock:
             in_use = {key for key, _ in self._tabs.values()}
-            free = [k for k in known if k in self._workspaces and k not in in_use]
-            key = free[0] if free else secrets.token_urlsafe(16)
+            # A tab that is loaded again is the one that was left last.
+            free = [k for k in self._workspaces if k in known and k not in in_use]
+            key = free[-1] if free else secrets.token_urlsafe(16)
             if not free:
                 self._forget_old(in_use)
                 self._workspaces[key] = Workspace(
@@ -135,12 +136,14 @@ class ViewerApp:
 
     def _disconnected(self, client: viser.ClientHandle) -> None:
         with self._lock:
-            _, tab = self._tabs.get(client.client_id, ("", None))
+            key, tab = self._tabs.get(client.client_id, ("", None))
         if tab is not None:
             # The key stays in use until the worker has ended, so that there is one writer.
             tab.close()
         with self._lock:
             self._tabs.pop(client.client_id, None)
+            if key in self._workspaces:
+                self._workspaces[key] = self._workspaces.pop(key)
 
     def _warm_up_default(self) -> None:
         """Load the default model ahead of its first generation, which reports errors.

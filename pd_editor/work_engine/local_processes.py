@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Final, TypeVar
 
 from pd_editor.work_engine.work_engine import (
+    WAIT_S,
     WorkFailure,
     WorkResult,
     failure_of,
@@ -57,6 +58,7 @@ class LocalProcesses:
         items: Mapping[str, Item],
         *,
         on_result: Callable[[WorkResult[Value]], None],
+        on_wait: Callable[[], None] = lambda: None,
     ) -> None:
         """Call ``function`` on every item; see ``WorkEngine.run``.
 
@@ -65,13 +67,13 @@ class LocalProcesses:
         """
         left = dict(items)
         while left:
-            suspects = self._run_together(function, left, on_result)
+            suspects = self._run_together(function, left, on_result, on_wait)
             for key in suspects:
                 left.pop(key)
             for key, item in suspects.items():
                 alone = {key: item}
                 if LocalProcesses(num_workers=1)._run_together(
-                    function, alone, on_result
+                    function, alone, on_result, on_wait
                 ):
                     on_result(WorkResult(key=key, failure=PROCESS_DIED))
 
@@ -80,6 +82,7 @@ class LocalProcesses:
         function: Callable[[Item], Value],
         left: dict[str, Item],
         on_result: Callable[[WorkResult[Value]], None],
+        on_wait: Callable[[], None],
     ) -> dict[str, Item]:
         """Run until all items are done or a process dies; returns the running items.
 
@@ -99,7 +102,9 @@ class LocalProcesses:
                         running[future] = key
                     if not running:
                         return {}
-                    finished, _ = wait(running, return_when=FIRST_COMPLETED)
+                    finished, _ = wait(running, WAIT_S, FIRST_COMPLETED)
+                    if not finished:
+                        on_wait()
                     for future in sorted(finished, key=lambda one: running[one]):
                         result = _result_of(future, running[future])
                         del running[future]

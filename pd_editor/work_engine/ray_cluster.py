@@ -13,7 +13,12 @@ from typing import Any, Final, TypeVar
 from pd_editor.errors import InputError
 from pd_editor.work_engine.local_processes import ONE_THREAD, PROCESS_DIED
 from pd_editor.work_engine.time_limit import WORKER_MARK
-from pd_editor.work_engine.work_engine import WorkResult, failure_of, result_of
+from pd_editor.work_engine.work_engine import (
+    WAIT_S,
+    WorkResult,
+    failure_of,
+    result_of,
+)
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -49,6 +54,7 @@ class RayCluster:
         items: Mapping[str, Item],
         *,
         on_result: Callable[[WorkResult[Value]], None],
+        on_wait: Callable[[], None] = lambda: None,
     ) -> None:
         """Call ``function`` on every item; see ``WorkEngine.run``.
 
@@ -71,7 +77,9 @@ class RayCluster:
                         running[task.remote(function, *found)] = found[0]
                     if not running:
                         return
-                    finished, _ = ray.wait(list(running), num_returns=1)
+                    finished, _ = ray.wait(list(running), num_returns=1, timeout=WAIT_S)
+                    if not finished:
+                        on_wait()
                     for reference in finished:
                         on_result(_result_of(ray, reference, running.pop(reference)))
             except BaseException:

@@ -3,12 +3,15 @@
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from traceback import format_exception
-from typing import Generic, Protocol, TypeVar, runtime_checkable
+from typing import Final, Generic, Protocol, TypeVar, runtime_checkable
 
 from pd_editor.errors import PdEditorError
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
+
+WAIT_S: Final = 0.25
+"""Longest time between two calls of ``on_wait``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,13 +94,15 @@ class WorkEngine(Protocol):
         items: Mapping[str, Item],
         *,
         on_result: Callable[[WorkResult[Value]], None],
+        on_wait: Callable[[], None] = lambda: None,
     ) -> None:
         """Call ``function`` on every item and pass each result to ``on_result``.
 
         Function, items and values must be picklable; keys name the items. Results
         arrive in any order, in the caller's thread. An item that raises gives a
-        failure and does not stop the others. If ``on_result`` raises, or on
-        KeyboardInterrupt, running items are stopped and the exception is raised.
+        failure and does not stop the others. ``on_wait`` is called from time to time
+        while items run. If a callback raises, or on KeyboardInterrupt, running items
+        are stopped and the exception is raised.
         """
         ...
 
@@ -114,7 +119,8 @@ def run_items(
     """Run the items whose keys are not in ``done``; returns the failures by key.
 
     To resume, a caller stores each value in ``on_value`` and gives the stored keys
-    next time. ``on_progress`` is called once before the first result, then after each.
+    next time. ``on_progress`` is called once before the first result, after each, and
+    from time to time while items run, so that it can end the run by an exception.
     """
     left = {key: item for key, item in items.items() if key not in done}
     failures: dict[str, WorkFailure] = {}
@@ -138,5 +144,5 @@ def run_items(
         tell()
 
     tell()
-    engine.run(function, left, on_result=take)
+    engine.run(function, left, on_result=take, on_wait=tell)
     return failures

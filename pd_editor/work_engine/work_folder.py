@@ -31,8 +31,8 @@ class WorkFolder:
         """
         if self._holds_files():
             raise ExportError(
-                f"{self.path}: already holds files; choose a new folder, or go on with "
-                "an earlier run by --resume."
+                f"{self.path}: already holds files; choose a new folder, or resume "
+                "the earlier run (--resume on the shell)."
             )
 
     def write(self, name: str, data: bytes) -> Path:

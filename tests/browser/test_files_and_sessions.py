@@ -100,6 +100,11 @@ def test_a_reload_finds_its_session_and_a_second_tab_gets_its_own(open_editor):
     editor.reload()
     assert editor.session is session
     assert len(editor.session.entries) == 1
+    # Once the second tab is closed its session is free, but it is not the first tab's.
+    second.page.close()
+    editor.until(lambda: len(editor.app._tabs) == 1, "the end of the second tab")
+    editor.reload()
+    assert editor.session is session
 
 
 def test_a_raising_callback_is_shown_and_the_editor_lives(open_editor, caplog):

@@ -231,6 +231,16 @@ def test_rows_of_the_history_keep_their_place(editor):
     editor.page.get_by_text("1 edit in force").wait_for()
     undone.click()
     editor.until(lambda: session.state.position == 3, "a jump forward")
+    # Unused rows take no room, and a long label makes the panel no wider.
+    assert (
+        editor.page.get_by_role("button", name="\N{EN DASH}", exact=True).count() == 0
+    )
+    newest = editor.page.get_by_role("button", name="3. Set agent")
+    newest.locator(".mantine-Button-label").evaluate(
+        "label => { label.textContent = 'a long label of an edit '.repeat(6); }"
+    )
+    box = newest.bounding_box()
+    assert box["x"] + box["width"] <= editor.page.viewport_size["width"]
 
 
 def test_a_refused_action_is_named(editor):

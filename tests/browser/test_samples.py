@@ -36,6 +36,16 @@ def card(editor, number: int):
     return strip(editor).get_by_role("option", name=f"Sample {number}", exact=True)
 
 
+def is_on_top(element) -> bool:
+    """Whether nothing covers an element's corners."""
+    return element.evaluate(
+        "one => { const r = one.getBoundingClientRect();"
+        " return [[r.left + 4, r.top + 4], [r.right - 4, r.bottom - 4],"
+        " [r.left + 4, r.bottom - 4], [r.right - 4, r.top + 4]]"
+        ".every(([x, y]) => document.elementFromPoint(x, y) === one); }"
+    )
+
+
 def labels(editor) -> list[str]:
     return [one.label.split(" (")[0] for one in editor.session.entries]
 
@@ -164,6 +174,18 @@ def test_resampled_agents_are_offered_as_samples(editor):
     assert (left.input_value(), right.input_value()) == ("1", "0")
     right.select_option("1")
     editor.until(lambda: left.input_value() == "0", "the sides to change places")
+    # The scorecard covers no part of it, and its list is as long as its text.
+    drawer = editor.page.get_by_role("region", name="Scorecard")
+    for width in (1440, 1000):
+        editor.page.set_viewport_size({"width": width, "height": 900})
+        if width == 1440:
+            editor.key("i")
+            drawer.wait_for()
+        for canvas in pair.locator("canvas").all():
+            editor.until(lambda one=canvas: is_on_top(one), "a canvas in sight")
+    editor.key("i")
+    drawer.wait_for(state="hidden")
+    editor.page.set_viewport_size({"width": 1000, "height": 640})
     editor.screenshot("samples_side_by_side")
     pair.get_by_role("button", name="Use this sample").click()
     editor.until(lambda: "sample 1 of 2" in session.entries[-1].label, "sample 1")

@@ -17,13 +17,13 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.page.get_by_text("Name the folder of the scenarios").wait_for()
     editor.close_notifications()
     editor.fill("Data", data)
-    editor.fill("Results", out)
+    editor.fill("Results folder", out)
     editor.choose("Method", "lane-follower")
-    editor.fill("Sums", "smooth-turn:6+no-such-warp:2")
+    editor.fill("Sums of warps", "smooth-turn:6+no-such-warp:2")
     editor.press("Run the study")
     editor.page.get_by_text("is not known; expected").wait_for()
     editor.close_notifications()
-    editor.fill("Sums", "smooth-turn:6+ripple-road:2")
+    editor.fill("Sums of warps", "smooth-turn:6+ripple-road:2")
     editor.press("Run the study")
     editor.page.get_by_text("Done in").wait_for(timeout=120_000)
     assert (out / "report.html").exists()
@@ -37,6 +37,9 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.choose("Warp", "ripple-road")
     editor.until(lambda: len(panel._gallery) > 0, "worst scenes")
     editor.screenshot("study")
+    with editor.page.expect_download() as download:
+        editor.press("Download the report")
+    assert download.value.path().read_bytes() == (out / "report.html").read_bytes()
     editor.press("Open scene")
     editor.until(
         lambda: editor.session.base.provenance.base is not None,
@@ -50,14 +53,28 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.page.get_by_text("already holds files").wait_for()
 
 
-def test_a_cancelled_study_leaves_what_is_finished(open_editor, tmp_path: Path):
+def test_a_cancelled_study_ends_at_once_and_is_resumed(open_editor, tmp_path: Path):
     data, out = write_dataset(tmp_path / "data"), tmp_path / "study"
     editor = open_editor()
     editor.open_tab("Study")
     editor.fill("Data", data)
-    editor.fill("Results", out)
+    editor.fill("Results folder", out)
+    editor.choose("Method", "constant-velocity")
+    for kind in ("Double turn", "Ripple road"):
+        editor.tick(kind)
     editor.press("Run the study")
+    panel = editor._tab().panels.study
+    job = editor.until(lambda: panel._job, "a job")
     editor.press("Cancel")
     editor.page.get_by_text("Cancelled.").wait_for()
+    editor.until(lambda: not job.is_running, "the end of the workers")
     assert not (out / "report.html").exists()
     assert editor.page.get_by_role("button", name="Run the study").is_enabled()
+    editor.choose("Compare with", "random-candidate")
+    editor.press("Resume")
+    editor.page.get_by_text("with other settings").wait_for()
+    editor.close_notifications()
+    editor.choose("Compare with", "constant-velocity")
+    editor.press("Resume")
+    editor.page.get_by_text("Done in").wait_for(timeout=300_000)
+    assert (out / "report.html").exists()

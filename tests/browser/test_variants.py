@@ -125,6 +125,23 @@ def test_an_export_is_never_replaced_silently_and_opens_again(open_editor, tmp_p
     editor.press("Write to folder")
     notice(editor, "There is an export of this name")
     editor.screenshot("42_taken")
+    # Escape, or a press beside the dialog, changes nothing.
+    dialog = editor.page.get_by_text("There is an export of this name")
+    editor.page.keyboard.press("Escape")
+    dialog.wait_for(state="detached")
+    editor.press("Write to folder")
+    dialog.wait_for()
+    editor.page.mouse.click(20, 400)
+    dialog.wait_for(state="detached")
+    assert [path.name for path in out.iterdir()] == [name]
+    editor.fill("Name", "///")
+    editor.press("Write to folder")
+    notice(editor, "has no letter or digit; type another name")
+    editor.fill("Name", name)
+    editor.until(lambda: editor.session.variant.name == name, "the name")
+    editor.close_notifications()
+    editor.press("Write to folder")
+    dialog.wait_for()
     editor.press(f"Write as {name}-2")
     editor.until(lambda: (out / f"{name}-2").is_dir(), "another export")
     assert {path.name: path.read_bytes() for path in (out / name).iterdir()} == first

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -99,8 +100,8 @@ def methods(*names: str) -> tuple[Method, ...]:
     return tuple(Method(name=name, make_generator=make_sideways) for name in names)
 
 
-def plan_for(root: Path, *names: str, **options) -> EvaluationPlan:
-    options = {"num_samples": 2, "seed": 0} | options
+def plan_for(root: Path, *names: str, **changes: Any) -> EvaluationPlan:
+    options: dict[str, Any] = {"num_samples": 2, "seed": 0} | changes
     conditions = road_conditions(options.pop("warps", ("none",)))
     return EvaluationPlan(
         data=(root,), methods=methods(*names), conditions=conditions, **options
@@ -120,6 +121,7 @@ class OneByOne:
         items: Mapping,
         *,
         on_result: Callable[[WorkResult], None],
+        on_wait: Callable[[], None] = lambda: None,
     ) -> None:
         for key, item in items.items():
             if self.stop_after is not None and len(self.keys) >= self.stop_after:

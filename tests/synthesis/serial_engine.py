@@ -8,7 +8,7 @@ class SerialEngine:
         self.stop_after = stop_after
         self.keys: list[str] = []
 
-    def run(self, function, items, *, on_result):
+    def run(self, function, items, *, on_result, on_wait=lambda: None):
         for number, (key, item) in enumerate(items.items()):
             if number == self.stop_after:
                 raise KeyboardInterrupt

@@ -46,7 +46,9 @@ class FakeRay:
         made = SimpleNamespace(remote=submit)
         return SimpleNamespace(options=lambda **_: made)
 
-    def wait(self, tasks: list["_Task"], num_returns: int) -> tuple[list, list]:
+    def wait(
+        self, tasks: list["_Task"], num_returns: int, timeout: float
+    ) -> tuple[list, list]:
         assert self.is_initialized()
         self.most_running = max(self.most_running, len(tasks))
         cut = len(tasks) - num_returns

@@ -13,6 +13,7 @@ from tests.work_engine.work_functions import (
     dies_on_three,
     fails_for_the_user,
     process_id,
+    sleep,
     square,
     square_of_odd,
     threads,
@@ -102,7 +103,7 @@ def test_done_items_are_left_out_and_progress_counts_the_rest():
         square_of_odd, range(5), done={"0", "1", "other"}, on_progress=said.append
     )
     assert sorted(found) == ["2", "3", "4"]
-    assert [progress.num_done for progress in said] == [0, 1, 2, 3]
+    assert list(dict.fromkeys(one.num_done for one in said)) == [0, 1, 2, 3]
     assert {progress.num_items for progress in said} == {3}
     assert said[-1].num_failed == 2
 
@@ -117,6 +118,21 @@ def test_an_error_of_the_caller_stops_the_run():
     with pytest.raises(OSError, match="disk full"):
         run_items(ENGINE, square, {str(k): k for k in range(50)}, on_value=refuse)
     assert len(seen) == 1
+
+
+def test_a_run_can_be_ended_while_its_items_run():
+    class Ended(Exception):
+        pass
+
+    began = time.monotonic()
+
+    def end(_) -> None:
+        if time.monotonic() - began > 1.0:
+            raise Ended
+
+    with pytest.raises(Ended):
+        results_of(sleep, [300.0, 301.0], on_progress=end)
+    assert time.monotonic() - began < 100.0
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no signals to a child")

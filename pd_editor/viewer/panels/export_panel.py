@@ -98,7 +98,12 @@ class ExportPanel:
         self._preflight.show(*(("", line) if is_good else (line,)))
 
     def download(self) -> None:
-        """Send the scenario to the browser as a zip."""
+        """Send the scenario to the browser as a zip.
+
+        Raises:
+            InputError: the typed name has no letter or digit.
+        """
+        self._refuse_empty_name()
         self._ui.commit_gesture()
         name, content = self._workspace.exported_zip()
         self._ui.client.send_file_download(name, content, save_immediately=True)
@@ -111,6 +116,14 @@ class ExportPanel:
     def _name_typed(self, text: str) -> None:
         self._typed = text
         self._describe()
+
+    def _refuse_empty_name(self) -> None:
+        typed = (self._typed or "").strip()
+        if typed and not name_from_text(typed):
+            raise InputError(
+                f"Name: {typed[:40]} has no letter or digit; type another name, or none "
+                "for the proposed one."
+            )
 
     def _describe(self) -> None:
         session = self._ui.session
@@ -128,6 +141,7 @@ class ExportPanel:
         if not path:
             raise InputError("Type the folder to write into first.")
         self._workspace.refuse_remote()
+        self._refuse_empty_name()
         self._ui.commit_gesture()
         out = Path(path).expanduser()
         earlier = self._workspace.earlier_export(out)

@@ -66,6 +66,7 @@ class HistoryPanel:
         oldest = sum(entry.before is None for entry in entries)
         for index, row in enumerate(self._rows):
             at = self._position(index)
+            set_property(row, "visible", at is not None)
             set_property(row, "disabled", at is None or at < oldest)
             set_property(row, "label", _row_text(entries, at, position))
             is_present = at == position

@@ -28,7 +28,9 @@ class PanelStyle:
             "border:0 solid var(--button-bg);border-left-width:4px}",
             ":hover:not([data-disabled]){background:rgba(128,144,160,0.3)}",
             "[data-disabled]{opacity:0.4;background:none}",
-            " .mantine-Button-inner{justify-content:flex-start}",
+            " .mantine-Button-inner{justify-content:flex-start;min-width:0}",
+            # Of a long text only what fits counts for the width of the panel.
+            "{width:0;min-width:100%}",
             # Mantine trims a block's text to its capitals, which cuts a "g".
             " .mantine-Button-label{display:block;height:auto;text-box:normal;"
             "line-height:1.5;"

@@ -30,8 +30,13 @@ from pd_editor.studies.study_plan import (
     study_items,
 )
 from pd_editor.studies.study_report import SHOWN
-from pd_editor.studies.whole_study import WORK_ITEMS, Study, StudyExtras
-from pd_editor.studies.worst_case import GRID_SIZE, SearchSettings
+from pd_editor.studies.whole_study import (
+    REPORT_PAGE,
+    WORK_ITEMS,
+    Study,
+    StudyExtras,
+)
+from pd_editor.studies.worst_case import GRID_SIZE, SearchSettings, WorstCase
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.panels.severity_chart import severity_svg
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
@@ -78,6 +83,7 @@ class StudyPanel:
         self._began = 0.0
         self._variants_per_item = 1.0
         self._gallery: dict[str, Path] = {}
+        self._report: Path | None = None
         gui = ui.client.gui
         names = (*generators, *REFERENCE_METHODS)
         dataset = ui.workspace.dataset
@@ -92,7 +98,7 @@ class StudyPanel:
             )
             self._method = gui.add_dropdown("Method", names)
             self._other = gui.add_dropdown(
-                "Beside it", (NO_METHOD, *names), initial_value="constant-velocity"
+                "Compare with", (NO_METHOD, *names), initial_value="constant-velocity"
             )
             self._kinds = {
                 kind: gui.add_checkbox(kind.replace("-", " ").capitalize(), True)
@@ -100,29 +106,32 @@ class StudyPanel:
             }
             self._powers = gui.add_dropdown("Powers", tuple(POWERS))
             self._anchors = gui.add_dropdown(
-                "Ahead of", tuple(ANCHOR_CHOICES), hint="Where the warps begin"
+                "Warps ahead of", tuple(ANCHOR_CHOICES), hint="Where the warps begin"
             )
             self._sums = gui.add_text(
-                "Sums",
+                "Sums of warps",
                 "",
                 hint="Further roads, such as smooth-turn:6+ripple-road:2; several with "
                 "spaces between them; @ego at the end warps ahead of the ego vehicle",
             )
-            self._out = gui.add_text("Results", "study", hint="A new folder")
+            self._out = gui.add_text(
+                "Results folder", "study", hint="A new folder, or one to resume"
+            )
             with gui.add_folder("More settings", expand_by_default=False):
                 self._seed = gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
                 self._searches = gui.add_checkbox(
-                    "Worst warps",
+                    "Search worst warps",
                     False,
                     hint="Search the worst warps of each scene; needs the extra 'study'"
                     " (Optuna)",
                 )
-                self._resumes = gui.add_checkbox(
-                    "Go on",
-                    False,
-                    hint="Go on with an earlier run of the same settings in this folder",
-                )
             self._run = gui.add_button("Run the study", icon=viser.Icon.CHART_LINE)
+            self._resume = gui.add_button(
+                "Resume",
+                color="gray",
+                hint="Go on with a cancelled or interrupted study of the same settings in"
+                " the folder of the results; finished items are kept",
+            )
             self._cancel = gui.add_button("Cancel", color="gray", disabled=True)
             self._bar = gui.add_progress_bar(0.0, visible=False)
             self._note = FixedText(gui, 2)
@@ -130,19 +139,45 @@ class StudyPanel:
             self._metric = gui.add_dropdown("Metric", tuple(t for _, t in SHOWN))
             self._kind: viser.GuiDropdownHandle[str] = gui.add_dropdown("Warp", ROADS)
             self._chart = gui.add_html(severity_svg((), *SHOWN[0]))
-        with gui.add_folder("Worst scenes"):
+        with gui.add_folder("Results"):
             self._worst: viser.GuiDropdownHandle[str] = gui.add_dropdown(
-                "Scene", _NO_SCENE
+                "Worst scenes", _NO_SCENE
             )
             self._open = gui.add_button("Open scene", color="gray", disabled=True)
+            self._download = gui.add_button(
+                "Download the report",
+                icon=viser.Icon.DOWNLOAD,
+                color="gray",
+                disabled=True,
+            )
         ui.on_click(self._run, self.run, failure="Study not started")
+        ui.on_click(self._resume, self.resume, failure="Study not resumed")
+        ui.on_click(self._download, self._download_report)
         ui.on_click(self._cancel, self.cancel)
         ui.on_click(self._open, self._open_chosen)
         for handle in (self._metric, self._kind):
             ui.on_change(handle, lambda _value: self._draw())
 
     def run(self) -> None:
-        """Start a study with the settings of the panel.
+        """Start a study with the settings of the panel in a new folder.
+
+        Raises:
+            InputError: a setting cannot be used.
+            ExportError: the folder for the results is not free.
+        """
+        self._start(resumes=False)
+
+    def resume(self) -> None:
+        """Go on with the study in the folder, which has the settings of the panel.
+
+        Raises:
+            InputError: a setting cannot be used, or differs from that of the study.
+            ExportError: the folder holds something else.
+        """
+        self._start(resumes=True)
+
+    def _start(self, *, resumes: bool) -> None:
+        """Start or resume a study.
 
         Raises:
             InputError: a setting cannot be used.
@@ -163,14 +198,12 @@ class StudyPanel:
             limit=int(self._limit.value),
         )
         found = scenes_of(plan.data, plan.limit)
-        folder = StudyFolder(
-            Path(out).expanduser(), plan.settings, resume=bool(self._resumes.value)
-        )
+        folder = StudyFolder(Path(out).expanduser(), plan.settings, resume=resumes)
         trials = GRID_SIZE if self._searches.value else 0
         self._curves, self._began = (), time.monotonic()
         per_scene = plan.num_variants(1)
         self._variants_per_item = per_scene / len(study_items(plan, found.scenes[:1]))
-        self._show_gallery({})
+        self._show_results(None)
         self._job = StudyJob(
             plan,
             StudyExtras(search=SearchSettings(num_trials=trials)),
@@ -192,7 +225,7 @@ class StudyPanel:
             self._job.cancel()
             self._job = None
             self._set_running(False)
-            self._note.show("", "Cancelled. Finished items stay in the folder.")
+            self._note.show("", "Cancelled. Finished items stay; Resume goes on.")
 
     def close(self) -> None:
         """Stop a running study when the page is left for good."""
@@ -261,14 +294,9 @@ class StudyPanel:
         self._note.show(
             "",
             f"Done in {took:.0f} s{words}.",
-            f"Report: report.html in {study.folder.name}.",
+            f"Results: {study.folder}",
         )
-        self._show_gallery(
-            {
-                f"{number}. {one.folder.name}": one.folder
-                for number, one in enumerate(study.findings.gallery, 1)
-            }
-        )
+        self._show_results(study)
 
     def _failed(self, error: PdEditorError) -> None:
         self._job = None
@@ -278,16 +306,36 @@ class StudyPanel:
 
     def _set_running(self, is_running: bool) -> None:
         set_property(self._run, "disabled", is_running)
+        set_property(self._resume, "disabled", is_running)
         set_property(self._cancel, "disabled", not is_running)
         set_property(self._bar, "visible", is_running)
         if is_running:
             set_property(self._bar, "value", 0.0)
 
-    def _show_gallery(self, gallery: dict[str, Path]) -> None:
-        self._gallery = gallery
-        self._worst.options = tuple(gallery) or (NOT_THERE,)
+    def _show_results(self, study: Study | None) -> None:
+        """Offer the worst scenes and the report of a study that is done."""
+        entries = () if study is None else study.findings.gallery
+        self._gallery = {
+            f"{number}. {one.case.title}": one.folder
+            for number, one in enumerate(entries, 1)
+            if isinstance(one.case, WorstCase)
+        }
+        self._report = None if study is None else study.folder / REPORT_PAGE
+        self._worst.options = tuple(self._gallery) or (NOT_THERE,)
         set_value(self._worst, self._worst.options[0])
-        set_property(self._open, "disabled", not gallery)
+        set_property(self._open, "disabled", not self._gallery)
+        set_property(self._download, "disabled", study is None)
+
+    def _download_report(self) -> None:
+        if self._report is None:
+            raise InputError("There is no report yet; run a study.")
+        try:
+            content = self._report.read_bytes()
+        except OSError as error:
+            raise InputError(f"{self._report}: cannot be read.") from error
+        self._ui.client.send_file_download(
+            self._report.name, content, save_immediately=True
+        )
 
     def _open_chosen(self) -> None:
         folder = self._gallery.get(str(self._worst.value))

@@ -1,5 +1,5 @@
 // viser's own panel: which of its tabs is open, when the pointer holds one of its
-// sliders, and whether its settings are offered.
+// sliders, whether its settings are offered, and how its dialogs are left.
 pdOverlay.define("panel", (api) => {
   const PATIENCE_MS = 8000;
   const RETRY_MS = 250;
@@ -66,6 +66,21 @@ pdOverlay.define("panel", (api) => {
     api.listen(window, type, release, { capture: true });
   // Not in the capture phase: there every element that loses the focus would tell.
   api.listen(window, "blur", release);
+
+  // Escape and a press beside a dialog choose its last button, which changes nothing;
+  // viser leaves both without an effect.
+  function leaveDialog() {
+    const dialog = [...document.querySelectorAll(".mantine-Modal-content")].at(-1);
+    const buttons = dialog?.querySelectorAll("button") ?? [];
+    buttons[buttons.length - 1]?.click();
+    return buttons.length > 0;
+  }
+  api.listen(window, "keydown", (event) => {
+    if (event.key === "Escape" && leaveDialog()) event.stopImmediatePropagation();
+  }, { capture: true });
+  api.listen(window, "click", ({ target }) => {
+    if (target?.matches?.(".mantine-Modal-inner, .mantine-Modal-overlay")) leaveDialog();
+  }, { capture: true });
 
   const observer = new MutationObserver(tell);
   api.onDispose(() => {

@@ -21,7 +21,7 @@
     const ranking = chooser("Order of the samples", "rank");
     const pick = chooser("Samples shown", "pick");
     const hint = make("span", "pd-samples-hint", {},
-      "Point to preview, click to use. Arrows, Enter, C compares, Esc.");
+      "Point to preview, click to use, C compares");
     const close = make("button", "pd-close", {
       type: "button", "aria-label": "Close the samples", title: "Close (Esc)",
     }, "\u00d7");
