@@ -1,5 +1,6 @@
 """All generators by name; heavy ones are made when they are asked for."""
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -168,12 +169,16 @@ def _add_plugin(
     try:
         plugin = make_generator(given)
     except GenerationError as error:
-        reason = str(error).removeprefix(f"{given}: ").removesuffix(".")
+        reason = str(error).removesuffix(".")
+        for place in (str(Path(given) / FOLDER_MODULE), given):
+            reason = reason.removeprefix(f"{place}: ")
         unusable.append(UnusableGenerator(name=name, reason=reason))
         return
-    offer = GeneratorSpec(
-        make=lambda: plugin, origin=given, supports=supported_by(plugin)
-    )
+    supports = supported_by(plugin)
+    can = ", ".join(["trajectories", *sorted(supports)])
+    only = "" if supports else " only"
+    origin = f"your own code: {can}{only}" if folder is None else str(folder)
+    offer = GeneratorSpec(make=lambda: plugin, origin=origin, supports=supports)
     _add(offers, name, offer, folder)
 
 
@@ -216,18 +221,28 @@ def _damage(folder: Path) -> str:
     if not config.is_file():
         return ""
     try:
-        if not isinstance(json.loads(config.read_bytes()), dict):
-            return f"{MODEL_CONFIG} holds no JSON object"
+        content = json.loads(config.read_bytes())
     except (OSError, ValueError):
         return f"{MODEL_CONFIG} is not readable JSON"
-    if next(folder.glob(_WEIGHTS_PATTERN), None) is None:
+    stages = content.get("stages") if isinstance(content, dict) else None
+    if not isinstance(stages, dict):
+        return f"{MODEL_CONFIG} lists no stages"
+    files = sorted(folder.glob(_WEIGHTS_PATTERN))
+    if not files:
         return "the weights (*.safetensors) are missing"
+    hashes = {hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+    for name, stage in stages.items():
+        if not isinstance(stage, dict) or stage.get("sha256") not in hashes:
+            return (
+                f"the weights of the stage {name} are not those that {MODEL_CONFIG} "
+                "lists: missing, damaged or of another model"
+            )
     return ""
 
 
 def _supported_by_stages(folder: Path) -> frozenset[Capability]:
     """What a model can do with the stages that it has; without one it is told at a run."""
-    stages = json.loads((folder / MODEL_CONFIG).read_bytes()).get("stages", {})
+    stages = json.loads((folder / MODEL_CONFIG).read_bytes())["stages"]
     return CAPABILITIES if "init" in stages else frozenset({"guidance"})
 
 

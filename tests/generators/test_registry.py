@@ -1,9 +1,11 @@
+import hashlib
+import json
 from pathlib import Path
 
 import pytest
 
 from pd_editor.errors import GenerationError
-from pd_editor.generation import ScenarioGenerator
+from pd_editor.generation import CAPABILITIES, ScenarioGenerator
 from pd_editor.generators import (
     DEFAULT_GENERATOR,
     GENERATORS,
@@ -40,10 +42,11 @@ def test_others_are_refused():
         make_generator("crystal-ball")
 
 
-def model_folder(path: Path, config: str = "{}") -> Path:
+def model_folder(path: Path, config: str = "", stage: str = "init") -> Path:
     path.mkdir(parents=True)
-    (path / MODEL_CONFIG).write_text(config)
-    (path / "initial_states.safetensors").write_bytes(b"")
+    listed = {"stages": {stage: {"sha256": hashlib.sha256(b"weights").hexdigest()}}}
+    (path / MODEL_CONFIG).write_text(config or json.dumps(listed))
+    (path / "initial_states.safetensors").write_bytes(b"weights")
     return path
 
 
@@ -62,6 +65,7 @@ def test_a_folder_of_models_offers_each_and_lists_the_broken_ones(tmp_path: Path
     model_folder(tmp_path / "damaged", "{")
     model_folder(tmp_path / "odd", "[]")
     (model_folder(tmp_path / "weightless") / "initial_states.safetensors").unlink()
+    (model_folder(tmp_path / "cut") / "initial_states.safetensors").write_bytes(b"wei")
     (tmp_path / "notes").mkdir()
     found = catalogue_with([tmp_path])
     # (W16) None of several is preferred: the default stays, and is still the first.
@@ -71,9 +75,21 @@ def test_a_folder_of_models_offers_each_and_lists_the_broken_ones(tmp_path: Path
     reasons = {one.name: one.reason for one in found.unusable}
     assert reasons == {
         "damaged": "config.json is not readable JSON",
-        "odd": "config.json holds no JSON object",
+        "odd": "config.json lists no stages",
+        "cut": "the weights of the stage init are not those that config.json lists: "
+        "missing, damaged or of another model",
         "weightless": "the weights (*.safetensors) are missing",
     }
+
+
+def test_a_model_without_initial_states_samples_none(tmp_path: Path):
+    whole, half = (
+        model_folder(tmp_path / "a"),
+        model_folder(tmp_path / "b", stage="traj"),
+    )
+    offers = catalogue_with([whole, half]).offers
+    assert offers["a"].supports == CAPABILITIES
+    assert offers["b"].supports == {"guidance"}
 
 
 def test_folders_that_are_no_models_are_refused(tmp_path: Path):
@@ -91,6 +107,7 @@ def test_two_generators_of_one_name_are_refused(tmp_path: Path, taken: str):
 def test_a_reference_is_offered_once(tmp_path: Path):
     reference = "examples.drift_generator:DriftGenerator"
     offer = catalogue_with([reference]).offers[reference]
-    assert (offer.origin, offer.make().name) == (reference, "drift")
+    assert offer.make().name == "drift"
+    assert offer.origin == "your own code: trajectories only"
     with pytest.raises(GenerationError, match="already; name it once"):
         catalogue_with([reference, reference])

@@ -113,7 +113,7 @@ class GenerationPanel:
             self._origin = gui.add_markdown("")
             self._unusable = [
                 gui.add_markdown(
-                    f"Not offered: {plain(broken.name)} ({plain(broken.reason)})"
+                    f"Not offered: {plain(broken.name)}: {plain(broken.reason)}"
                 )
                 for broken in catalogue.unusable
             ]

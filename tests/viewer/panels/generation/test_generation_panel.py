@@ -257,10 +257,10 @@ def test_plugins_are_offered_with_their_origin_and_broken_folders_are_listed(tmp
         assert plugin in panel._model.options
         assert "damaged_one" not in panel._model.options
         (shown,) = (handle.content for handle in panel._unusable)
-        assert shown == r"Not offered: damaged\_one (config\.json is not readable JSON)"
+        assert shown == r"Not offered: damaged\_one: config\.json is not readable JSON"
         panel._model.value = plugin
         tab.run(panel._model_chosen)
-        assert panel._origin.content == plain(plugin)
+        assert panel._origin.content == plain("your own code: trajectories only")
         run_to_end(tab, panel.regenerate)
         (entry,) = tab.session.entries
         assert "(drift, seed 0)" in entry.label
