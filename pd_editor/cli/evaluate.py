@@ -256,8 +256,8 @@ def checked_methods(
         plain = method.generator_name if method.options else name
         if plain not in known and not is_generator(plain):
             raise GenerationError(
-                f"There is no method {name[:60]!r}; {nearest_or_all(plain, known)}, "
-                "folders of models, and package.module:attribute."
+                f"There is no method {name[:60]!r}; {nearest_or_all(plain, known)} "
+                "(folders of models and package.module:attribute are taken as well)."
             )
         if is_reference(plain):
             make(plain)  # What cannot be imported is refused once, not for each scene.

@@ -19,6 +19,7 @@ from pd_editor.generation import (
     run_to_end,
 )
 from pd_editor.metrics.traffic_view import TrafficView, generated_traffic
+from pd_editor.plain_text import nearest_or_all
 
 _OPTIONS: Final = {
     "steps": MAX_DENOISING_STEPS,
@@ -84,10 +85,15 @@ class Method:
             except ValueError:
                 found[name] = math.nan
             least = 1 if name == "steps" else 0
-            if name not in _OPTIONS or not least <= found[name] <= _OPTIONS[name]:
+            if name not in _OPTIONS:
                 raise GenerationError(
                     f"The method {self.name[:60]!r} has the option {text[:30]!r}; "
-                    "expected steps, lanes, tries or raw, such as lanes=0.6."
+                    f"{nearest_or_all(name, _OPTIONS)}, such as lanes=0.6."
+                )
+            if not least <= found[name] <= _OPTIONS[name]:
+                raise GenerationError(
+                    f"The method {self.name[:60]!r} has the option {text[:30]!r}; "
+                    f"expected a number from {least} to {_OPTIONS[name]}."
                 )
         return found
 

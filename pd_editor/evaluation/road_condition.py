@@ -9,6 +9,7 @@ from pd_editor.errors import InputError
 from pd_editor.perturbation.anchor import pose_of_anchor
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.plain_text import nearest_or_all
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,
     MAX_POWER,
@@ -137,6 +138,7 @@ def _parsed(text: str) -> RoadCondition:
     sum_text, at, anchor = text.partition("@")
     terms = [_term(part) for part in re.split(r"\+(?=[a-z])", sum_text)]
     known = [term for term in terms if term is not None]
+    _check_kinds(text, sum_text)
     kinds = {kind for kind, _ in known}
     anchor = anchor if at else DEFAULT_ANCHOR
     if len(known) < len(terms) or len(kinds) < len(terms) or anchor not in ANCHORS:
@@ -147,6 +149,16 @@ def _parsed(text: str) -> RoadCondition:
             "vehicle instead of the focal agent."
         )
     return RoadCondition(terms=tuple(known), anchor=anchor)
+
+
+def _check_kinds(text: str, sum_text: str) -> None:
+    """Raise for a kind that is spelt nearly like one."""
+    for name in re.findall(r"[a-z][a-z-]+", sum_text):
+        told = nearest_or_all(name, WARP_KINDS)
+        if name not in WARP_KINDS and told.startswith("the nearest"):
+            raise InputError(
+                f"Warp {text[:60]!r} is not known; {told}, such as {WARP_KINDS[0]}:3."
+            )
 
 
 def _term(text: str) -> tuple[WarpKind, float] | None:

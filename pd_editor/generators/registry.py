@@ -280,6 +280,6 @@ def make_generator(name: str, *, device: DeviceName = "auto") -> ScenarioGenerat
         return generator_of_reference(name)
     known = [*GENERATORS, *installed_plugins()]
     raise GenerationError(
-        f"There is no generator {name!r}; {nearest_or_all(name, known)}, the folder of a "
-        "trained model, or package.module:attribute."
+        f"There is no generator {name!r}; {nearest_or_all(name, known)} (the folder of a "
+        "trained model and package.module:attribute are taken as well)."
     )

@@ -25,7 +25,7 @@ def test_options_reach_the_generator():
     (seen,) = placing.requests
     assert asked == ["placing"]
     assert seen.num_denoising_steps == 9
-    lanes, avoidance = seen.guidance
+    lanes, avoidance = seen.settings
     assert (lanes.name, lanes.weight) == (LANE_GUIDANCE, 0.6)
     assert (avoidance.name, avoidance.parameters) == (AVOIDANCE, {"tries": 3.0})
     assert "lanes 0.6, tries 3, steps 9" in method.description
@@ -47,7 +47,7 @@ def test_raw_is_what_the_networks_sample():
     request = method.with_options(usual)
     assert usual.refines_states
     assert not request.refines_states
-    lanes, avoidance = request.guidance
+    lanes, avoidance = request.settings
     assert lanes.weight == 0.0
     assert avoidance.parameters == {"tries": 0.0}
 
@@ -70,10 +70,19 @@ def test_references_but_the_log_draw_no_states():
 
 
 @pytest.mark.parametrize(
-    "options", ["speed=3", "lanes", "lanes=-1", "tries=-1", "steps=0", "steps=x"]
+    ("options", "told"),
+    [
+        ("speed=3", "expected one of steps, lanes, tries, raw"),
+        ("step=3", "the nearest is steps"),
+        ("lanes", "expected a number from 0 to 1"),
+        ("lanes=-1", "expected a number from 0 to 1"),
+        ("tries=-1", "expected a number from 0 to 64"),
+        ("steps=0", "expected a number from 1 to 1000"),
+        ("steps=x", "expected a number from 1 to 1000"),
+    ],
 )
-def test_unknown_options_are_refused(options: str):
-    with pytest.raises(GenerationError, match="expected steps, lanes, tries or raw"):
+def test_unknown_options_are_refused(options: str, told: str):
+    with pytest.raises(GenerationError, match=told):
         _ = Method(name=f"x:{options}", make_generator=make_nothing).options
 
 

@@ -65,3 +65,14 @@ def test_a_plain_road_is_the_scenario_itself():
     bent = road_conditions(["smooth-turn:3"])[0].applied_to(scenario)
     assert bent.applied_warp is not None
     assert bent.applied_warp.friction_coefficient == 0.7
+
+
+def test_the_nearest_kind_is_told():
+    with pytest.raises(
+        InputError, match="'smoth-turn:3' is not known; the nearest is smoo"
+    ):
+        road_conditions(["smoth-turn:3"])
+    with pytest.raises(
+        InputError, match="'xyz:3' is not known; expected none, all, KIND"
+    ):
+        road_conditions(["xyz:3"])
