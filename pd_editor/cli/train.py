@@ -44,7 +44,7 @@ class Training:
     """Loss on held-out scenes; NaN without any."""
     num_scenes: int
     num_left_out: int
-    """Number of scenarios and files that could not be used."""
+    """Number of scenarios and files that could not be used, or are not trained on."""
     is_stopped: bool
     """Whether it was stopped before its time; it can be resumed."""
     is_first: bool = True
@@ -57,7 +57,7 @@ class Training:
             f"scenes; held-out loss {self.held_out_loss:.4f}."
         ]
         if self.num_left_out:
-            remarks.append(f"{self.num_left_out} scenarios or files could not be used.")
+            remarks.append(f"{self.num_left_out} scenarios or files were left out.")
         if self.is_stopped:
             remarks.append(f"Stopped; go on with --resume --out {self.folder}")
         return "\n".join([str(self.model), *remarks])

@@ -227,13 +227,19 @@ def _train(
     if run.state_path.exists():
         loop.resume()
 
+    of_data = _sampling_of_data(config)
+
     def write_results() -> None:
         trained = TrainedStage(
             kind=stage.kind,
             config=model_config,
             model=loop.averaged_model,
             sampling={
-                part: with_settings(value, config.sampling.get(part, {}), part)
+                part: with_settings(
+                    value,
+                    {**of_data.get(part, {}), **config.sampling.get(part, {})},
+                    part,
+                )
                 for part, value in sampling.items()
             },
             about=_about(config, prepared.data, loop),
@@ -265,6 +271,16 @@ def _train(
             is_stopped=fabric.broadcast(is_stopped()),
             is_first=fabric.is_global_zero,
         )
+
+
+def _sampling_of_data(config: RunConfig) -> Mapping[str, Mapping[str, Any]]:
+    """Settings of the sampling that depend on the data.
+
+    Squares of recordings are as dense as recorded ones.
+    """
+    if config.stage != "init" or not all(map(is_recorded, _roots(config.data))):
+        return {}
+    return {"sampler": {"fit_density": 1.0}}
 
 
 def _with_checkpoints(config: RunConfig, minutes: float) -> RunConfig:

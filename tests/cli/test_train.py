@@ -194,7 +194,7 @@ def test_broken_scenarios_are_counted(av2_scenario_folders: list[Path], tmp_path
         preset="tiny", steps=2, device="cpu", precision="32",
     )  # fmt: skip
     assert (found.num_scenes, found.num_left_out) == (6, 1)
-    assert "1 scenarios or files could not be used." in str(found)
+    assert "1 scenarios or files were left out." in str(found)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
@@ -290,6 +290,10 @@ def test_one_command_makes_a_model_of_ones_own_recordings(
         assert stage.about["validate"] == ["val"]
         assert stage.about["held_out_loss"] is not None
         assert len(stage.about["commit"]) >= 40
+    # Squares of the simulation are denser than recorded ones.
+    starting = load_model(start.folder, STAGE_KINDS).stage("init")
+    assert starting.sampling["sampler"].fit_density == 0.72
+    assert stages["init"].sampling["sampler"].fit_density == 1.0
     assert "CC BY-NC-SA" in (out.model / "MODEL_CARD.md").read_text()
     resumed = pd_editor.train(
         "all", out=tmp_path / "own", steps=3, resume=True, cache=cache

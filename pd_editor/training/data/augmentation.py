@@ -16,7 +16,7 @@ from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import (
@@ -26,6 +26,7 @@ from pd_editor.scene.road_warp import (
     WarpTerm,
 )
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 from pd_editor.training.config.run_config import Augmentation
 
 _REACH_M: Final = 120.0
@@ -37,6 +38,10 @@ occlusions would leave 17 of them in a scenario, this leaves 25; Argoverse 2 has
 _REACH_SPREAD: Final = 0.45
 """Standard deviation of the logarithm of that distance."""
 _FAR_M: Final = 60.0
+CRAWLING_MPS: Final = 3.0
+"""Vehicles that move slower than this crawl."""
+_LEAST_MOVING: Final = 3
+"""With fewer moving vehicles, their speeds say nothing of a scene."""
 _NUM_WAVES: Final = 3
 _POWERS: Final = (1.0, 9.5)
 
@@ -69,6 +74,18 @@ def augmented(
             friction_coefficient=DRY_ROAD_FRICTION,
         )
     return scenario
+
+
+def crawling_share(scenario: Scenario, center_m: Float[np.ndarray, "2"]) -> float:
+    """Share of the moving vehicles around a place that crawl; 0 with too few of them."""
+    agents, step = scenario.agents, scenario.current_step
+    speed = np.hypot(*agents.velocity_mps[:, step].T)
+    is_near = np.abs(agents.position_m[:, step] - center_m).max(axis=1) <= _FAR_M
+    moves = agents.is_valid[:, step] & agents.kind_mask({AgentKind.VEHICLE}) & is_near
+    moves &= speed >= MOVING_MPS
+    if moves.sum() < _LEAST_MOVING:
+        return 0.0
+    return float(np.mean(speed[moves] < CRAWLING_MPS))
 
 
 def _remaining(

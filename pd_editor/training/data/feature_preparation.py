@@ -28,7 +28,11 @@ from pd_editor.features.scene_features import (
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.training.config.run_config import Augmentation
-from pd_editor.training.data.augmentation import DEFAULT_AUGMENTATION, augmented
+from pd_editor.training.data.augmentation import (
+    DEFAULT_AUGMENTATION,
+    augmented,
+    crawling_share,
+)
 from pd_editor.training.data.scenario_source import ScenarioSource, open_roots
 from pd_editor.work_engine import LocalProcesses, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
@@ -62,8 +66,11 @@ class _PartItem:
                 [self.seed, self.root_index, number, self.copy]
             )
             try:
+                scenario = source[number]
+                if root.is_simulated and self._is_left_out(scenario):
+                    continue
                 scenario, center = self._prepared(
-                    source[number], random, hides_agents=root.is_simulated
+                    scenario, random, hides_agents=root.is_simulated
                 )
                 found = scene_features(
                     scenario, with_candidates=with_candidates, center_m=center
@@ -72,6 +79,12 @@ class _PartItem:
                 # Unusable scenarios are skipped; they are counted by what is missing.
                 continue
             yield root.group(number), found
+
+    def _is_left_out(self, scenario: Scenario) -> bool:
+        if self.augmentation is None:
+            return False
+        share = crawling_share(scenario, scene_center(scenario))
+        return share > self.augmentation.most_crawling
 
     def _prepared(
         self, scenario: Scenario, random: np.random.Generator, *, hides_agents: bool

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -23,6 +23,8 @@ from pd_editor.training.loop.weight_average import WeightAverage
 _STEPS_PER_LINE = 25
 _BETAS = (0.9, 0.99)
 """Betas of AdamW; the second is below the usual 0.999, since runs are short."""
+_MOST_WARMUP: Final = 0.1
+"""Greatest share of a run in which the learning rate warms up."""
 _AUGMENT, _NOISE, _HELD_OUT = 1, 2, 3
 
 
@@ -338,8 +340,12 @@ def spent(budget: Budget, train_state: TrainState) -> float:
 
 
 def learning_rate(optimisation: Optimisation, step: int, fraction: float) -> float:
-    """Learning rate: linear warm-up, plateau, then cosine decay to zero."""
+    """Learning rate: linear warm-up, plateau, then cosine decay to zero.
+
+    The warm-up of a short run is over after a tenth of it.
+    """
     constant = optimisation.constant_share
-    warmth = min(1.0, (step + 1) / (optimisation.warmup_steps + 1))
+    warmed = (step + 1) / (optimisation.warmup_steps + 1)
+    warmth = min(1.0, max(warmed, fraction / _MOST_WARMUP))
     fallen = min(1.0, max(0.0, fraction - constant) / (1 - constant))
     return optimisation.learning_rate * warmth * 0.5 * (1 + math.cos(math.pi * fallen))

@@ -10,7 +10,7 @@ from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory
 from pd_editor.scene.agent_tracks import empty_tracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.training.config.run_config import Augmentation
-from pd_editor.training.data.augmentation import augmented
+from pd_editor.training.data.augmentation import augmented, crawling_share
 from tests.builders import scenario_with, straight_drivers, two_lane_road
 
 NOTHING = Augmentation(
@@ -189,3 +189,15 @@ def test_empty_and_no_road_do_no_harm():
 def scenario_features_are_finite(scenario) -> bool:
     found = scene_features(scenario)
     return all(np.isfinite(values).all() for values in vars(found).values())
+
+
+@pytest.mark.parametrize(
+    ("speeds", "share"),
+    [([0.0, 0.4, 1.0, 2.9, 3.1, 9.0], 0.5), ([0.0, 1.0, 2.0], 0.0), ([5.0] * 4, 0.0)],
+)
+def test_the_share_that_crawls_is_of_moving_vehicles_nearby(speeds, share):
+    """With fewer than three that move there is no share; those 200 m away do not count."""
+    near = [(10.0 * place, 0.0, 0.0, one) for place, one in enumerate(speeds)]
+    far = [(200.0, 0.0, 0.0, 1.0), (-200.0, 0.0, 0.0, 1.0)]
+    scenario = scenario_with(straight_drivers([*near, *far]))
+    assert crawling_share(scenario, np.zeros(2)) == share

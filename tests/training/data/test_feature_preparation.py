@@ -8,10 +8,12 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.errors import InputError, TrainingError
 from pd_editor.features.encoded_scene import PackedScene, packed
-from pd_editor.features.scene_features import scene_features
+from pd_editor.features.scene_features import scene_center, scene_features
 from pd_editor.recordings.clip_selection import choose_windows
 from pd_editor.recordings.shards import shard_bytes
+from pd_editor.training.config.run_config import Augmentation
 from pd_editor.training.data import feature_preparation as scenario_dataset
+from pd_editor.training.data.augmentation import crawling_share
 from pd_editor.training.data.feature_preparation import (
     fit_basis,
     open_roots,
@@ -178,3 +180,24 @@ def test_a_root_of_damaged_scenarios_only_is_refused(av2_copy, basis, tmp_path):
         prepare_features([root], tmp_path / "store", basis, workers=1)
     with pytest.raises(TrainingError, match="complete trajectory"):
         fit_basis([root], workers=1)
+
+
+def test_simulated_scenes_in_which_too_many_crawl_are_left_out(
+    shards, av2_copy, basis, tmp_path
+):
+    source = open_roots([shards])
+    share = np.array(
+        [
+            crawling_share(one, scene_center(one))
+            for one in map(source.__getitem__, range(len(source)))
+        ]
+    )
+    most = float(np.median(share[share > 0]))
+    kept = int((share <= most).sum())
+    assert 0 < kept < len(source)
+    flowing = Augmentation(most_crawling=most)
+    store = prepare_features([shards], tmp_path / "some", basis, augmentation=flowing)
+    assert len(store) == kept
+    none = Augmentation(most_crawling=0.0)
+    store = prepare_features([av2_copy], tmp_path / "real", basis, augmentation=none)
+    assert len(store) == 3

@@ -152,6 +152,13 @@ def test_the_learning_rate_warms_up_stays_and_falls():
     assert all(later <= rate for rate, later in itertools.pairwise(rates))
 
 
+def test_the_warm_up_of_a_short_run_is_over_after_a_tenth_of_it():
+    law = Optimisation(learning_rate=2.0, warmup_steps=100)
+    assert learning_rate(law, 3, 0.1) == 2.0
+    assert learning_rate(law, 2, 0.05) == 1.0
+    assert learning_rate(law, 10, 0.01) == pytest.approx(2.0 * 11 / 101)
+
+
 def test_steps_count_before_minutes():
     train_state = TrainState(step=5, trained_s=30)
     assert spent(Budget(steps=10, minutes=0.1), train_state) == 0.5
