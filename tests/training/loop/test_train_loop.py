@@ -136,7 +136,8 @@ def test_checkpoints_come_in_time_and_at_the_end(tmp_path):
 def test_a_state_of_another_network_is_refused(tmp_path):
     list(loop_of(tmp_path, 5).run())
     other = loop_of(tmp_path, 5)
-    other._model[0].weight = torch.nn.Parameter(torch.zeros(9, 4))
+    first = other._model.get_submodule("0")
+    first.weight = torch.nn.Parameter(torch.zeros(9, 4))
     with pytest.raises(ModelError, match="shape"):
         other.resume()
 
