@@ -574,6 +574,7 @@ def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptio
         lane_agent_ids=lanes[-1].agent_ids if lanes else (),
         terms=request.terms,
         term_guidance=stage.sampling["terms"],
+        avoids=all(one.weight > 0 for one in request.settings if one.name == AVOIDANCE),
         samples_unguided=request.reports_cost,
         num_tries=max(_num_tries(request), 1),
         seed=request.seed,

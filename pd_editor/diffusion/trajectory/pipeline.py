@@ -84,6 +84,8 @@ class TrajectoryOptions:
     terms: tuple[GuidanceTerm, ...] = ()
     """What the user asks of trajectories."""
     term_guidance: TermGuidance = field(default_factory=TermGuidance)
+    avoids: bool = True
+    """Whether agents that are led somewhere avoid collisions."""
     samples_unguided: bool = False
     """Whether each sample is also made without the terms, from the same noise."""
     num_tries: int = 1
@@ -407,7 +409,7 @@ def _term_guide(
     if not options.terms:
         return None
     context = task.term_context(options.term_guidance)
-    terms = trajectory_terms(options.terms, context) + planned
+    terms = trajectory_terms(options.terms, context, avoids=options.avoids) + planned
     if not terms:
         return None
     return TermGuide(

@@ -59,11 +59,19 @@ class AvoidTerm:
     side: float
     """1: swerve to the left, -1: to the right, 0: whatever is less."""
     weight: float
+    num_closings: int
+    """Additional projections of the result."""
     is_closed: bool = True
 
     @classmethod
-    def of(cls, term: AvoidCollisions, context: TermContext) -> "AvoidTerm | None":
-        """Make the term; None if no agent of it is sampled."""
+    def of(
+        cls, term: AvoidCollisions, context: TermContext, *, is_light: bool = False
+    ) -> "AvoidTerm | None":
+        """Make the term; None if no agent of it is sampled.
+
+        A light one goes with terms that lead agents somewhere: they drive there around
+        others where they can.
+        """
         agents = context.guided(term.agent_ids, ROAD_USER_KINDS)
         if not len(agents):
             return None
@@ -75,6 +83,7 @@ class AvoidTerm:
             counts=_counted_pairs(context).to(agents.device),
             side={"left": 1.0, "right": -1.0, None: 0.0}[term.side],
             weight=term.weight,
+            num_closings=0 if is_light else context.config.num_avoiding,
         )
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:

@@ -63,9 +63,10 @@ class TermGuide:
         terms = [term for term in self.terms if term.is_closed]
         if not terms:
             return latent
-        rounds = self.config.num_closings
-        if any(isinstance(term, AvoidTerm) for term in terms):
-            rounds += self.config.num_avoiding
+        rounds = self.config.num_closings + max(
+            (term.num_closings for term in terms if isinstance(term, AvoidTerm)),
+            default=0,
+        )
         with sampling_mode(latent[..., 0].numel()):
             # Each projection starts from the last one, so what is met stays as it is.
             for _ in range(rounds):

@@ -32,6 +32,7 @@ from pd_editor.scene.guidance_terms import (
     StayOnRoad,
     StopAtLine,
     TargetSpeed,
+    Threaten,
     YieldTo,
 )
 
@@ -78,9 +79,12 @@ TERM_MAKERS: Final[dict[type[GuidanceTerm], TermMaker]] = {
 
 
 def trajectory_terms(
-    terms: Sequence[GuidanceTerm], context: TermContext
+    terms: Sequence[GuidanceTerm], context: TermContext, *, avoids: bool = False
 ) -> tuple[TrajectoryTerm, ...]:
-    """Terms of a run, without those that are off or of weight zero."""
+    """Terms of a run, without those that are off or of weight zero.
+
+    With ``avoids``, agents that are led somewhere avoid collisions as far as they can.
+    """
     made: list[TrajectoryTerm] = []
     for kind, make in TERM_MAKERS.items():
         values = [
@@ -90,4 +94,27 @@ def trajectory_terms(
         ]
         if values:
             made += make(values, context)
+    if avoids:
+        made += _avoidance_of_led(terms, context)
     return tuple(made)
+
+
+def _avoidance_of_led(
+    terms: Sequence[GuidanceTerm], context: TermContext
+) -> Sequence[TrajectoryTerm]:
+    """A light term of agents that are led somewhere, unless they take part in a threat."""
+    active = [term for term in terms if term.is_on and term.weight > 0]
+    led = {
+        one.agent_id
+        for one in active
+        if isinstance(one, GoalPoint | FollowPath | FollowLane)
+    }
+    for one in active:
+        if isinstance(one, Threaten):
+            led -= set(one.named_ids)
+    weight = context.config.led_weight
+    if not led or not weight:
+        return []
+    value = AvoidCollisions(agent_ids=tuple(sorted(led)), weight=weight)
+    term = AvoidTerm.of(value, context, is_light=True)
+    return [] if term is None else [term]

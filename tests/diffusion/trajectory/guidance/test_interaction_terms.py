@@ -23,8 +23,11 @@ from pd_editor.metrics.collisions.box_collision import box_overlap
 from pd_editor.metrics.traffic_view import generated_traffic
 from pd_editor.scene.guidance_terms import (
     AvoidCollisions,
+    FollowPath,
+    GoalPoint,
     GuidanceTerm,
     KeepGap,
+    Threaten,
     YieldTo,
 )
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
@@ -35,7 +38,7 @@ from tests.diffusion.trajectory.scenes import small_model
 
 
 def guide_of(
-    scenario: Scenario, *terms: GuidanceTerm
+    scenario: Scenario, *terms: GuidanceTerm, avoids: bool = False
 ) -> tuple[TermGuide, LatentMotion, torch.Tensor]:
     """A guide by terms, and latents of constant velocity."""
     model = small_model()
@@ -46,16 +49,17 @@ def guide_of(
     time = 0.1 * np.arange(1, 60)
     straight = np.stack([speed[:, None] * time, np.zeros((len(rows), 59))], axis=-1)
     latent = model.decoder.basis.encode(straight, speed)
-    made = trajectory_terms(terms, task.term_context(TermGuidance()))
+    context = task.term_context(TermGuidance())
+    made = trajectory_terms(terms, context, avoids=avoids)
     guide = TermGuide(motion=motion, terms=made, config=TermGuidance(num_closings=8))
     return guide, motion, torch.from_numpy(latent)[None, None].float()
 
 
 def moved(
-    scenario: Scenario, *terms: GuidanceTerm
+    scenario: Scenario, *terms: GuidanceTerm, avoids: bool = False
 ) -> tuple[PredictedMotion, PredictedMotion]:
     """Motion at constant velocity, and as the terms ask."""
-    guide, motion, latent = guide_of(scenario, *terms)
+    guide, motion, latent = guide_of(scenario, *terms, avoids=avoids)
     after = guide.closed(latent)
     return motion.predicted(latent[:, 0], 0.0), motion.predicted(after[:, 0], 0.0)
 
@@ -157,6 +161,29 @@ def test_only_named_agents_avoid() -> None:
     before, after = moved(scenario, AvoidCollisions(agent_ids=("101",)))
     assert torch.equal(after.position_m[0, 0], before.position_m[0, 0])
     assert not torch.equal(after.position_m[0, 1], before.position_m[0, 1])
+
+
+LEADS = [
+    GoalPoint(agent_id="100", point_m=(58.0, 0.0)),
+    FollowPath(agent_id="100", points_m=((0.0, 0.0), (30.0, 0.0), (80.0, 0.0))),
+]
+
+
+@pytest.mark.parametrize("term", LEADS)
+def test_agents_that_are_led_drive_around_others(term: GuidanceTerm) -> None:
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 9), (34, 1.6, 0, 0)]))
+    _, through = moved(scenario, term)
+    assert gaps(through, 0, 1).min() < -0.2
+    before, after = moved(scenario, term, avoids=True)
+    assert gaps(after, 0, 1).min() > -0.05
+    assert torch.equal(after.position_m[:, 1], before.position_m[:, 1])
+
+
+def test_agents_that_threaten_do_not_avoid() -> None:
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 9), (34, 0, 0, 0)]))
+    threat = Threaten(agent_id="100", other_id="101", approach="rear")
+    guide, _, _ = guide_of(scenario, LEADS[1], threat, avoids=True)
+    assert len(guide.terms) == 1
 
 
 def test_pairs_that_overlap_now_are_left_alone() -> None:
