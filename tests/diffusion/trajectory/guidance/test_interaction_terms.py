@@ -88,7 +88,7 @@ def gaps(motion: PredictedMotion, one: int, two: int) -> np.ndarray:
     return apart.amax(dim=-1).numpy()
 
 
-FOLLOWS = [(0, 0, 0, 10), (25, 0, 0, 5)]
+FOLLOWS = [(0.0, 0.0, 0.0, 10.0), (25.0, 0.0, 0.0, 5.0)]
 """The first one would run into the second one."""
 CROSSES = [(0, 0, 0, 8), (24, -25, np.pi / 2, 8)]
 """The first one would be 3 m before the crossing when the second one is there."""
