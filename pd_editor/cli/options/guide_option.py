@@ -126,7 +126,12 @@ def _value(hint: Any, text: str, where: str) -> Any:
                     f"{where} is {one_line(text)!r}; expected X/Y in metres."
                 )
             return [_number(part, where) for part in parts]
-        return [_value(args[0], part, where) for part in text.split("+")]
+        parts = text.split("+")
+        if Ellipsis not in args and len(parts) != len(args):
+            raise InputError(
+                f"{where} is {one_line(text)!r}; expected {len(args)} points, X/Y+X/Y."
+            )
+        return [_value(args[0], part, where) for part in parts]
     return text
 
 

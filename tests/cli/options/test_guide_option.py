@@ -85,6 +85,7 @@ def test_files_hold_lists_of_terms(tmp_path: Path):
         ("goal-point:agent,point=1/2", "agent lacks its value; expected agent=ID"),
         ("goal-point:agent=1,agent=2,point=1/2", "given twice"),
         ("follow-lane:agent=1,lanes=x", "whole number"),
+        ("stop-at-line:agent=1,line=3/1", r"expected 2 points, X/Y\+X/Y"),
         ("target-speed:speed=999", "expected 0 to 60"),
         ("threaten:agent=1,other=2,approach=up", "one of rear"),
         ("missing.json", "missing.json"),
