@@ -18,10 +18,11 @@ from assets.stories import STORIES
 from assets.story import Story
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.installed_files import SENTENCES_NAME
-from pd_editor.metrics.road.off_road import off_road
+from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.recordings.clip import cut_scenario
 from pd_editor.recordings.map_crop import cropped_map
 from pd_editor.recordings.recording import Recording, Window
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
@@ -81,10 +82,11 @@ def told(story: Story, recording: Recording) -> Scenario:
 
 def _is_parked_off_road(scenario: Scenario) -> Bool[np.ndarray, "A"]:
     """Who stands for good, and not with all corners on paved ground."""
-    position = scenario.agents.position_m
-    stands = (position == position[:, :1]).all(axis=(1, 2))
-    found = off_road(scenario, np.array([scenario.current_step]))
-    return stands & (found.num_corners[:, 0] > 0)
+    agents = scenario.agents
+    stands = (agents.position_m == agents.position_m[:, :1]).all(axis=(1, 2))
+    stands &= agents.kind_mask(LANE_FOLLOWER_KINDS)
+    boxes = agents.at(slice(None), scenario.current_step)
+    return stands & is_off_road(scenario, boxes.corners_m()).any(axis=1)
 
 
 def _rounded_agents(agents: AgentTracks) -> AgentTracks:

@@ -11,8 +11,9 @@ import numpy as np
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.generation import GenerationRequest, run_to_end
-from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
+from pd_editor.geometry.oriented_box import Boxes
 from pd_editor.lane_follower import LaneFollower
+from pd_editor.metrics.collisions.box_tests import boxes_touch
 from pd_editor.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.scenario import Scenario
@@ -32,18 +33,16 @@ def overlapping(
     all_heading = agents.heading_rad[:, step:].copy()
     exists = agents.is_valid[:, step:].copy()
     all_position[rows], all_heading[rows], exists[rows] = position, heading, True
-    sizes = np.repeat(agents.size_m[:, None], exists.shape[1], axis=1)
-    corners = box_corners(all_position, all_heading, sizes)
-    shape = (len(rows), *corners.shape)
-    hit = boxes_overlap(
-        np.broadcast_to(corners[rows][:, None], shape),
-        np.broadcast_to(corners[None], shape),
-        SINK_M,
+    boxes = Boxes(
+        position_m=all_position,
+        heading_rad=all_heading,
+        size_m=agents.size_m[:, None] - SINK_M,
     )
+    hit = boxes_touch(boxes[rows][:, None], boxes[None])
     hit &= exists[rows][:, None] & exists[None]
     hit[np.arange(len(rows)), rows] = False
     new = hit & ~hit[:, :, :1]
-    return new.any((1, 2))
+    return np.asarray(new.any((1, 2)))
 
 
 def figures(
@@ -60,7 +59,7 @@ def figures(
     return {
         "ade": ade,
         "overlap": hits,
-        "far": (distance > FAR_M).any(1),
+        "far": np.asarray((distance > FAR_M).any(1)),
         "end": distance[:, -1],
         "moved": np.linalg.norm(position[:, -1] - position[:, 0], axis=-1),
     }

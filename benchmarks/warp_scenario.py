@@ -17,7 +17,7 @@ from pd_editor.av2_io.map_file import read_map
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.metrics.collisions.box_tests import first_overlap
-from pd_editor.metrics.road.off_road import off_road
+from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.perturbation.warp_scenario import warp_scenario
 from pd_editor.problems.check import scene_problems
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
@@ -109,7 +109,10 @@ def report(title: str, scenario: Scenario) -> None:
     )
     measured("take back", lambda: warp_scenario(warped, None))
     measured("first overlaps of the future", lambda: first_overlap(agents, later))
-    measured("off road, all future steps", lambda: off_road(warped, later))
+    measured(
+        "off road, all future steps",
+        lambda: is_off_road(warped, agents.position_m[:, later]),
+    )
     measured("problems now", lambda: scene_problems(warped, with_future=False))
     measured("problems with future", lambda: scene_problems(warped))
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from pd_editor.errors import GenerationError
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.finite_numbers import check_finite
 from pd_editor.scene.road_map import RoadMap
@@ -19,19 +19,11 @@ from pd_editor.scene.scenario import Scenario
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AgentHistory:
-    """A agents up to the current step, in the scene frame; arrays are read-only."""
+class AgentHistory(AgentStates):
+    """A agents up to the current step, in the scene frame; arrays are read-only.
 
-    ids: tuple[str, ...]
-    kinds: tuple[AgentKind, ...]
-    size_m: Float[np.ndarray, "A 2"]
-    """Length and width."""
-    position_m: Float[np.ndarray, "A H 2"]
-    """Box centres; the last of the H steps is the current one."""
-    heading_rad: Float[np.ndarray, "A H"]
-    velocity_mps: Float[np.ndarray, "A H 2"]
-    is_valid: Bool[np.ndarray, "A H"]
-    """Where the history is known; the other arrays hold zeros elsewhere."""
+    The last step is the current one; where ``is_valid`` is false the history is not known.
+    """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -136,3 +136,19 @@ def two_agents_that_pass() -> Scenario:
 def two_agents_that_collide() -> Scenario:
     """The follower at 10 m/s runs into a standing car 20 m ahead."""
     return scenario_with(straight_drivers([(0, 0, 0, 10), (20, 0, 0, 0)]))
+
+
+def empty_tracks(num_steps: int) -> AgentTracks:
+    """Tracks without agents."""
+    return AgentTracks(
+        ids=(),
+        kinds=(),
+        categories=(),
+        size_m=np.zeros((0, 2)),
+        has_known_size=np.zeros(0, bool),
+        position_m=np.zeros((0, num_steps, 2)),
+        heading_rad=np.zeros((0, num_steps)),
+        velocity_mps=np.zeros((0, num_steps, 2)),
+        is_valid=np.zeros((0, num_steps), bool),
+        observed=np.zeros((0, num_steps), bool),
+    )

@@ -8,8 +8,9 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import EditError, GenerationError
 from pd_editor.generation import GenerationRequest, TrafficSample, run_to_end
 from pd_editor.geometry.angles import heading_of, wrap_angle
-from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
+from pd_editor.geometry.oriented_box import Boxes
 from pd_editor.lane_follower import LaneFollower
+from pd_editor.metrics.collisions.box_tests import boxes_touch
 from pd_editor.paths.car_following import following_acceleration
 from pd_editor.paths.lanes.lane_graph import lane_graph
 from pd_editor.paths.lanes.nearest_lane import nearest_lanes
@@ -36,11 +37,13 @@ def drive(scenario: Scenario, *ids: str, **wishes) -> tuple[TrafficSample, ...]:
 
 
 def ever_overlap(sample: TrafficSample) -> bool:
-    sizes = np.repeat(sample.size_m[:, None], sample.heading_rad.shape[1], axis=1)
-    corners = box_corners(sample.position_m, sample.heading_rad, sizes)
-    count = len(sample.ids)
-    pairs = [(i, j) for i in range(count) for j in range(i)]
-    return any(boxes_overlap(corners[i], corners[j]).any() for i, j in pairs)
+    boxes = Boxes(
+        position_m=sample.position_m,
+        heading_rad=sample.heading_rad,
+        size_m=sample.size_m[:, None],
+    )
+    one, two = np.triu_indices(len(sample.ids), 1)
+    return bool(boxes_touch(boxes[one], boxes[two]).any())
 
 
 def crossing(*states: tuple[float, float, float, float]) -> Scenario:

@@ -25,7 +25,7 @@ _MOST_SCALE: Final = 1.4
 _WIDE_LINE_M: Final = 1.5
 """Width of trajectories in small pictures of a given frame, per scale."""
 _EVERY_STEPS: Final = 10
-# Colours that can be told apart on light and on dark ground.
+# Colours that differ clearly on light and on dark ground.
 _ROAD: Final = "#8b98a5"
 _FOCAL: Final = "#e06a1b"
 _EGO: Final = "#17a08f"

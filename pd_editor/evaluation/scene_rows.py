@@ -19,13 +19,10 @@ from pd_editor.generation import GenerationRequest
 from pd_editor.metrics.metric_table import METRICS
 from pd_editor.metrics.road.off_lane import OFF_LANE_M, nearest_edge
 from pd_editor.metrics.scene_metrics import agent_values, sample_values
-from pd_editor.metrics.traffic_view import (
-    GROUP_KINDS,
-    AgentStates,
-    TrafficView,
-    recorded_traffic,
-)
+from pd_editor.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.metrics.values import MetricValues
+from pd_editor.scene.agent_kind import GROUP_KINDS
+from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.work_engine.time_limit import time_limit
 

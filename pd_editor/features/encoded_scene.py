@@ -18,7 +18,7 @@ from pd_editor.features.scene_fields import (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PackedScene(SceneTokens):
-    """Tokens of a scene, with futures and C candidates as D numbers each, their latents.
+    """Tokens of a scene, with trajectories and C candidates as D numbers each, their latents.
 
     Valid candidates come first in each row.
     """

@@ -1,4 +1,7 @@
-"""Oriented boxes: corners, overlap test and overlap area."""
+"""Oriented boxes: values, corners and overlap area."""
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -19,29 +22,88 @@ def box_corners(
     return center_m[..., None, :] + np.stack([x, y], axis=-1)
 
 
-def boxes_overlap(
-    corners_a_m: Float[np.ndarray, "*shape 4 2"],
-    corners_b_m: Float[np.ndarray, "*shape 4 2"],
-    tolerance_m: float = 0.0,
-) -> Bool[np.ndarray, "*shape"]:
-    """Whether boxes overlap (separating axis test); touching boxes do not.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Boxes:
+    """Oriented boxes at one time; one size may be given for all."""
 
-    Boxes that penetrate each other by at most ``tolerance_m`` do not count either.
-    """
-    separated = np.zeros(corners_a_m.shape[:-2], bool)
-    for corners in (corners_a_m, corners_b_m):
-        for first, second in ((0, 1), (1, 2)):
-            axis = corners[..., second, :] - corners[..., first, :]
-            axis = axis / np.maximum(
-                np.linalg.norm(axis, axis=-1, keepdims=True), 1e-12
-            )
-            along_a = np.einsum("...cd,...d->...c", corners_a_m, axis)
-            along_b = np.einsum("...cd,...d->...c", corners_b_m, axis)
-            gap = np.maximum(
-                along_a.min(-1) - along_b.max(-1), along_b.min(-1) - along_a.max(-1)
-            )
-            separated |= gap >= -tolerance_m
-    return ~separated
+    position_m: Float[np.ndarray, "*s 2"]
+    """Centres."""
+    heading_rad: Float[np.ndarray, "*s"]
+    size_m: Float[np.ndarray, "*#s 2"]
+    """Length and width."""
+
+    def __post_init__(self) -> None:
+        size = np.broadcast_to(self.size_m, self.position_m.shape)
+        object.__setattr__(self, "size_m", size)
+
+    def __getitem__(self, index: Any) -> "Boxes":
+        """Some of the boxes, or all with more dimensions."""
+        return Boxes(
+            position_m=self.position_m[index],
+            heading_rad=self.heading_rad[index],
+            size_m=self.size_m[index],
+        )
+
+    def broadcast_to(self, shape: tuple[int, ...]) -> "Boxes":
+        """Repeat boxes to a shape."""
+        return Boxes(
+            position_m=np.broadcast_to(self.position_m, (*shape, 2)),
+            heading_rad=np.broadcast_to(self.heading_rad, shape),
+            size_m=np.broadcast_to(self.size_m, (*shape, 2)),
+        )
+
+    @property
+    def radius_m(self) -> Float[np.ndarray, "*s"]:
+        """Circumradius of each box."""
+        return np.hypot(self.size_m[..., 0], self.size_m[..., 1]) / 2
+
+    def corners_m(self) -> Float[np.ndarray, "*s 4 2"]:
+        """Corners, counter-clockwise from front left."""
+        return box_corners(self.position_m, self.heading_rad, self.size_m)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoxTracks:
+    """Oriented boxes of A agents at T steps."""
+
+    position_m: Float[np.ndarray, "A T 2"]
+    heading_rad: Float[np.ndarray, "A T"]
+    size_m: Float[np.ndarray, "A 2"]
+    """Length and width."""
+    is_valid: Bool[np.ndarray, "A T"]
+    """Whether the agent exists at a step."""
+
+    @property
+    def num_steps(self) -> int:
+        """Number of time steps T."""
+        return self.is_valid.shape[1]
+
+    @property
+    def radius_m(self) -> Float[np.ndarray, "A"]:
+        """Circumradius of each box."""
+        return np.hypot(self.size_m[:, 0], self.size_m[:, 1]) / 2
+
+    @property
+    def boxes(self) -> Boxes:
+        """All boxes [A T]."""
+        return Boxes(
+            position_m=self.position_m,
+            heading_rad=self.heading_rad,
+            size_m=self.size_m[:, None],
+        )
+
+    def at(self, row: Any, step: Any) -> Boxes:
+        """Boxes at pairs of a row and a step, or of some rows at one step."""
+        return self.boxes[row, step]
+
+    def at_steps(self, steps: Any) -> "BoxTracks":
+        """The boxes at some steps."""
+        return BoxTracks(
+            position_m=self.position_m[:, steps],
+            heading_rad=self.heading_rad[:, steps],
+            size_m=self.size_m,
+            is_valid=self.is_valid[:, steps],
+        )
 
 
 def overlap_area(

@@ -10,8 +10,9 @@ from pd_editor.guidance.limits import OBEYED_GAP_M, OPENING_MPS
 from pd_editor.guidance.measured import Driven, Measured, of_several
 from pd_editor.metrics.collisions.box_collision import box_overlap
 from pd_editor.metrics.collisions.box_tests import boxes_touch
-from pd_editor.metrics.traffic_view import AgentStates, generated_traffic
+from pd_editor.metrics.traffic_view import generated_traffic
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
+from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.guidance_terms import (
     AvoidCollisions,
     KeepGap,
@@ -129,13 +130,7 @@ def shared_places(first: Track, second: Track) -> Bool[np.ndarray, "H H"]:
     """Whether the box of one agent at a step is where the other one's is at another."""
     count = len(first.position_m)
     place, time = (one.ravel() for one in np.indices((count, count)))
-    touches = boxes_touch(
-        second.position_m[time] - first.position_m[place],
-        first.heading_rad[place],
-        second.heading_rad[time],
-        np.broadcast_to(first.size_m, (len(place), 2)),
-        np.broadcast_to(second.size_m, (len(place), 2)),
-    )
+    touches = boxes_touch(first.at(place), second.at(time))
     return touches.reshape(count, count)
 
 

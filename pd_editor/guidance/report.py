@@ -135,7 +135,7 @@ class AgentRealism:
         chosen = np.array([not agent_ids or one in agent_ids for one in self.ids], bool)
         drives = self.drives & chosen
         if not self.drives.any():
-            # Of scenes without vehicles nothing is told.
+            # Scenes without vehicles have no figures.
             return Realism(
                 off_road=0.0,
                 num_collisions=0,

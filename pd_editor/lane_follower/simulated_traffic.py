@@ -1,4 +1,4 @@
-"""State and simulation of all agents of a scene over the future steps."""
+"""State and simulation of all agents of a scene over the steps after the current one."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Bool, Float
 
+from pd_editor.geometry.oriented_box import BoxTracks
 from pd_editor.lane_follower.crossings import (
     NUM_SEARCHED,
     Tracks,
@@ -16,7 +17,7 @@ from pd_editor.lane_follower.intentions import Drivers, Intentions
 from pd_editor.paths.car_following import (
     ACCELERATION_MPS2,
     HARDEST_BRAKING_MPS2,
-    Boxes,
+    MovingBoxes,
     leaders_acceleration,
 )
 from pd_editor.paths.driving_paths import SPACING_M, velocity_of
@@ -29,15 +30,11 @@ _LEAST_TRACK_M = 1.0
 """Agents with a shorter path count as stationary in the search for crossings."""
 
 
-@dataclass(kw_only=True, eq=False)
-class Traffic:
-    """A agents at H steps from the current one on; the simulation writes into it."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Traffic(BoxTracks):
+    """A agents from the current step on; the simulation writes into the arrays."""
 
-    position_m: Float[np.ndarray, "A H 2"]
-    heading_rad: Float[np.ndarray, "A H"]
-    velocity_mps: Float[np.ndarray, "A H 2"]
-    exists: Bool[np.ndarray, "A H"]
-    size_m: Float[np.ndarray, "A 2"]
+    velocity_mps: Float[np.ndarray, "A T 2"]
 
     def copy(self) -> "Traffic":
         """Deep copy."""
@@ -45,14 +42,14 @@ class Traffic:
             **{field.name: getattr(self, field.name).copy() for field in fields(self)}
         )
 
-    def at(self, step: int) -> Boxes:
-        """Boxes of all agents at one step."""
-        return Boxes(
+    def now(self, step: int) -> MovingBoxes:
+        """Boxes and velocities of all agents at one step."""
+        return MovingBoxes(
             position_m=self.position_m[:, step],
             heading_rad=self.heading_rad[:, step],
-            velocity_mps=self.velocity_mps[:, step],
             size_m=self.size_m,
-            exists=self.exists[:, step],
+            velocity_mps=self.velocity_mps[:, step],
+            exists=self.is_valid[:, step],
         )
 
 
@@ -79,7 +76,7 @@ def initial_traffic(scenario: Scenario, is_generated: Bool[np.ndarray, "A"]) -> 
         position_m=position,
         heading_rad=heading,
         velocity_mps=velocity,
-        exists=exists,
+        is_valid=exists,
         size_m=agents.size_m,
     )
 
@@ -96,7 +93,7 @@ def simulate(
     place, speed = np.zeros(len(rows)), drivers.speed_mps.copy()
     for step in range(axis.num_future_steps):
         yield step
-        boxes = traffic.at(step)
+        boxes = traffic.now(step)
         speeds = np.hypot(boxes.velocity_mps[:, 0], boxes.velocity_mps[:, 1])
         travelled[rows, step], speeds[rows] = place, speed
         acceleration = np.minimum(
@@ -149,14 +146,14 @@ def _tracks(
     """Paths of all agents, and the distance travelled along them at each step."""
     step = np.diff(traffic.position_m, axis=1)
     length = np.hypot(step[..., 0], step[..., 1])
-    length *= traffic.exists[:, 1:] & traffic.exists[:, :-1]
+    length *= traffic.is_valid[:, 1:] & traffic.is_valid[:, :-1]
     travelled = np.zeros(traffic.heading_rad.shape)
     np.cumsum(length, axis=1, out=travelled[:, 1:])
     shape = (len(travelled), NUM_SEARCHED)
     x, y, heading = (np.full(shape, np.nan) for _ in range(3))
     grid = np.arange(NUM_SEARCHED) * SPACING_M
     for row in np.flatnonzero(travelled[:, -1] > _LEAST_TRACK_M):
-        there = traffic.exists[row]
+        there = traffic.is_valid[row]
         along = travelled[row, there]
         for values, track in (
             (traffic.position_m[row, there, 0], x),

@@ -85,14 +85,7 @@ def _gap(scenario: Scenario, row: int) -> Float[np.ndarray, "T"]:
     step = np.broadcast_to(np.arange(agents.num_steps), nearest.shape)
     is_there = both[nearest, step]
     index, step = nearest[is_there], step[is_there]
-    gap = box_gap_m(
-        offset[index, step],
-        (agents.heading_rad[row, step], agents.heading_rad[others[index], step]),
-        (
-            np.broadcast_to(agents.size_m[row], (len(step), 2)),
-            agents.size_m[others[index]],
-        ),
-    )
+    gap = box_gap_m(agents.at(row, step), agents.at(others[index], step))
     least_gap = np.full(agents.num_steps, np.inf)
     np.minimum.at(least_gap, step, gap)
     return np.where(np.isfinite(least_gap), least_gap, np.nan)

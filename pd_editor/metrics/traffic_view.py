@@ -3,21 +3,14 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.scenario import Scenario
-
-AgentGroup = Literal["movers", "pedestrians", "cyclists"]
-GROUP_KINDS: Final[dict[AgentGroup, frozenset[AgentKind]]] = {
-    "movers": MOTOR_VEHICLE_KINDS,
-    "pedestrians": frozenset({AgentKind.PEDESTRIAN}),
-    "cyclists": frozenset({AgentKind.CYCLIST}),
-}
-"""Kinds of agents in each group, which is a row of all tables."""
 
 
 @runtime_checkable
@@ -56,61 +49,6 @@ class SampledTraffic(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AgentStates:
-    """A agents at H steps, the current one first; zero where ``is_valid`` is false."""
-
-    ids: tuple[str, ...]
-    kinds: tuple[AgentKind, ...]
-    size_m: Float[np.ndarray, "A 2"]
-    position_m: Float[np.ndarray, "A H 2"]
-    heading_rad: Float[np.ndarray, "A H"]
-    velocity_mps: Float[np.ndarray, "A H 2"]
-    is_valid: Bool[np.ndarray, "A H"]
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    @cached_property
-    def group(self) -> Int[np.ndarray, "A"]:
-        """Index into ``GROUP_KINDS`` of each agent; -1 for static objects."""
-        index = {
-            kind: row
-            for row, kinds in enumerate(GROUP_KINDS.values())
-            for kind in kinds
-        }
-        return np.array([index.get(kind, -1) for kind in self.kinds], int)
-
-    def is_in(self, group: AgentGroup) -> Bool[np.ndarray, "A"]:
-        """Whether each agent belongs to a group."""
-        return self.group == list(GROUP_KINDS).index(group)
-
-    def taken(self, rows: np.ndarray) -> "AgentStates":
-        """Select agents by indices or a mask."""
-        index = np.arange(len(self))[rows]
-        return AgentStates(
-            ids=tuple(self.ids[row] for row in index),
-            kinds=tuple(self.kinds[row] for row in index),
-            size_m=self.size_m[index],
-            position_m=self.position_m[index],
-            heading_rad=self.heading_rad[index],
-            velocity_mps=self.velocity_mps[index],
-            is_valid=self.is_valid[index],
-        )
-
-    def joined(self, other: "AgentStates") -> "AgentStates":
-        """Concatenate: these agents, then the others."""
-        return AgentStates(
-            ids=self.ids + other.ids,
-            kinds=self.kinds + other.kinds,
-            size_m=np.concatenate([self.size_m, other.size_m]),
-            position_m=np.concatenate([self.position_m, other.position_m]),
-            heading_rad=np.concatenate([self.heading_rad, other.heading_rad]),
-            velocity_mps=np.concatenate([self.velocity_mps, other.velocity_mps]),
-            is_valid=np.concatenate([self.is_valid, other.is_valid]),
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class TrafficView:
     """A evaluated agents of one scene at H steps, the current one first.
 
@@ -137,7 +75,7 @@ class TrafficView:
     @property
     def num_steps(self) -> int:
         """Number of steps H, the current one included."""
-        return self.agents.is_valid.shape[1]
+        return self.agents.num_steps
 
     @property
     def step_s(self) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of, unit_vector
-from pd_editor.paths.car_following import Boxes, BoxesAhead, boxes_ahead
+from pd_editor.paths.car_following import BoxesAhead, MovingBoxes, boxes_ahead
 from pd_editor.paths.driving_paths import (
     DrivingPaths,
     free_paths,
@@ -244,7 +244,7 @@ def leaders(
     position, velocity = agents.position_m[:, step], agents.velocity_mps[:, step]
     heading = agents.heading_rad[:, step]
     known = np.isfinite(np.column_stack([position, velocity, heading])).all(axis=1)
-    boxes = Boxes(
+    boxes = MovingBoxes(
         position_m=position,
         heading_rad=heading,
         velocity_mps=velocity,

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.geometry.oriented_box import Boxes
 from pd_editor.paths.driving_paths import SPACING_M, DrivingPaths
 
 ACCELERATION_MPS2: Final = 1.8
@@ -24,13 +25,10 @@ _LEAST_GAP_M: Final = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Boxes:
-    """Boxes of all A agents at one step."""
+class MovingBoxes(Boxes):
+    """Boxes of all A agents at one step, with their velocities."""
 
-    position_m: Float[np.ndarray, "A 2"]
-    heading_rad: Float[np.ndarray, "A"]
     velocity_mps: Float[np.ndarray, "A 2"]
-    size_m: Float[np.ndarray, "A 2"]
     exists: Bool[np.ndarray, "A"]
 
 
@@ -52,7 +50,7 @@ def leaders_acceleration(
     place_m: Float[np.ndarray, "D"],
     speed_mps: Float[np.ndarray, "D"],
     rows: Int[np.ndarray, "D"],
-    boxes: Boxes,
+    boxes: MovingBoxes,
 ) -> Float[np.ndarray, "D"]:
     """IDM acceleration of each driver, the least over all boxes on its path."""
     ahead = boxes_ahead(paths, np.arange(len(rows)), place_m, rows, boxes)
@@ -91,7 +89,7 @@ def boxes_ahead(
     path: Int[np.ndarray, "D"],
     place_m: Float[np.ndarray, "D"],
     rows: Int[np.ndarray, "D"],
-    boxes: Boxes,
+    boxes: MovingBoxes,
 ) -> BoxesAhead:
     """Find the boxes on the paths of drivers, within ``LOOKAHEAD_M``.
 

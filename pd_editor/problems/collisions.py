@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.geometry.oriented_box import box_corners, overlap_area
+from pd_editor.geometry.oriented_box import BoxTracks, overlap_area
 from pd_editor.metrics.collisions.box_tests import overlaps_of_pairs, pairs_that_meet
 from pd_editor.metrics.step_spans import spans_of
 from pd_editor.problems.scene_problem import (
@@ -38,12 +38,11 @@ def collisions(scenario: Scenario, steps: Int[np.ndarray, "S"]) -> list[ScenePro
     A pair that overlaps now is reported once, not again for later steps.
     """
     agents, now = scenario.agents, scenario.current_step
-    position, is_valid = agents.position_m[:, steps], agents.is_valid[:, steps]
-    radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
-    pairs = pairs_that_meet(position, is_valid, radius)
+    boxes = agents.at_steps(steps)
+    pairs = pairs_that_meet(boxes.position_m, boxes.is_valid, boxes.radius_m)
     pairs = pairs[_pairs_matter(agents, pairs)]
-    pair, at, area = _overlaps(agents, pairs, steps)
-    moves = _moves(position, is_valid)
+    pair, at, area = _overlaps(boxes, pairs)
+    moves = _moves(boxes.position_m, boxes.is_valid)
     appears = np.where(
         agents.is_valid[:, now], now, agents.is_valid[:, now:].argmax(axis=1) + now
     )
@@ -84,23 +83,18 @@ def collisions(scenario: Scenario, steps: Int[np.ndarray, "S"]) -> list[ScenePro
 
 
 def _overlaps(
-    agents: AgentTracks, pairs: Int[np.ndarray, "P 2"], steps: Int[np.ndarray, "S"]
+    boxes: BoxTracks, pairs: Int[np.ndarray, "P 2"]
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
     """Index of the pair, index of the step and shared area of each overlap.
 
     Sorted by pair, then by step; of very many pairs only the first ones are tested.
     """
-    position, heading = agents.position_m[:, steps], agents.heading_rad[:, steps]
-    is_valid, size = agents.is_valid[:, steps], agents.size_m
     parts, num_found = [], 0
     for start in range(0, len(pairs), _PAIRS_AT_ONCE):
         some = pairs[start : start + _PAIRS_AT_ONCE]
-        pair, at = overlaps_of_pairs(some, position, heading, is_valid, size)
-        boxes = [
-            box_corners(position[rows, at], heading[rows, at], size[rows])
-            for rows in (some[pair, 0], some[pair, 1])
-        ]
-        parts.append((pair + start, at, overlap_area(boxes[0], boxes[1])))
+        pair, at = overlaps_of_pairs(some, boxes)
+        one, two = (boxes.at(rows, at).corners_m() for rows in some[pair].T)
+        parts.append((pair + start, at, overlap_area(one, two)))
         num_found += len(np.unique(pair))
         if num_found >= MAX_COLLISIONS:
             break

@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import left_of, unit_vector, wrap_angle
+from pd_editor.geometry.oriented_box import Boxes
+from pd_editor.metrics.collisions.box_tests import boxes_collide
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.paths.lanes.route_choice import lane_kinds_of
-from pd_editor.repair.box_overlaps import box_overlaps
 from pd_editor.scene.scenario import Scenario
 
 _CHUNK_ENDS: Final = (24, 72)
@@ -47,17 +48,17 @@ class States:
     ) -> Bool[np.ndarray, "K A"]:
         """Which agents one agent would overlap at K poses, with a gap ahead and behind."""
         size = self.scenario.agents.size_m
-        found = box_overlaps(
-            position_m,
-            heading_rad,
-            size[row] + np.array([2 * gap_m, 0.0]),
-            self.position_m,
-            self.heading_rad,
-            size,
+        return boxes_collide(
+            Boxes(
+                position_m=position_m[:, None],
+                heading_rad=heading_rad[:, None],
+                size_m=size[row] + np.array([2 * gap_m, 0.0]),
+            ),
+            Boxes(
+                position_m=self.position_m, heading_rad=self.heading_rad, size_m=size
+            ),
+            self.exists & (np.arange(len(self.exists)) != row),
         )
-        found[:, ~self.exists] = False
-        found[:, row] = False
-        return found
 
     def first_free(
         self,

@@ -1,7 +1,7 @@
-"""Yielding: agents that would run into another one drive their own futures later.
+"""Yielding: agents that would run into another one follow their trajectories later.
 
-An agent that yields follows its future by a clock of its own, which never runs faster
-than time: it brakes, drives slower or waits, and goes on. No place is passed faster
+An agent that yields follows its trajectory by a clock of its own, which never runs faster
+than time: it brakes, drives slower or stops, and goes on. No place is passed faster
 than before, so limits of curves stay kept.
 """
 
@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from pd_editor.geometry.angles import unit_vector, wrap_angle
+from pd_editor.geometry.oriented_box import Boxes, BoxTracks
 from pd_editor.metrics.collisions.box_tests import (
     boxes_touch,
     overlaps_of_pairs,
@@ -26,7 +27,7 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.thresholds import STANDING_MPS
 
 MAX_BRAKING_MPS2: Final = 4.5
-"""An agent that yields brakes at most so hard, unless its own future does."""
+"""An agent that yields brakes at most so hard, unless its own trajectory does."""
 GAP_M: Final = 1.0
 """Room kept ahead and behind, where there is as much now."""
 _GENTLE_MPS2: Final = 3.0
@@ -46,11 +47,11 @@ _STRIDE: Final = 2
 _COMPARED_TOGETHER: Final = 4
 """Compared steps of another agent that are looked at as one disc first."""
 _STEPS_TOGETHER: Final = 5
-"""The same of steps of the own future."""
+"""The same of steps of the own trajectory."""
 _SLACK_M: Final = 0.01
 """For rounding, where paths are compared roughly."""
 _LEAST_WAY_M: Final = 0.5
-"""Agents with a shorter future cannot yield."""
+"""Agents with a shorter trajectory cannot yield."""
 _MOST_CHECKED: Final = 16
 """Clocks of an agent whose braking is looked at closely."""
 _TOLERANCE_MPS2: Final = 0.2
@@ -61,7 +62,7 @@ class Clocks:
     """K clocks, sorted by how much later they make an agent; the first one is time."""
 
     step: Float[np.ndarray, "K N"]
-    """Step of the own future that is driven at each step."""
+    """Step of the own trajectory that is reached at each step."""
     rate: Float[np.ndarray, "K N"]
     """Of the clock at each step, 0 to 1."""
     slope_1ps: Float[np.ndarray, "K"]
@@ -71,7 +72,7 @@ class Clocks:
     first_slow: Int[np.ndarray, "K"]
     """First step at which it runs slower than time; N if there is none."""
     cell: Int[np.ndarray, "K T"]
-    """Index into a table of T compared steps and N steps of the own future."""
+    """Index into a table of T compared steps and N steps of the own trajectory."""
 
 
 @lru_cache(maxsize=8)
@@ -118,7 +119,7 @@ def _compared(num_steps: int) -> Int[np.ndarray, "T"]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Yielded:
-    """What the G agents do that yield, from the current step on."""
+    """Trajectories of the G agents that yield, from the current step on."""
 
     row: Int[np.ndarray, "G"]
     position_m: Float[np.ndarray, "G H 2"]
@@ -134,7 +135,7 @@ def yielding(
     num_kept: Int[np.ndarray, "A"] | None = None,
     yields_last: Bool[np.ndarray, "A"] | None = None,
 ) -> Yielded:
-    """Which agents yield to avoid collisions, and how they drive then.
+    """Which agents yield to avoid collisions, and their new trajectories.
 
     Of two that would collide the one yields that has the other in front of it, or the
     other one if that does not help. Pairs that overlap now are left out. Agents that
@@ -156,7 +157,10 @@ def yielding(
             best, fewest = plans.clock.copy(), plans.num_conflicts
     rows = np.flatnonzero(best)
     position, heading = scene.driven(rows, best[rows])
-    position, heading = position[:, : scene.num_steps], heading[:, : scene.num_steps]
+    position, heading = (
+        position[:, : scene.num_until_end],
+        heading[:, : scene.num_until_end],
+    )
     velocity = np.zeros_like(position)
     if len(rows):
         velocity = np.gradient(position, step_s, axis=1)
@@ -172,15 +176,13 @@ def yielding(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Scene:
-    """A agents from the current step on: H steps, N with those that follow the end."""
+class _Scene(BoxTracks):
+    """A agents from the current step on: H steps, T with those that follow the end.
 
-    position_m: Float[np.ndarray, "A N 2"]
-    heading_rad: Float[np.ndarray, "A N"]
-    """Without jumps of a whole turn."""
-    speed_mps: Float[np.ndarray, "A N"]
-    is_valid: Bool[np.ndarray, "A N"]
-    size_m: Float[np.ndarray, "A 2"]
+    Headings are without jumps of a whole turn.
+    """
+
+    speed_mps: Float[np.ndarray, "A T"]
     may_yield: Bool[np.ndarray, "A"]
     num_kept: Int[np.ndarray, "A"]
     yields_last: Bool[np.ndarray, "A"]
@@ -190,7 +192,8 @@ class _Scene:
     """Whether they have the room of ``GAP_M`` now."""
     clocks: Clocks
     step_s: float
-    num_steps: int
+    num_until_end: int
+    """H."""
 
     @classmethod
     def of(
@@ -223,13 +226,10 @@ class _Scene:
         def apart(grown_m: Float[np.ndarray, "A 2"]) -> Bool[np.ndarray, "P"]:
             one, two = pairs.T
             # Agents that enter later are nowhere yet.
-            return ~is_valid[pairs, 0].all(axis=1) | ~boxes_touch(
-                position[two, 0] - position[one, 0],
-                heading[one, 0],
-                heading[two, 0],
-                grown_m[one],
-                grown_m[two],
+            now = Boxes(
+                position_m=position[:, 0], heading_rad=heading[:, 0], size_m=grown_m
             )
+            return ~is_valid[pairs, 0].all(axis=1) | ~boxes_touch(now[one], now[two])
 
         keeps_gap = apart(size + np.array([GAP_M, 0.0]))
         is_apart = apart(size)
@@ -246,7 +246,7 @@ class _Scene:
             keeps_gap=keeps_gap[is_apart],
             clocks=clocks(num_steps + beyond, step_s),
             step_s=step_s,
-            num_steps=num_steps,
+            num_until_end=num_steps,
         )
 
     def driven(
@@ -379,14 +379,14 @@ class _Plans:
         return np.where(has_tried, 1 - side, side)
 
     def _find_conflicts(self, scene: _Scene, pair: Int[np.ndarray, "C"]) -> None:
-        until = slice(0, scene.num_steps)
-        found, step = overlaps_of_pairs(
-            scene.pairs[pair],
-            self.position_m[:, until],
-            self.heading_rad[:, until],
-            scene.is_valid[:, until],
-            scene.size_m,
+        boxes = BoxTracks(
+            position_m=self.position_m,
+            heading_rad=self.heading_rad,
+            size_m=scene.size_m,
+            is_valid=scene.is_valid,
         )
+        until = boxes.at_steps(slice(0, scene.num_until_end))
+        found, step = overlaps_of_pairs(scene.pairs[pair], until)
         found, first = np.unique(found, return_index=True)
         self.first_step[pair] = -1
         self.first_step[pair[found]] = step[first]
@@ -421,7 +421,7 @@ class _Plans:
     def _blocked(
         self, scene: _Scene, rows: Int[np.ndarray, "G"]
     ) -> tuple[Bool[np.ndarray, "G TN"], Bool[np.ndarray, "G TN"]]:
-        """Where on its own future each agent cannot be, at each compared step.
+        """Where on its own trajectory each agent cannot be, at each compared step.
 
         First with the gap to others, then where it would overlap them; that counts
         until the end only. Others that have the agent in front of them are left to
@@ -464,7 +464,7 @@ class _Plans:
         sizes = scene.size_m[a], scene.size_m[b]
         near = turned_boxes_touch(offset, *turns, sizes[0] + room, sizes[1] + room)
         near &= counts
-        hit = near & (compared[at] < scene.num_steps)
+        hit = near & (compared[at] < scene.num_until_end)
         hit[near] &= turned_boxes_touch(
             offset[near], *(one[near] for one in turns), *(one[near] for one in sizes)
         )

@@ -1,7 +1,7 @@
 """Kinds and benchmark categories of agents, and default sizes."""
 
 from enum import IntEnum, StrEnum
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -49,6 +49,14 @@ MOTOR_VEHICLE_KINDS: Final = frozenset(
 
 LANE_FOLLOWER_KINDS: Final = MOTOR_VEHICLE_KINDS | {AgentKind.CYCLIST}
 """Kinds that follow lanes."""
+
+AgentGroup = Literal["movers", "pedestrians", "cyclists"]
+GROUP_KINDS: Final[dict[AgentGroup, frozenset[AgentKind]]] = {
+    "movers": MOTOR_VEHICLE_KINDS,
+    "pedestrians": frozenset({AgentKind.PEDESTRIAN}),
+    "cyclists": frozenset({AgentKind.CYCLIST}),
+}
+"""Kinds of agents in each group, which is a row of all tables."""
 
 DEFAULT_SIZE_M: Final[dict[AgentKind, tuple[float, float]]] = {
     AgentKind.VEHICLE: (4.6, 1.9),

@@ -16,7 +16,8 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.editor.commands import AdoptTrajectory
 from pd_editor.errors import EditError
-from pd_editor.metrics.collisions.box_tests import Boxes, boxes_collide
+from pd_editor.geometry.oriented_box import Boxes
+from pd_editor.metrics.collisions.box_tests import boxes_collide
 from pd_editor.metrics.collisions.path_collision import first_collisions
 from pd_editor.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
@@ -189,24 +190,20 @@ def _collisions(
 ) -> tuple[Bool[np.ndarray, "K L"], Int[np.ndarray, "K L"]]:
     """Whether K paths of an agent collide with L of another one, and the first step."""
     size, other_size = scenario.agents.size_m[[one.row, other.row]]
-    offset = other.position_m[None] - one.position_m[:, None]
-    reach = (np.hypot(*size) + np.hypot(*other_size)) / 2
-    path, with_path, step = np.nonzero((offset**2).sum(-1) < reach**2)
     hit = boxes_collide(
         Boxes(
-            position_m=one.position_m[path, step],
-            heading_rad=one.heading_rad[path, step],
-            size_m=np.broadcast_to(size, (len(path), 2)),
+            position_m=one.position_m[:, None],
+            heading_rad=one.heading_rad[:, None],
+            size_m=size,
         ),
         Boxes(
-            position_m=other.position_m[with_path, step],
-            heading_rad=other.heading_rad[with_path, step],
-            size_m=np.broadcast_to(other_size, (len(path), 2)),
+            position_m=other.position_m[None],
+            heading_rad=other.heading_rad[None],
+            size_m=other_size,
         ),
     )
     num_steps = one.position_m.shape[1]
-    first = np.full((len(one.position_m), len(other.position_m)), num_steps)
-    np.minimum.at(first, (path[hit], with_path[hit]), step[hit])
+    first = np.where(hit.any(axis=-1), hit.argmax(axis=-1), num_steps)
     return first < num_steps, np.minimum(first, num_steps - 1)
 
 

@@ -1,12 +1,13 @@
 """Encounter of two agents: gap, time to collision, relative speed, side of contact."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import left_of, unit_vector
+from pd_editor.geometry.oriented_box import Boxes
 from pd_editor.metrics.collisions.box_tests import boxes_touch
 from pd_editor.metrics.collisions.safety import HORIZON_S, box_gap_m, sweep_times_s
 from pd_editor.scene.guidance_terms import Approach
@@ -23,13 +24,11 @@ class Track:
     velocity_mps: Float[np.ndarray, "*N H 2"]
     size_m: Float[np.ndarray, "2"]
 
-    def single(self) -> "Track":
-        """The only one of N = 1 trajectories."""
-        assert len(self.position_m) == 1, "there is one trajectory"
-        return Track(
-            position_m=self.position_m[0],
-            heading_rad=self.heading_rad[0],
-            velocity_mps=self.velocity_mps[0],
+    def at(self, *index: Any) -> Boxes:
+        """Boxes at some of the N trajectories and H steps."""
+        return Boxes(
+            position_m=self.position_m[index],
+            heading_rad=self.heading_rad[index],
             size_m=self.size_m,
         )
 
@@ -83,15 +82,7 @@ def gaps_m(first: Track, second: Track) -> Float[np.ndarray, "N H"]:
     gap = np.hypot(offset[..., 0], offset[..., 1]) - reach
     at_most = gap.min(axis=-1, keepdims=True, initial=np.inf) + reach
     row, step = np.nonzero(gap <= at_most)
-    their_heading = np.broadcast_to(second.heading_rad, gap.shape)
-    gap[row, step] = box_gap_m(
-        offset[row, step],
-        (first.heading_rad[row, step], their_heading[row, step]),
-        (
-            np.broadcast_to(first.size_m, (len(row), 2)),
-            np.broadcast_to(second.size_m, (len(row), 2)),
-        ),
-    )
+    gap[row, step] = box_gap_m(first.at(row, step), second.at(step))
     return np.maximum(gap, 0.0)
 
 
@@ -173,14 +164,8 @@ def _least_time_s(
     first: Track, second: Track, velocity_mps: Float[np.ndarray, "H 2"], until: int
 ) -> float | None:
     steps = slice(0, until)
-    count = len(velocity_mps[steps])
-    sizes = (
-        np.broadcast_to(first.size_m, (count, 2)),
-        np.broadcast_to(second.size_m, (count, 2)),
-    )
-    headings = first.heading_rad[steps], second.heading_rad[steps]
-    offset = second.position_m[steps] - first.position_m[steps]
-    enter, leave = sweep_times_s(offset, velocity_mps[steps], headings, sizes)
-    apart = ~boxes_touch(offset, *headings, *sizes)
+    one, other = first.at(steps), second.at(steps)
+    enter, leave = sweep_times_s(one, other, velocity_mps[steps])
+    apart = ~boxes_touch(one, other)
     counts = apart & (enter < leave) & (leave > 0) & (enter <= HORIZON_S)
     return float(np.maximum(enter[counts], 0).min()) if counts.any() else None

@@ -10,9 +10,8 @@ from pd_editor.av2_io.read import read_scenario, read_scenario_bytes
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import ExportError, InputError, MapFileError, ScenarioFileError
 from pd_editor.scenario_store import open_scenario
-from pd_editor.scene.agent_tracks import empty_tracks
 from tests.av2_io.small_files import MAP, SCENARIO, TRACKS, changed_map, with_column
-from tests.builders import scenario_with
+from tests.builders import empty_tracks, scenario_with
 
 ID = SCENARIO.scenario_id
 TRACKS_NAME, MAP_NAME = f"scenario_{ID}.parquet", f"log_map_archive_{ID}.json"

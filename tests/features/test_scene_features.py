@@ -21,11 +21,10 @@ from pd_editor.geometry.angles import wrap_angle
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
-from pd_editor.scene.agent_tracks import empty_tracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
-from tests.builders import scenario_with, straight_drivers, straight_lane
+from tests.builders import empty_tracks, scenario_with, straight_drivers, straight_lane
 from tests.features.moved_scenes import moved
 
 states = st.lists(
@@ -122,8 +121,8 @@ def test_candidates_and_futures_are_those_of_the_scenario(real_scenarios):
             ]
         )
         is_full = scenario.time_axis.num_future_steps == NUM_FUTURE_STEPS
+        expected = candidates(scenario, rows, max_candidates=NUM_CANDIDATES)
         if is_full:
-            expected = candidates(scenario, rows, max_candidates=NUM_CANDIDATES)
             assert (expected.is_valid == found.has_candidate).all()
         for agent, (x, y, heading) in enumerate(pose):
             frame = RigidMotion(x_m=x, y_m=y, rotation_rad=heading)
@@ -275,7 +274,7 @@ def test_without_candidates_there_are_none():
 
 def test_agents_may_be_chosen():
     kinds = (AgentKind.VEHICLE, AgentKind.CONSTRUCTION, AgentKind.CYCLIST)
-    states = [(0, 0, 0, 10), (5, 3, 0, 0), (9, 0, 0, 4)]
+    states = [(0.0, 0.0, 0.0, 10.0), (5.0, 3.0, 0.0, 0.0), (9.0, 0.0, 0.0, 4.0)]
     scenario = scenario_with(straight_drivers(states, kinds=kinds))
     assert scene_features(scenario).agent_row.tolist() == [0, 2]
     found = scene_features(scenario, agents=np.array([2, 1]), center_m=np.ones(2))

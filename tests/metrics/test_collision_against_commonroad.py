@@ -78,14 +78,14 @@ def compared(agents: AgentTracks, step: int, found: list[list[int]]) -> Compared
     reach = np.hypot(size[:, 0], size[:, 1]) / 2
     is_near = np.hypot(*offset.T) <= reach[a] + reach[b]
     corners = box_corners(position, heading, size)
-    boxes = shapely.polygons(corners)
+    boxes = np.asarray(shapely.polygons(corners))
     shared = np.zeros(len(a))
     shared[is_near] = shapely.area(
         shapely.intersection(boxes[a[is_near]], boxes[b[is_near]])
     )
     return ComparedPairs(
         is_near=is_near,
-        touch=boxes_touch(offset, heading[a], heading[b], size[a], size[b]),
+        touch=boxes_touch(agents.at(a, step), agents.at(b, step)),
         has_area=overlap_area(corners[a], corners[b]) > ROUNDING_M2,
         counts=among_all(overlapping_pairs(agents, step)),
         commonroad=among_all(np.array(found, int).reshape(-1, 2)),

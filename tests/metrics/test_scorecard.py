@@ -13,8 +13,7 @@ from pd_editor.metrics.metric_table import METRICS
 from pd_editor.metrics.scene_metrics import agent_values
 from pd_editor.metrics.scorecard import TITLES, UsualRange, scorecard, usual_ranges
 from pd_editor.metrics.traffic_view import recorded_traffic
-from pd_editor.scene.agent_tracks import empty_tracks
-from tests.builders import scenario_with, straight_drivers
+from tests.builders import empty_tracks, scenario_with, straight_drivers
 
 HIT = [(0.0, 0.0, 0.0, 10.0), (20.0, 0.0, 0.0, 0.0)]
 

@@ -7,10 +7,9 @@ from pd_editor.errors import EditError
 from pd_editor.metrics.scene_metrics import agent_values
 from pd_editor.metrics.traffic_view import generated_traffic, recorded_traffic
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.agent_tracks import empty_tracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.time_axis import TimeAxis
-from tests.builders import scenario_with, straight_drivers
+from tests.builders import empty_tracks, scenario_with, straight_drivers
 from tests.metrics.traffic_builders import sample_of
 
 KINDS = (

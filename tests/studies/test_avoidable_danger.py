@@ -11,10 +11,9 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import EditError
 from pd_editor.geometry.oriented_box import box_corners
 from pd_editor.metrics.collisions.box_tests import MIN_OVERLAP_M2
-from pd_editor.scene.agent_tracks import empty_tracks
 from pd_editor.scene.scenario import Scenario
 from pd_editor.studies.avoidable_danger import avoidable_dangers, ego_of
-from tests.builders import scenario_with
+from tests.builders import empty_tracks, scenario_with
 
 SCENES = ("000ace8b", "000e1588", "00195499")
 
@@ -33,7 +32,7 @@ def boxes(scenario: Scenario, agent_id: str) -> np.ndarray:
         agents.heading_rad[row, now:],
         np.broadcast_to(agents.size_m[row], (there.size, 2)),
     )
-    return np.where(there, shapely.polygons(corners), None)
+    return np.where(there, np.asarray(shapely.polygons(corners)), np.array(None))
 
 
 def shared_m2(scenario: Scenario, one: str, other: str) -> np.ndarray:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -5,11 +7,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pd_editor.geometry.angles import unit_vector
-from pd_editor.geometry.oriented_box import box_corners
 from pd_editor.threats.encounter import Track, encounter, gaps_m, side_of
 
 STEP_S = 0.1
 NUM_STEPS = 30
+
+
+def only_one(tracks: Track) -> Track:
+    """The only one of N = 1 trajectories."""
+    assert len(tracks.position_m) == 1
+    return replace(
+        tracks,
+        position_m=tracks.position_m[0],
+        heading_rad=tracks.heading_rad[0],
+        velocity_mps=tracks.velocity_mps[0],
+    )
 
 
 def straight(
@@ -36,17 +48,11 @@ tracks = st.builds(
 
 
 def shapely_gaps(first: Track, second: Track) -> np.ndarray:
-    boxes = [
-        shapely.polygons(
-            box_corners(
-                one.position_m,
-                one.heading_rad,
-                np.broadcast_to(one.size_m, one.position_m.shape),
-            )
-        )
-        for one in (first, second)
-    ]
-    return shapely.distance(*boxes)
+    one, two = (
+        np.asarray(shapely.polygons(track.at().corners_m()))
+        for track in (first, second)
+    )
+    return shapely.distance(one, two)
 
 
 @given(tracks, tracks)
@@ -62,7 +68,7 @@ def test_least_gap_is_that_of_shapely_boxes(first: Track, second: Track) -> None
     assert gap[0].min() == pytest.approx(expected.min(), abs=1e-6)
     assert (gap[0] <= expected + 1e-6).all()
     assert gap[1].min() == pytest.approx(
-        shapely_gaps(several.taken(np.array([1])).single(), second).min(), abs=1e-6
+        shapely_gaps(only_one(several.taken(np.array([1]))), second).min(), abs=1e-6
     )
 
 

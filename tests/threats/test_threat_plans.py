@@ -8,7 +8,6 @@ import pytest
 import shapely
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.geometry.oriented_box import box_corners
 from pd_editor.scene.guidance_terms import Approach, Threaten
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 from pd_editor.scene.scenario import Scenario
@@ -33,6 +32,17 @@ from tests.builders import (
 )
 
 SEVERITIES = (0.0, 0.3, 0.6, 0.9, 1.0)
+
+
+def only_one(tracks: Track) -> Track:
+    """The only one of N = 1 trajectories."""
+    assert len(tracks.position_m) == 1
+    return replace(
+        tracks,
+        position_m=tracks.position_m[0],
+        heading_rad=tracks.heading_rad[0],
+        velocity_mps=tracks.velocity_mps[0],
+    )
 
 
 def crossing() -> RoadMap:
@@ -70,17 +80,11 @@ def planned(
 
 
 def shapely_gap(first: Track, second: Track) -> float:
-    boxes = [
-        shapely.polygons(
-            box_corners(
-                one.position_m,
-                one.heading_rad,
-                np.broadcast_to(one.size_m, one.position_m.shape),
-            )
-        )
-        for one in (first, second)
-    ]
-    return float(shapely.distance(*boxes)[1:].min())
+    one, two = (
+        np.asarray(shapely.polygons(track.at().corners_m()))
+        for track in (first, second)
+    )
+    return float(shapely.distance(one, two)[1:].min())
 
 
 @pytest.mark.parametrize("severity", SEVERITIES)
@@ -95,7 +99,7 @@ def test_plans_come_to_the_asked_gap_within_limits(
     now = scenario.current_step
     for index in range(len(plans)):
         plan = plans.track.taken(np.array([index]))
-        gap = shapely_gap(plan.single(), other)
+        gap = shapely_gap(only_one(plan), other)
         if approach == "cut-in":
             # Beside the other agent it may be nearer than in its path.
             assert gap <= plans.gap_m[index] + 1e-6
@@ -132,7 +136,7 @@ def test_contact_is_at_the_side_of_the_approach(
     approach: Approach, sides: set[str]
 ) -> None:
     plans, other, _ = planned(scene(approach), approach, 1.0)
-    assert encounter(plans.best().single(), other, 0.1).side in sides
+    assert encounter(only_one(plans.best()), other, 0.1).side in sides
 
 
 def test_gap_decreases_with_the_severity() -> None:
@@ -172,7 +176,7 @@ def test_plans_that_hit_others_on_the_way_come_last() -> None:
     kept = threat_plans(scenario, 1, other, aim, others=[obstacle], most=24)
     gaps = np.array(
         [
-            shapely_gap(kept.track.taken(np.array([index])).single(), obstacle)
+            shapely_gap(only_one(kept.track.taken(np.array([index]))), obstacle)
             for index in range(len(kept))
         ]
     )
@@ -209,5 +213,5 @@ def test_real_scenes_offer_threats_on_the_road(av2_root: Path) -> None:
         plans = threat_plans(scenario, row, other, ThreatAim.of("rear", 1.0))
         found += len(plans) > 0
         if len(plans):
-            assert shapely_gap(plans.best().single(), other) == 0
+            assert shapely_gap(only_one(plans.best()), other) == 0
     assert found

@@ -6,7 +6,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.metrics.collisions.box_tests import Boxes, boxes_collide
+from pd_editor.geometry.oriented_box import Boxes
+from pd_editor.metrics.collisions.box_tests import boxes_collide
 
 _STRIDE: Final = 2
 """Stride of the steps at which boxes are compared."""
@@ -74,29 +75,15 @@ def _conflicts(
     meets = meets.all(axis=1) & (is_sampled[one] | is_sampled[two])
     one, two = one[meets], two[meets]
     both = exists[one] & exists[two]
-    gap = position[:, None, one] - position[None, :, two]
-    near = np.hypot(gap[..., 0], gap[..., 1]) < (radius[one] + radius[two])[:, None]
-    first, second, pair, step = np.nonzero(near & both)
-    hits = boxes_collide(
-        _boxes(choices, first, one[pair], step),
-        _boxes(choices, second, two[pair], step),
+    boxes = Boxes(
+        position_m=position,
+        heading_rad=choices.heading_rad[:, :, ::_STRIDE],
+        size_m=choices.size_m[:, None],
     )
+    hits = boxes_collide(boxes[:, None, one], boxes[None, :, two], both)
+    first, second, pair, step = np.nonzero(hits)
     count = np.zeros((len(one), len(position), len(position)), int)
-    np.add.at(count, (pair[hits], first[hits], second[hits]), 1)
+    np.add.at(count, (pair, first, second), 1)
     begins = np.zeros(len(one), bool)
-    begins[pair[hits & (step == 0)]] = True
+    begins[pair[step == 0]] = True
     return np.stack([one, two], axis=-1)[~begins], count[~begins]
-
-
-def _boxes(
-    choices: TrajectoryChoices,
-    choice: Int[np.ndarray, "N"],
-    row: Int[np.ndarray, "N"],
-    strided: Int[np.ndarray, "N"],
-) -> Boxes:
-    where = (choice, row, strided * _STRIDE)
-    return Boxes(
-        position_m=choices.position_m[where],
-        heading_rad=choices.heading_rad[where],
-        size_m=choices.size_m[row],
-    )

@@ -267,7 +267,7 @@ def traffic_command(
     """
     if not 0 <= sample_index < len(traffic.samples):
         raise GenerationError(
-            f"Sample {sample_index} was asked for, but {traffic.generator} drew"
+            f"Sample {sample_index} was asked for, but {traffic.generator} made"
             f" {len(traffic.samples)}."
         )
     sample, axis = traffic.samples[sample_index], request.scenario.time_axis
@@ -283,7 +283,7 @@ def traffic_command(
     for name in sample.ids:
         if name in taken:
             raise GenerationError(
-                f"{traffic.generator} drew agent {name}, which was to be kept."
+                f"{traffic.generator} generated agent {name}, which was to be kept."
             )
     check_kept(sample, request)
     return ReplaceTraffic(

@@ -38,7 +38,7 @@ def draw_road(
 
 
 def draw_states(axes: "Axes", sample: TrafficSample, color: str = _AGENT) -> None:
-    """Draw the boxes of agents at the current step; a line tells the heading."""
+    """Draw the boxes of agents at the current step; a line shows the heading."""
     boxes = box_corners(
         sample.position_m[:, 0], sample.heading_rad[:, 0], sample.size_m
     )

@@ -6,13 +6,14 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from pd_editor.metrics.collisions.box_tests import overlaps_of_pairs, pairs_that_meet
-from pd_editor.metrics.traffic_view import AgentStates, TrafficView
+from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.metrics.values import (
     MetricValues,
     any_step,
     mean_over_steps,
     measured,
 )
+from pd_editor.scene.agent_states import AgentStates
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,16 +47,9 @@ def box_overlap(view: TrafficView) -> BoxOverlap:
     """
     everyone = view.everyone
     num_agents, num_steps = len(view), view.num_steps
-    radius = np.hypot(everyone.size_m[:, 0], everyone.size_m[:, 1]) / 2
-    pairs = pairs_that_meet(everyone.position_m, everyone.is_valid, radius)
+    pairs = pairs_that_meet(everyone.position_m, everyone.is_valid, everyone.radius_m)
     pairs = pairs[pairs_that_matter(everyone, pairs) & (pairs[:, 0] < num_agents)]
-    pair, at = overlaps_of_pairs(
-        pairs,
-        everyone.position_m,
-        everyone.heading_rad,
-        everyone.is_valid,
-        everyone.size_m,
-    )
+    pair, at = overlaps_of_pairs(pairs, everyone)
     hit = np.zeros((len(pairs), num_steps), bool)
     hit[pair, at] = True
     is_new = hit & ~hit[:, :1]

@@ -1,15 +1,13 @@
 """Box overlap tests between agents over time."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from pd_editor.geometry.oriented_box import box_corners, overlap_area
+from pd_editor.geometry.oriented_box import Boxes, BoxTracks, overlap_area
 from pd_editor.metrics.road.path_pieces import bounds_m, rectangles_meet
-from pd_editor.scene.agent_tracks import AgentTracks
 
 MIN_OVERLAP_M2: Final = 0.05
 """Boxes that share at most this area only touch."""
@@ -17,69 +15,46 @@ _PORTION: Final = 50_000
 """Number of pairs times steps per chunk."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Boxes:
-    """N oriented boxes: centres, headings, and sizes (length, width)."""
-
-    position_m: Float[np.ndarray, "N 2"]
-    heading_rad: Float[np.ndarray, "N"]
-    size_m: Float[np.ndarray, "N 2"]
-
-    def __getitem__(self, index: Bool[np.ndarray, "N"]) -> "Boxes":
-        """Some of the boxes."""
-        return Boxes(
-            position_m=self.position_m[index],
-            heading_rad=self.heading_rad[index],
-            size_m=self.size_m[index],
-        )
-
-    def corners(self) -> Float[np.ndarray, "N 4 2"]:
-        """Corners, counter-clockwise from front left."""
-        return box_corners(self.position_m, self.heading_rad, self.size_m)
-
-
-def boxes_collide(one: Boxes, other: Boxes) -> Bool[np.ndarray, "N"]:
-    """Whether each box shares more than ``MIN_OVERLAP_M2`` with its counterpart."""
+def boxes_collide(
+    one: Boxes, other: Boxes, exist: Bool[np.ndarray, "*#s"] | None = None
+) -> Bool[np.ndarray, "*s"]:
+    """Whether boxes that exist share more than ``MIN_OVERLAP_M2``; shapes are broadcast."""
     offset = other.position_m - one.position_m
-    reach = np.hypot(*one.size_m.T) + np.hypot(*other.size_m.T)
-    found = np.einsum("nd,nd->n", offset, offset) < (reach / 2) ** 2
-    near, one, other = offset[found], one[found], other[found]
-    touch = boxes_touch(
-        near, one.heading_rad, other.heading_rad, one.size_m, other.size_m
+    found = (
+        np.einsum("...d,...d->...", offset, offset)
+        < (one.radius_m + other.radius_m) ** 2
     )
+    if exist is not None:
+        found &= exist
+    one = one.broadcast_to(found.shape)[found]
+    other = other.broadcast_to(found.shape)[found]
+    touch = boxes_touch(one, other)
     found[found] = touch
-    area = overlap_area(one[touch].corners(), other[touch].corners())
+    area = overlap_area(one[touch].corners_m(), other[touch].corners_m())
     found[found] = area > MIN_OVERLAP_M2
     return found
 
 
-def overlapping_pairs(agents: AgentTracks, step: int) -> Int[np.ndarray, "P 2"]:
+def overlapping_pairs(agents: BoxTracks, step: int) -> Int[np.ndarray, "P 2"]:
     """Pairs of rows, the lower one first, whose boxes overlap at a step."""
     pairs, _ = first_overlap(agents, np.array([step]))
     return pairs
 
 
 def first_overlap(
-    agents: AgentTracks, steps: Int[np.ndarray, "S"]
+    agents: BoxTracks, steps: Int[np.ndarray, "S"]
 ) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P"]]:
     """Pairs of rows that overlap at any of the steps, and the first such step.
 
     ``steps`` must increase. Pairs are sorted by row, the lower one first.
     """
-    position, is_valid = agents.position_m[:, steps], agents.is_valid[:, steps]
-    radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
-    pairs = pairs_that_meet(position, is_valid, radius)
-    heading, first = agents.heading_rad[:, steps], np.full(len(pairs), -1)
-    for part, some in _parts(len(pairs), position.shape[1]):
+    boxes = agents.at_steps(steps)
+    pairs = pairs_that_meet(boxes.position_m, boxes.is_valid, boxes.radius_m)
+    first = np.full(len(pairs), -1)
+    for part, some in _parts(len(pairs), boxes.num_steps):
         # Pairs that were found to overlap are not tested again.
         open_pairs = part[first[part] < 0]
-        pair, at = overlaps_of_pairs(
-            pairs[open_pairs],
-            position[:, some],
-            heading[:, some],
-            is_valid[:, some],
-            agents.size_m,
-        )
+        pair, at = overlaps_of_pairs(pairs[open_pairs], boxes.at_steps(some))
         found, index = np.unique(pair, return_index=True)
         first[open_pairs[found]] = some.start + at[index]
     overlaps = first >= 0
@@ -112,68 +87,50 @@ def pairs_that_meet(
 
 
 def overlaps_of_pairs(
-    pairs: Int[np.ndarray, "P 2"],
-    position_m: Float[np.ndarray, "A S 2"],
-    heading_rad: Float[np.ndarray, "A S"],
-    is_valid: Bool[np.ndarray, "A S"],
-    size_m: Float[np.ndarray, "A 2"],
+    pairs: Int[np.ndarray, "P 2"], boxes: BoxTracks
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
     """Indices of overlapping pairs and steps, sorted by pair, then by step."""
     a, b = pairs.T
-    offset = position_m[b] - position_m[a]
-    radius = np.hypot(size_m[:, 0], size_m[:, 1]) / 2
-    reach = (radius[a] + radius[b])[:, None]
+    offset = boxes.position_m[b] - boxes.position_m[a]
+    reach = (boxes.radius_m[a] + boxes.radius_m[b])[:, None]
     near = np.einsum("psd,psd->ps", offset, offset) < reach**2
-    near &= is_valid[a] & is_valid[b]
+    near &= boxes.is_valid[a] & boxes.is_valid[b]
     pair, at = np.nonzero(near)
-    one, other = (
-        Boxes(
-            position_m=position_m[rows, at],
-            heading_rad=heading_rad[rows, at],
-            size_m=size_m[rows],
-        )
-        for rows in (a[pair], b[pair])
-    )
-    collide = boxes_collide(one, other)
+    collide = boxes_collide(boxes.at(a[pair], at), boxes.at(b[pair], at))
     return pair[collide], at[collide]
 
 
-def boxes_touch(
-    offset_m: Float[np.ndarray, "N 2"],
-    heading_a_rad: Float[np.ndarray, "N"],
-    heading_b_rad: Float[np.ndarray, "N"],
-    size_a_m: Float[np.ndarray, "N 2"],
-    size_b_m: Float[np.ndarray, "N 2"],
-) -> Bool[np.ndarray, "N"]:
-    """Separating axis test on centres, headings and sizes."""
+def boxes_touch(one: Boxes, other: Boxes) -> Bool[np.ndarray, "*s"]:
+    """Separating axis test of boxes; shapes are broadcast."""
+    offset = other.position_m - one.position_m
     return turned_boxes_touch(
-        offset_m[:, 0] + 1j * offset_m[:, 1],
-        np.exp(1j * heading_a_rad),
-        np.exp(1j * heading_b_rad),
-        size_a_m,
-        size_b_m,
+        offset[..., 0] + 1j * offset[..., 1],
+        np.exp(1j * one.heading_rad),
+        np.exp(1j * other.heading_rad),
+        one.size_m,
+        other.size_m,
     )
 
 
 def turned_boxes_touch(
-    offset_m: Complex[np.ndarray, "N"],
-    direction_a: Complex[np.ndarray, "N"],
-    direction_b: Complex[np.ndarray, "N"],
-    size_a_m: Float[np.ndarray, "N 2"],
-    size_b_m: Float[np.ndarray, "N 2"],
-) -> Bool[np.ndarray, "N"]:
+    offset_m: Complex[np.ndarray, "*s"],
+    direction_a: Complex[np.ndarray, "*#s"],
+    direction_b: Complex[np.ndarray, "*#s"],
+    size_a_m: Float[np.ndarray, "*#s 2"],
+    size_b_m: Float[np.ndarray, "*#s 2"],
+) -> Bool[np.ndarray, "*s"]:
     """``boxes_touch`` for vectors as complex numbers; directions are unit vectors."""
     turn = direction_b * direction_a.conj()
     cos, sin = np.abs(np.real(turn)), np.abs(np.imag(turn))
-    touch = np.ones(len(turn), bool)
+    touch = np.ones(offset_m.shape, bool)
     for direction, own, other in (
         (direction_a, size_a_m, size_b_m),
         (direction_b, size_b_m, size_a_m),
     ):
         place = offset_m * direction.conj()
-        length, width = other.T
-        along = own[:, 0] + length * cos + width * sin
-        aside = own[:, 1] + length * sin + width * cos
+        length, width = other[..., 0], other[..., 1]
+        along = own[..., 0] + length * cos + width * sin
+        aside = own[..., 1] + length * sin + width * cos
         touch &= np.abs(np.real(place)) * 2 < along
         touch &= np.abs(np.imag(place)) * 2 < aside
     return touch

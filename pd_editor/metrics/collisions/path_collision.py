@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.metrics.collisions.box_tests import Boxes, boxes_collide
+from pd_editor.geometry.oriented_box import Boxes
+from pd_editor.metrics.collisions.box_tests import boxes_collide
 from pd_editor.scene.scenario import Scenario
 
 
@@ -34,23 +35,16 @@ def first_collisions(
     steps = slice(now, now + num_points)
     there = agents.is_valid[:, steps].copy()
     there[row] = False
-    reach = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
-    offset = agents.position_m[None, :, steps] - position_m[:, None]
-    near = (offset**2).sum(-1) < (reach + reach[row])[None, :, None] ** 2
-    path, other, at = np.nonzero(near & there[None] & is_valid[:, None, None])
     hit = boxes_collide(
         Boxes(
-            position_m=position_m[path, at],
-            heading_rad=heading_rad[path, at],
-            size_m=np.broadcast_to(agents.size_m[row], (len(path), 2)),
+            position_m=position_m[:, None],
+            heading_rad=heading_rad[:, None],
+            size_m=agents.size_m[row],
         ),
-        Boxes(
-            position_m=agents.position_m[other, now + at],
-            heading_rad=agents.heading_rad[other, now + at],
-            size_m=agents.size_m[other],
-        ),
+        agents.at_steps(steps).boxes,
+        there & is_valid[:, None, None],
     )
-    path, other, at = path[hit], other[hit], at[hit]
+    path, other, at = np.nonzero(hit)
     at_start = np.zeros((num_paths, len(agents)), bool)
     at_start[path[at == 0], other[at == 0]] = True
     found: list[PathCollision | None] = [None] * num_paths

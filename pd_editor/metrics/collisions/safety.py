@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import left_of, unit_vector
-from pd_editor.geometry.oriented_box import box_corners
+from pd_editor.geometry.oriented_box import Boxes, box_corners
 from pd_editor.metrics.collisions.box_collision import pairs_that_matter
 from pd_editor.metrics.collisions.box_tests import boxes_touch, pairs_that_meet
 from pd_editor.metrics.road.path_pieces import (
@@ -16,8 +16,9 @@ from pd_editor.metrics.road.path_pieces import (
     in_pieces,
     rectangles_meet,
 )
-from pd_editor.metrics.traffic_view import AgentStates, TrafficView
+from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.metrics.values import MetricValues, measured
+from pd_editor.scene.agent_states import AgentStates
 
 HORIZON_S: Final = 5.0
 """Longer times to collision do not count."""
@@ -80,16 +81,10 @@ class _Pairs:
         pairs = np.argwhere(np.triu(np.ones((len(agents), len(agents)), bool), 1))
         pairs = pairs[(pairs[:, 0] < num_evaluated) & pairs_that_matter(agents, pairs)]
         a, b = pairs.T
-        radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
+        radius = agents.radius_m
         offset = agents.position_m[b] - agents.position_m[a]
         is_valid = agents.is_valid[a] & agents.is_valid[b]
-        touches = boxes_touch(
-            offset[:, 0],
-            agents.heading_rad[a, 0],
-            agents.heading_rad[b, 0],
-            agents.size_m[a],
-            agents.size_m[b],
-        )
+        touches = boxes_touch(agents.at(a, 0), agents.at(b, 0))
         return cls(
             agents=agents,
             num_evaluated=num_evaluated,
@@ -129,35 +124,29 @@ def _times_to_collision_s(
     nearest = offset + time[:, None] * velocity
     near = np.hypot(nearest[:, 0], nearest[:, 1]) < pairs.radius_m[pair]
     pair, at, offset, velocity = pair[near], at[near], offset[near], velocity[near]
-    a, b = a[pair], b[pair]
     enter, leave = sweep_times_s(
-        offset,
-        velocity,
-        (agents.heading_rad[a, at], agents.heading_rad[b, at]),
-        (agents.size_m[a], agents.size_m[b]),
+        agents.at(a[pair], at), agents.at(b[pair], at), velocity
     )
     meets = (enter < leave) & (leave > 0) & (enter <= HORIZON_S)
     return pair[meets], np.maximum(enter[meets], 0.0)
 
 
 def sweep_times_s(
-    offset_m: Float[np.ndarray, "N 2"],
-    velocity_mps: Float[np.ndarray, "N 2"],
-    heading_rad: tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]],
-    size_m: tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]],
+    one: Boxes, other: Boxes, velocity_mps: Float[np.ndarray, "N 2"]
 ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
     """Times at which boxes start and stop touching; they never touch if start >= stop.
 
-    Offset and velocity are those of the second box relative to the first. The result is
-    the intersection of the overlap intervals along the four separating axes.
+    The velocity is that of the second box relative to the first. The result is the
+    intersection of the overlap intervals along the four separating axes.
     """
+    offset_m = other.position_m - one.position_m
     enter = np.full(len(offset_m), -np.inf)
     leave = np.full(len(offset_m), np.inf)
-    turn = heading_rad[1] - heading_rad[0]
+    turn = other.heading_rad - one.heading_rad
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
-    for own, other in ((0, 1), (1, 0)):
-        forward = unit_vector(heading_rad[own])
-        mine, theirs = size_m[own], size_m[other]
+    for own, their in ((one, other), (other, one)):
+        forward = unit_vector(own.heading_rad)
+        mine, theirs = own.size_m, their.size_m
         for axis, half in (
             (forward, mine[:, 0] + theirs[:, 0] * cos + theirs[:, 1] * sin),
             (left_of(forward), mine[:, 1] + theirs[:, 0] * sin + theirs[:, 1] * cos),
@@ -182,22 +171,15 @@ def _post_encroachment_s(
     offset = position - position[:, :1]
     away = np.hypot(offset[..., 0], offset[..., 1]) > MOVED_M
     moves = np.any(away & is_valid, axis=1)
-    radius = np.hypot(agents.size_m[:, 0], agents.size_m[:, 1]) / 2
     meet = np.zeros((len(agents), len(agents)), bool)
-    meet[tuple(pairs_that_meet(position, is_valid, radius).T)] = True
+    meet[tuple(pairs_that_meet(position, is_valid, agents.radius_m).T)] = True
     chosen = meet[pairs.a, pairs.b] & moves[pairs.a] & moves[pairs.b]
     chosen = np.flatnonzero(chosen & ~pairs.touches_at_state)
     if not len(chosen):
         return np.zeros(0, int), np.zeros(0)
     row, at, other = _steps_nearby(pairs, chosen)
     a, b = pairs.a[chosen[row]], pairs.b[chosen[row]]
-    touches = boxes_touch(
-        position[b, other] - position[a, at],
-        agents.heading_rad[a, at],
-        agents.heading_rad[b, other],
-        agents.size_m[a],
-        agents.size_m[b],
-    )
+    touches = boxes_touch(agents.at(a, at), agents.at(b, other))
     return chosen[row[touches]], np.abs(at - other)[touches] * step_s
 
 
@@ -247,32 +229,26 @@ def _gaps_m(pairs: _Pairs) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]
     bound = np.maximum(least[a], least[b])
     pair, at = np.nonzero(distance - pairs.radius_m[:, None] <= bound[:, None])
     pair, at = pair[pairs.is_valid[pair, at]], at[pairs.is_valid[pair, at]]
-    a, b = a[pair], b[pair]
-    return pair, box_gap_m(
-        pairs.offset_m[pair, at],
-        (agents.heading_rad[a, at], agents.heading_rad[b, at]),
-        (agents.size_m[a], agents.size_m[b]),
-    )
+    return pair, box_gap_m(agents.at(a[pair], at), agents.at(b[pair], at))
 
 
-def box_gap_m(
-    offset_m: Float[np.ndarray, "N 2"],
-    heading_rad: tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]],
-    size_m: tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]],
-) -> Float[np.ndarray, "N"]:
-    """Distance between two boxes, the second one at an offset; 0 if they touch.
+def box_gap_m(one: Boxes, other: Boxes) -> Float[np.ndarray, "N"]:
+    """Distance between N pairs of boxes; 0 if they touch.
 
     The least distance between disjoint rectangles involves a corner of one of them.
     """
-    gap = np.full(len(offset_m), np.inf)
+    gap = np.full(len(one.position_m), np.inf)
+    offset_m = other.position_m - one.position_m
     centers = (np.zeros_like(offset_m), offset_m)
-    for own, other in ((0, 1), (1, 0)):
-        corners = box_corners(centers[other], heading_rad[other], size_m[other])
+    boxes = (one, other)
+    for own, their in ((0, 1), (1, 0)):
+        corners = box_corners(
+            centers[their], boxes[their].heading_rad, boxes[their].size_m
+        )
         rel = corners - centers[own][:, None]
-        forward = unit_vector(heading_rad[own])[:, None]
-        half = size_m[own][:, None] / 2
+        forward = unit_vector(boxes[own].heading_rad)[:, None]
+        half = boxes[own].size_m[:, None] / 2
         ahead = np.maximum(np.abs((rel * forward).sum(-1)) - half[..., 0], 0)
         aside = np.maximum(np.abs((rel * left_of(forward)).sum(-1)) - half[..., 1], 0)
         gap = np.minimum(gap, np.hypot(ahead, aside).min(axis=1, initial=np.inf))
-    touches = boxes_touch(offset_m, *heading_rad, *size_m)
-    return np.where(touches, 0.0, gap)
+    return np.where(boxes_touch(one, other), 0.0, gap)

@@ -17,14 +17,10 @@ from pd_editor.metrics.distributions.distribution_distance import (
 )
 from pd_editor.metrics.motion.kinematics import Kinematics, kinematics, motion_values
 from pd_editor.metrics.road.off_lane import nearest_edge
-from pd_editor.metrics.traffic_view import (
-    AgentGroup,
-    TrafficView,
-    recorded_traffic,
-)
+from pd_editor.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.metrics.values import MaskedValues
 from pd_editor.paths.lanes.nearest_lane import LaneMatch, nearest_lanes
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import AgentGroup, AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 

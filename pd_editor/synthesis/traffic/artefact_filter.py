@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from pd_editor.geometry.angles import unit_vector, wrap_angle
-from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
+from pd_editor.geometry.oriented_box import Boxes
+from pd_editor.metrics.collisions.box_tests import boxes_touch
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks
 
@@ -72,14 +73,14 @@ def overlapping_pairs(
     close = np.einsum("pd,pd->p", gap, gap) < reach**2
     rows, pair = rows[close], pair[close]
     one, other = (
-        box_corners(
-            tracks.position_m[side],
-            tracks.heading_rad[side],
-            tracks.size_m[tracks.agent[side]],
+        Boxes(
+            position_m=tracks.position_m[side],
+            heading_rad=tracks.heading_rad[side],
+            size_m=tracks.size_m[tracks.agent[side]],
         )
         for side in rows.T
     )
-    return pairs[np.unique(pair[boxes_overlap(one, other)])]
+    return pairs[np.unique(pair[boxes_touch(one, other)])]
 
 
 def _near_pairs(tracks: TrafficTracks) -> Int[np.ndarray, "Q 2"]:

@@ -132,7 +132,7 @@ class Timeline:
         self._show_banner()
 
     def _shown_marks(self) -> list[tuple[MarkKind, Mark]]:
-        """All marks; at the step of a problem, findings are told by its mark."""
+        """All marks; at the step of a problem, its mark stands for the findings."""
         findings = {mark.step: mark for mark in self._marks.get("finding", ())}
         shown: list[tuple[MarkKind, Mark]] = []
         for mark in self._marks.get("problem", ()):

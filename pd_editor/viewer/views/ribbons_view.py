@@ -1,4 +1,4 @@
-"""Draws past and future of all agents, fading with time."""
+"""Draws past and later positions of all agents, fading with time."""
 
 from typing import Final
 

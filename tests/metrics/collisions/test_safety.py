@@ -3,7 +3,7 @@ import pytest
 import shapely
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.geometry.oriented_box import box_corners, overlap_area
+from pd_editor.geometry.oriented_box import Boxes, box_corners, overlap_area
 from pd_editor.metrics.collisions.box_tests import MIN_OVERLAP_M2, boxes_touch
 from pd_editor.metrics.collisions.safety import box_gap_m, safety_values, sweep_times_s
 from pd_editor.metrics.traffic_view import recorded_traffic
@@ -14,18 +14,21 @@ from tests.metrics.traffic_builders import recorded
 LENGTH, WIDTH = 4.6, 1.9
 
 
-def random_boxes(count: int, seed: int = 0, spread_m: float = 5.0):
+def random_boxes(count: int, seed: int = 0, spread_m: float = 5.0) -> tuple[Boxes, ...]:
     random = np.random.default_rng(seed)
     offset = random.uniform(-spread_m, spread_m, (count, 2))
     heading = random.uniform(-np.pi, np.pi, (2, count))
     size = random.uniform([0.4, 0.4], [12.0, 3.0], (2, count, 2))
-    first = box_corners(np.zeros((count, 2)), heading[0], size[0])
-    second = box_corners(offset, heading[1], size[1])
-    return offset, tuple(heading), tuple(size), first, second
+    centers = (np.zeros((count, 2)), offset)
+    return tuple(
+        Boxes(position_m=center, heading_rad=angle, size_m=sides)
+        for center, angle, sides in zip(centers, heading, size, strict=True)
+    )
 
 
 def test_ten_thousand_random_pairs_of_boxes_are_those_of_shapely():
-    offset, heading, size, first, second = random_boxes(10_000)
+    one_box, two_box = random_boxes(10_000)
+    first, second = one_box.corners_m(), two_box.corners_m()
     one, two = shapely.polygons(first), shapely.polygons(second)
     area = shapely.area(shapely.intersection(one, two))
     assert 0.25 < np.mean(area > MIN_OVERLAP_M2) < 0.75
@@ -33,20 +36,21 @@ def test_ten_thousand_random_pairs_of_boxes_are_those_of_shapely():
         overlap_area(first, second) > MIN_OVERLAP_M2, area > MIN_OVERLAP_M2
     )
     np.testing.assert_array_equal(
-        boxes_touch(offset, *heading, *size), shapely.intersects(one, two)
+        boxes_touch(one_box, two_box), shapely.intersects(one, two)
     )
     np.testing.assert_allclose(
-        box_gap_m(offset, heading, size), shapely.distance(one, two), atol=1e-9
+        box_gap_m(one_box, two_box), shapely.distance(one, two), atol=1e-9
     )
 
 
 def test_boxes_meet_just_when_a_swept_box_does():
     """Times against boxes moved in small steps, by shapely."""
     count = 150
-    offset, heading, size, first, second = random_boxes(count, seed=1, spread_m=20)
+    one_box, two_box = random_boxes(count, seed=1, spread_m=20)
+    first, second = one_box.corners_m(), two_box.corners_m()
     velocity = np.random.default_rng(2).uniform(-9, 9, (count, 2))
-    enter, leave = sweep_times_s(offset, velocity, heading, size)
-    one = shapely.polygons(first)
+    enter, leave = sweep_times_s(one_box, two_box, velocity)
+    one = np.asarray(shapely.polygons(first))
     time = np.arange(0, 5, 0.01)
     moved = second[:, None] + (time[:, None] * velocity[:, None])[:, :, None]
     meets = shapely.intersects(one[:, None], shapely.polygons(moved))
@@ -126,8 +130,8 @@ def test_gaps_of_real_scenes_are_those_of_all_pairs(
         agents = view.agents
         shape = agents.is_valid.shape
         size = np.broadcast_to(agents.size_m[:, None], (*shape, 2))
-        boxes = shapely.polygons(
-            box_corners(agents.position_m, agents.heading_rad, size)
+        boxes = np.asarray(
+            shapely.polygons(box_corners(agents.position_m, agents.heading_rad, size))
         )
         walks = agents.is_in("pedestrians")
         gap = np.full(len(view), np.inf)
@@ -149,7 +153,9 @@ def test_post_encroachment_is_the_least_lag_at_which_boxes_meet(seed):
     view = recorded([tuple(state) for state in states.tolist()])
     agents = view.agents
     size = np.broadcast_to(agents.size_m[:, None], (6, 60, 2))
-    boxes = shapely.polygons(box_corners(agents.position_m, agents.heading_rad, size))
+    boxes = np.asarray(
+        shapely.polygons(box_corners(agents.position_m, agents.heading_rad, size))
+    )
     lag = np.abs(np.arange(60)[:, None] - np.arange(60)) * 0.1
     expected = np.full(6, np.inf)
     for one in range(6):

@@ -6,13 +6,10 @@ import shapely
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.metrics.road.off_road import drivable_ground, is_off_road, off_road
+from pd_editor.metrics.road.off_road import drivable_ground, is_off_road
 from pd_editor.perturbation.warp_scenario import warp_scenario
-from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.builders import scenario_with, straight_drivers, two_lane_road
-
-NOW = np.array([50])
 
 
 def turn(power, x=0.0, y=0.0):
@@ -21,36 +18,22 @@ def turn(power, x=0.0, y=0.0):
     return RoadWarp(anchor=anchor, terms=(term,))
 
 
+def off_road_now(scenario):
+    return is_off_road(scenario, scenario.agents.position_m[:, 50])
+
+
 def test_centres_and_corners_off_the_road():
     agents = straight_drivers([(0, 0, 0, 0), (30, -1.2, 0, 0), (60, -4, 0, 0)])
-    found = off_road(scenario_with(agents), NOW)
-    np.testing.assert_array_equal(found.center[:, 0], [False, False, True])
-    np.testing.assert_array_equal(found.num_corners[:, 0], [0, 2, 4])
-    assert found.share() == 1 / 3
-
-
-def test_leaving_later_counts_at_the_step_of_leaving():
-    agents = straight_drivers([(0, 0, -np.pi / 4, 10)])
-    found = off_road(scenario_with(agents), np.arange(51, 110))
-    # 1.75 m to the edge at 10 / sqrt(2) m/s: 0.247 s.
-    assert found.center[0].argmax() + 51 == 53
-
-
-def test_pedestrians_and_absent_agents_are_not_judged():
-    agents = straight_drivers(
-        [(0, 20, 0, 0), (0, 30, 0, 0)],
-        kinds=(AgentKind.PEDESTRIAN, AgentKind.VEHICLE),
-    )
-    agents = replace(agents, is_valid=np.zeros_like(agents.is_valid))
-    found = off_road(scenario_with(agents), NOW)
-    assert not found.is_evaluated.any()
-    assert found.share() == 0
+    scenario = scenario_with(agents)
+    np.testing.assert_array_equal(off_road_now(scenario), [False, False, True])
+    corners = agents.at(slice(None), 50).corners_m()
+    assert is_off_road(scenario, corners).sum(axis=1).tolist() == [0, 2, 4]
 
 
 def test_without_drivable_areas_lanes_count():
     lanes_only = replace(two_lane_road(), drivable_areas=())
     scenario = scenario_with(straight_drivers([(0, 0, 0, 0), (0, 9, 0, 0)]), lanes_only)
-    np.testing.assert_array_equal(off_road(scenario, NOW).center[:, 0], [False, True])
+    np.testing.assert_array_equal(off_road_now(scenario), [False, True])
 
 
 def test_the_ground_is_built_once():
@@ -60,11 +43,10 @@ def test_the_ground_is_built_once():
 
 def test_a_warp_takes_the_road_along():
     scenario = scenario_with(straight_drivers([(40, 0, 0, 10), (20, 3.5, 0, 5)]))
-    later = np.arange(51, 80)
     warped = warp_scenario(scenario, turn(8.0))
-    assert not off_road(warped, later).center.any()
-    left_behind = warped.with_agents(scenario.agents)
-    assert off_road(left_behind, later).center.any()
+    later = slice(51, 80)
+    assert not is_off_road(warped, warped.agents.position_m[:, later]).any()
+    assert is_off_road(warped, scenario.agents.position_m[:, later]).any()
 
 
 @pytest.mark.real_data

@@ -8,8 +8,9 @@ import pytest
 import shapely
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.geometry.oriented_box import box_corners, boxes_overlap
+from pd_editor.geometry.oriented_box import Boxes
 from pd_editor.geometry.polyline import arc_length
+from pd_editor.metrics.collisions.box_tests import boxes_touch
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, AgentKind
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 from pd_editor.synthesis.av2_to_sumo.network_conversion import network_of_map
@@ -96,10 +97,10 @@ def test_people_walk_beside_real_roads(folders: list[Path], tmp_path: Path) -> N
     step -= recording.first_row[agent]
     for now in (50, 200):
         rows = np.flatnonzero(step == now)
-        corners = box_corners(
-            recording.position_m[rows],
-            recording.heading_rad[rows],
-            recording.size_m[agent[rows]],
+        boxes = Boxes(
+            position_m=recording.position_m[rows],
+            heading_rad=recording.heading_rad[rows],
+            size_m=recording.size_m[agent[rows]],
         )
         one, other = np.triu_indices(len(rows), 1)
-        assert not boxes_overlap(corners[one], corners[other]).any()
+        assert not boxes_touch(boxes[one], boxes[other]).any()

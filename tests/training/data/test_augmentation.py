@@ -7,11 +7,10 @@ from pd_editor.av2_io.read import read_scenario
 from pd_editor.features.scene_features import scene_features
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory
-from pd_editor.scene.agent_tracks import empty_tracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.training.config.run_config import Augmentation
 from pd_editor.training.data.augmentation import augmented, crawling_share
-from tests.builders import scenario_with, straight_drivers, two_lane_road
+from tests.builders import empty_tracks, scenario_with, straight_drivers, two_lane_road
 
 NOTHING = Augmentation(
     warp_share=0.0,

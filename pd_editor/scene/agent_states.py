@@ -1,0 +1,94 @@
+"""States of agents over time, as one struct of arrays."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.errors import EditError
+from pd_editor.geometry.oriented_box import BoxTracks
+from pd_editor.scene.agent_kind import GROUP_KINDS, AgentGroup, AgentKind
+
+_States = TypeVar("_States", bound="AgentStates")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AgentStates(BoxTracks):
+    """A agents at T steps; zero where ``is_valid`` is false."""
+
+    ids: tuple[str, ...]
+    """Ids, unique."""
+    kinds: tuple[AgentKind, ...]
+    """Kind of each agent."""
+    velocity_mps: Float[np.ndarray, "A T 2"]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @cached_property
+    def row_of(self) -> dict[str, int]:
+        """Row of each agent id."""
+        return {agent_id: row for row, agent_id in enumerate(self.ids)}
+
+    def rows(self, agent_ids: Iterable[str]) -> np.ndarray:
+        """Rows of agents, in the order of ``agent_ids``.
+
+        Raises:
+            EditError: an id is not among them.
+        """
+        try:
+            return np.array([self.row_of[agent_id] for agent_id in agent_ids], int)
+        except KeyError as error:
+            raise EditError(f"There is no agent {error.args[0]!r} here.") from error
+
+    def speed_mps(self) -> Float[np.ndarray, "A T"]:
+        """Speed of each agent at each step."""
+        return np.hypot(self.velocity_mps[..., 0], self.velocity_mps[..., 1])
+
+    def kind_mask(self, kinds: Iterable[AgentKind]) -> Bool[np.ndarray, "A"]:
+        """Whether each agent is of one of the kinds."""
+        wanted = set(kinds)
+        return np.array([kind in wanted for kind in self.kinds], bool)
+
+    @cached_property
+    def group(self) -> Int[np.ndarray, "A"]:
+        """Index into ``GROUP_KINDS`` of each agent; -1 for static objects."""
+        index = {
+            kind: row
+            for row, kinds in enumerate(GROUP_KINDS.values())
+            for kind in kinds
+        }
+        return np.array([index.get(kind, -1) for kind in self.kinds], int)
+
+    def is_in(self, group: AgentGroup) -> Bool[np.ndarray, "A"]:
+        """Whether each agent belongs to a group."""
+        return self.kind_mask(GROUP_KINDS[group])
+
+    def taken(self: _States, rows: Any) -> _States:
+        """Select agents by indices, in that order, or by a mask."""
+        index = np.asarray(rows)
+        index = np.flatnonzero(index) if index.dtype == bool else index.astype(int)
+        values: dict[str, Any] = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            values[one.name] = (
+                value[index]
+                if isinstance(value, np.ndarray)
+                else tuple(value[row] for row in index)
+            )
+        return type(self)(**values)
+
+    def joined(self: _States, other: _States) -> _States:
+        """Concatenate: these agents, then the other ones."""
+        values: dict[str, Any] = {}
+        for one in fields(self):
+            mine, theirs = getattr(self, one.name), getattr(other, one.name)
+            values[one.name] = (
+                np.concatenate([mine, theirs])
+                if isinstance(mine, np.ndarray)
+                else mine + theirs
+            )
+        return type(self)(**values)
