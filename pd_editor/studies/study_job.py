@@ -1,7 +1,6 @@
 """A study in the background, with progress, curves so far, and cancellation."""
 
 import logging
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,6 +8,7 @@ from typing import Final
 
 import pyarrow as pa
 
+from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.errors import ExportError, PdEditorError
 from pd_editor.evaluation.evaluation import FoundScenes
 from pd_editor.studies.study_folder import StudyFolder
@@ -64,7 +64,7 @@ class StudyProgress:
         return f"{words}, {rate}, {minutes_left(left_s)}"
 
 
-class StudyJob:
+class StudyJob(BackgroundJob[Study]):
     """One run of a study: progress, then exactly one of result and error.
 
     Callbacks are called from the job's thread, and none after ``cancel``, which stops
@@ -94,29 +94,9 @@ class StudyJob:
             progress_of=self._progress_of,
             on_rows=self._keep,
         )
+        super().__init__("study", on_done, on_error)
         self._on_progress = on_progress
-        self._on_done = on_done
-        self._on_error = on_error
         self._rows: list[pa.Table] = []
-        self._cancelled = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="study", daemon=True)
-
-    def start(self) -> None:
-        """Start the thread; only once."""
-        self._thread.start()
-
-    def cancel(self) -> None:
-        """Stop running items, without result or error."""
-        self._cancelled.set()
-
-    @property
-    def is_running(self) -> bool:
-        """Whether the thread is running."""
-        return self._thread.is_alive()
-
-    def wait(self, timeout_s: float | None = None) -> None:
-        """Wait until the thread ends."""
-        self._thread.join(timeout_s)
 
     def rows(self) -> pa.Table:
         """Rows of the items that are finished so far."""
@@ -148,24 +128,13 @@ class StudyJob:
     def _keep(self, rows: pa.Table) -> None:
         self._rows.append(rows)
 
-    def _run(self) -> None:
+    def _result(self) -> Study | None:
         try:
-            study = self._run_study()
+            return self._run_study()
         except _Cancelled:
-            return
-        except PdEditorError as error:
-            self._fail(error)
-        except Exception:
-            _logger.exception("The study failed")
-            self._fail(
-                ExportError(
-                    "The study failed by a fault of its own; the log has details."
-                )
-            )
-        else:
-            if not self._cancelled.is_set():
-                self._on_done(study)
+            return None
 
-    def _fail(self, error: PdEditorError) -> None:
-        if not self._cancelled.is_set():
-            self._on_error(error)
+    def _fault(self) -> PdEditorError:
+        return ExportError(
+            "The study failed by a fault of its own; the log has details."
+        )

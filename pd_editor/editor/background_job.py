@@ -1,0 +1,73 @@
+"""Work in a thread, with one result or one error."""
+
+import logging
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from pd_editor.errors import PdEditorError
+
+_logger = logging.getLogger(__name__)
+_Result = TypeVar("_Result")
+
+
+class BackgroundJob(ABC, Generic[_Result]):
+    """Work in a thread: exactly one of result and error, and none after ``cancel``.
+
+    Callbacks are called from the job's thread.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        on_done: Callable[[_Result], None],
+        on_error: Callable[[PdEditorError], None],
+    ) -> None:
+        """Prepare the work; ``start`` starts it."""
+        self._name = name
+        self._on_done = on_done
+        self._on_error = on_error
+        self._cancelled = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Start the thread; only once."""
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """Stop after the step in progress, without result or error."""
+        self._cancelled.set()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the thread is running."""
+        return self._thread.is_alive()
+
+    def wait(self, timeout_s: float | None = None) -> None:
+        """Wait until the thread ends."""
+        self._thread.join(timeout_s)
+
+    @abstractmethod
+    def _result(self) -> _Result | None:
+        """Do the work; None if cancelled."""
+
+    @abstractmethod
+    def _fault(self) -> PdEditorError:
+        """Error for the user after a fault of the work's own code."""
+
+    def _run(self) -> None:
+        try:
+            result = self._result()
+        except PdEditorError as error:
+            self._fail(error)
+        except Exception:
+            _logger.exception("%s failed", self._name)
+            self._fail(self._fault())
+        else:
+            if result is not None and not self._cancelled.is_set():
+                self._on_done(result)
+
+    def _fail(self, error: PdEditorError) -> None:
+        if not self._cancelled.is_set():
+            self._on_error(error)
