@@ -16,13 +16,13 @@ from pd_editor.evaluation.evaluation import (
     scenes_of,
     splits_of,
 )
-from pd_editor.evaluation.paper.attention import attention_scores
+from pd_editor.evaluation.paper.attention_scores import attention_scores
 from pd_editor.evaluation.paper.measures import RowTable
-from pd_editor.evaluation.paper.pictures import Picture, PictureBook
+from pd_editor.evaluation.paper.paper_report import paper_report
+from pd_editor.evaluation.paper.paper_tables import STATE_COLUMNS, TRAJECTORY_COLUMNS
+from pd_editor.evaluation.paper.pictures import PaperPicture, PictureBook
 from pd_editor.evaluation.paper.plans import PaperPlan, Part, paper_plan
-from pd_editor.evaluation.paper.report import paper_report
 from pd_editor.evaluation.paper.systems import Trained, trained_systems
-from pd_editor.evaluation.paper.tables import STATE_COLUMNS, TRAJECTORY_COLUMNS
 from pd_editor.evaluation.report.figures import Figure
 from pd_editor.evaluation.report.formats import html_of, markdown_of
 from pd_editor.evaluation.results_folder import EvaluationFolder
@@ -166,7 +166,7 @@ def _pictures(
     scenes: Sequence[Path],
     trained: Sequence[Trained],
     make_generator: Callable[[str], ScenarioGenerator],
-) -> Sequence[Picture]:
+) -> Sequence[PaperPicture]:
     """Figures of the first scene that can be read."""
     for folder in scenes:
         try:

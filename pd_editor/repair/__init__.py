@@ -3,8 +3,8 @@
 from pd_editor.repair.braking_speeds import slow_for_gaps
 from pd_editor.repair.comfort_retiming import retime_for_comfort
 from pd_editor.repair.lane_projection import project_to_lanes
+from pd_editor.repair.retimed_trajectories import yield_to_others
 from pd_editor.repair.separation import separate_overlaps
-from pd_editor.repair.trajectories import yield_to_others
 
 __all__ = [
     "project_to_lanes",

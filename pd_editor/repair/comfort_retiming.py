@@ -20,7 +20,7 @@ from pd_editor.metrics.motion.kinematics import (
 from pd_editor.metrics.traffic_view import recorded_traffic
 from pd_editor.repair.friction_pass import highest_speed, slowed_distance
 from pd_editor.repair.repairable import repairable
-from pd_editor.repair.trajectories import Trajectories
+from pd_editor.repair.retimed_trajectories import Trajectories
 from pd_editor.scene.scenario import Scenario
 
 SHARES: Final = (0.9, 0.75, 0.6, 0.45)

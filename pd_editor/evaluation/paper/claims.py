@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from pd_editor.evaluation.paper.measures import Line, Measured, RowTable
-from pd_editor.evaluation.paper.systems import label_of
-from pd_editor.evaluation.paper.tables import (
+from pd_editor.evaluation.paper.measures import MeasuredValue, RowTable, TableLine
+from pd_editor.evaluation.paper.paper_tables import (
     CORRECTED_COMPARISON,
     CORRECTED_REALISM,
     CORRECTED_STATES,
@@ -14,6 +13,7 @@ from pd_editor.evaluation.paper.tables import (
     Column,
     text_of,
 )
+from pd_editor.evaluation.paper.systems import label_of
 from pd_editor.evaluation.report.tables import ReportTable
 
 
@@ -102,15 +102,17 @@ def _told(rows: RowTable, claim: Claim, mode: str) -> Sequence[tuple[str, ...]]:
     )
 
 
-def _difference(rows: RowTable, claim: Claim, first: Line, second: Line) -> Measured:
+def _difference(
+    rows: RowTable, claim: Claim, first: TableLine, second: TableLine
+) -> MeasuredValue:
     factor = 100 if claim.column.is_share else 1
     apart = rows.difference(claim.column.metric, first, second, plain=claim.plain)
-    return Measured(
+    return MeasuredValue(
         value=factor * apart.value, low=factor * apart.low, high=factor * apart.high
     )
 
 
-def _verdict(apart: Measured) -> str:
+def _verdict(apart: MeasuredValue) -> str:
     if apart.high < 0:
         return "holds"
     return "the opposite" if apart.low > 0 else "open"

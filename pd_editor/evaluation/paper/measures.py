@@ -30,7 +30,7 @@ _MOTOR_VEHICLES: Final = "movers"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Line:
+class TableLine:
     """A line of a table: a system, unguided or guided."""
 
     system: str
@@ -38,7 +38,7 @@ class Line:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class MeasuredValue:
     """A value with its interval over scenes and seeds; NaN if there is none."""
 
     value: float
@@ -104,16 +104,16 @@ class RowTable:
         )
 
     @cached_property
-    def lines(self) -> tuple[Line, ...]:
+    def lines(self) -> tuple[TableLine, ...]:
         """The lines of tables, without duplicates, in the order of the entries."""
-        lines = (Line(system=one.system, mode=one.mode) for one in self.entries)
+        lines = (TableLine(system=one.system, mode=one.mode) for one in self.entries)
         return tuple(dict.fromkeys(lines))
 
     @cached_property
     def _scene_weights(self) -> Float[np.ndarray, "K N"]:
         return scene_weights(self.num_scenes, self.seed)
 
-    def rows(self, line: Line, *, plain: bool) -> list[Bool[np.ndarray, "R"]]:
+    def rows(self, line: TableLine, *, plain: bool) -> list[Bool[np.ndarray, "R"]]:
         """Rows of a line on plain or on warped roads, for each of its seeds."""
         return [
             (self.entry == row) & (self.is_plain == plain)
@@ -121,31 +121,31 @@ class RowTable:
             if (one.system, one.mode) == (line.system, line.mode)
         ]
 
-    def mean(self, metric: str, line: Line, *, plain: bool) -> Measured:
+    def mean(self, metric: str, line: TableLine, *, plain: bool) -> MeasuredValue:
         """Mean of a metric over agents, samples and seeds."""
         sums, counts = self._of_scenes(metric, line, plain=plain)
         if not np.any(counts):
-            return Measured(value=np.nan)
+            return MeasuredValue(value=np.nan)
         found = mean_over_scenes(
             np.concatenate(sums)[None],
             np.concatenate(counts)[None],
             self._weights(len(sums)),
         )
-        return Measured(
+        return MeasuredValue(
             value=float(found.value[0]),
             low=float(found.low[0]),
             high=float(found.high[0]),
         )
 
     def difference(
-        self, metric: str, first: Line, second: Line, *, plain: bool
-    ) -> Measured:
+        self, metric: str, first: TableLine, second: TableLine, *, plain: bool
+    ) -> MeasuredValue:
         """Difference of two means; scenes are resampled together, trainings apart."""
         means, resampled = [], []
         for key, line in enumerate((first, second)):
             sums, counts = self._of_scenes(metric, line, plain=plain)
             if not np.any(counts):
-                return Measured(value=np.nan)
+                return MeasuredValue(value=np.nan)
             means.append(np.sum(sums) / np.sum(counts))
             weights = self._weights(len(sums), key)
             with np.errstate(invalid="ignore"):
@@ -154,10 +154,10 @@ class RowTable:
                     / (weights @ np.concatenate(counts))
                 )
         low, high = _interval(resampled[0] - resampled[1])
-        return Measured(value=float(means[0] - means[1]), low=low, high=high)
+        return MeasuredValue(value=float(means[0] - means[1]), low=low, high=high)
 
     def _of_scenes(
-        self, metric: str, line: Line, *, plain: bool
+        self, metric: str, line: TableLine, *, plain: bool
     ) -> tuple[list[Float[np.ndarray, "N"]], list[Float[np.ndarray, "N"]]]:
         """Sums and counts of a metric in each scene, for each seed of a line."""
         values = self.columns[metric]
@@ -172,22 +172,22 @@ class RowTable:
             counts.append(np.bincount(scene, minlength=self.num_scenes).astype(float))
         return sums, counts
 
-    def distance(self, histogram: Histogram, line: Line) -> Measured:
+    def distance(self, histogram: Histogram, line: TableLine) -> MeasuredValue:
         """Jensen-Shannon distance to the log on plain roads.
 
         For the log itself: the mean distance between the log and resampled scenes of it,
         which no system can expect to beat.
         """
-        log = self._counts(histogram, Line(system=GROUND_TRUTH, mode=""))[0]
+        log = self._counts(histogram, TableLine(system=GROUND_TRUTH, mode=""))[0]
         weights = self._scene_weights
         if line.system == GROUND_TRUTH:
             floor = _distances(
                 weights @ log, np.tile(log.sum(axis=0), (len(weights), 1))
             )
-            return Measured(value=float(np.nanmean(floor)))
+            return MeasuredValue(value=float(np.nanmean(floor)))
         counts = self._counts(histogram, line)
         if not np.any(counts):
-            return Measured(value=np.nan)
+            return MeasuredValue(value=np.nan)
         whole = np.sum(counts, axis=(0, 1))
         value = _distances(whole[None], log.sum(axis=0)[None])[0]
         resampled = _distances(
@@ -195,26 +195,28 @@ class RowTable:
         )
         # Resampled histograms are rougher, so that their distances are larger.
         low, high = _interval(resampled - np.nanmedian(resampled) + value)
-        return Measured(value=float(value), low=max(low, 0.0), high=high)
+        return MeasuredValue(value=float(value), low=max(low, 0.0), high=high)
 
     def discrepancy(
-        self, metrics: Sequence[str], line: Line, *, plain: bool
-    ) -> Measured:
+        self, metrics: Sequence[str], line: TableLine, *, plain: bool
+    ) -> MeasuredValue:
         """Squared maximum mean discrepancy to the log, of agents as vectors of metrics.
 
         Each metric is in units of the log's standard deviation.
         """
-        log = self._points(metrics, Line(system=GROUND_TRUTH, mode=""), plain=plain)
+        log = self._points(
+            metrics, TableLine(system=GROUND_TRUTH, mode=""), plain=plain
+        )
         if line.system == GROUND_TRUTH or len(log) < 2:
-            return Measured(value=np.nan)
+            return MeasuredValue(value=np.nan)
         scale = np.maximum(log.std(axis=0), 1e-9)
         found = maximum_mean_discrepancy(
             self._points(metrics, line, plain=plain) / scale, log / scale
         )
-        return Measured(value=found.squared if found.is_valid else np.nan)
+        return MeasuredValue(value=found.squared if found.is_valid else np.nan)
 
     def _points(
-        self, metrics: Sequence[str], line: Line, *, plain: bool
+        self, metrics: Sequence[str], line: TableLine, *, plain: bool
     ) -> Float[np.ndarray, "N D"]:
         used = np.any(self.rows(line, plain=plain), axis=0) & self.is_sample
         parts = [
@@ -225,7 +227,7 @@ class RowTable:
         return points[np.isfinite(points).all(axis=1)]
 
     def _counts(
-        self, histogram: Histogram, line: Line
+        self, histogram: Histogram, line: TableLine
     ) -> list[Float[np.ndarray, "N B"]]:
         """Histogram of each scene on plain roads, for each seed of a line."""
         column = self.columns[histogram.metric]

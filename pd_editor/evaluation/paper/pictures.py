@@ -58,7 +58,7 @@ _SEED: Final = 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Picture:
+class PaperPicture:
     """A figure in two formats, with its caption."""
 
     name: str
@@ -75,7 +75,7 @@ class PictureBook:
     trained: Sequence[Trained]
     make_generator: Callable[[str], ScenarioGenerator]
 
-    def pictures(self) -> Iterator[Picture]:
+    def pictures(self) -> Iterator[PaperPicture]:
         """All figures that the systems allow."""
         for name, draw in (
             ("initial-states", self._states),
@@ -108,7 +108,7 @@ class PictureBook:
         asked = method.with_options(request)
         return run_to_end(generator.generate(asked)).samples
 
-    def _states(self, name: str) -> Picture | None:
+    def _states(self, name: str) -> PaperPicture | None:
         models = self._models(STATES)
         if not models:
             return None
@@ -129,7 +129,7 @@ class PictureBook:
             "raw samples, without guidance and repair.",
         )
 
-    def _candidates(self, name: str) -> Picture | None:
+    def _candidates(self, name: str) -> PaperPicture | None:
         ids = drivable_agent_ids(self.scenario)
         rows = self.scenario.agents.rows(ids)
         found = candidates(self.scenario, rows)
@@ -148,7 +148,7 @@ class PictureBook:
             f"The {len(paths)} Frenet candidates of one agent.",
         )
 
-    def _trajectories(self, name: str) -> Picture | None:
+    def _trajectories(self, name: str) -> PaperPicture | None:
         models = self._models(TRAJECTORIES)
         if not models:
             return None
@@ -171,7 +171,7 @@ class PictureBook:
             "guidance and yielding.",
         )
 
-    def _diversity(self, name: str) -> Picture | None:
+    def _diversity(self, name: str) -> PaperPicture | None:
         models = self._models(STATES)
         one = models.get("pd") or next(iter(models.values()), None)
         if one is None:
@@ -213,7 +213,7 @@ class PictureBook:
             "agents, (b) trajectories from the recorded states, (c) both stages.",
         )
 
-    def _warped(self, name: str) -> Picture | None:
+    def _warped(self, name: str) -> PaperPicture | None:
         models = self._models(TRAJECTORIES)
         chosen = [one for one in ("vd", "pd_minus_p", "pd") if one in models]
         chosen = chosen or list(models)[:3]
@@ -283,7 +283,7 @@ def _panels(
     return drawing, list(axes)
 
 
-def _saved(drawing: "Drawing", name: str, caption: str) -> Picture:
+def _saved(drawing: "Drawing", name: str, caption: str) -> PaperPicture:
     files = {}
     for kind in ("png", "pdf"):
         file = io.BytesIO()
@@ -291,10 +291,10 @@ def _saved(drawing: "Drawing", name: str, caption: str) -> Picture:
         about = {"CreationDate": None} if kind == "pdf" else {"Software": None}
         drawing.savefig(file, format=kind, dpi=_DPI, metadata=about)
         files[kind] = file.getvalue()
-    return Picture(name=name, caption=caption, **files)
+    return PaperPicture(name=name, caption=caption, **files)
 
 
-def _note(name: str, reason: str) -> Picture:
+def _note(name: str, reason: str) -> PaperPicture:
     """A figure that could not be drawn, with the reason."""
     drawing, axes = _panels(1, 1)
     axes[0].set_axis_off()

@@ -138,19 +138,7 @@ class LaneSearch:
         segment: Int[np.ndarray, "..."],
     ) -> Float[np.ndarray, "N K"]:
         """Squared distances of points to segments; the two shapes are broadcast."""
-        segments = self.graph.segments
-        start, direction = segments.start_m[segment], segments.direction[segment]
-        dx = points_m[..., 0] - start[..., 0]
-        dy = points_m[..., 1] - start[..., 1]
-        along = dx * direction[..., 0]
-        along += dy * direction[..., 1]
-        np.clip(along, 0.0, self.length_m[segment], out=along)
-        dx -= along * direction[..., 0]
-        dy -= along * direction[..., 1]
-        dx *= dx
-        dy *= dy
-        dx += dy
-        return dx
+        return self.graph.segments.squared_m2(points_m, segment, self.length_m)
 
     def _search_everywhere(
         self,

@@ -96,6 +96,30 @@ class LaneSegments:
         """Direction of each segment."""
         return heading_of(self.direction)
 
+    def squared_m2(
+        self,
+        points_m: Float[np.ndarray, "*#s 2"],
+        segment: Int[np.ndarray, "*#s"],
+        length_m: Float[np.ndarray, "S"] | None = None,
+    ) -> Float[np.ndarray, "*s"]:
+        """Squared distances of points to segments; the two shapes are broadcast.
+
+        ``length_m`` replaces the lengths of all segments.
+        """
+        length = self.length_m if length_m is None else length_m
+        start, direction = self.start_m[segment], self.direction[segment]
+        dx = points_m[..., 0] - start[..., 0]
+        dy = points_m[..., 1] - start[..., 1]
+        along = dx * direction[..., 0]
+        along += dy * direction[..., 1]
+        np.clip(along, 0.0, length[segment], out=along)
+        dx -= along * direction[..., 0]
+        dy -= along * direction[..., 1]
+        dx *= dx
+        dy *= dy
+        dx += dy
+        return dx
+
     @cached_property
     def circles_m(
         self,

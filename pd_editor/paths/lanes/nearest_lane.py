@@ -59,10 +59,10 @@ def nearest_lanes(
             is_valid=np.zeros(count, bool),
         )
     chunk = max(1, _CHUNK // len(usable))
-    best = np.zeros(count, int)
+    best, every = np.zeros(count, int), np.arange(len(usable))
     for start in range(0, count, chunk):
         part = slice(start, start + chunk)
-        cost = _segment_distances(segments, points_m[part])
+        cost = np.sqrt(segments.squared_m2(points_m[part, None], every))
         if heading_rad is not None:
             cosine = unit_vector(heading_rad[part]) @ segments.direction.T
             cost = cost + np.where(cosine > 0, 0.0, WRONG_WAY_M)
@@ -158,24 +158,6 @@ def _pairs_in_reach(
     far = reach.take(segment) + reach_m
     near = np.flatnonzero(gap_x * gap_x + gap_y * gap_y <= far * far)
     return point[near], segment[near]
-
-
-def _segment_distances(
-    segments: LaneSegments, points_m: Float[np.ndarray, "N 2"]
-) -> Float[np.ndarray, "N S"]:
-    """Distance of every point to every segment."""
-    dx = points_m[:, :1] - segments.start_m[:, 0]
-    dy = points_m[:, 1:] - segments.start_m[:, 1]
-    ux, uy = segments.direction.T
-    along = dx * ux
-    along += dy * uy
-    np.clip(along, 0.0, segments.length_m, out=along)
-    dx -= along * ux
-    dy -= along * uy
-    dx *= dx
-    dy *= dy
-    dx += dy
-    return np.sqrt(dx, out=dx)
 
 
 def _match(

@@ -47,7 +47,7 @@ class DragEvent:
 
 
 @dataclass(kw_only=True, eq=False)
-class _Grab:
+class _HeldAgents:
     """Agents held by the pointer."""
 
     owner: str
@@ -81,7 +81,7 @@ class AgentDrag:
         self._ui = ui
         self._agents_view = agents_view
         self._seen_camera = seen_camera
-        self._grab: _Grab | None = None
+        self._grab: _HeldAgents | None = None
         self._is_pressed = False
         # If a modifier changes during a drag, viser starts the drag again.
         self._presses: deque[ScreenPosition] = deque(maxlen=4)
@@ -155,14 +155,14 @@ class AgentDrag:
                 raise
             grab.has_moved = True
 
-    def _still_holds(self, grab: _Grab) -> bool:
+    def _still_holds(self, grab: _HeldAgents) -> bool:
         """Whether nothing else has ended the drag's gesture or changed the scenario."""
         session = self._ui.session
         if not grab.has_moved:
             return session.scenario is grab.scenario
         return self._ui.gesture == grab.owner and session.state.is_previewing
 
-    def _grabbed(self, event: DragEvent) -> _Grab | None:
+    def _grabbed(self, event: DragEvent) -> _HeldAgents | None:
         agent_id = (
             None
             if event.instance is None
@@ -185,7 +185,7 @@ class AgentDrag:
             raise EditError(
                 f"Agent {agent_id} is not there at the current step, where edits act."
             )
-        return _Grab(
+        return _HeldAgents(
             owner=f"drag {next(self._numbers)}",
             scenario=scenario,
             agent_ids=tuple(agents.ids[row] for row in rows),
@@ -215,7 +215,7 @@ def _offset(event: DragEvent) -> ScreenPosition:
     return float(x), float(y)
 
 
-def _is_meant(grab: _Grab, event: DragEvent) -> bool:
+def _is_meant(grab: _HeldAgents, event: DragEvent) -> bool:
     """Whether the event's points belong to its camera and to the view of the press.
 
     A view that changes during a drag (by a key, or by a request of the server) must not
@@ -227,7 +227,7 @@ def _is_meant(grab: _Grab, event: DragEvent) -> bool:
     )
 
 
-def _command_of(grab: _Grab, point_m: Float[np.ndarray, "2"]) -> TransformAgents:
+def _command_of(grab: _HeldAgents, point_m: Float[np.ndarray, "2"]) -> TransformAgents:
     """The move or turn that takes the grabbed point to the pointer."""
     start_m = np.array(grab.start_m[:2])
     if not grab.is_rotation:

@@ -24,7 +24,7 @@ Icon = Literal[
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tool:
+class ToolButton:
     """A button; its state is evaluated whenever the bar is shown."""
 
     icon: Icon
@@ -42,7 +42,7 @@ class Tool:
 class Toolbar:
     """Tools that a user needs at any time, whatever tab of the panel is open."""
 
-    def __init__(self, overlay: Overlay, tools: Sequence[Tool]) -> None:
+    def __init__(self, overlay: Overlay, tools: Sequence[ToolButton]) -> None:
         """Offer tools, from left to right."""
         self._overlay = overlay
         self._tools = {tool.icon: tool for tool in tools}

@@ -94,7 +94,7 @@ class KeptWork:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Continuation:
+class OpenedEdits:
     """Edits of an opened export, with the source of their base."""
 
     recipe: Recipe
@@ -124,7 +124,7 @@ class Workspace:
         """Exported or starred states by their names."""
         self.unticked: set[str] = set()
         """Scenarios of the basket that are not selected for download."""
-        self.continuation: Continuation | None = None
+        self.continuation: OpenedEdits | None = None
         """Edits that can be continued, if the open scenario is an export of the editor."""
         self.session = EditorSession(scenario, journal=Journal(journals))
         self.playback = Playback()
@@ -183,7 +183,7 @@ class Workspace:
             return
         source = self._base_source(recipe)
         if source is not None:
-            self.continuation = Continuation(recipe=recipe, source=source)
+            self.continuation = OpenedEdits(recipe=recipe, source=source)
 
     def _base_source(self, recipe: Recipe) -> str | None:
         """Source of a recipe's base; None if it is not available."""

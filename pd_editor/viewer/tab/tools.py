@@ -5,7 +5,7 @@ from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.overlay.agent_list import AgentList
 from pd_editor.viewer.overlay.key_sheet import KeySheet
 from pd_editor.viewer.overlay.scorecard_drawer import ScorecardDrawer
-from pd_editor.viewer.overlay.toolbar import Tool
+from pd_editor.viewer.overlay.toolbar import ToolButton
 from pd_editor.viewer.tab.control_panel import ControlPanel
 from pd_editor.viewer.tab.modes import Modes
 from pd_editor.viewer.tab.picture import Picture
@@ -21,7 +21,7 @@ def toolbar_tools(
     agent_list: AgentList,
     scorecard: ScorecardDrawer,
     key_sheet: KeySheet,
-) -> tuple[Tool, ...]:
+) -> tuple[ToolButton, ...]:
     """Tools of a tab, from left to right."""
     history, live = panels.history, panels.generation.live_switch
 
@@ -37,81 +37,81 @@ def toolbar_tools(
         return named("Redo", session.state.position, "Ctrl+Shift+Z")
 
     return (
-        Tool(
+        ToolButton(
             icon="undo",
             press=history.undo,
             hint=undo_hint,
             is_enabled=lambda: session.can_undo,
         ),
-        Tool(
+        ToolButton(
             icon="redo",
             press=history.redo,
             hint=redo_hint,
             is_enabled=lambda: session.can_redo,
         ),
-        Tool(
+        ToolButton(
             icon="3d",
             press=viewpoint.show_3d,
             hint=lambda: "3-D view (V switches)",
             is_active=lambda: not viewpoint.is_top,
             starts_group=True,
         ),
-        Tool(
+        ToolButton(
             icon="top",
             press=viewpoint.show_top,
             hint=lambda: "Top view (V switches)",
             is_active=lambda: viewpoint.is_top,
         ),
-        Tool(
+        ToolButton(
             icon="fit",
             press=viewpoint.frame_map,
             hint=lambda: "Show the whole map (Home)",
             starts_group=True,
         ),
-        Tool(
+        ToolButton(
             icon="frame",
             press=viewpoint.frame_selection,
             hint=lambda: "Frame the selection, or the focal agent (F)",
         ),
-        Tool(
+        ToolButton(
             icon="measure",
             press=modes.measure.toggle,
             hint=lambda: "Measure distances (M)",
             is_active=lambda: modes.measure.is_active,
             starts_group=True,
         ),
-        Tool(
+        ToolButton(
             icon="place",
             press=modes.placing.toggle,
             hint=lambda: "Place agents (P)",
             is_active=lambda: modes.placing.is_active,
         ),
-        Tool(
+        ToolButton(
             icon="agents",
             press=agent_list.toggle,
             hint=lambda: "Agent list (Ctrl+F)",
             is_active=lambda: agent_list.is_open,
         ),
-        Tool(
+        ToolButton(
             icon="scorecard",
             press=scorecard.toggle,
             hint=lambda: "Scorecard: metrics beside recordings (I)",
             is_active=lambda: scorecard.is_open,
         ),
-        Tool(
+        ToolButton(
             icon="compare",
             press=picture.comparison.hold,
             release=picture.comparison.release,
             hint=lambda: "Compare with the original (hold O)",
             is_active=lambda: picture.comparison.is_on,
         ),
-        Tool(
+        ToolButton(
             icon="live",
             press=live.toggle,
             hint=lambda: "Live: traffic reacts while you edit (Shift+R)",
             is_active=lambda: live.is_on,
         ),
-        Tool(
+        ToolButton(
             icon="help",
             press=key_sheet.open,
             hint=lambda: "Keys and mouse (?)",

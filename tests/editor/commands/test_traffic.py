@@ -254,7 +254,10 @@ def other_sample(**changes: np.ndarray | tuple) -> GeneratedTraffic:
             ),
             r"position_m has shape \[2, 59, 2\]; the scenario needs 60",
         ),
-        (lambda: other_sample(ids=("104", "101")), "generated agent 101, which was to be"),
+        (
+            lambda: other_sample(ids=("104", "101")),
+            "generated agent 101, which was to be",
+        ),
         (lambda: other_sample(ids=("104", "104")), "one kind and one id each"),
         (lambda: other_sample(kinds=(AgentKind.BUS,)), "one kind and one id each"),
         (

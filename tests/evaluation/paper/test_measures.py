@@ -3,20 +3,23 @@ import pytest
 
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.paper.claims import claims_table
-from pd_editor.evaluation.paper.measures import Line, Measured, RowTable
-from pd_editor.evaluation.paper.plans import Entry
-from pd_editor.evaluation.paper.tables import (
+from pd_editor.evaluation.paper.measures import MeasuredValue, RowTable, TableLine
+from pd_editor.evaluation.paper.paper_tables import (
     STATE_COLUMNS,
     TRAJECTORY_COLUMNS,
     state_tables,
     text_of,
     trajectory_tables,
 )
+from pd_editor.evaluation.paper.plans import Entry
 from pd_editor.metrics.distributions.distribution_distance import histogram_of
 
 NUM_SCENES, NUM_AGENTS = 8, 20
-PD, PAPER = Line(system="pd", mode="unguided"), Line(system="paper", mode="unguided")
-GT = Line(system="ground-truth", mode="")
+PD, PAPER = (
+    TableLine(system="pd", mode="unguided"),
+    TableLine(system="paper", mode="unguided"),
+)
+GT = TableLine(system="ground-truth", mode="")
 
 
 def entry(system: str, seed: int = 0, mode: str = "unguided") -> Entry:
@@ -82,7 +85,7 @@ def test_a_difference_resamples_scenes_together():
 def test_nothing_is_known_of_rows_that_are_not_there():
     table = rows()
     assert np.isnan(table.mean("speed", PD, plain=False).value)
-    absent = Line(system="vd", mode="guided")
+    absent = TableLine(system="vd", mode="guided")
     assert np.isnan(table.mean("speed", absent, plain=True).value)
     assert np.isnan(table.difference("speed", PD, absent, plain=True).value)
 
@@ -90,7 +93,7 @@ def test_nothing_is_known_of_rows_that_are_not_there():
 def test_distances_grow_with_the_shift_and_the_log_has_the_floor():
     table, histogram = rows(), histogram_of("speed", "ours")
     floor = table.distance(histogram, GT).value
-    same = table.distance(histogram, Line(system="pd", mode="guided"))
+    same = table.distance(histogram, TableLine(system="pd", mode="guided"))
     near, far = table.distance(histogram, PD), table.distance(histogram, PAPER)
     assert same.value == 0.0
     assert 0 < floor < near.value < far.value
@@ -154,6 +157,6 @@ def test_claims_are_told_whichever_way_they_come_out():
 
 
 def test_values_in_text():
-    assert text_of(Measured(value=np.nan)) == "-"
-    assert text_of(Measured(value=0.1234)) == "0.123"
-    assert text_of(Measured(value=12.34, low=1.0, high=20.0)) == "12.3 [1.0, 20.0]"
+    assert text_of(MeasuredValue(value=np.nan)) == "-"
+    assert text_of(MeasuredValue(value=0.1234)) == "0.123"
+    assert text_of(MeasuredValue(value=12.34, low=1.0, high=20.0)) == "12.3 [1.0, 20.0]"

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from pd_editor.evaluation.paper.measures import Line, Measured, RowTable
+from pd_editor.evaluation.paper.measures import MeasuredValue, RowTable, TableLine
 from pd_editor.evaluation.paper.systems import in_table_order, label_of
 from pd_editor.evaluation.report.tables import ReportTable
 from pd_editor.metrics.distributions.distribution_distance import histogram_of
@@ -142,7 +142,7 @@ def state_tables(rows: RowTable) -> tuple[ReportTable, ...]:
     """Table II: initial states, in the paper's columns and in corrected ones."""
     metrics = tuple(name for name, _ in STATE_METRICS)
 
-    def distances(source: Source) -> Mapping[str, list[Measured]]:
+    def distances(source: Source) -> Mapping[str, list[MeasuredValue]]:
         return {
             title: [
                 rows.distance(histogram_of(name, source), line) for line in _lines(rows)
@@ -233,7 +233,7 @@ _STATE_MODES: Final = {"": "", "unguided": ", raw", "guided": ", guided"}
 _MODES: Final = {"": "", "unguided": ", unguided", "guided": ", guided"}
 
 
-def _lines(rows: RowTable) -> tuple[Line, ...]:
+def _lines(rows: RowTable) -> tuple[TableLine, ...]:
     """Unguided systems in the order of the paper, then guided ones."""
     order = in_table_order(one.system for one in rows.lines)
     place = {name: index for index, name in enumerate(order)}
@@ -244,7 +244,7 @@ def _lines(rows: RowTable) -> tuple[Line, ...]:
 
 def _means(
     rows: RowTable, columns: Sequence[Column], *, plain: bool
-) -> dict[str, list[Measured]]:
+) -> dict[str, list[MeasuredValue]]:
     return {
         one.title: [
             _scaled(
@@ -256,8 +256,8 @@ def _means(
     }
 
 
-def _scaled(one: Measured, factor: float) -> Measured:
-    return Measured(
+def _scaled(one: MeasuredValue, factor: float) -> MeasuredValue:
+    return MeasuredValue(
         value=factor * one.value, low=factor * one.low, high=factor * one.high
     )
 
@@ -265,7 +265,7 @@ def _scaled(one: Measured, factor: float) -> Measured:
 def _table(
     title: str,
     rows: RowTable,
-    values: Mapping[str, Sequence[Measured]],
+    values: Mapping[str, Sequence[MeasuredValue]],
     note: str,
     modes: Mapping[str, str] = _MODES,
     marked: Collection[str] = (),
@@ -295,7 +295,7 @@ def _table(
     )
 
 
-def text_of(one: Measured) -> str:
+def text_of(one: MeasuredValue) -> str:
     """A value with its interval, in three significant digits."""
     if not math.isfinite(one.value):
         return NONE

@@ -3,17 +3,17 @@
 from collections.abc import Sequence
 
 from pd_editor.evaluation.evaluation import EvaluationSplits, RunRecord
-from pd_editor.evaluation.paper.attention import LEVELS
+from pd_editor.evaluation.paper.attention_scores import LEVELS
 from pd_editor.evaluation.paper.claims import claims_table, default_table
 from pd_editor.evaluation.paper.measures import RowTable
-from pd_editor.evaluation.paper.systems import Trained, in_table_order, label_of
-from pd_editor.evaluation.paper.tables import (
+from pd_editor.evaluation.paper.paper_tables import (
     NONE,
     AttentionScores,
     attention_table,
     state_tables,
     trajectory_tables,
 )
+from pd_editor.evaluation.paper.systems import Trained, in_table_order, label_of
 from pd_editor.evaluation.report.sections import FIGURES_TITLE, Report, Section
 from pd_editor.evaluation.report.tables import ReportTable
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import PdEditorError
+from pd_editor.evaluation.paper.paper_tables import AttentionScores
 from pd_editor.evaluation.paper.systems import STATES, Trained, in_table_order
-from pd_editor.evaluation.paper.tables import AttentionScores
 
 LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 MAX_SCENES: Final = 12
