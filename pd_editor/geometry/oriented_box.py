@@ -63,7 +63,7 @@ class Boxes:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BoxTracks:
+class BoxStates:
     """Oriented boxes of A agents at T steps."""
 
     position_m: Float[np.ndarray, "A T 2"]
@@ -96,9 +96,9 @@ class BoxTracks:
         """Boxes at pairs of a row and a step, or of some rows at one step."""
         return self.boxes[row, step]
 
-    def at_steps(self, steps: Any) -> "BoxTracks":
+    def at_steps(self, steps: Any) -> "BoxStates":
         """The boxes at some steps."""
-        return BoxTracks(
+        return BoxStates(
             position_m=self.position_m[:, steps],
             heading_rad=self.heading_rad[:, steps],
             size_m=self.size_m,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.geometry.oriented_box import BoxTracks
+from pd_editor.geometry.oriented_box import BoxStates
 from pd_editor.lane_follower.crossings import (
     NUM_SEARCHED,
     Tracks,
@@ -31,7 +31,7 @@ _LEAST_TRACK_M = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Traffic(BoxTracks):
+class Traffic(BoxStates):
     """A agents from the current step on; the simulation writes into the arrays."""
 
     velocity_mps: Float[np.ndarray, "A T 2"]

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.geometry.oriented_box import BoxTracks, overlap_area
+from pd_editor.geometry.oriented_box import BoxStates, overlap_area
 from pd_editor.metrics.collisions.box_tests import overlaps_of_pairs, pairs_that_meet
 from pd_editor.metrics.step_spans import spans_of
 from pd_editor.problems.scene_problem import (
@@ -83,7 +83,7 @@ def collisions(scenario: Scenario, steps: Int[np.ndarray, "S"]) -> list[ScenePro
 
 
 def _overlaps(
-    boxes: BoxTracks, pairs: Int[np.ndarray, "P 2"]
+    boxes: BoxStates, pairs: Int[np.ndarray, "P 2"]
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
     """Index of the pair, index of the step and shared area of each overlap.
 

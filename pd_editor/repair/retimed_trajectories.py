@@ -163,7 +163,6 @@ def yield_to_others(
     Agents whose trajectory is locked never yield, and those with locked first seconds
     only later. These and agents with ``last_ids`` yield only if the other one cannot.
 
-    One round of ``retime_trajectories`` without the friction limit.
 
     Returns:
         The scene, and the sorted ids of the agents that were slowed.

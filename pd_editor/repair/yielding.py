@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from pd_editor.geometry.angles import unit_vector, wrap_angle
-from pd_editor.geometry.oriented_box import Boxes, BoxTracks
+from pd_editor.geometry.oriented_box import Boxes, BoxStates
 from pd_editor.metrics.collisions.box_tests import (
     boxes_touch,
     overlaps_of_pairs,
@@ -176,7 +176,7 @@ def yielding(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Scene(BoxTracks):
+class _Scene(BoxStates):
     """A agents from the current step on: H steps, T with those that follow the end.
 
     Headings are without jumps of a whole turn.
@@ -379,7 +379,7 @@ class _Plans:
         return np.where(has_tried, 1 - side, side)
 
     def _find_conflicts(self, scene: _Scene, pair: Int[np.ndarray, "C"]) -> None:
-        boxes = BoxTracks(
+        boxes = BoxStates(
             position_m=self.position_m,
             heading_rad=self.heading_rad,
             size_m=scene.size_m,

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.errors import EditError
-from pd_editor.geometry.oriented_box import BoxTracks
+from pd_editor.geometry.oriented_box import BoxStates
 from pd_editor.scene.agent_kind import GROUP_KINDS, AgentGroup, AgentKind
 
 _States = TypeVar("_States", bound="AgentStates")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AgentStates(BoxTracks):
+class AgentStates(BoxStates):
     """A agents at T steps; zero where ``is_valid`` is false."""
 
     ids: tuple[str, ...]

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from pd_editor.geometry.oriented_box import Boxes, BoxTracks, overlap_area
+from pd_editor.geometry.oriented_box import Boxes, BoxStates, overlap_area
 from pd_editor.metrics.road.path_pieces import bounds_m, rectangles_meet
 
 MIN_OVERLAP_M2: Final = 0.05
@@ -35,14 +35,14 @@ def boxes_collide(
     return found
 
 
-def overlapping_pairs(agents: BoxTracks, step: int) -> Int[np.ndarray, "P 2"]:
+def overlapping_pairs(agents: BoxStates, step: int) -> Int[np.ndarray, "P 2"]:
     """Pairs of rows, the lower one first, whose boxes overlap at a step."""
     pairs, _ = first_overlap(agents, np.array([step]))
     return pairs
 
 
 def first_overlap(
-    agents: BoxTracks, steps: Int[np.ndarray, "S"]
+    agents: BoxStates, steps: Int[np.ndarray, "S"]
 ) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P"]]:
     """Pairs of rows that overlap at any of the steps, and the first such step.
 
@@ -87,7 +87,7 @@ def pairs_that_meet(
 
 
 def overlaps_of_pairs(
-    pairs: Int[np.ndarray, "P 2"], boxes: BoxTracks
+    pairs: Int[np.ndarray, "P 2"], boxes: BoxStates
 ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
     """Indices of overlapping pairs and steps, sorted by pair, then by step."""
     a, b = pairs.T
