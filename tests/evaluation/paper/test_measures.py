@@ -11,7 +11,8 @@ from pd_editor.evaluation.paper.paper_tables import (
     text_of,
     trajectory_tables,
 )
-from pd_editor.evaluation.paper.plans import Entry
+from pd_editor.evaluation.paper.plans import Entry, Mode
+from pd_editor.lane_follower import LaneFollower
 from pd_editor.metrics.distributions.distribution_distance import histogram_of
 
 NUM_SCENES, NUM_AGENTS = 8, 20
@@ -22,8 +23,10 @@ PD, PAPER = (
 GT = TableLine(system="ground-truth", mode="")
 
 
-def entry(system: str, seed: int = 0, mode: str = "unguided") -> Entry:
-    method = Method(name=f"{system}{seed}{mode}", make_generator=lambda _: None)
+def entry(system: str, seed: int = 0, mode: Mode = "unguided") -> Entry:
+    method = Method(
+        name=f"{system}{seed}{mode}", make_generator=lambda _: LaneFollower()
+    )
     return Entry(system=system, seed=seed, mode=mode, method=method)
 
 
@@ -45,7 +48,10 @@ def rows(metrics=("speed",), is_plain=True) -> RowTable:
     values = np.concatenate([log + shift for shift in SHIFTS])
     count = len(values)
     column = [float(one) for one in values]
-    lists = [[one, one] for one in column]
+    lists: list[list[float] | None] = [[one, one] for one in column]
+    columns: dict[str, np.ndarray | list[list[float] | None]] = {
+        name: lists if name == "local_density" else values for name in metrics
+    }
     return RowTable(
         entries=ENTRIES,
         scene=np.tile(np.repeat(np.arange(NUM_SCENES), NUM_AGENTS), len(ENTRIES)),
@@ -53,9 +59,7 @@ def rows(metrics=("speed",), is_plain=True) -> RowTable:
         is_plain=np.full(count, is_plain),
         is_sample=np.ones(count, bool),
         is_whole=np.ones(count, bool),
-        columns={
-            name: lists if name == "local_density" else values for name in metrics
-        },
+        columns=columns,
         num_scenes=NUM_SCENES,
         seed=0,
     )
