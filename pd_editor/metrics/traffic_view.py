@@ -159,8 +159,10 @@ def _states(
 
     def window(values: np.ndarray) -> np.ndarray:
         part = values[rows, step : step + num_steps]
-        padding = [(0, 0), (0, num_steps - part.shape[1])]
-        return np.pad(part, padding + [(0, 0)] * (part.ndim - 2))
+        # Much faster than np.pad, and this is called for every sample.
+        whole = np.zeros((len(part), num_steps, *part.shape[2:]), part.dtype)
+        whole[:, : part.shape[1]] = part
+        return whole
 
     return AgentStates(
         ids=tuple(agents.ids[row] for row in rows),
