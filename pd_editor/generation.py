@@ -498,6 +498,8 @@ def _check_arrays(
                 f"Sample {number}: {name} has the shape {values.shape}; expected "
                 f"{expected}."
             )
+        # Its arrays may have been changed since the sample was made.
+        check_finite(name, values, sample.ids, ("step",))
 
 
 class RunningGeneration:

@@ -119,7 +119,11 @@ def test_what_is_not_valid_is_null(tmp_path):
     ("name", "reason"),
     [
         ("raises", "ZeroDivisionError: a generator's bug"),
-        ("nan", "Sample 0: position_m holds NaN or infinity."),
+        (
+            "nan",
+            "The generated position_m of agent 100, step 1 is nan; expected finite "
+            "numbers.",
+        ),
         ("short", "Sample 0: size"),
         ("few", "1 samples came back, 2 were asked for."),
         ("others", "Sample 0 holds other agents than were asked for."),
