@@ -49,7 +49,8 @@ class TermGuide:
         if level > config.first_level or (is_last and not config.is_last_step_guided):
             return clean
         spread = config.spread + config.spread_of_noise * level
-        return self._moved(clean[:, 0], level, spread, self.terms)[:, None]
+        terms = [term for term in self.terms if not is_light(term)]
+        return self._moved(clean[:, 0], level, spread, terms)[:, None]
 
     def closed(
         self,
@@ -63,10 +64,9 @@ class TermGuide:
         terms = [term for term in self.terms if term.is_closed]
         if not terms:
             return latent
-        rounds = self.config.num_closings + max(
-            (term.num_closings for term in terms if isinstance(term, AvoidTerm)),
-            default=0,
-        )
+        rounds = self.config.num_closings
+        if any(isinstance(term, AvoidTerm) and not term.is_light for term in terms):
+            rounds += self.config.num_avoiding
         with sampling_mode(latent[..., 0].numel()):
             # Each projection starts from the last one, so what is met stays as it is.
             for _ in range(rounds):
@@ -146,6 +146,11 @@ class TermGuide:
         )
         block = factors @ table.products[order]
         normal.index_add_(1, agents, block.unflatten(-1, (LATENT_SIZE, LATENT_SIZE)))
+
+
+def is_light(term: TrajectoryTerm) -> bool:
+    """Whether a term counts in the projections of the result alone."""
+    return isinstance(term, AvoidTerm) and term.is_light
 
 
 def _merged(rows: Sequence[ResidualRows]) -> ResidualRows:
