@@ -32,7 +32,8 @@ def test_the_same_seed_gives_the_same_files(shell: Shell, tmp_path: Path):
             "--out",
             tmp_path / name,
         )
-        assert (result.code, result.err) == (0, "")
+        # A slow machine is told of progress on stderr.
+        assert result.code == 0, result.err
         assert result.lines[0] == str(tmp_path / name / "x")
     first, again, other = (files_of(tmp_path / name / "x") for name in "abc")
     assert first == again
