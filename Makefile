@@ -28,7 +28,7 @@ check: install
 	$(BIN)/lint-imports
 
 test: check
-	$(BIN)/pytest --numprocesses 2 --dist loadgroup --no-loadscope-reorder $(if $(SLOW),-m '',)
+	$(BIN)/pytest --numprocesses 2 --dist loadscope --no-loadscope-reorder $(if $(SLOW),-m '',)
 
 bench: install
 	$(BIN)/python -m benchmarks $(ARGS)

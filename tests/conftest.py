@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
+from xdist.remote import Producer
+from xdist.scheduler import LoadScopeScheduling
 
 import tests.shape_checker  # noqa: F401  (named by the hook below)
 
@@ -16,6 +18,9 @@ _hook.__enter__()
 # Times are for benchmarks; a busy machine is no fault of the code.
 settings.register_profile("without-deadline", deadline=None)
 settings.load_profile("without-deadline")
+
+
+BROWSER_TESTS = "tests/browser/"
 
 
 def pytest_configure() -> None:
@@ -28,19 +33,36 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# First, as pytest-xdist reads the groups in the same hook.
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Share tests among processes by file, those in a browser as one group, first.
+    """Begin with the tests in a browser, which take longest together."""
+    items.sort(key=lambda item: scope_of(item.nodeid) != BROWSER_TESTS)
+
+
+class TestShares(LoadScopeScheduling):
+    """Shares tests among processes: by file, those in a browser as one.
 
     They share one Chromium and wait more than they compute, so other tests run beside
     them.
     """
-    items.sort(key=lambda item: item.get_closest_marker("browser") is None)
-    for item in items:
-        is_browser = item.get_closest_marker("browser") is not None
-        group = "browser" if is_browser else item.nodeid.partition("::")[0]
-        item.add_marker(pytest.mark.xdist_group(group))
+
+    __test__ = False
+
+    def _split_scope(self, nodeid: str) -> str:
+        return scope_of(nodeid)
+
+
+def scope_of(nodeid: str) -> str:
+    """Folder or file whose tests run in one process."""
+    if nodeid.startswith(BROWSER_TESTS):
+        return BROWSER_TESTS
+    return nodeid.partition("::")[0]
+
+
+def pytest_xdist_make_scheduler(
+    config: pytest.Config, log: Producer | None
+) -> TestShares:
+    """The scheduler of ``--numprocesses``; groups of marks have no effect in pytest 9.2."""
+    return TestShares(config, log)
 
 
 @pytest.fixture(scope="session")
