@@ -10,7 +10,16 @@ from jaxtyping import Float
 from pd_editor.guidance.agent_now import AgentNow
 from pd_editor.guidance.limits import MAX_BRAKING_MPS2
 from pd_editor.paths.driving_paths import SPACING_M
-from pd_editor.scene.guidance_terms import Approach, GuidanceTerm, Threaten, YieldTo
+from pd_editor.scene.guidance_terms import (
+    Approach,
+    FollowLane,
+    FollowPath,
+    GoalPoint,
+    GuidanceTerm,
+    StopAtLine,
+    Threaten,
+    YieldTo,
+)
 from pd_editor.scene.scenario import Scenario
 from pd_editor.threats.threat_feasibility import is_feasible
 from pd_editor.threats.threat_plans import ThreatAim
@@ -132,4 +141,17 @@ def pair_contradictions(term: GuidanceTerm, other: GuidanceTerm) -> Found:
                 "warning",
                 f"Agent {both} threatens another agent and is threatened, which leaves "
                 "it unchanged; keep one of the threats.",
+            )
+    for threat, one in ((term, other), (other, term)):
+        if (
+            isinstance(threat, Threaten)
+            and isinstance(
+                one, GoalPoint | FollowPath | FollowLane | StopAtLine | YieldTo
+            )
+            and threat.agent_id == one.agent_id
+        ):
+            yield (
+                "warning",
+                f"Agent {one.agent_id} threatens another agent, which decides its "
+                f"trajectory, so its {one.name} may not be met; keep one of both terms.",
             )

@@ -21,6 +21,7 @@ from pd_editor.scene.guidance_terms import (
     AvoidCollisions,
     GuidanceTerm,
     KeepGap,
+    StopAtLine,
     Threaten,
     YieldTo,
 )
@@ -221,3 +222,7 @@ def test_contradictions_between_two_agents_are_told() -> None:
     assert any("is threatened" in one for one in problems(states, first, second))
     both = Threaten(agent_id="101", other_id="102")
     assert any("threatens two agents" in one for one in problems(states, first, both))
+    line = StopAtLine(agent_id="101", line_m=((-5.0, -4.0), (-5.0, 4.0)))
+    for order in ((first, line), (line, first)):
+        (found,) = [one for one in problems(states, *order) if "decides its" in one]
+        assert f"its {line.name}" in found
