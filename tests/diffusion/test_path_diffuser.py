@@ -83,7 +83,11 @@ def test_agents_yield_unless_there_are_no_tries_or_they_shall_not(
     asked: list[TrafficSample] = []
 
     def recorded(
-        _scenario: Scenario, _rows: object, sample: TrafficSample, _kept: object
+        _scenario: Scenario,
+        _rows: object,
+        sample: TrafficSample,
+        _kept: object,
+        _last: object,
     ) -> Any:
         asked.append(sample)
         return sample, ("somebody",)
@@ -106,7 +110,11 @@ def test_slowed_agents_are_named_where_states_are_sampled_too(
     diffuser: PathDiffuser, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def slowed(
-        _scenario: Scenario, _rows: object, sample: TrafficSample, _kept: object
+        _scenario: Scenario,
+        _rows: object,
+        sample: TrafficSample,
+        _kept: object,
+        _last: object,
     ) -> Any:
         return sample, sample.ids[:1]
 
