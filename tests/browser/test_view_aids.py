@@ -193,7 +193,7 @@ def test_a_reload_shows_the_same_tab_view_time_and_selection(editor):
     step = editor.workspace.playback.step
     editor.reload()
     ready_again = editor._tab()
-    editor.until(lambda: ready_again._overlay.is_ready, "the overlay")
+    editor.until(lambda: ready_again.overlay.is_ready, "the overlay")
     editor.page.locator("[role=tab][aria-selected=true]", has_text="Road").wait_for()
     camera_rests(editor)
     camera = editor.client.camera

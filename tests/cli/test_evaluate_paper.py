@@ -10,7 +10,7 @@ from pd_editor.cli import paper
 from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
 from pd_editor.diffusion.initial_state.network.agent_count_prior import AgentCounts
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
-from pd_editor.evaluation.paper.pictures import Picture
+from pd_editor.evaluation.paper.pictures import PaperPicture
 from tests.cli.shell import Shell
 from tests.diffusion.initial_state.scenes import small_model as small_placer
 from tests.diffusion.trajectory.scenes import small_model as small_driver
@@ -59,7 +59,7 @@ def command(study: Path, out: Path, *more: str) -> list[str]:
 def test_the_page_has_all_tables_and_figures_and_the_run_goes_on(
     shell: Shell, study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    drawn = Picture(name="states", caption="A caption.", png=b"png", pdf=b"pdf")
+    drawn = PaperPicture(name="states", caption="A caption.", png=b"png", pdf=b"pdf")
     monkeypatch.setattr(paper, "_pictures", lambda *_: [drawn])
     out = tmp_path / "report"
     roads = ["--warps", "none"]

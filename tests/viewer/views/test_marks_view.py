@@ -15,14 +15,16 @@ def test_rings_and_pins_are_large_enough_at_any_zoom(tmp_path, half_height_m):
         connected_tab(app) as tab,
     ):
         page, scenario = tab.tab, tab.session.scenario
-        marks = page._marks
+        marks = page.picture._marks
         warned = scenario.agents.ids[:3]
 
         def shown():
             page._workspace.playback.pause()
             marks.set_view(view)
-            page._agents.show(scenario, float(scenario.current_step))
-            marks.show(scenario, page._agents.poses, (scenario.focal_id,), warned, None)
+            page.picture.agents.show(scenario, float(scenario.current_step))
+            marks.show(
+                scenario, page.picture.agents.poses, (scenario.focal_id,), warned, None
+            )
             batches = (marks._focal, marks._ego, marks._selection, marks._warnings)
             return [np.array(batch.batched_scales) for batch in batches]
 
