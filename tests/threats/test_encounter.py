@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import shapely
@@ -8,20 +6,10 @@ from hypothesis import strategies as st
 
 from pd_editor.geometry.angles import unit_vector
 from pd_editor.threats.encounter import Track, encounter, gaps_m, side_of
+from tests.threats.tracks import only_one
 
 STEP_S = 0.1
 NUM_STEPS = 30
-
-
-def only_one(tracks: Track) -> Track:
-    """The only one of N = 1 trajectories."""
-    assert len(tracks.position_m) == 1
-    return replace(
-        tracks,
-        position_m=tracks.position_m[0],
-        heading_rad=tracks.heading_rad[0],
-        velocity_mps=tracks.velocity_mps[0],
-    )
 
 
 def straight(

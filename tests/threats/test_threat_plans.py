@@ -30,19 +30,9 @@ from tests.builders import (
     straight_lane,
     two_lane_road,
 )
+from tests.threats.tracks import only_one
 
 SEVERITIES = (0.0, 0.3, 0.6, 0.9, 1.0)
-
-
-def only_one(tracks: Track) -> Track:
-    """The only one of N = 1 trajectories."""
-    assert len(tracks.position_m) == 1
-    return replace(
-        tracks,
-        position_m=tracks.position_m[0],
-        heading_rad=tracks.heading_rad[0],
-        velocity_mps=tracks.velocity_mps[0],
-    )
 
 
 def crossing() -> RoadMap:
