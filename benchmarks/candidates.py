@@ -12,7 +12,7 @@ import numpy as np
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.paths.lanes.lane_graph import lane_graph
-from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, lanes_near
+from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES
 from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -81,7 +81,7 @@ def print_times(scenarios: list[Scenario]) -> None:
     for _ in range(20):
         fresh = replace(road_map)
         start = time.perf_counter()
-        _ = lane_graph(fresh).segments.heading_rad
+        _ = lane_graph(fresh).search.heading_rad
         spent.append(1e3 * (time.perf_counter() - start))
     print(
         f"index of {len(road_map.lanes)} lanes: median {np.median(spent):.1f} ms, "
@@ -98,12 +98,11 @@ def print_coverage(scenarios: list[Scenario]) -> None:
         if not len(rows):
             continue
         agents, graph = scenario.agents, lane_graph(scenario.road_map)
-        near = lanes_near(
-            graph,
+        near = graph.search.in_reach(
             agents.position_m[rows, step],
             agents.heading_rad[rows, step],
+            np.tile(graph.allowed(DRIVING_LANES), (len(rows), 1)),
             reach_m=3.0,
-            usable=np.tile(graph.allowed(DRIVING_LANES), (len(rows), 1)),
         )
         found = candidates(scenario, rows)
         moved = np.linalg.norm(

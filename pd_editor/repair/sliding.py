@@ -10,7 +10,6 @@ from pd_editor.geometry.angles import heading_of, wrap_angle
 from pd_editor.geometry.frenet import FrenetFrames
 from pd_editor.geometry.polyline import without_repeats
 from pd_editor.paths.lanes.lane_graph import LaneGraph
-from pd_editor.paths.lanes.nearest_lane import NearbyLanes, lanes_near
 from pd_editor.paths.lanes.route_choice import METRES_PER_RADIAN, lane_kinds_of
 from pd_editor.scene.agent_kind import AgentKind
 
@@ -52,13 +51,8 @@ def lanes_of(
     lane, along = np.full(count, -1), np.zeros(count)
     distance = np.full(count, np.inf)
     if count and graph.lane_ids:
-        near: NearbyLanes = lanes_near(
-            graph,
-            position_m,
-            heading_rad,
-            reach_m=reach_m,
-            usable=np.array([graph.allowed(lane_kinds_of(kind)) for kind in kinds]),
-        )
+        usable = np.array([graph.allowed(lane_kinds_of(kind)) for kind in kinds])
+        near = graph.search.in_reach(position_m, heading_rad, usable, reach_m)
         turn = np.abs(near.turn_rad)
         cost = near.distance_m + METRES_PER_RADIAN * turn
         order = np.lexsort((near.lane, cost.round(6), near.point))

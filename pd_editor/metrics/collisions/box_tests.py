@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from pd_editor.geometry.oriented_box import Boxes, BoxStates, overlap_area
-from pd_editor.metrics.road.path_pieces import bounds_m, rectangles_meet
+from pd_editor.geometry.path_pieces import bounds_m, rectangles_meet
 
 MIN_OVERLAP_M2: Final = 0.05
 """Boxes that share at most this area only touch."""

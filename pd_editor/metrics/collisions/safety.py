@@ -8,14 +8,14 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import left_of, unit_vector
 from pd_editor.geometry.oriented_box import Boxes, box_corners
-from pd_editor.metrics.collisions.box_collision import pairs_that_matter
-from pd_editor.metrics.collisions.box_tests import boxes_touch, pairs_that_meet
-from pd_editor.metrics.road.path_pieces import (
+from pd_editor.geometry.path_pieces import (
     PIECE_STEPS,
     bounds_m,
     in_pieces,
     rectangles_meet,
 )
+from pd_editor.metrics.collisions.box_collision import pairs_that_matter
+from pd_editor.metrics.collisions.box_tests import boxes_touch, pairs_that_meet
 from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.metrics.values import MetricValues, measured
 from pd_editor.scene.agent_states import AgentStates

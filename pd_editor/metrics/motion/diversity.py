@@ -8,9 +8,10 @@ from jaxtyping import Bool, Float
 
 from pd_editor.metrics.road.lane_deviation import path_length_m
 from pd_editor.metrics.road.off_lane import evaluated_steps
-from pd_editor.metrics.road.reachable_lanes import lane_search, reachable_lanes
+from pd_editor.metrics.road.reachable_lanes import reachable_lanes
 from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.metrics.values import MetricValues, measured
+from pd_editor.paths.lanes.lane_graph import lane_graph
 
 VISIT_M: Final = 2.0
 """An agent visits a lane if it comes this close to its centre line."""
@@ -63,11 +64,14 @@ def _lane_coverage(views: Sequence[TrafficView]) -> MetricValues:
         spare_m=0.0,
     )
     is_valid = evaluated_steps(views[0])[:, 0] & np.any(reachable, axis=1)
-    search, visited = lane_search(road_map), np.zeros(reachable.shape, bool)
+    search = lane_graph(road_map).extended_search
+    visited = np.zeros(reachable.shape, bool)
     for view in views:
         steps = evaluated_steps(view) & is_valid[:, None]
-        distance, segment = search.nearest(view.agents.position_m, steps, reachable)
+        distance, segment = search.nearest_on_paths(
+            view.agents.position_m, steps, reachable
+        )
         agent, step = np.nonzero(steps & (distance <= VISIT_M))
-        visited[agent, search.graph.segments.lane[segment[agent, step]]] = True
+        visited[agent, search.lane[segment[agent, step]]] = True
     number = np.maximum(reachable.sum(axis=1), 1)
     return measured("lane_coverage", visited.sum(axis=1) / number, is_valid)

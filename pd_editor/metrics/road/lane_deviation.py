@@ -8,11 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import unit_vector
 from pd_editor.metrics.road.off_lane import evaluated_steps
-from pd_editor.metrics.road.reachable_lanes import (
-    lane_search,
-    reachable_lanes,
-    usable_lanes,
-)
+from pd_editor.metrics.road.reachable_lanes import reachable_lanes, usable_lanes
 from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.metrics.values import MetricValues, mean_over_steps, measured
 from pd_editor.paths.lanes.lane_graph import lane_graph
@@ -62,7 +58,7 @@ class LaneDeviation:
 def lane_deviation(view: TrafficView) -> LaneDeviation:
     """Deviation from the lanes that are reachable within each agent's path length."""
     agents, road_map = view.agents, view.scenario.road_map
-    segments = lane_graph(road_map).segments
+    graph = lane_graph(road_map)
     is_valid = evaluated_steps(view)
     reachable = reachable_lanes(
         road_map,
@@ -72,19 +68,19 @@ def lane_deviation(view: TrafficView) -> LaneDeviation:
         path_length_m(agents.position_m, agents.is_valid),
     )
     is_valid = is_valid & is_valid[:, :1] & np.any(reachable, axis=1)[:, None]
-    search = lane_search(road_map)
-    lateral, segment = search.nearest(agents.position_m, is_valid, reachable)
+    search = graph.extended_search
+    lateral, segment = search.nearest_on_paths(agents.position_m, is_valid, reachable)
     angle, lane = np.zeros(is_valid.shape), np.zeros(is_valid.shape, int)
-    if len(segments.lane):
-        cosine = (unit_vector(agents.heading_rad) * segments.direction[segment]).sum(-1)
+    if len(search.lane):
+        cosine = (unit_vector(agents.heading_rad) * search.direction[segment]).sum(-1)
         angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-        lane = segments.lane[segment]
+        lane = search.lane[segment]
     speed = np.hypot(agents.velocity_mps[..., 0], agents.velocity_mps[..., 1])
-    on_lane, with_lane = search.lanes_below(
+    on_lane, with_lane = search.is_near_paths(
         agents.position_m,
         agents.heading_rad,
         evaluated_steps(view) & (speed > MOVING_MPS),
-        usable_lanes(search.graph, agents.kinds),
+        usable_lanes(graph, agents.kinds),
         WRONG_WAY_M,
     )
     return LaneDeviation(

@@ -12,8 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of
+from pd_editor.geometry.path_pieces import (
+    PathPieces,
+    joined_pieces,
+    rectangles_meet,
+)
 from pd_editor.geometry.polyline import resample
-from pd_editor.metrics.road.path_pieces import PathPieces, joined_pieces
 from pd_editor.scene.road_map import Crosswalk, RoadMap
 
 _MIDLINE_SPACING_M: Final = 2.0
@@ -64,9 +68,12 @@ def paths_within(
     reach_m: float,
 ) -> Bool[np.ndarray, "A S"]:
     """Whether any target is within reach of each agent at each step."""
-    reach = np.full(len(position_m), reach_m)
-    pieces = PathPieces.of(position_m, is_valid)
-    piece, target = pieces.near_boxes(targets_m, targets_m, reach)
+    pieces = PathPieces.of(position_m, is_valid, np.full(len(position_m), reach_m))
+    low, high = pieces.path_bounds_m
+    agent, target = np.nonzero(
+        rectangles_meet(low[:, None], high[:, None], targets_m, targets_m)
+    )
+    piece, target = pieces.near_boxes(agent, target, targets_m, targets_m)
     result = np.zeros(pieces.is_valid.shape, bool)
     if len(piece):
         position = pieces.position_m[piece]

@@ -8,9 +8,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.metrics.road.lane_search import LaneSearch
 from pd_editor.paths.lanes.lane_graph import LaneGraph, lane_graph
-from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, lanes_near, nearest_lanes
+from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import LaneKind, RoadMap
 
@@ -53,7 +52,6 @@ class LaneDistances:
 
 
 _distances: WeakKeyDictionary[RoadMap, LaneDistances] = WeakKeyDictionary()
-_searches: WeakKeyDictionary[RoadMap, LaneSearch] = WeakKeyDictionary()
 
 
 def lane_distances(road_map: RoadMap) -> LaneDistances:
@@ -63,15 +61,6 @@ def lane_distances(road_map: RoadMap) -> LaneDistances:
         graph = lane_graph(road_map)
         distances = _distances[road_map] = LaneDistances(graph=graph)
     return distances
-
-
-def lane_search(road_map: RoadMap) -> LaneSearch:
-    """Lane search of a map, cached as long as the map value lives."""
-    search = _searches.get(road_map)
-    if search is None:
-        graph = lane_graph(road_map)
-        search = _searches[road_map] = LaneSearch(graph=graph)
-    return search
 
 
 def reachable_lanes(
@@ -130,7 +119,7 @@ def _lanes_ahead(
 
     Sorted by agent, then by distance.
     """
-    near = lanes_near(graph, position_m, heading_rad, reach_m=within_m, usable=usable)
+    near = graph.search.in_reach(position_m, heading_rad, usable, within_m)
     good = near.is_beside & (np.abs(near.turn_rad) <= MAX_TURN_RAD)
     return near.point[good], near.lane[good], near.along_m[good]
 

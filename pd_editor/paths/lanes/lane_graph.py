@@ -1,18 +1,21 @@
 """Lanes as arrays: their segments, links and gaps; cached per road map."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import heading_of
+from pd_editor.paths.lanes.lane_search import LaneSearch
 from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
 
 MAX_GAP_M: Final = 3.0
 """Widest gap between the end of a lane and the start of its successor."""
+DEAD_END_M: Final = 100.0
+"""Length by which lanes without a successor are extended for ``extended_search``."""
 _REPEAT_M: Final = 1e-3
 
 
@@ -40,109 +43,40 @@ class LaneGraph:
     @cached_property
     def lengths_m(self) -> Float[np.ndarray, "L"]:
         """Length of each centre line."""
-        segments = self.segments
-        return np.bincount(
-            segments.lane, weights=segments.length_m, minlength=len(self.lane_ids)
+        search, count = self.search, len(self.lane_ids)
+        return np.bincount(search.lane, weights=search.length_m, minlength=count)
+
+    @cached_property
+    def search(self) -> LaneSearch:
+        """Search among every segment of every centre line."""
+        counts = np.array([len(line) for line in self.centerlines_m], int)
+        points = np.concatenate([np.zeros((0, 2)), *self.centerlines_m])
+        lane = np.repeat(np.arange(len(counts)), counts)
+        keep = lane[:-1] == lane[1:]
+        start, step = points[:-1][keep], np.diff(points, axis=0)[keep]
+        length, lane = np.hypot(*step.T), lane[:-1][keep]
+        before = np.cumsum(length) - length
+        first = np.cumsum(counts - 1) - (counts - 1)
+        return LaneSearch(
+            start_m=start,
+            direction=step / length[:, None],
+            length_m=length,
+            lane=lane,
+            along_m=before - before[first][lane],
         )
 
     @cached_property
-    def segments(self) -> "LaneSegments":
-        """Every segment of every centre line."""
-        counts = np.array([len(line) for line in self.centerlines_m], int)
-        if not len(counts):
-            none = np.zeros((0, 2))
-            return LaneSegments(
-                start_m=none, end_m=none, lane=counts, along_m=np.zeros(0)
-            )
-        points = np.concatenate(self.centerlines_m)
-        lane = np.repeat(np.arange(len(counts)), counts)
-        keep = lane[:-1] == lane[1:]
-        start, end = points[:-1][keep], points[1:][keep]
-        before = np.cumsum(np.hypot(*(end - start).T)) - np.hypot(*(end - start).T)
-        lane = lane[:-1][keep]
-        first = np.concatenate([[0], np.cumsum(counts - 1)[:-1]])
-        return LaneSegments(
-            start_m=start, end_m=end, lane=lane, along_m=before - before[first][lane]
-        )
+    def extended_search(self) -> LaneSearch:
+        """Search in which lanes without a successor go straight on."""
+        search = self.search
+        is_dead_end = np.array([not after for after in self.successors], bool)
+        length = search.length_m.copy()
+        length[search.last_of_lane[is_dead_end]] += DEAD_END_M
+        return replace(search, length_m=length)
 
     def allowed(self, kinds: tuple[LaneKind, ...]) -> Bool[np.ndarray, "L"]:
         """Whether each lane is of one of the kinds."""
         return np.array([kind in kinds for kind in self.kinds], bool)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LaneSegments:
-    """S straight segments of centre lines, lane after lane."""
-
-    start_m: Float[np.ndarray, "S 2"]
-    end_m: Float[np.ndarray, "S 2"]
-    lane: Int[np.ndarray, "S"]
-    """Row of the lane in the graph."""
-    along_m: Float[np.ndarray, "S"]
-    """Arc length along the lane at which the segment starts."""
-
-    @cached_property
-    def length_m(self) -> Float[np.ndarray, "S"]:
-        """Length of each segment."""
-        return np.hypot(*(self.end_m - self.start_m).T)
-
-    @cached_property
-    def direction(self) -> Float[np.ndarray, "S 2"]:
-        """Unit vector along each segment."""
-        return (self.end_m - self.start_m) / self.length_m[:, None]
-
-    @cached_property
-    def heading_rad(self) -> Float[np.ndarray, "S"]:
-        """Direction of each segment."""
-        return heading_of(self.direction)
-
-    def squared_m2(
-        self,
-        points_m: Float[np.ndarray, "*#s 2"],
-        segment: Int[np.ndarray, "*#s"],
-        length_m: Float[np.ndarray, "S"] | None = None,
-    ) -> Float[np.ndarray, "*s"]:
-        """Squared distances of points to segments; the two shapes are broadcast.
-
-        ``length_m`` replaces the lengths of all segments.
-        """
-        length = self.length_m if length_m is None else length_m
-        start, direction = self.start_m[segment], self.direction[segment]
-        dx = points_m[..., 0] - start[..., 0]
-        dy = points_m[..., 1] - start[..., 1]
-        along = dx * direction[..., 0]
-        along += dy * direction[..., 1]
-        np.clip(along, 0.0, length[segment], out=along)
-        dx -= along * direction[..., 0]
-        dy -= along * direction[..., 1]
-        dx *= dx
-        dy *= dy
-        dx += dy
-        return dx
-
-    @cached_property
-    def circles_m(
-        self,
-    ) -> tuple[Float[np.ndarray, "S"], Float[np.ndarray, "S"], Float[np.ndarray, "S"]]:
-        """Slightly enlarged circles around the segments: x, y of the centre, radius."""
-        x, y = (self.start_m + self.end_m).T / 2
-        return x.copy(), y.copy(), self.length_m / 2 + 1e-6
-
-    @cached_property
-    def lane_bounds_m(
-        self,
-    ) -> tuple[Float[np.ndarray, "L 2"], Float[np.ndarray, "L 2"]]:
-        """Least and greatest coordinates of each lane's centre line."""
-        first = self.first_of_lane
-        return (
-            np.minimum.reduceat(np.minimum(self.start_m, self.end_m), first),
-            np.maximum.reduceat(np.maximum(self.start_m, self.end_m), first),
-        )
-
-    @cached_property
-    def first_of_lane(self) -> Int[np.ndarray, "L"]:
-        """Index of each lane's first segment."""
-        return np.flatnonzero(np.diff(self.lane, prepend=-1))
 
 
 _graphs: WeakKeyDictionary[RoadMap, LaneGraph] = WeakKeyDictionary()

@@ -8,7 +8,8 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.paths.lanes.lane_graph import LaneGraph
 from pd_editor.paths.lanes.lane_routes import LaneRoutes, Route, lane_routes
-from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, NearbyLanes, lanes_near
+from pd_editor.paths.lanes.lane_search import NearbyLanes
+from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.road_map import LaneKind, RoadMap
 
@@ -65,13 +66,8 @@ def choose_routes(
     if not graph.lane_ids or not any(lane_kinds):
         return _as_choice([], [], [], None)
     allowed = {kind: graph.allowed(kind) for kind in set(lane_kinds)}
-    near = lanes_near(
-        graph,
-        position_m,
-        heading_rad,
-        reach_m=CHANGE_REACH_M,
-        usable=np.array([allowed[kind] for kind in lane_kinds]),
-    )
+    usable = np.array([allowed[kind] for kind in lane_kinds])
+    near = graph.search.in_reach(position_m, heading_rad, usable, CHANGE_REACH_M)
     first = np.searchsorted(near.point, np.arange(len(kinds) + 1)).tolist()
     rank = near.distance_m + METRES_PER_RADIAN * np.abs(near.turn_rad)
     order = np.lexsort((near.lane, rank.round(6), near.point)).tolist()

@@ -3,12 +3,11 @@ import shapely
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.metrics.road.lane_deviation import lane_deviation, path_length_m
-from pd_editor.metrics.road.lane_search import DEAD_END_M
 from pd_editor.metrics.road.map_points import map_points, nearest_points, paths_within
 from pd_editor.metrics.road.off_lane import nearest_edge, off_lane
-from pd_editor.metrics.road.reachable_lanes import lane_distances, lane_search
+from pd_editor.metrics.road.reachable_lanes import lane_distances
 from pd_editor.metrics.traffic_view import recorded_traffic
-from pd_editor.paths.lanes.lane_graph import lane_graph
+from pd_editor.paths.lanes.lane_graph import DEAD_END_M, lane_graph
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import RoadMap
 from tests.builders import scenario_with, straight_drivers, straight_lane
@@ -135,7 +134,6 @@ def test_driving_distances_follow_lanes_and_lane_changes():
     assert distance[row[1], row[4]] == 150
     assert distance[row[1], row[3]] == 0
     assert np.isinf(distance[row[2], row[1]])
-    assert lane_search(road_map) is lane_search(road_map)
 
 
 def test_path_length_skips_gaps():

@@ -12,11 +12,11 @@ from tests.builders import straight_lane, two_lane_road
 def test_segments_cover_each_lane_once():
     graph = lane_graph(two_lane_road())
     for row, line in enumerate(graph.centerlines_m):
-        mine = graph.segments.lane == row
-        assert np.allclose(graph.segments.start_m[mine], line[:-1])
-        assert np.allclose(graph.segments.along_m[mine], arc_length(line)[:-1])
+        mine = graph.search.lane == row
+        assert np.allclose(graph.search.start_m[mine], line[:-1])
+        assert np.allclose(graph.search.along_m[mine], arc_length(line)[:-1])
         assert graph.lengths_m[row] == pytest.approx(arc_length(line)[-1])
-        assert graph.segments.first_of_lane[row] == np.flatnonzero(mine)[0]
+        assert graph.search.first_of_lane[row] == np.flatnonzero(mine)[0]
 
 
 def test_a_map_is_indexed_once_and_a_changed_map_anew():

@@ -56,48 +56,54 @@ def rectangles_meet(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathPieces:
-    """Paths of A agents, each divided into pieces of P steps."""
+    """Paths of A agents, each divided into K pieces of P steps (N = A K)."""
 
-    num_pieces: int
     position_m: Float[np.ndarray, "N P 2"]
     is_valid: Bool[np.ndarray, "N P"]
+    low_m: Float[np.ndarray, "A K 2"]
+    """Least coordinates within reach of each piece's valid steps."""
+    high_m: Float[np.ndarray, "A K 2"]
 
     @classmethod
     def of(
-        cls, position_m: Float[np.ndarray, "A H 2"], is_valid: Bool[np.ndarray, "A H"]
+        cls,
+        position_m: Float[np.ndarray, "A H 2"],
+        is_valid: Bool[np.ndarray, "A H"],
+        reach_m: Float[np.ndarray, "A"],
     ) -> "PathPieces":
         """Divide paths with the same number of steps."""
-        valid = in_pieces(is_valid)
+        position, valid = in_pieces(position_m), in_pieces(is_valid)
+        low, high = bounds_m(position, valid)
         return cls(
-            num_pieces=valid.shape[1],
-            position_m=in_pieces(position_m).reshape(-1, PIECE_STEPS, 2),
+            position_m=position.reshape(-1, PIECE_STEPS, 2),
             is_valid=valid.reshape(-1, PIECE_STEPS),
+            low_m=low - reach_m[:, None, None],
+            high_m=high + reach_m[:, None, None],
         )
+
+    @property
+    def path_bounds_m(
+        self,
+    ) -> tuple[Float[np.ndarray, "A 2"], Float[np.ndarray, "A 2"]]:
+        """Least and greatest coordinates within reach of each path."""
+        return self.low_m.min(axis=1), self.high_m.max(axis=1)
 
     def near_boxes(
         self,
+        agent: Int[np.ndarray, "Q"],
+        box: Int[np.ndarray, "Q"],
         low_m: Float[np.ndarray, "B 2"],
         high_m: Float[np.ndarray, "B 2"],
-        reach_m: Float[np.ndarray, "A"],
-    ) -> tuple[Int[np.ndarray, "Q"], Int[np.ndarray, "Q"]]:
-        """Pairs of a piece and an axis-aligned box whose bounds are within reach.
+    ) -> tuple[Int[np.ndarray, "R"], Int[np.ndarray, "R"]]:
+        """Pieces of agents, and their axis-aligned boxes whose bounds are within reach.
 
-        They include every box within its agent's reach of a valid step of the piece,
+        They include each given box that is within reach of a valid step of the piece,
         and are sorted by piece.
         """
-        shape = (len(reach_m), self.num_pieces, 2)
-        low, high = bounds_m(self.position_m, self.is_valid)
-        low = low.reshape(shape) - reach_m[:, None, None]
-        high = high.reshape(shape) + reach_m[:, None, None]
-        # Whole paths first, then the pieces of those that pass.
-        whole_low, whole_high = low.min(axis=1), high.max(axis=1)
-        agent, box = np.nonzero(
-            rectangles_meet(whole_low[:, None], whole_high[:, None], low_m, high_m)
-        )
         is_near = rectangles_meet(
-            low[agent], high[agent], low_m[box, None], high_m[box, None]
+            self.low_m[agent], self.high_m[agent], low_m[box, None], high_m[box, None]
         )
         pair, part = np.nonzero(is_near)
-        piece = agent[pair] * self.num_pieces + part
+        piece = agent[pair] * self.low_m.shape[1] + part
         order = np.argsort(piece, kind="stable")
         return piece[order], box[pair[order]]
