@@ -7,13 +7,18 @@ of Argoverse 2 scenarios.
 import os
 import tempfile
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.errors import PdEditorError
-from pd_editor.synthesis.av2_to_sumo.network_conversion import links_of, network_of_map
+from pd_editor.synthesis.av2_to_sumo.network_conversion import (
+    Av2Network,
+    network_of_map,
+)
+from pd_editor.synthesis.sumo.sumo_net import read_sumo_net
 
 
 def main() -> None:
@@ -55,6 +60,18 @@ def main() -> None:
     print(
         f"{total[2]} extra; {spread[0]:.2f} s a map ({spread[1]:.2f}-{spread[2]:.2f})"
     )
+
+
+def links_of(network: Av2Network) -> set[tuple[int, int]]:
+    """Pairs of consecutive lanes of the map that the SUMO network connects."""
+    lanes_of = {
+        name: [part.lane_id for part in parts]
+        for name, parts in network.lane_intervals.items()
+    }
+    found = {pair for lanes in lanes_of.values() for pair in pairwise(lanes)}
+    for one, other in read_sumo_net(network.net_file).links:
+        found.add((lanes_of[one][-1], lanes_of[other][0]))
+    return {(one, other) for one, other in found if one != other}
 
 
 if __name__ == "__main__":

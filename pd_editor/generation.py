@@ -11,17 +11,16 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 
 from pd_editor.errors import GenerationError
 from pd_editor.plain_text import is_plain, nearest_or_all
-from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.finite_numbers import check_finite
 from pd_editor.scene.guidance_outcome import GuidanceCost, TermOutcome
 from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
+from pd_editor.scene.traffic_sample import TrafficSample
 
 MAX_SAMPLES: Final = 1_000
 MAX_DENOISING_STEPS: Final = 1_000
@@ -29,8 +28,6 @@ MAX_TRIES: Final = 64
 MAX_TRAJECTORIES: Final = 50_000
 """Limit of samples times tries times agents in one request."""
 MAX_SEED: Final = 2**63 - 1
-MAX_SIZE_M: Final = 100.0
-"""Longest and widest agent that is read or generated."""
 
 
 _KEPT_TOLERANCE_M: Final = 0.01
@@ -210,29 +207,6 @@ class GenerationRequest:
             or self.redrawn_state_ids
             or any(self.num_new_agents.values())
         )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TrafficSample:
-    """Generated trajectories of G agents at S steps: the current one and all later ones."""
-
-    ids: tuple[str, ...]
-    kinds: tuple[AgentKind, ...]
-    size_m: Float[np.ndarray, "G 2"]
-    position_m: Float[np.ndarray, "G S 2"]
-    heading_rad: Float[np.ndarray, "G S"]
-    velocity_mps: Float[np.ndarray, "G S 2"]
-    activity: tuple[Activity, ...] = ()
-    """Of each agent at the current step; empty: unknown of all."""
-
-    def __post_init__(self) -> None:
-        for name in ("position_m", "heading_rad", "velocity_mps"):
-            check_finite(name, getattr(self, name), self.ids, ("step",))
-        if not ((self.size_m > 0) & (self.size_m <= MAX_SIZE_M)).all():
-            raise GenerationError(
-                f"The generated size_m holds a value that is not above 0 and at most "
-                f"{MAX_SIZE_M:g} m."
-            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from pd_editor.metrics.traffic_view import SampledTraffic
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.traffic_sample import TrafficSample
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,7 @@ class Driven:
     """A sample on its scenario."""
 
     scenario: Scenario
-    sample: SampledTraffic
+    sample: TrafficSample
 
     @property
     def step_s(self) -> float:

@@ -27,7 +27,7 @@ from pd_editor.guidance.pair_outcomes import (
 from pd_editor.guidance.road_distance import way_back_m
 from pd_editor.guidance.stop_line import overrun_m
 from pd_editor.metrics.motion.kinematics import kinematics
-from pd_editor.metrics.traffic_view import SampledTraffic, generated_traffic
+from pd_editor.metrics.traffic_view import generated_traffic
 from pd_editor.paths.drawn_path import lane_line, path_to_follow
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
@@ -52,6 +52,7 @@ from pd_editor.scene.guidance_terms import (
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
+from pd_editor.scene.traffic_sample import TrafficSample
 
 _LAST_S: Final = 1.0
 """Time at the end over which a target speed is measured."""
@@ -63,7 +64,7 @@ _SLOWED: Final = ", slowed to avoid a collision"
 
 def term_outcomes(
     scenario: Scenario,
-    sample: SampledTraffic,
+    sample: TrafficSample,
     terms: Sequence[GuidanceTerm],
     infeasible: Collection[GuidanceTerm] = (),
     slowed_ids: Collection[str] = (),

@@ -12,9 +12,10 @@ from pd_editor.metrics.collisions.safety import safety_values
 from pd_editor.metrics.motion.kinematics import kinematics
 from pd_editor.metrics.road.lane_deviation import lane_deviation
 from pd_editor.metrics.road.off_road import is_off_road
-from pd_editor.metrics.traffic_view import SampledTraffic, TrafficView
+from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.thresholds import MOVING_MPS
+from pd_editor.scene.traffic_sample import TrafficSample
 
 Ranking = Literal["realism", "collisions", "off-road", "interaction", "movement"]
 RANKINGS: Final[tuple[Ranking, ...]] = get_args(Ranking)
@@ -115,7 +116,7 @@ def ranked(
 
 
 def spread_pick(
-    samples: Sequence[SampledTraffic], count: int, first: int = 0
+    samples: Sequence[TrafficSample], count: int, first: int = 0
 ) -> tuple[int, ...]:
     """Indices of the most diverse samples: each is the farthest from those before it.
 
@@ -136,7 +137,7 @@ def spread_pick(
 
 
 def distances_m(
-    samples: Sequence[SampledTraffic],
+    samples: Sequence[TrafficSample],
 ) -> Float[np.ndarray, "S S"]:
     """Mean distance between the agents of each two samples, over all steps.
 

@@ -3,49 +3,14 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.scenario import Scenario
-
-
-@runtime_checkable
-class SampledTraffic(Protocol):
-    """G agents at S steps, the current one first, such as ``generation.TrafficSample``."""
-
-    @property
-    def ids(self) -> tuple[str, ...]:
-        """Ids of the agents."""
-        ...
-
-    @property
-    def kinds(self) -> tuple[AgentKind, ...]:
-        """Kinds of the agents."""
-        ...
-
-    @property
-    def size_m(self) -> Float[np.ndarray, "G 2"]:
-        """Length and width."""
-        ...
-
-    @property
-    def position_m(self) -> Float[np.ndarray, "G S 2"]:
-        """Box centres in the scene frame."""
-        ...
-
-    @property
-    def heading_rad(self) -> Float[np.ndarray, "G S"]:
-        """Headings."""
-        ...
-
-    @property
-    def velocity_mps(self) -> Float[np.ndarray, "G S 2"]:
-        """Velocities."""
-        ...
+from pd_editor.scene.traffic_sample import TrafficSample
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +76,7 @@ def recorded_traffic(
 
 
 def generated_traffic(
-    scenario: Scenario, sample: SampledTraffic, *, with_later: bool = False
+    scenario: Scenario, sample: TrafficSample, *, with_later: bool = False
 ) -> TrafficView:
     """View of a sample's trajectories among the scenario's other agents.
 
@@ -177,7 +142,7 @@ def _states(
 
 def _logged(
     scenario: Scenario,
-    sample: SampledTraffic,
+    sample: TrafficSample,
     rows: Int[np.ndarray, "G"],
     num_steps: int,
 ) -> AgentStates:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.editor.commands import AdoptTrajectory
@@ -42,21 +42,6 @@ class AvoidableDanger:
     behaviour: AdoptTrajectory
     escape: AdoptTrajectory
     """The first, most natural of the ego's candidates that avoid the collision."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Paths:
-    """K possible trajectories of one agent at H steps."""
-
-    row: int
-    position_m: Float[np.ndarray, "K H 2"]
-    heading_rad: Float[np.ndarray, "K H"]
-
-    @classmethod
-    def of_candidates(cls, row: int, found: CandidateSet) -> "_Paths":
-        return cls(
-            row=row, position_m=found.position_m[0], heading_rad=found.heading_rad[0]
-        )
 
 
 def ego_of(scenario: Scenario) -> str:
@@ -135,21 +120,15 @@ def _worst(
     )
     if not is_free.any():
         return None
-    own = slice(now, None)
-    recorded = _Paths(
-        row=ego_row,
-        position_m=agents.position_m[None, ego_row, own],
-        heading_rad=agents.heading_rad[None, ego_row, own],
-    )
-    behaved = _Paths.of_candidates(row, behaviours)
-    hits, step = _collisions(scenario, recorded, behaved)
+    behaved = _boxes_of(scenario, row, behaviours)
+    hits, step = _collisions(agents.boxes[[ego_row], now:], behaved)
     hits, step = hits[0] & (step[0] > 0), step[0]
     # Of the ego's candidates, those that avoid all others, whatever the agent does.
     without_agent = scenario.without_agents([agents.ids[row]])
     is_safe = escapes.is_valid[0] & _collides_with_none(
         without_agent, agents.ids[ego_row], escapes
     )
-    meets, _ = _collisions(scenario, _Paths.of_candidates(ego_row, escapes), behaved)
+    meets, _ = _collisions(_boxes_of(scenario, ego_row, escapes), behaved)
     avoids = is_safe[:, None] & ~meets
     index = np.flatnonzero(is_free & hits & avoids.any(axis=0))
     if not len(index):
@@ -185,24 +164,21 @@ def _collides_with_none(
     return np.array([one is None for one in collisions], bool)
 
 
+def _boxes_of(scenario: Scenario, row: int, found: CandidateSet) -> Boxes:
+    """Boxes [K H] of an agent on each of its candidates."""
+    return Boxes(
+        position_m=found.position_m[0],
+        heading_rad=found.heading_rad[0],
+        size_m=scenario.agents.size_m[row],
+    )
+
+
 def _collisions(
-    scenario: Scenario, one: _Paths, other: _Paths
+    one: Boxes, other: Boxes
 ) -> tuple[Bool[np.ndarray, "K L"], Int[np.ndarray, "K L"]]:
     """Whether K paths of an agent collide with L of another one, and the first step."""
-    size, other_size = scenario.agents.size_m[[one.row, other.row]]
-    hit = boxes_collide(
-        Boxes(
-            position_m=one.position_m[:, None],
-            heading_rad=one.heading_rad[:, None],
-            size_m=size,
-        ),
-        Boxes(
-            position_m=other.position_m[None],
-            heading_rad=other.heading_rad[None],
-            size_m=other_size,
-        ),
-    )
-    num_steps = one.position_m.shape[1]
+    hit = boxes_collide(one[:, None], other[None])
+    num_steps = hit.shape[-1]
     first = np.where(hit.any(axis=-1), hit.argmax(axis=-1), num_steps)
     return first < num_steps, np.minimum(first, num_steps - 1)
 

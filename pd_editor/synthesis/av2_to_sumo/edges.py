@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -224,9 +223,3 @@ def middle_split(road: Road) -> tuple[Road, Road]:
         )
         halves.append(Road(lanes=parts))
     return halves[0], halves[1]
-
-
-def lane_pairs(lane_intervals: tuple[LaneInterval, ...]) -> list[tuple[int, int]]:
-    """Pairs of consecutive lanes along intervals."""
-    ids = [interval.lane_id for interval in lane_intervals]
-    return [(a, b) for a, b in pairwise(ids) if a != b]

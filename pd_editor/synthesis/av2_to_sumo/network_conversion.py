@@ -8,12 +8,11 @@ from typing import Final
 from pd_editor.errors import SynthesisError
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.synthesis.av2_to_sumo.connections import lane_roads
-from pd_editor.synthesis.av2_to_sumo.edges import LaneInterval, LaneLines, lane_pairs
+from pd_editor.synthesis.av2_to_sumo.edges import LaneInterval, LaneLines
 from pd_editor.synthesis.av2_to_sumo.net_file import write_lane_net
 from pd_editor.synthesis.av2_to_sumo.parking_strips import parking_strips
 from pd_editor.synthesis.road_network.footways import footways_of
 from pd_editor.synthesis.road_network.network import Network
-from pd_editor.synthesis.sumo.sumo_net import read_sumo_net
 
 FAMILY: Final = "av2"
 
@@ -58,14 +57,3 @@ def network_of_map(road_map: RoadMap, name: str, folder: Path) -> Av2Network:
         footways=footways_of(road_map),
         lane_intervals=net.lane_intervals,
     )
-
-
-def links_of(network: Av2Network) -> frozenset[tuple[int, int]]:
-    """Pairs of consecutive lanes of the map that the SUMO network connects."""
-    parts = network.lane_intervals
-    found = {pair for lane in parts.values() for pair in lane_pairs(lane)}
-    for one, other in read_sumo_net(network.net_file).links:
-        ends = (parts[one][-1].lane_id, parts[other][0].lane_id)
-        if ends[0] != ends[1]:
-            found.add(ends)
-    return frozenset(found)

@@ -11,7 +11,7 @@ import shapely
 from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
-from pd_editor.geometry.oriented_box import box_corners
+from pd_editor.geometry.oriented_box import Boxes, box_corners
 from pd_editor.geometry.polyline import arc_length, point_at
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, RoadMap
@@ -50,17 +50,10 @@ LOT_AISLE_M: Final = 6.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ParkedVehicles:
+class ParkedVehicles(Boxes):
     """K parked vehicles."""
 
     kinds: tuple[AgentKind, ...]
-    size_m: Float[np.ndarray, "K 2"]
-    position_m: Float[np.ndarray, "K 2"]
-    heading_rad: Float[np.ndarray, "K"]
-
-    def corners_m(self) -> Float[np.ndarray, "K 4 2"]:
-        """Corners of the boxes."""
-        return box_corners(self.position_m, self.heading_rad, self.size_m)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,38 @@
+"""Trajectories that a generator has sampled."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.errors import GenerationError
+from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.finite_numbers import check_finite
+
+MAX_SIZE_M: Final = 100.0
+"""Longest and widest agent that is generated."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrafficSample:
+    """Generated trajectories of G agents at S steps: the current one and all later ones."""
+
+    ids: tuple[str, ...]
+    kinds: tuple[AgentKind, ...]
+    size_m: Float[np.ndarray, "G 2"]
+    position_m: Float[np.ndarray, "G S 2"]
+    heading_rad: Float[np.ndarray, "G S"]
+    velocity_mps: Float[np.ndarray, "G S 2"]
+    activity: tuple[Activity, ...] = ()
+    """Of each agent at the current step; empty: unknown of all."""
+
+    def __post_init__(self) -> None:
+        for name in ("position_m", "heading_rad", "velocity_mps"):
+            check_finite(name, getattr(self, name), self.ids, ("step",))
+        if not ((self.size_m > 0) & (self.size_m <= MAX_SIZE_M)).all():
+            raise GenerationError(
+                f"The generated size_m holds a value that is not above 0 and at most "
+                f"{MAX_SIZE_M:g} m."
+            )
