@@ -19,7 +19,7 @@ from pd_editor.diffusion.trajectory.network.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,
 )
-from pd_editor.diffusion.trajectory.pipeline import TrajectoryTask
+from pd_editor.diffusion.trajectory.task import TrajectoryTask
 from pd_editor.features.encoded_scene import packed
 from pd_editor.features.scene_features import scene_features
 from pd_editor.generation import (

@@ -43,6 +43,7 @@ from pd_editor.generation import (
     GuidanceSetting,
     Quality,
     Region,
+    ScenarioGenerator,
     check_supported,
     guidance_settings,
     supported_by,
@@ -212,13 +213,7 @@ def generate(
         raise GenerationError(
             f"--pick is {pick}; expected 1 to {samples}, the number of samples."
         )
-    supports = supported_by(generator)
-    check_supported(request, supports, generator.name)
-    if terms and "guidance" not in supports:
-        raise GenerationError(
-            f"--guide: the generator {generator.name} takes no guidance; leave --guide "
-            "out, or choose a generator that does, such as path-diffuser."
-        )
+    _check_supports(generator, request, has_terms=bool(terms))
     names = _names(opened, name, request)
     for one in names:
         check_free(out, one, opened, overwrite=overwrite)
@@ -228,35 +223,65 @@ def generate(
     if samples > 1:
         table = SampleTable.of(request.scenario, traffic.samples, rank, pick)
         written = sorted(table.picked)
-    sessions = {index: EditorSession(opened) for index in written}
-    for index, session in sessions.items():
+    sessions = [EditorSession(opened) for _ in written]
+    for index, session in zip(written, sessions, strict=True):
         session.describe(described(names[index]))
         replacement = traffic_command(request, traffic, index, removed_ids=removed)
         for command in (*edits, replacement):
             session.apply(command)
-    folders = tuple(
-        write_session(out, session, overwrite=overwrite)
-        for session in sessions.values()
-    )
-    if table is not None:
-        whole = names[0].removesuffix("-1")
-        table.write(Path(out) / f"{whole}-samples.csv", names)
-    found = GuidanceTable(
+    guidance = GuidanceTable(
         names=tuple(names[index] for index in written),
         reports=reports_of(traffic.guidance, list(written)),
     )
-    if found.reports:
-        found.write(Path(out) / f"{names[0].removesuffix('-1')}-guidance.csv")
+    folders = _write(out, sessions, names, table, guidance, overwrite=overwrite)
     return Outcome(
         folders=folders,
-        scenarios=tuple(session.scenario for session in sessions.values()),
+        scenarios=tuple(session.scenario for session in sessions),
         remarks=(
             *(() if table is None else table.lines(names)),
-            *(found.lines() if found.reports else ()),
+            *(guidance.lines() if guidance.reports else ()),
             *kept_remarks(base, wanted, driven),
             *traffic.notes,
         ),
     )
+
+
+def _write(
+    out: str | Path,
+    sessions: Sequence[EditorSession],
+    names: Sequence[str],
+    table: SampleTable | None,
+    guidance: GuidanceTable,
+    *,
+    overwrite: bool,
+) -> tuple[Path, ...]:
+    """Write the scenarios and the tables that go with them."""
+    folders = tuple(
+        write_session(out, session, overwrite=overwrite) for session in sessions
+    )
+    whole = names[0].removesuffix("-1")
+    if table is not None:
+        table.write(Path(out) / f"{whole}-samples.csv", names)
+    if guidance.reports:
+        guidance.write(Path(out) / f"{whole}-guidance.csv")
+    return folders
+
+
+def _check_supports(
+    generator: ScenarioGenerator, request: GenerationRequest, *, has_terms: bool
+) -> None:
+    """Raise for what the generator cannot do.
+
+    Raises:
+        GenerationError: says what, and what to do instead.
+    """
+    supports = supported_by(generator)
+    check_supported(request, supports, generator.name)
+    if has_terms and "guidance" not in supports:
+        raise GenerationError(
+            f"--guide: the generator {generator.name} takes no guidance; leave --guide "
+            "out, or choose a generator that does, such as path-diffuser."
+        )
 
 
 def _tell_problems(request: GenerationRequest, terms: tuple[GuidanceTerm, ...]) -> None:

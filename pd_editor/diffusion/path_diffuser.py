@@ -44,11 +44,12 @@ from pd_editor.diffusion.trajectory.network.decoding import Motion
 from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.pipeline import (
     TrajectoryOptions,
-    TrajectoryTask,
+    TrajectorySampling,
     sample_task,
 )
 from pd_editor.diffusion.trajectory.present_trajectories import PresentTrajectories
 from pd_editor.diffusion.trajectory.sample_yielding import with_yielding
+from pd_editor.diffusion.trajectory.task import TrajectoryTask
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     AVOIDANCE,
@@ -314,10 +315,8 @@ class PathDiffuser:
             present = self._present_trajectories(request.before_edit, ids, model)
             continuation = present.continued(task, options)
         sampled = yield from sample_task(
-            model,
-            task,
+            TrajectorySampling(model=model, task=task, options=options),
             indices,
-            options,
             lambda share, predicted: progress(
                 share, lambda: _samples(task, rows, predicted())
             ),

@@ -12,7 +12,7 @@ from pd_editor.diffusion import path_diffuser
 from pd_editor.diffusion.core.devices import sampling_device
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.path_diffuser import DenoisingProgress, PathDiffuser
-from pd_editor.diffusion.trajectory.pipeline import TrajectoryTask
+from pd_editor.diffusion.trajectory.task import TrajectoryTask
 from pd_editor.editor.commands import traffic_command
 from pd_editor.errors import EditError, GenerationError, ModelError
 from pd_editor.generation import (

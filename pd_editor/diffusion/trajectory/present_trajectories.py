@@ -10,10 +10,11 @@ from pd_editor.diffusion.trajectory.continuation import Continuation, inverted_n
 from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.pipeline import (
     TrajectoryOptions,
-    TrajectoryTask,
+    TrajectorySampling,
     sampled_from,
 )
 from pd_editor.diffusion.trajectory.sampler import KnownNoise
+from pd_editor.diffusion.trajectory.task import TrajectoryTask
 from pd_editor.scene.scenario import Scenario
 
 _MOST_SAMPLES: Final = 4
@@ -79,7 +80,10 @@ class PresentTrajectories:
         options = replace(options, num_tries=1, terms=(), samples_unguided=False)
         sample = self._samples.get(options)
         if sample is None:
-            sample = sampled_from(self._model, self._task, self._known, options)
+            run = TrajectorySampling(
+                model=self._model, task=self._task, options=options
+            )
+            sample = sampled_from(run, self._known)
             if len(self._samples) >= _MOST_SAMPLES:
                 self._samples.clear()
             self._samples[options] = sample

@@ -23,29 +23,30 @@ Icon = Literal[
 ]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ToolButton:
     """A button; its state is evaluated whenever the bar is shown."""
 
     icon: Icon
     press: Callable[[], None]
-    hint: Callable[[], str]
+    hint: str | Callable[[], str]
     """What it does and its key; also its name for a screen reader."""
     release: Callable[[], None] | None = None
     """Called when the button is released, for actions that last while it is held."""
     is_active: Callable[[], bool] = lambda: False
     is_enabled: Callable[[], bool] = lambda: True
-    starts_group: bool = False
-    """Whether a gap sets it off from the tool before it."""
 
 
 class Toolbar:
     """Tools that a user needs at any time, whatever tab of the panel is open."""
 
-    def __init__(self, overlay: Overlay, tools: Sequence[ToolButton]) -> None:
-        """Offer tools, from left to right."""
+    def __init__(
+        self, overlay: Overlay, groups: Sequence[Sequence[ToolButton]]
+    ) -> None:
+        """Offer groups of tools, from left to right, with gaps between them."""
         self._overlay = overlay
-        self._tools = {tool.icon: tool for tool in tools}
+        self._groups = groups
+        self._tools = {tool.icon: tool for group in groups for tool in group}
         overlay.on("toolbar", self._used)
 
     def show(self) -> None:
@@ -56,13 +57,17 @@ class Toolbar:
                 "tools": [
                     {
                         "icon": tool.icon,
-                        "hint": tool.hint(),
+                        "hint": tool.hint
+                        if isinstance(tool.hint, str)
+                        else tool.hint(),
                         "isActive": tool.is_active(),
                         "isEnabled": tool.is_enabled(),
                         "isHeld": tool.release is not None,
-                        "startsGroup": tool.starts_group,
+                        "startsGroup": group is not self._groups[0]
+                        and tool is group[0],
                     }
-                    for tool in self._tools.values()
+                    for group in self._groups
+                    for tool in group
                 ]
             },
         )

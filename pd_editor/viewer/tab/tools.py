@@ -21,100 +21,101 @@ def toolbar_tools(
     agent_list: AgentList,
     scorecard: ScorecardDrawer,
     key_sheet: KeySheet,
+) -> tuple[tuple[ToolButton, ...], ...]:
+    """Groups of tools of a tab, from left to right."""
+    comparison, live = picture.comparison, panels.generation.live_switch
+    return (
+        _history_tools(session, panels),
+        _view_tools(viewpoint),
+        (
+            ToolButton("fit", viewpoint.frame_map, "Show the whole map (Home)"),
+            ToolButton(
+                "frame",
+                viewpoint.frame_selection,
+                "Frame the selection, or the focal agent (F)",
+            ),
+        ),
+        (
+            ToolButton(
+                "measure",
+                modes.measure.toggle,
+                "Measure distances (M)",
+                is_active=lambda: modes.measure.is_active,
+            ),
+            ToolButton(
+                "place",
+                modes.placing.toggle,
+                "Place agents (P)",
+                is_active=lambda: modes.placing.is_active,
+            ),
+            ToolButton(
+                "agents",
+                agent_list.toggle,
+                "Agent list (Ctrl+F)",
+                is_active=lambda: agent_list.is_open,
+            ),
+            ToolButton(
+                "scorecard",
+                scorecard.toggle,
+                "Scorecard: metrics beside recordings (I)",
+                is_active=lambda: scorecard.is_open,
+            ),
+            ToolButton(
+                "compare",
+                comparison.hold,
+                "Compare with the original (hold O)",
+                release=comparison.release,
+                is_active=lambda: comparison.is_on,
+            ),
+            ToolButton(
+                "live",
+                live.toggle,
+                "Live: traffic reacts while you edit (Shift+R)",
+                is_active=lambda: live.is_on,
+            ),
+        ),
+        (ToolButton("help", key_sheet.open, "Keys and mouse (?)"),),
+    )
+
+
+def _history_tools(
+    session: EditorSession, panels: ControlPanel
 ) -> tuple[ToolButton, ...]:
-    """Tools of a tab, from left to right."""
-    history, live = panels.history, panels.generation.live_switch
+    """Undo and redo, which name the edit."""
 
     def named(action: str, index: int, key: str) -> str:
         entries = session.entries
         what = f": {entries[index].label}" if 0 <= index < len(entries) else ""
         return f"{action}{what} ({key})"
 
-    def undo_hint() -> str:
-        return named("Undo", session.state.position - 1, "Ctrl+Z")
-
-    def redo_hint() -> str:
-        return named("Redo", session.state.position, "Ctrl+Shift+Z")
-
     return (
         ToolButton(
-            icon="undo",
-            press=history.undo,
-            hint=undo_hint,
+            "undo",
+            panels.history.undo,
+            lambda: named("Undo", session.state.position - 1, "Ctrl+Z"),
             is_enabled=lambda: session.can_undo,
         ),
         ToolButton(
-            icon="redo",
-            press=history.redo,
-            hint=redo_hint,
+            "redo",
+            panels.history.redo,
+            lambda: named("Redo", session.state.position, "Ctrl+Shift+Z"),
             is_enabled=lambda: session.can_redo,
         ),
+    )
+
+
+def _view_tools(viewpoint: Viewpoint) -> tuple[ToolButton, ...]:
+    return (
         ToolButton(
-            icon="3d",
-            press=viewpoint.show_3d,
-            hint=lambda: "3-D view (V switches)",
+            "3d",
+            viewpoint.show_3d,
+            "3-D view (V switches)",
             is_active=lambda: not viewpoint.is_top,
-            starts_group=True,
         ),
         ToolButton(
-            icon="top",
-            press=viewpoint.show_top,
-            hint=lambda: "Top view (V switches)",
+            "top",
+            viewpoint.show_top,
+            "Top view (V switches)",
             is_active=lambda: viewpoint.is_top,
-        ),
-        ToolButton(
-            icon="fit",
-            press=viewpoint.frame_map,
-            hint=lambda: "Show the whole map (Home)",
-            starts_group=True,
-        ),
-        ToolButton(
-            icon="frame",
-            press=viewpoint.frame_selection,
-            hint=lambda: "Frame the selection, or the focal agent (F)",
-        ),
-        ToolButton(
-            icon="measure",
-            press=modes.measure.toggle,
-            hint=lambda: "Measure distances (M)",
-            is_active=lambda: modes.measure.is_active,
-            starts_group=True,
-        ),
-        ToolButton(
-            icon="place",
-            press=modes.placing.toggle,
-            hint=lambda: "Place agents (P)",
-            is_active=lambda: modes.placing.is_active,
-        ),
-        ToolButton(
-            icon="agents",
-            press=agent_list.toggle,
-            hint=lambda: "Agent list (Ctrl+F)",
-            is_active=lambda: agent_list.is_open,
-        ),
-        ToolButton(
-            icon="scorecard",
-            press=scorecard.toggle,
-            hint=lambda: "Scorecard: metrics beside recordings (I)",
-            is_active=lambda: scorecard.is_open,
-        ),
-        ToolButton(
-            icon="compare",
-            press=picture.comparison.hold,
-            release=picture.comparison.release,
-            hint=lambda: "Compare with the original (hold O)",
-            is_active=lambda: picture.comparison.is_on,
-        ),
-        ToolButton(
-            icon="live",
-            press=live.toggle,
-            hint=lambda: "Live: traffic reacts while you edit (Shift+R)",
-            is_active=lambda: live.is_on,
-        ),
-        ToolButton(
-            icon="help",
-            press=key_sheet.open,
-            hint=lambda: "Keys and mouse (?)",
-            starts_group=True,
         ),
     )

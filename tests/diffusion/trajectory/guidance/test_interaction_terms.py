@@ -16,7 +16,7 @@ from pd_editor.diffusion.trajectory.guidance.latent_motion import (
 from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.diffusion.trajectory.guidance.term_guide import TermGuide
 from pd_editor.diffusion.trajectory.guidance.term_table import trajectory_terms
-from pd_editor.diffusion.trajectory.pipeline import TrajectoryTask
+from pd_editor.diffusion.trajectory.task import TrajectoryTask
 from pd_editor.generation import TrafficSample
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.metrics.collisions.box_collision import box_overlap

@@ -12,7 +12,7 @@ from pd_editor.diffusion.stages import TRAJECTORIES
 from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.diffusion.trajectory.guidance.term_guide import TermGuide
 from pd_editor.diffusion.trajectory.guidance.term_table import TERM_MAKERS
-from pd_editor.diffusion.trajectory.pipeline import TrajectoryTask
+from pd_editor.diffusion.trajectory.task import TrajectoryTask
 from pd_editor.errors import ModelError
 from pd_editor.generation import TrafficSample
 from pd_editor.scene.guidance_terms import (
