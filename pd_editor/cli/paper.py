@@ -27,7 +27,7 @@ from pd_editor.evaluation.report.figures import Figure
 from pd_editor.evaluation.report.formats import html_of, markdown_of
 from pd_editor.evaluation.results_folder import EvaluationFolder
 from pd_editor.generation import ScenarioGenerator
-from pd_editor.generators import SHIPPED_MODEL
+from pd_editor.generators import shipped_models
 from pd_editor.installed_files import models_folder
 from pd_editor.work_engine import EngineChoice, WorkEngine
 from pd_editor.work_engine.work_folder import WorkFolder
@@ -82,12 +82,9 @@ def evaluate_paper(
     folder = WorkFolder(out)
     if not resume:
         folder.check_free()
-    shipped = models_folder() / SHIPPED_MODEL
-    trained = trained_systems(models, ((SHIPPED_MODEL, shipped),))
-    folders = {
-        one.method: shipped if one.method == SHIPPED_MODEL else Path(one.method)
-        for one in trained
-    }
+    shipped = {name: models_folder() / name for name in shipped_models()}
+    trained = trained_systems(models, tuple(shipped.items()))
+    folders = {one.method: shipped.get(one.method, Path(one.method)) for one in trained}
     for one in trained:
         _check_weights(folders[one.method])
     plan = paper_plan(base, trained, make_generator)

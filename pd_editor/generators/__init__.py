@@ -10,6 +10,7 @@ from pd_editor.generators.registry import (
     catalogue_with,
     is_generator,
     make_generator,
+    shipped_models,
 )
 
 __all__ = [
@@ -22,4 +23,5 @@ __all__ = [
     "catalogue_with",
     "is_generator",
     "make_generator",
+    "shipped_models",
 ]

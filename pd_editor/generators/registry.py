@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from pd_editor.diffusion.defaults import (
     DEFAULT_WEIGHT,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from pd_editor.diffusion.path_diffuser import PathDiffuser
 
 SHIPPED_MODEL: Final = "path-diffuser"
+"""The default among the shipped models."""
 MODEL_CONFIG: Final = "config.json"
 """The file that makes a folder a model."""
 _WEIGHTS_PATTERN: Final = "*.safetensors"
@@ -75,8 +76,30 @@ def _path_diffuser(
     return PathDiffuser(folder, name, device)
 
 
-def _shipped_model(device: DeviceName = "auto") -> "PathDiffuser":
-    return _path_diffuser(models_folder() / SHIPPED_MODEL, SHIPPED_MODEL, device)
+def _shipped_model(name: str, device: DeviceName = "auto") -> "PathDiffuser":
+    return _path_diffuser(models_folder() / name, name, device)
+
+
+def shipped_models() -> tuple[str, ...]:
+    """Names of the models that come with the program, the default first."""
+    names = {file.parent.name for file in models_folder().glob(f"*/{MODEL_CONFIG}")}
+    return tuple(sorted(names, key=lambda name: (name != SHIPPED_MODEL, name)))
+
+
+def _stages(folder: Path) -> Mapping[str, Mapping[str, Any]]:
+    return json.loads((folder / MODEL_CONFIG).read_bytes())["stages"]
+
+
+def _shipped_origin(name: str) -> str:
+    stages = _stages(models_folder() / name)
+    records = [stage.get("training", {}) for stage in stages.values()]
+    never_warped = all(
+        record.get("augmentation", {}).get("warp_share") == 0 and not record["start"]
+        for record in records
+    )
+    return "shipped with the editor" + (
+        ", never saw a warped road" if never_warped else ""
+    )
 
 
 def _model_offer(
@@ -96,10 +119,11 @@ def _model_offer(
 
 
 def _offers() -> dict[str, GeneratorSpec]:
-    """The shipped model first, if its weights are there."""
-    offers: dict[str, GeneratorSpec] = {}
-    if (models_folder() / SHIPPED_MODEL / MODEL_CONFIG).is_file():
-        offers[SHIPPED_MODEL] = _model_offer(_shipped_model, "shipped with the editor")
+    """The shipped models first, if their weights are there."""
+    offers = {
+        name: _model_offer(partial(_shipped_model, name), _shipped_origin(name))
+        for name in shipped_models()
+    }
     offers["lane-follower"] = GeneratorSpec(
         make=_lane_follower, origin="rules, without learning"
     )
@@ -242,8 +266,7 @@ def _damage(folder: Path) -> str:
 
 def _supported_by_stages(folder: Path) -> frozenset[Capability]:
     """What a model can do with the stages that it has; without one it is told at a run."""
-    stages = json.loads((folder / MODEL_CONFIG).read_bytes())["stages"]
-    return CAPABILITIES if "init" in stages else frozenset({"guidance"})
+    return CAPABILITIES if "init" in _stages(folder) else frozenset({"guidance"})
 
 
 def is_generator(name: str) -> bool:
@@ -265,8 +288,8 @@ def make_generator(name: str, *, device: DeviceName = "auto") -> ScenarioGenerat
         GenerationError: there is none, it cannot be loaded, or there is no GPU although
             one is asked for.
     """
-    if name == SHIPPED_MODEL and name in GENERATORS:
-        return _shipped_model(device)
+    if name in shipped_models():
+        return _shipped_model(name, device)
     if name in GENERATORS:
         return GENERATORS[name].make()
     folder = Path(name)

@@ -26,6 +26,7 @@ _LABELS: Final = {
     "paper": "PD as in the paper",
     "pd_with_warps": "PD trained with warps",
     "path-diffuser": "PD, shipped weights",
+    "path-diffuser-without-warps": "PD without warps, shipped weights",
 }
 """Labels of the known systems, in the order of the tables."""
 _USUAL_WARP_SHARE: Final = 0.3
