@@ -77,7 +77,7 @@ def print_parts(model: TrajectoryDenoiser, scenario: Scenario) -> None:
 def print_generation(scenario: Scenario) -> None:
     """From states to trajectories through the port, guided, with the default weights.
 
-    Without tries, futures stay as drawn; else who would collide waits.
+    Without tries, trajectories stay as sampled; else agents that would collide yield.
     """
     diffuser = make_generator(DEFAULT_GENERATOR)
     for tries in (0, 1, 4):

@@ -1,4 +1,4 @@
-"""Initial states drawn on real maps: how good they are, and how long they take.
+"""Initial states sampled on real maps: how good they are, and how long they take.
 
 Reads full scenes under PD_EDITOR_AV2; recorded counts and kinds in the square of
 half side 62 m around the focal agent. ``python -m benchmarks.initial_states
@@ -72,7 +72,7 @@ class RealScene:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Drawn:
+class Sampled:
     """A sample, and who of it was not meant to be off the road."""
 
     sample: TrafficSample
@@ -129,22 +129,22 @@ def _no_latents(future_m: np.ndarray, speed_mps: np.ndarray) -> np.ndarray:
     return np.zeros((*future_m.shape[:-2], LATENT_SIZE))
 
 
-def drawn(
+def sampled(
     model: InitialStateDenoiser,
     scene: RealScene,
     samples: int,
     config: InitialStateSamplerConfig,
     guidance: InitialStateGuidance | None,
-    wishes: AttributeRequest,
-) -> list["Drawn"]:
+    attributes: AttributeRequest,
+) -> list["Sampled"]:
     """Samples of the states of everybody in a scene."""
     found = [
-        _drawn_states(model, scene, sample, config, guidance, wishes)
+        _sampled_states(model, scene, sample, config, guidance, attributes)
         for sample in range(samples)
     ]
     agents = scene.scenario.agents
     return [
-        Drawn(
+        Sampled(
             may_be_projected=tuple(
                 name
                 for name, code in zip(agents.ids, on_road, strict=True)
@@ -163,20 +163,20 @@ def drawn(
     ]
 
 
-def _drawn_states(
+def _sampled_states(
     model: InitialStateDenoiser,
     real: RealScene,
     sample: int,
     config: InitialStateSamplerConfig,
     guidance: InitialStateGuidance | None,
-    wishes: AttributeRequest,
+    attributes: AttributeRequest,
 ) -> tuple[np.ndarray, list[int]]:
     """States, and what was told of being on the road."""
     scene = real.tensors
     key = zlib.crc32(real.scenario.scenario_id.encode())
     random = np.random.default_rng([key, sample])
     task = with_attributes(
-        sampling_conditioning(scene), scene, model.agent_counts, [random], wishes
+        sampling_conditioning(scene), scene, model.agent_counts, [random], attributes
     )
     steps = sample_initial_states(
         model,
@@ -192,9 +192,9 @@ def _drawn_states(
     return states, task.on_road[0].tolist()
 
 
-def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
+def repaired(scenario: Scenario, found: Sampled) -> Sampled:
     """A sample after all repairs of states."""
-    sample = drawn.sample
+    sample = found.sample
     agents, step = scenario.agents, scenario.current_step
     states = {
         "position_m": sample.position_m[:, 0],
@@ -206,7 +206,7 @@ def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
         arrays[name][:, step] = values
     rows = np.arange(len(agents))
     mended = scenario.with_agents(agents.with_rows(rows, **arrays))
-    mended = project_to_lanes(mended, drawn.may_be_projected, keep_ids=())
+    mended = project_to_lanes(mended, found.may_be_projected, keep_ids=())
     mended = separate_overlaps(mended, keep_ids=())
     mended = slow_for_gaps(mended, keep_ids=())
     now = mended.agents
@@ -216,7 +216,7 @@ def repaired(scenario: Scenario, drawn: Drawn) -> Drawn:
         heading_rad=now.heading_rad[:, step : step + 1],
         velocity_mps=now.velocity_mps[:, step : step + 1],
     )
-    return replace(drawn, sample=mended_sample)
+    return replace(found, sample=mended_sample)
 
 
 def load_pose_model(folder: Path) -> InitialStateDenoiser:
@@ -290,7 +290,7 @@ def print_table(
     scenes: Sequence[RealScene],
     samples: int,
     configs: dict[str, InitialStateSamplerConfig],
-    wishes: AttributeRequest,
+    attributes: AttributeRequest,
     *,
     repairs: bool,
 ) -> None:
@@ -311,12 +311,12 @@ def print_table(
         for guidance in (
             None,
             InitialStateGuidance().within_lanes()
-            if wishes.only_on_road
+            if attributes.only_on_road
             else InitialStateGuidance(),
         ):
             label = name if guidance is None else f"{name} guided"
             found = [
-                drawn(model, scene, samples, config, guidance, wishes)
+                sampled(model, scene, samples, config, guidance, attributes)
                 for scene in scenes
             ]
             print(summary(label, _measured(scenes, found), recorded), flush=True)
@@ -330,7 +330,7 @@ def print_table(
 
 
 def _measured(
-    scenes: Sequence[RealScene], found: Sequence[Sequence[Drawn]]
+    scenes: Sequence[RealScene], found: Sequence[Sequence[Sampled]]
 ) -> list[Values]:
     return [
         state_values(generated_traffic(scene.scenario, one.sample))
@@ -342,7 +342,7 @@ def _measured(
 def print_times(
     model: InitialStateDenoiser, scenes: Sequence[RealScene], num_steps: int
 ) -> None:
-    """Milliseconds for one sample of 32 agents, as drawn and guided."""
+    """Milliseconds for one sample of 32 agents, raw and guided."""
     scene = max(scenes, key=lambda one: len(one.scenario.agents)).tensors
     rows = torch.arange(32) % scene.has_agent.shape[1]
     names = ("pose", "speed", "size", "kind", "activity")
@@ -385,10 +385,10 @@ def main() -> None:
         f"{steps} steps": InitialStateSamplerConfig(num_steps=steps)
         for steps in options.steps
     }
-    # Whom the paper's filter keeps is on the road.
-    wishes = AttributeRequest(only_on_road=options.paper_agents)
+    # The agents that the paper's filter keeps are on the road.
+    attributes = AttributeRequest(only_on_road=options.paper_agents)
     repairs = not options.no_repair
-    print_table(model, scenes, options.samples, configs, wishes, repairs=repairs)
+    print_table(model, scenes, options.samples, configs, attributes, repairs=repairs)
     for steps in options.steps:
         print_times(model, scenes, steps)
 

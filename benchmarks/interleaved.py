@@ -62,7 +62,7 @@ def workloads() -> dict[str, Callable[[], object]]:
         return run_to_end(diffuser.generate(request))
 
     works = (
-        lambda: run(redrawn_state_ids=ids, region=square),
+        lambda: run(resampled_state_ids=ids, region=square),
         lambda: run(num_denoising_steps=4),
         lambda: run(num_denoising_steps=10),
         lambda: run(num_denoising_steps=4, guidance=plain),

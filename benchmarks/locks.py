@@ -63,7 +63,7 @@ def generated(
     request = GenerationRequest(
         scenario=scenario,
         agent_ids=ids,
-        redrawn_state_ids=resamplable_agent_ids(scenario, ids) if with_states else (),
+        resampled_state_ids=resamplable_agent_ids(scenario, ids) if with_states else (),
         only_on_road=with_states,
         guidance=guidance_settings(None, 0) if is_raw else (),
         seed=seed,

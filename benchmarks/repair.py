@@ -2,7 +2,7 @@
 
 Reads the train and val folders under PD_EDITOR_AV2. Scenes are the recorded ones, and
 the same with movers shifted at random (2 m) and all lane followers at constant
-velocity, which is worse than what a model draws. Nobody is kept.
+velocity, which is worse than what a model samples. No agent is kept.
 """
 
 import time

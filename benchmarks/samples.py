@@ -55,7 +55,7 @@ def main() -> None:
         request = GenerationRequest(
             scenario=scenario,
             agent_ids=ids,
-            redrawn_state_ids=ids,
+            resampled_state_ids=ids,
             only_on_road=True,
             num_samples=count,
             seed=1,

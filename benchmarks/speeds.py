@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.initial_states import drawn, load_pose_model, real_scenes
+from benchmarks.initial_states import load_pose_model, real_scenes, sampled
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
 from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
@@ -111,18 +111,18 @@ def main() -> None:
             print(line(f"corpus, most {most:g}", found), flush=True)
     for folder in options.models:
         model, sampler = load_pose_model(folder), InitialStateSamplerConfig()
-        sampled = [
+        speeds = [
             np.concatenate(
                 [
                     np.hypot(*one.sample.velocity_mps[rows, 0].T)
-                    for one in drawn(
+                    for one in sampled(
                         model, scene, options.samples, sampler, None, AttributeRequest()
                     )
                 ]
             )
             for scene, rows in zip(scenes, is_vehicle, strict=True)
         ]
-        print(line(folder.name, sampled), flush=True)
+        print(line(folder.name, speeds), flush=True)
 
 
 if __name__ == "__main__":

@@ -49,7 +49,9 @@ def generate(folder: Path, placement: str, model: str, seed: int, out: Path) -> 
         rows = rows[away <= HALF_SIDE_M]
         region = (float(center[0]), float(center[1]), HALF_SIDE_M)
     ids = tuple(agents.ids[row] for row in rows)
-    pd_editor.generate(folder, agents=ids, redraw_states=True, region=region, **options)
+    pd_editor.generate(
+        folder, agents=ids, resample_states=True, region=region, **options
+    )
 
 
 def vehicle_rows(scenario: Scenario) -> np.ndarray:

@@ -110,9 +110,9 @@ class GenerationRequest:
     """Agents whose trajectories are generated; all others are context."""
     num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
     """Number of agents of each kind to add with sampled initial states."""
-    draws_num_agents: bool = False
+    samples_num_agents: bool = False
     """Whether the model also samples the number of agents of each kind for the road."""
-    redrawn_state_ids: tuple[str, ...] = ()
+    resampled_state_ids: tuple[str, ...] = ()
     """Those of ``agent_ids`` whose initial states are resampled; id, kind, size stay."""
     moving_share: float | None = None
     """Fraction of the sampled agents of each kind that moves; None: unconditioned."""
@@ -169,7 +169,7 @@ class GenerationRequest:
             raise GenerationError(
                 "Which share moves, and whether all are on the road, is about agents "
                 "whose states are sampled: ask for new agents or for resampled states "
-                "(in the shell --num-agents or --redraw-states)."
+                "(in the shell --num-agents or --resample-states)."
             )
         self._check_locks()
 
@@ -181,7 +181,7 @@ class GenerationRequest:
                     f"The trajectory of agent {name} is locked, so it cannot be "
                     "generated; unlock the agent or leave it out."
                 )
-        for name in self.redrawn_state_ids:
+        for name in self.resampled_state_ids:
             if name in locks:
                 raise GenerationError(
                     f"The state of agent {name} is locked, so it cannot be resampled; "
@@ -203,8 +203,8 @@ class GenerationRequest:
     def samples_states(self) -> bool:
         """Whether initial states of any agents are sampled."""
         return bool(
-            self.draws_num_agents
-            or self.redrawn_state_ids
+            self.samples_num_agents
+            or self.resampled_state_ids
             or any(self.num_new_agents.values())
         )
 
@@ -337,13 +337,13 @@ def check_supported(
     Raises:
         GenerationError: names the generator and what it cannot do.
     """
-    adds = request.draws_num_agents or any(request.num_new_agents.values())
+    adds = request.samples_num_agents or any(request.num_new_agents.values())
     if adds and "new-agents" not in supports:
         raise GenerationError(
             f"The generator {name} adds no agents; keep those of the scene, or choose a "
             "generator that does."
         )
-    if request.redrawn_state_ids and "states" not in supports:
+    if request.resampled_state_ids and "states" not in supports:
         raise GenerationError(
             f"The generator {name} samples no initial states; keep the states, or choose "
             "a generator that does."
@@ -404,7 +404,7 @@ def check_traffic(traffic: GeneratedTraffic, request: GenerationRequest) -> None
             "asked for."
         )
     num_steps = request.scenario.time_axis.num_future_steps + 1
-    adds = request.draws_num_agents or any(request.num_new_agents.values())
+    adds = request.samples_num_agents or any(request.num_new_agents.values())
     for number, sample in enumerate(traffic.samples):
         kept = sample.ids[: len(request.agent_ids)] if adds else sample.ids
         if kept != request.agent_ids or len(sample.kinds) != len(sample.ids):
@@ -425,7 +425,7 @@ def _check_current(
     gap = sample.position_m[: len(rows), 0] - agents.position_m[rows, now]
     distance = np.hypot(gap[:, 0], gap[:, 1])
     for name, moved_m in zip(request.agent_ids, distance.tolist(), strict=True):
-        if moved_m > _KEPT_TOLERANCE_M and name not in request.redrawn_state_ids:
+        if moved_m > _KEPT_TOLERANCE_M and name not in request.resampled_state_ids:
             raise GenerationError(
                 f"Sample {number} moves agent {name} by {moved_m:.2f} m at the current "
                 "step; expected its state as it is, since none was to be sampled."

@@ -116,7 +116,7 @@ def generate(
     *,
     out: FolderOption,
     agents: AgentsOption = (),
-    redraw_states: Switch = False,
+    resample_states: Switch = False,
     num_agents: NumAgentsOption = (),
     add: Switch = False,
     replace_ego_and_focal: Switch = False,
@@ -148,7 +148,7 @@ def generate(
         scenario: A demo's name or an Argoverse 2 scenario folder.
         out: Folder that receives DIR/<name>/; several samples get -1, -2, ...
         agents: Ids of the agents to drive; the others keep their trajectories.
-        redraw_states: Resample the initial states of these agents, too.
+        resample_states: Resample the initial states of these agents, too.
         num_agents: Replace all agents but the ego and the focal agent by new ones: 20 (vehicles), vehicle=12 pedestrian=4, or fit (as many as suit the road).
         add: Keep the present agents and add the new ones.
         replace_ego_and_focal: Let new agents replace the ego and the focal agent as well.
@@ -189,7 +189,7 @@ def generate(
     asked_region = None if region is None else _region(opened, *region)
     wanted, (counts, fits) = tuple(dict.fromkeys(agents)), _wanted_counts(num_agents)
     _refuse_contradictions(
-        bool(wanted), bool(num_agents), redraw_states, add, replace_ego_and_focal
+        bool(wanted), bool(num_agents), resample_states, add, replace_ego_and_focal
     )
     removed, driven = _roles(
         base, wanted, bool(num_agents), add, replace_ego_and_focal, asked_region, kinds
@@ -198,11 +198,13 @@ def generate(
         scenario=base.without_agents(removed),
         agent_ids=driven,
         num_new_agents=counts,
-        draws_num_agents=fits,
-        redrawn_state_ids=resamplable_agent_ids(base, driven) if redraw_states else (),
+        samples_num_agents=fits,
+        resampled_state_ids=resamplable_agent_ids(base, driven)
+        if resample_states
+        else (),
         moving_share=moving_share,
         only_on_road=only_on_road,
-        region=asked_region if redraw_states or num_agents else None,
+        region=asked_region if resample_states or num_agents else None,
         quality=quality,
         num_samples=samples,
         num_denoising_steps=steps,
@@ -290,7 +292,7 @@ def _tell_problems(request: GenerationRequest, terms: tuple[GuidanceTerm, ...]) 
     Raises:
         GenerationError: a term cannot be run.
     """
-    adds = request.draws_num_agents or any(request.num_new_agents.values())
+    adds = request.samples_num_agents or any(request.num_new_agents.values())
     problems = guidance_problems(
         request.scenario, terms, None if adds else request.agent_ids
     )
@@ -397,7 +399,7 @@ def _refuse_contradictions(
     """
     if resamples_states and samples_agents:
         raise GenerationError(
-            "--redraw-states is for agents that stay, --num-agents for new ones; give "
+            "--resample-states is for agents that stay, --num-agents for new ones; give "
             "one of them."
         )
     if names_agents and samples_agents and not adds:

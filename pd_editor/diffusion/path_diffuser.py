@@ -220,13 +220,13 @@ class PathDiffuser:
                     index,
                     partial(_driving_progress, batch, number, request.num_samples),
                 )
-                placed.append((fitting, (*request.redrawn_state_ids, *new_ids)))
+                placed.append((fitting, (*request.resampled_state_ids, *new_ids)))
                 fits.append((len(new_ids), asked[index]))
                 samples.append(driven)
         notes = list(attribute_notes(placed, _attribute_request(request)))
         notes += _fit_notes(fits)
         num_empty = sum(not number for _, number in fits)
-        if num_empty and not request.redrawn_state_ids:
+        if num_empty and not request.resampled_state_ids:
             notes.append(
                 f"No agent was placed in {num_empty} of {len(placed)} samples: there are "
                 "as many road users as suit the road."
@@ -286,7 +286,7 @@ class PathDiffuser:
                 new_ids=new_ids,
                 sampled=sampled,
                 in_the_way=colliding_with_kept(
-                    scenario, sampled.samples[0], request.redrawn_state_ids + new_ids
+                    scenario, sampled.samples[0], request.resampled_state_ids + new_ids
                 ),
             )
             if best is None or len(found.in_the_way) < len(best.in_the_way):
@@ -464,9 +464,9 @@ def _placings(
     """
     assert isinstance(stage.model, InitialStateDenoiser)
     placement = Placement(
-        resampled_ids=request.redrawn_state_ids,
+        resampled_ids=request.resampled_state_ids,
         num_new_agents=request.num_new_agents,
-        draws_num_agents=request.draws_num_agents,
+        samples_num_agents=request.samples_num_agents,
         density=stage.sampling["sampler"].fit_density,
         region=request.region,
         attributes=_attribute_request(request),

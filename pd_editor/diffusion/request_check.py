@@ -26,7 +26,7 @@ def check_request(request: GenerationRequest) -> None:
     scenario, agents = request.scenario, request.scenario.agents
     if len(set(request.agent_ids)) < len(request.agent_ids):
         raise GenerationError("An agent was requested twice; each may be named once.")
-    if not set(request.redrawn_state_ids) <= set(request.agent_ids):
+    if not set(request.resampled_state_ids) <= set(request.agent_ids):
         raise GenerationError(
             "Only agents whose trajectories are generated can get another state."
         )
@@ -64,7 +64,7 @@ def _check_states(request: GenerationRequest, rows: Int[np.ndarray, "G"]) -> Non
     agents, now = request.scenario.agents, request.scenario.current_step
     for row in rows:
         name = agents.ids[row]
-        if name in request.redrawn_state_ids:
+        if name in request.resampled_state_ids:
             continue
         if not agents.is_valid[row, now]:
             raise GenerationError(

@@ -14,7 +14,7 @@ from pd_editor.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 
-StatesChoice = Literal["recorded", "drawn"]
+StatesChoice = Literal["recorded", "sampled"]
 AgentsChoice = Literal["all", "paper"]
 
 SAMPLED_HALF_SIDE_M: Final = 62.0
@@ -27,7 +27,7 @@ class EvaluationTask:
 
     states: StatesChoice = "recorded"
     """With ``recorded``, agents keep their states and trajectories are generated. With
-    ``drawn``, initial states are sampled as well: as many agents of each kind as the log
+    ``sampled``, initial states are sampled as well: as many agents of each kind as the log
     has in the square."""
     agents: AgentsChoice = "all"
     """With ``paper``, only agents that the paper's code evaluates at this stage."""
@@ -35,7 +35,7 @@ class EvaluationTask:
     @property
     def samples_states(self) -> bool:
         """Whether initial states are sampled."""
-        return self.states == "drawn"
+        return self.states == "sampled"
 
     def request(
         self, recorded: Scenario, scenario: Scenario, *, num_samples: int, seed: int
@@ -63,7 +63,7 @@ class EvaluationTask:
         x, y = scene_center(recorded).tolist()
         return replace(
             request,
-            redrawn_state_ids=ids,
+            resampled_state_ids=ids,
             region=Region(center_m=(x, y), half_side_m=SAMPLED_HALF_SIDE_M),
             # Agents that pass the paper's filter are on the road.
             only_on_road=self.agents == "paper",

@@ -55,7 +55,7 @@ def test_a_run_writes_rows_and_reports(shell: Shell, data: Path, tmp_path: Path)
 
 def test_states_can_be_drawn_too(shell: Shell, data: Path, tmp_path: Path):
     out = tmp_path / "out"
-    options = ("--states", "drawn", "--samples", 1, "--limit", 1, "--workers", 1)
+    options = ("--states", "sampled", "--samples", 1, "--limit", 1, "--workers", 1)
     result = shell.run("evaluate", "--data", data, "--out", out, *options)
     assert (result.code, result.err) == (0, "")
     rows = pq.read_table(out / "rows.parquet")
@@ -64,7 +64,7 @@ def test_states_can_be_drawn_too(shell: Shell, data: Path, tmp_path: Path):
     for words in (
         "Initial states and trajectories are sampled: as many",
         "| method | agents / scenes | collision 2 m, % | boxes overlap, % |",
-        "--states drawn --agents all",
+        "--states sampled --agents all",
         "2 agents of the log at the current step",
     ):
         assert words in text
@@ -77,7 +77,7 @@ def test_who_draws_no_states_is_refused_where_they_are_drawn(
     shell: Shell, data: Path, tmp_path: Path, name: str
 ):
     command = ("evaluate", "--data", data, "--out", tmp_path / "out")
-    words = shell.refused(*command, "--states", "drawn", "--methods", name)
+    words = shell.refused(*command, "--states", "sampled", "--methods", name)
     assert words.startswith(f"{name} samples no initial states")
     assert not (tmp_path / "out").exists()
 
@@ -239,7 +239,7 @@ def test_real_scenes(shell: Shell, av2_root: Path, tmp_path: Path):
 @pytest.mark.real_data
 def test_whole_scenes_on_real_roads(shell: Shell, av2_root: Path, tmp_path: Path):
     options = ("--limit", 1, "--warps", "none", "double-turn:9", "--samples", 2)
-    task = ("--states", "drawn", "--agents", "paper")
+    task = ("--states", "sampled", "--agents", "paper")
     out = tmp_path / "out"
     result = shell.run(
         "evaluate", "--data", av2_root / "val", "--out", out, *task, *options

@@ -93,7 +93,7 @@ def test_the_page_has_all_tables_and_figures_and_the_run_goes_on(
     ("more", "sentence"),
     [
         (["--methods", "path-diffuser"], "--paper chooses methods"),
-        (["--states", "drawn"], "--paper chooses methods"),
+        (["--states", "sampled"], "--paper chooses methods"),
     ],
 )
 def test_options_of_the_other_evaluation_are_refused(

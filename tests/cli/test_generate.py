@@ -114,7 +114,7 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
         ("--num-agents three", "neither a number, nor KIND=NUMBER"),
         ("--num-agents dragon=3", "a kind out of bus, cyclist, motorcyclist"),
         ("--num-agents fit 3", "'fit' is neither a number"),
-        ("--num-agents 3 --redraw-states", "give one of them"),
+        ("--num-agents 3 --resample-states", "give one of them"),
         ("--num-agents 3 --agents AV", "give --add to keep them"),
         (f"--samples {10**21}", f"samples is {10**21}; expected 1 to 1000."),
         (f"--steps {10**21}", f"steps is {10**21}; expected 1 to 1000."),
@@ -130,7 +130,7 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
             "--tries -1",
             "The number of tries is -1; expected a whole number from 0 to 64.",
         ),
-        ("--moving-share 0.5", "--num-agents or --redraw-states"),
+        ("--moving-share 0.5", "--num-agents or --resample-states"),
         ("--num-agents 3 --moving-share 3", "must be between 0 and 1, not 3."),
     ],
 )
@@ -241,7 +241,7 @@ def test_states_of_named_agents_are_redrawn_in_a_region(
         JUNCTION,
         out=tmp_path,
         agents=("AV",),
-        redraw_states=True,
+        resample_states=True,
         region=(1.0, 2.0, 30.0),
         moving_share=0.5,
         only_on_road=True,
@@ -249,7 +249,7 @@ def test_states_of_named_agents_are_redrawn_in_a_region(
         model="placing",
     )
     (request,) = placing.requests
-    assert request.agent_ids == request.redrawn_state_ids == ("AV",)
+    assert request.agent_ids == request.resampled_state_ids == ("AV",)
     assert request.region == Region(center_m=(1.0, 2.0), half_side_m=30.0)
     assert (request.moving_share, request.only_on_road) == (0.5, True)
     (term,) = request.guidance
@@ -321,7 +321,7 @@ def test_as_many_as_suit_the_road_is_the_models_choice(
 ):
     generate(JUNCTION, out=tmp_path, num_agents="fit", model="placing")
     (request,) = placing.requests
-    assert request.draws_num_agents
+    assert request.samples_num_agents
     assert not request.num_new_agents
 
 
@@ -365,7 +365,7 @@ def test_locked_agents_are_kept_and_stand_in_the_recipe(shell: Shell, tmp_path: 
     held, some, still = (drivable_agent_ids(before)[place] for place in (0, 1, 2))
     locks = ("--lock", f"{held}=trajectory", f"{some}=2.5", f"{still}=state")
     result = shell.run(
-        "generate", JUNCTION, *locks, "--redraw-states", "--out", tmp_path
+        "generate", JUNCTION, *locks, "--resample-states", "--out", tmp_path
     )
     assert result.code == 0, result.err
     assert "3 agents are locked and kept." in result.out
@@ -426,7 +426,7 @@ def test_only_agents_in_a_region_are_regenerated(tmp_path: Path):
         (("--only-kinds", "bus", "--agents", "AV"), "of the kinds bus"),
         (("--agents", "AV", "--lock", "AV=trajectory"), "are locked"),
         (
-            ("--agents", "AV", "--redraw-states", "--lock", "AV=state"),
+            ("--agents", "AV", "--resample-states", "--lock", "AV=state"),
             "states of all these agents are locked",
         ),
     ],
@@ -447,7 +447,7 @@ def test_what_a_generator_cannot_do_is_refused_before_it_runs(
     drift = ("generate", JUNCTION, "--model", "examples.drift_generator:DriftGenerator")
     goal = f"target-speed:agents={open_scenario(JUNCTION).focal_id},speed=8"
     for options, sentence in (
-        (("--redraw-states",), "drift samples no initial states"),
+        (("--resample-states",), "drift samples no initial states"),
         (("--num-agents", 3), "drift adds no agents"),
         (("--guide", goal), "--guide: the generator drift takes no guidance"),
     ):

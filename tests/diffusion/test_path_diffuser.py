@@ -123,7 +123,7 @@ def test_slowed_agents_are_named_where_states_are_sampled_too(
         diffuser,
         scenario,
         scenario.agents.ids,
-        redrawn_state_ids=scenario.agents.ids,
+        resampled_state_ids=scenario.agents.ids,
         num_samples=2,
     )
     first = scenario.agents.ids[0]
@@ -140,7 +140,7 @@ def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:
     yield {"seed": -1}, "seed"
     yield {"moving_share": 1.5}, "must be between 0 and 1"
     yield {"only_on_road": True}, "whose states are sampled"
-    yield {"agent_ids": ids[:1], "redrawn_state_ids": ids[1:]}, "another state"
+    yield {"agent_ids": ids[:1], "resampled_state_ids": ids[1:]}, "another state"
     yield {"num_new_agents": {AgentKind.VEHICLE: 501}}, "expected 0 to 500"
     yield {"num_new_agents": {AgentKind.STATIC: 1}}, "road users"
     yield {"num_new_agents": {AgentKind.VEHICLE: -1}}, "expected 0 to 500"
@@ -209,8 +209,8 @@ def test_every_tensor_is_made_on_the_device_of_the_model(
 ) -> None:
     ids = scenario.agents.ids
     requests: list[dict[str, Any]] = [
-        {"redrawn_state_ids": ids[:1], "num_new_agents": {AgentKind.VEHICLE: 2}},
-        {"draws_num_agents": True, "moving_share": 0.5, "only_on_road": True},
+        {"resampled_state_ids": ids[:1], "num_new_agents": {AgentKind.VEHICLE: 2}},
+        {"samples_num_agents": True, "moving_share": 0.5, "only_on_road": True},
         {"guidance": guidance_settings(0.9, 3), "num_samples": 2},
     ]
     expected = [generated(diffuser, scenario, ids[:1], **asked) for asked in requests]
@@ -264,7 +264,7 @@ def test_a_kept_future_with_a_hole_of_nan_leaves_the_others_alone(
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
 def test_a_gpu_draws_the_same(model_folder: Path, scenario: Scenario) -> None:
     ids = scenario.agents.ids
-    asked = {"redrawn_state_ids": ids[:1], "num_new_agents": {AgentKind.VEHICLE: 2}}
+    asked = {"resampled_state_ids": ids[:1], "num_new_agents": {AgentKind.VEHICLE: 2}}
     one, two = (
         generated(PathDiffuser(model_folder, device=name), scenario, ids, **asked)
         for name in ("cpu", "cuda")

@@ -75,12 +75,12 @@ class PlacingGenerator:
         agents, axis = request.scenario.agents, request.scenario.time_axis
         rows = agents.rows(request.agent_ids)
         counts = request.num_new_agents
-        if request.draws_num_agents:
+        if request.samples_num_agents:
             counts = {AgentKind.VEHICLE: 2}
         new = [kind for kind, count in counts.items() for _ in range(count)]
         kinds = (*(agents.kinds[row] for row in rows), *new)
         states = agents.position_m[rows, axis.current_step]
-        drawn = np.isin(request.agent_ids, request.redrawn_state_ids)
+        drawn = np.isin(request.agent_ids, request.resampled_state_ids)
         samples = []
         for number in range(request.num_samples):
             placed = np.arange(len(new) + drawn.sum())[:, None] * [8.0, 0.0]

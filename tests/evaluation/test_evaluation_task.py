@@ -17,7 +17,7 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 
-PLACING = EvaluationTask(states="drawn")
+PLACING = EvaluationTask(states="sampled")
 NEAR, EDGE, BEYOND, LATER = "100", "101", "102", "103"
 
 
@@ -50,7 +50,7 @@ def test_sampled_states_replace_all_agents_of_the_square(
     scenario: Scenario,
 ):
     request = asked(PLACING, scenario)
-    assert request.agent_ids == request.redrawn_state_ids == (NEAR, EDGE)
+    assert request.agent_ids == request.resampled_state_ids == (NEAR, EDGE)
     assert request.scenario.agents.ids == (NEAR, EDGE)
     assert request.region is not None
     assert request.region.half_side_m == SAMPLED_HALF_SIDE_M
@@ -62,7 +62,7 @@ def test_sampled_states_replace_all_agents_of_the_square(
 @pytest.mark.parametrize(
     ("task", "keeps"),
     [
-        (EvaluationTask(states="drawn", agents="paper"), paper_init_agents),
+        (EvaluationTask(states="sampled", agents="paper"), paper_init_agents),
         (EvaluationTask(agents="paper"), paper_trajectory_agents),
     ],
 )
@@ -96,4 +96,4 @@ def test_a_scene_without_agents_is_reported(scenario: Scenario):
     walkers = (AgentKind.PEDESTRIAN,) * len(scenario.agents)
     scenario = replace(scenario, agents=replace(scenario.agents, kinds=walkers))
     with pytest.raises(GenerationError, match="None of the requested agents"):
-        asked(EvaluationTask(states="drawn", agents="paper"), scenario)
+        asked(EvaluationTask(states="sampled", agents="paper"), scenario)

@@ -56,7 +56,7 @@ def test_references_but_the_log_draw_no_states():
     scenario = two_agents_that_pass()
     ids = scenario.agents.ids
     request = GenerationRequest(
-        scenario=scenario, agent_ids=ids, redrawn_state_ids=ids[:1]
+        scenario=scenario, agent_ids=ids, resampled_state_ids=ids[:1]
     )
     for name in REFERENCE_METHODS:
         method = Method(name=name, make_generator=make_nothing)

@@ -86,7 +86,7 @@ def test_drawn_states_are_told_of_themselves(tmp_path):
         replace(
             item(folder, "ground-truth", num_samples=6),
             methods=(*methods("ground-truth", "constant-velocity"), placing),
-            task=EvaluationTask(states="drawn"),
+            task=EvaluationTask(states="sampled"),
         )
     )
     assert rows.failures == {

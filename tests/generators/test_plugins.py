@@ -243,14 +243,14 @@ def test_entry_points_of_installed_packages_come_last(monkeypatch: pytest.Monkey
 
 
 def test_a_predictor_samples_no_states():
-    asked = replace(request(), redrawn_state_ids=request().agent_ids)
+    asked = replace(request(), resampled_state_ids=request().agent_ids)
     generator = make_generator("examples.constant_velocity:Predictor")
     with pytest.raises(GenerationError, match="samples no initial states; keep"):
         run_to_end(generator.generate(asked))
 
 
 def test_a_generator_does_what_it_declares_only(faulty: str):
-    resampled = replace(request(), redrawn_state_ids=request().agent_ids)
+    resampled = replace(request(), resampled_state_ids=request().agent_ids)
     added = replace(request(), num_new_agents={AgentKind.VEHICLE: 1})
     generator = make_generator(f"{faulty}:AtOnce")
     for asked, told in ((resampled, "samples no initial"), (added, "adds no agents")):

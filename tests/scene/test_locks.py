@@ -87,5 +87,5 @@ def test_requests_against_a_lock_are_refused(lock, redrawn, said):
     ids = (IDS[0],)
     with pytest.raises(GenerationError, match=said):
         GenerationRequest(
-            scenario=scenario, agent_ids=ids, redrawn_state_ids=ids if redrawn else ()
+            scenario=scenario, agent_ids=ids, resampled_state_ids=ids if redrawn else ()
         )

@@ -55,7 +55,7 @@ class Placement:
 
     resampled_ids: tuple[str, ...] = ()
     num_new_agents: Mapping[AgentKind, int]
-    draws_num_agents: bool = False
+    samples_num_agents: bool = False
     """Whether the model samples the number of agents, which is at least that requested."""
     density: float = 1.0
     """Factor of the numbers of training squares."""
@@ -185,7 +185,7 @@ def _kinds_by_square(
 ) -> list[tuple[AgentKind, ...]]:
     """Kinds of the new agents of each square."""
     numbers: list[dict[AgentKind, int]] = [{} for _ in squares]
-    if placement.draws_num_agents:
+    if placement.samples_num_agents:
         numbers = _missing_numbers(model, scenario, placement, squares, random)
     for kind, number in placement.num_new_agents.items():
         missing = number - sum(one.get(kind, 0) for one in numbers)

@@ -22,6 +22,8 @@ _MAX_ARRAY_VALUES: Final = 2 * MAX_STATES
 """Limit of stored arrays, so that a small file cannot fill the memory."""
 _MAX_INTEGER: Final = 2**63 - 1
 _MAX_TEXT_BYTES: Final = 8192
+FORMER_NAME: Final = "former_name"
+"""Metadata of a dataclass field: its name in files of earlier versions."""
 _TAG: Final = "kind"
 """Class variable and JSON field that tell the dataclasses of a union apart."""
 _ARRAY_KEYS: Final = {"dtype", "shape", "zlib"}
@@ -171,6 +173,12 @@ def _dataclass_from_json(cls: Any, data: Any, where: str) -> Any:
     if not isinstance(data, dict):
         raise _misfit(where, "an object", data)
     known = {item.name: item for item in fields(cls)}
+    renamed = {
+        item.metadata[FORMER_NAME]: item.name
+        for item in fields(cls)
+        if FORMER_NAME in item.metadata
+    }
+    data = {renamed.get(name, name): item for name, item in data.items()}
     if _kind(cls) and data.get(_TAG, _kind(cls)) == _kind(cls):
         data = {name: item for name, item in data.items() if name != _TAG}
     for name in data:

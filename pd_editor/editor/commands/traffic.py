@@ -14,6 +14,7 @@ from pd_editor.editor.commands.edit_limits import (
     check_positions,
     check_velocities,
 )
+from pd_editor.editor.commands.json_values import FORMER_NAME
 from pd_editor.editor.commands.locks import locked_agents_error
 from pd_editor.editor.commands.motion import agents_with_trajectory
 from pd_editor.errors import EditError, GenerationError
@@ -48,8 +49,12 @@ class RequestSummary:
 
     agent_ids: tuple[str, ...]
     num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
-    draws_num_agents: bool = False
-    redrawn_state_ids: tuple[str, ...] = ()
+    samples_num_agents: bool = field(
+        default=False, metadata={FORMER_NAME: "draws_num_agents"}
+    )
+    resampled_state_ids: tuple[str, ...] = field(
+        default=(), metadata={FORMER_NAME: "redrawn_state_ids"}
+    )
     moving_share: float | None = None
     only_on_road: bool = False
     region: Region | None = None
@@ -72,8 +77,8 @@ class RequestSummary:
             scenario=scenario.without_agents(self.removed_ids),
             agent_ids=self.agent_ids,
             num_new_agents=self.num_new_agents,
-            draws_num_agents=self.draws_num_agents,
-            redrawn_state_ids=self.redrawn_state_ids,
+            samples_num_agents=self.samples_num_agents,
+            resampled_state_ids=self.resampled_state_ids,
             moving_share=self.moving_share,
             only_on_road=self.only_on_road,
             region=self.region,
@@ -128,9 +133,9 @@ class ReplaceTraffic(Command):
         """Label with what was sampled, the sample's index, and the generator."""
         agents = agents_in_words(self.sample.ids)
         asked = self.request
-        if asked.redrawn_state_ids or asked.removed_ids:
+        if asked.resampled_state_ids or asked.removed_ids:
             done = f"Resample {agents}"
-        elif asked.draws_num_agents or any(asked.num_new_agents.values()):
+        elif asked.samples_num_agents or any(asked.num_new_agents.values()):
             done = f"Add {agents}"
         else:
             done = f"Regenerate {agents}"
@@ -294,8 +299,8 @@ def traffic_command(
         request=RequestSummary(
             agent_ids=request.agent_ids,
             num_new_agents=dict(request.num_new_agents),
-            draws_num_agents=request.draws_num_agents,
-            redrawn_state_ids=request.redrawn_state_ids,
+            samples_num_agents=request.samples_num_agents,
+            resampled_state_ids=request.resampled_state_ids,
             moving_share=request.moving_share,
             only_on_road=request.only_on_road,
             region=request.region,

@@ -112,12 +112,12 @@ class PictureBook:
         models = self._models(STATES)
         if not models:
             return None
-        request = EvaluationTask(states="drawn").request(
+        request = EvaluationTask(states="sampled").request(
             self.scenario, self.scenario, num_samples=1, seed=_SEED
         )
         drawing, axes = _panels(1, 1 + len(models))
         self._panel(axes[0], label_of(GROUND_TRUTH))
-        rows = replace(request, redrawn_state_ids=(), region=None)
+        rows = replace(request, resampled_state_ids=(), region=None)
         draw_states(axes[0], _logged(rows), COLORS[0])
         for axis, (system, one) in zip(axes[1:], models.items(), strict=True):
             self._panel(axis, label_of(system))
@@ -198,7 +198,7 @@ class PictureBook:
             self._panel(axis, f"(b) trajectories, sample {index + 1}")
             draw_states(axis, sample)
             draw_trajectories(axis, sample, COLORS[1])
-        request = EvaluationTask(states="drawn").request(
+        request = EvaluationTask(states="sampled").request(
             self.scenario, self.scenario, num_samples=_NUM_SAMPLES, seed=_SEED
         )
         for index, sample in enumerate(self._sampled(one, request, raw=False)):

@@ -110,7 +110,7 @@ def paper_plan(
         states=part(
             "states",
             entries(STATES, (GROUND_TRUTH,)),
-            EvaluationTask(states="drawn", agents="paper"),
+            EvaluationTask(states="sampled", agents="paper"),
             PLAIN_ROADS,
         ),
         paper=part(

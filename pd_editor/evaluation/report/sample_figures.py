@@ -23,7 +23,7 @@ from pd_editor.generation import ScenarioGenerator
 
 MAX_SCENES: Final = 24
 """Limit of scenes; one takes 0.3 s (trajectories) or 0.8 s (states) on one core."""
-PLACING: Final = EvaluationTask(states="drawn")
+PLACING: Final = EvaluationTask(states="sampled")
 DRIVING_FIGURES: Final = (
     "min_ade",
     "ade",

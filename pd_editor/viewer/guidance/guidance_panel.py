@@ -291,7 +291,7 @@ def listed(guidance: tuple[GuidanceTerm, ...], selection: tuple[str, ...]) -> li
 
 
 def _about(scenario: Scenario, selection: tuple[str, ...]) -> str:
-    """Whose terms are listed, and whom a new one guides."""
+    """The agents whose terms are listed, and which a new term guides."""
     count = len(scenario.guidance)
     if not selection:
         return (

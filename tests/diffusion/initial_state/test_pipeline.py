@@ -33,7 +33,7 @@ def test_agents_are_added_and_placed_anew(
         diffuser,
         scenario,
         ids[:1],
-        redrawn_state_ids=ids[:1],
+        resampled_state_ids=ids[:1],
         num_new_agents={AgentKind.PEDESTRIAN: 1, AgentKind.VEHICLE: 2},
         num_samples=2,
         region=Region(center_m=(20.0, 0.0), half_side_m=30.0),
@@ -46,7 +46,7 @@ def test_agents_are_added_and_placed_anew(
         diffuser,
         scenario,
         ids[:1],
-        redrawn_state_ids=ids[:1],
+        resampled_state_ids=ids[:1],
         num_new_agents={AgentKind.PEDESTRIAN: 1, AgentKind.VEHICLE: 2},
         region=Region(center_m=(20.0, 0.0), half_side_m=30.0),
     )
@@ -58,8 +58,8 @@ def test_samples_of_a_batch_are_those_made_alone(
 ) -> None:
     """Several squares; the number of agents differs from sample to sample."""
     asked = {
-        "redrawn_state_ids": scenario.agents.ids[:1],
-        "draws_num_agents": True,
+        "resampled_state_ids": scenario.agents.ids[:1],
+        "samples_num_agents": True,
         "region": Region(center_m=(0.0, 0.0), half_side_m=120.0),
         "num_samples": 5,
         "only_on_road": True,
@@ -101,7 +101,7 @@ def test_a_batch_of_samples_is_cancelled_between_steps(
     request = GenerationRequest(
         scenario=scenario,
         agent_ids=scenario.agents.ids,
-        redrawn_state_ids=scenario.agents.ids,
+        resampled_state_ids=scenario.agents.ids,
         num_samples=4,
     )
     steps = diffuser.generate(request)
@@ -117,7 +117,12 @@ def test_whoever_is_placed_can_brake_behind_those_ahead(diffuser: PathDiffuser) 
     scenario = scenario_with(straight_drivers(crowd))
     ids = scenario.agents.ids
     traffic = generated(
-        diffuser, scenario, ids, redrawn_state_ids=ids, moving_share=1.0, num_samples=3
+        diffuser,
+        scenario,
+        ids,
+        resampled_state_ids=ids,
+        moving_share=1.0,
+        num_samples=3,
     )
     now = scenario.current_step
     for sample in traffic.samples:
@@ -140,7 +145,7 @@ def test_the_model_chooses_how_many_so_that_there_are_as_many_as_in_training(
         diffuser,
         scenario,
         scenario.agents.ids,
-        draws_num_agents=True,
+        samples_num_agents=True,
         region=Region(center_m=(0.0, 0.0), half_side_m=62.0),
     )
     kinds = traffic.samples[0].kinds
@@ -240,7 +245,7 @@ def test_a_full_road_gets_no_more_agents(
         diffuser,
         scenario.without_agents(scenario.agents.ids),
         (),
-        draws_num_agents=True,
+        samples_num_agents=True,
         region=nowhere,
         num_samples=2,
     )
@@ -258,5 +263,5 @@ def test_agents_that_are_not_there_take_no_room(diffuser: PathDiffuser) -> None:
     valid = agents.is_valid.copy()
     valid[3:, scenario.current_step] = False
     scenario = scenario.with_agents(replace(agents, is_valid=valid))
-    traffic = generated(diffuser, scenario, (), draws_num_agents=True)
+    traffic = generated(diffuser, scenario, (), samples_num_agents=True)
     assert traffic.samples

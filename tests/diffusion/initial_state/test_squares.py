@@ -185,22 +185,24 @@ def test_as_many_as_suit_the_road_are_as_dense_everywhere(
     bare = wide.without_agents(wide.agents.ids[1:])
     numbers = dict.fromkeys(range(3), 0)
     for seed in range(40):
-        for placing in placed(model, bare, seed, draws_num_agents=True):
+        for placing in placed(model, bare, seed, samples_num_agents=True):
             numbers[placing.square] += len(placing.new_ids)
     # Seven in each training square, and one of them is here already.
     assert numbers[0] == 6 * 40
     for square in (1, 2):
         share = 0.56 * squares_of(wide, None)[square].lane_m / 240.0
         assert numbers[square] / 40 == pytest.approx(7 * share, abs=0.6)
-    fewer = placed(model, bare, draws_num_agents=True, density=0.5)
-    usual = placed(model, bare, draws_num_agents=True)
+    fewer = placed(model, bare, samples_num_agents=True, density=0.5)
+    usual = placed(model, bare, samples_num_agents=True)
     few, many = (sum(len(one.new_ids) for one in some) for some in (fewer, usual))
     assert 0 < few < 0.7 * many
 
 
 def test_a_whole_scene_is_sampled_in_one_call(diffuser: PathDiffuser, wide: Scenario):
     ids = wide.agents.ids
-    traffic = generated(diffuser, wide, ids, redrawn_state_ids=ids, guidance=(SINGLE,))
+    traffic = generated(
+        diffuser, wide, ids, resampled_state_ids=ids, guidance=(SINGLE,)
+    )
     (sample,) = traffic.samples
     assert sorted(sample.ids) == sorted(ids)
     place = dict(zip(sample.ids, sample.position_m[:, 0], strict=True))
@@ -218,7 +220,7 @@ def test_each_square_has_random_numbers_of_its_own(
     alike = scenario_with(agents, long_road())
     ids = agents.ids
     (sample,) = generated(
-        diffuser, alike, ids, redrawn_state_ids=ids, guidance=(SINGLE,)
+        diffuser, alike, ids, resampled_state_ids=ids, guidance=(SINGLE,)
     ).samples
     heading = dict(zip(sample.ids, sample.heading_rad[:, 0], strict=True))
     assert len({round(float(one), 3) for one in heading.values()}) == 3
@@ -239,7 +241,7 @@ def test_high_quality_takes_more_steps(
     ids = scenario.agents.ids
     for quality in ("fast", "high"):
         steps.clear()
-        generated(diffuser, scenario, ids, redrawn_state_ids=ids, quality=quality)
+        generated(diffuser, scenario, ids, resampled_state_ids=ids, quality=quality)
         found[quality] = len(steps)
     config = InitialStateSamplerConfig()
     assert found == {

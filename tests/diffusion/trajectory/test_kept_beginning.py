@@ -163,7 +163,7 @@ def test_locked_trajectories_and_states_cannot_be_asked_for(diffuser: PathDiffus
         generated(diffuser, held, ids)
     held = replace(scenario, locks={ids[0]: STATE_LOCK})
     with pytest.raises(GenerationError, match="state of agent 100 is locked"):
-        generated(diffuser, held, ids, redrawn_state_ids=ids)
+        generated(diffuser, held, ids, resampled_state_ids=ids)
 
 
 @pytest.mark.real_data
@@ -177,7 +177,7 @@ def test_real_locked_agents_are_bit_identical(
     free = drivable_agent_ids(held)
     states = resamplable_agent_ids(held, free)
     request = GenerationRequest(
-        scenario=held, agent_ids=free, redrawn_state_ids=states, only_on_road=True
+        scenario=held, agent_ids=free, resampled_state_ids=states, only_on_road=True
     )
     traffic = run_to_end(make_generator(DEFAULT_GENERATOR).generate(request))
     after = apply_within_locks(traffic_command(request, traffic), held)

@@ -85,7 +85,7 @@ def test_drawn_states_are_compared_with_all_of_the_log(tmp_path):
         row["recorded"] = 1.0 if row["method"] == "drawn" else row["recorded"]
     pq.write_table(pa.Table.from_pylist(rows), path)
     (table,) = distance_tables(
-        path, ["ground-truth", "drawn"], EvaluationTask(states="drawn"), ["train"]
+        path, ["ground-truth", "drawn"], EvaluationTask(states="sampled"), ["train"]
     )
     assert float(cells(table, "speed", "ours")["drawn"]) == 0.0
     lengths = histogram_of("path_length", "ours")

@@ -325,7 +325,7 @@ class GenerationPanel:
             self._start(
                 scenario,
                 agent_ids=ids,
-                redrawn_state_ids=resamplable_agent_ids(scenario, ids),
+                resampled_state_ids=resamplable_agent_ids(scenario, ids),
             )
             return
         counts = {
@@ -344,7 +344,7 @@ class GenerationPanel:
             scenario,
             removed_ids=removed,
             num_new_agents=counts,
-            draws_num_agents=bool(self._fits.value),
+            samples_num_agents=bool(self._fits.value),
         )
 
     def _wanted_kinds(self) -> frozenset[AgentKind]:
@@ -438,19 +438,21 @@ class GenerationPanel:
         *,
         removed_ids: tuple[str, ...] = (),
         agent_ids: tuple[str, ...] = (),
-        redrawn_state_ids: tuple[str, ...] = (),
+        resampled_state_ids: tuple[str, ...] = (),
         num_new_agents: Mapping[AgentKind, int] | None = None,
-        draws_num_agents: bool = False,
+        samples_num_agents: bool = False,
     ) -> None:
         offer = self._generators[self._model.value]
-        samples_states = bool(redrawn_state_ids or num_new_agents or draws_num_agents)
+        samples_states = bool(
+            resampled_state_ids or num_new_agents or samples_num_agents
+        )
         region = self._region() if samples_states else None
         request = GenerationRequest(
             scenario=base.without_agents(removed_ids),
             agent_ids=agent_ids,
             num_new_agents=num_new_agents or {},
-            draws_num_agents=draws_num_agents,
-            redrawn_state_ids=redrawn_state_ids,
+            samples_num_agents=samples_num_agents,
+            resampled_state_ids=resampled_state_ids,
             moving_share=MOVING_SHARES[self._moving.value] if samples_states else None,
             only_on_road=samples_states and bool(self._only_on_road.value),
             region=region,

@@ -82,7 +82,7 @@ def test_options_reach_the_request(tab, placing):
     assert request.num_denoising_steps == 9
     assert request.num_samples == 3
     assert request.guidance == (GuidanceSetting(name=LANE_GUIDANCE, weight=0.7),)
-    assert not request.redrawn_state_ids
+    assert not request.resampled_state_ids
     assert labels(tab) == ["Regenerate 2 agents, sample 1 of 3 (placing, seed 0)"]
     assert panel._seed.value == 1
 
@@ -162,7 +162,7 @@ def test_the_model_may_choose_how_many(tab, placing):
     assert panel._counts[AgentKind.VEHICLE].disabled
     run_to_end(tab, panel.resample)
     (request,) = placing.requests
-    assert request.draws_num_agents
+    assert request.samples_num_agents
     assert not request.num_new_agents
     assert (request.moving_share, request.only_on_road) == (0.25, True)
     run_to_end(tab, panel.regenerate)
@@ -181,7 +181,7 @@ def test_a_selected_agent_gets_a_new_state_and_the_rest_stays(tab, placing):
     tab.run(lambda: tab.session.select((one,)))
     run_to_end(tab, panel.resample)
     (request,) = placing.requests
-    assert request.agent_ids == request.redrawn_state_ids == (one,)
+    assert request.agent_ids == request.resampled_state_ids == (one,)
     agents = tab.session.scenario.agents
     assert agents.ids == before.agents.ids
     row = agents.row_of[other]
