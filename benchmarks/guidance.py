@@ -30,6 +30,7 @@ from pd_editor.generation import (
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.guidance.agent_now import AgentNow
 from pd_editor.guidance.feasibility import guidance_problems
+from pd_editor.guidance.outcomes import SLOWED
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.guidance_terms import (
     ComfortLimits,
@@ -146,8 +147,7 @@ def told(split: str, num_scenes: int, seed: int) -> None:
                             one.acceleration_mps2,
                         )
                     )
-            slowed = traffic.slowed_ids[0] if traffic.slowed_ids else ()
-            if set(slowed) & set(term.guided_ids):
+            if any(one.achieved.endswith(SLOWED) for one in report.outcomes):
                 tally.num_slowed += 1
                 continue
             tally.num_impossible += bool(report.motion_problems)

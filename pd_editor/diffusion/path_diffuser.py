@@ -39,7 +39,6 @@ from pd_editor.diffusion.request_check import (
     num_present,
 )
 from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
-from pd_editor.diffusion.trajectory.guidance.threat_run import threats_in_force
 from pd_editor.diffusion.trajectory.network.decoding import Motion
 from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.pipeline import (
@@ -65,7 +64,6 @@ from pd_editor.generation import (
 from pd_editor.guidance.report import guidance_reports
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
-from pd_editor.scene.guidance_terms import GoalPoint, StopAtLine
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS
 
@@ -328,15 +326,16 @@ class PathDiffuser:
             notes.append(
                 f"Distance to lanes: {before:.1f} -> {after:.1f} m by guidance."
             )
-        samples = _yielding(
-            request, scenario, rows, _samples(task, rows, sampled.motion)
-        )
+        yields = _yields(request)
+        samples = [
+            with_yielding(scenario, rows, one, request.terms) if yields else (one, ())
+            for one in _samples(task, rows, sampled.motion)
+        ]
         unguided = ()
         if sampled.unguided is not None:
             unguided = _samples(task, rows, sampled.unguided)
-            unguided = tuple(
-                one for one, _ in _yielding(request, scenario, rows, unguided)
-            )
+        if yields:
+            unguided = tuple(with_yielding(scenario, rows, one)[0] for one in unguided)
         reports = ()
         if request.terms and request.before_edit is None:
             reports = guidance_reports(
@@ -537,26 +536,6 @@ def _yields(request: GenerationRequest) -> bool:
     avoids = [term for term in request.settings if term.name == AVOIDANCE]
     wanted = avoids[-1].parameters.get("yields", 1.0) if avoids else 1.0
     return bool(_num_tries(request)) and wanted > 0
-
-
-def _yielding(
-    request: GenerationRequest,
-    scenario: Scenario,
-    rows: Int[np.ndarray, "G"],
-    samples: tuple[TrafficSample, ...],
-) -> list[tuple[TrafficSample, tuple[str, ...]]]:
-    """Samples after agents yield, if they do, with the ids of those that were slowed."""
-    if not _yields(request):
-        return [(one, ()) for one in samples]
-    # Agents that threaten others, and those, drive as they do.
-    kept = {name for one in threats_in_force(request.terms) for name in one.named_ids}
-    # Agents that are to be somewhere yield last, so that they still get there.
-    last = {
-        term.agent_id
-        for term in request.terms
-        if isinstance(term, GoalPoint | StopAtLine) and term.is_on
-    }
-    return [with_yielding(scenario, rows, one, kept, last) for one in samples]
 
 
 def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptions:

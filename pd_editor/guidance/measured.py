@@ -20,6 +20,8 @@ class Measured:
     error: float
     unit: str
     is_obeyed: bool
+    worst_id: str | None = None
+    """The agent that the deviation is of."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -59,7 +59,8 @@ _LAST_S: Final = 1.0
 _MERGED_S: Final = 2.0
 """Time after which an agent should be on the path that it follows."""
 _ROAD_STRIDE: Final = 3
-_SLOWED: Final = ", slowed to avoid a collision"
+SLOWED: Final = ", slowed to avoid a collision"
+"""Ends what agents achieved that yielded afterwards."""
 
 
 def term_outcomes(
@@ -84,13 +85,14 @@ def term_outcomes(
         measure = MEASURES.get(type(term))
         measured = None if measure is None else measure(term, driven)
         if measured is not None:
-            is_slowed = not set(slowed_ids).isdisjoint(term.guided_ids)
+            ids = term.guided_ids or (measured.worst_id,)
+            is_slowed = not set(slowed_ids).isdisjoint(ids)
             found.append(
                 TermOutcome(
                     term=term,
                     is_feasible=term not in infeasible,
                     asked=measured.asked,
-                    achieved=measured.achieved + _SLOWED * is_slowed,
+                    achieved=measured.achieved + SLOWED * is_slowed,
                     error=measured.error,
                     unit=measured.unit,
                     is_obeyed=measured.is_obeyed,
@@ -214,12 +216,13 @@ def _comfort(term: ComfortLimits, driven: Driven) -> Measured | None:
     motion = kinematics(generated_traffic(driven.scenario, driven.sample))
     along, across = motion.longitudinal_mps2[rows], np.abs(motion.lateral_mps2[rows])
     excess = {
-        "acceleration": along.max() - term.max_acceleration_mps2,
-        "braking": -along.min() - term.max_braking_mps2,
-        "lateral acceleration": across.max() - term.max_lateral_mps2,
+        "acceleration": along.max(axis=1) - term.max_acceleration_mps2,
+        "braking": -along.min(axis=1) - term.max_braking_mps2,
+        "lateral acceleration": across.max(axis=1) - term.max_lateral_mps2,
     }
-    what = max(excess, key=lambda name: excess[name])
-    error = max(float(excess[what]), 0.0)
+    what = max(excess, key=lambda name: excess[name].max())
+    error = max(float(excess[what].max()), 0.0)
+    worst = driven.sample.ids[rows[excess[what].argmax()]]
     return Measured(
         asked=(
             f"at most {term.max_acceleration_mps2:.1f} forwards, "
@@ -230,6 +233,7 @@ def _comfort(term: ComfortLimits, driven: Driven) -> Measured | None:
         error=error,
         unit="m/s2",
         is_obeyed=error <= OBEYED_ACCELERATION_MPS2,
+        worst_id=worst if error > 0 else None,
     )
 
 

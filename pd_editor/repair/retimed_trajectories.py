@@ -1,6 +1,6 @@
 """Trajectories of a scene while they are retimed."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -93,11 +93,16 @@ class Trajectories:
         )
         return self._with(retimed, rows)
 
-    def with_yielding(self, last_ids: Collection[str] = ()) -> "Trajectories":
+    def with_yielding(
+        self,
+        last_ids: Collection[str] = (),
+        comfort_mps2: Mapping[str, tuple[float, float]] | None = None,
+    ) -> "Trajectories":
         """Let agents yield where they would collide.
 
         Agents with ``last_ids`` or locked first seconds yield only if the other one
-        cannot.
+        cannot. Those of ``comfort_mps2`` accelerate and brake no harder than that where
+        it is enough.
         """
         step, agents = self.scenario.current_step, self.agents
         is_kept = self.scenario.kept_steps()[:, step:]
@@ -109,6 +114,7 @@ class Trajectories:
             self.scenario.time_axis.step_s,
             num_kept,
             np.isin(agents.ids, list(last_ids)) | (num_kept > 0),
+            self._asked_mps2(comfort_mps2 or {}),
         )
         if not len(found.row):
             return self
@@ -129,6 +135,13 @@ class Trajectories:
             velocity_mps=later(agents.velocity_mps, found.velocity_mps),
         )
         return self._with(yielded, found.row)
+
+    def _asked_mps2(
+        self, comfort_mps2: Mapping[str, tuple[float, float]]
+    ) -> Float[np.ndarray, "A 2"]:
+        asked = np.full((len(self.agents), 2), np.inf)
+        asked[self.agents.rows(comfort_mps2)] = list(comfort_mps2.values()) or np.inf
+        return asked
 
     def _with(self, agents: AgentTracks, rows: Int[np.ndarray, "G"]) -> "Trajectories":
         return replace(
@@ -157,12 +170,13 @@ def yield_to_others(
     *,
     keep_ids: Collection[str] | None = None,
     last_ids: Collection[str] = (),
+    comfort_mps2: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[Scenario, tuple[str, ...]]:
     """Let road users yield that would collide; all others are unchanged.
 
     Agents whose trajectory is locked never yield, and those with locked first seconds
     only later. These and agents with ``last_ids`` yield only if the other one cannot.
-
+    Those of ``comfort_mps2`` accelerate and brake no harder than that where it is enough.
 
     Returns:
         The scene, and the sorted ids of the agents that were slowed.
@@ -176,6 +190,6 @@ def yield_to_others(
             scenario, agent_ids, keep_ids, ROAD_USER_KINDS, keeps_beginnings=True
         ),
     )
-    resolved = trajectories.with_yielding(last_ids)
+    resolved = trajectories.with_yielding(last_ids, comfort_mps2)
     names = sorted(scenario.agents.ids[row] for row in resolved.changed)
     return resolved.scenario, tuple(names)

@@ -5,7 +5,7 @@ than time: it brakes, drives slower or stops, and goes on. No place is passed fa
 than before, so limits of curves stay kept.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from typing import Final
@@ -21,6 +21,7 @@ from pd_editor.metrics.collisions.box_tests import (
     pairs_that_meet,
     turned_boxes_touch,
 )
+from pd_editor.metrics.motion.kinematics import WINDOW_STEPS, derivative_operators
 from pd_editor.paths.retiming import fill_gaps, fill_heading_gaps
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -55,6 +56,7 @@ _LEAST_WAY_M: Final = 0.5
 _MOST_CHECKED: Final = 16
 """Clocks of an agent whose braking is looked at closely."""
 _TOLERANCE_MPS2: Final = 0.2
+_ROUNDING_MPS2: Final = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,6 +136,7 @@ def yielding(
     step_s: float,
     num_kept: Int[np.ndarray, "A"] | None = None,
     yields_last: Bool[np.ndarray, "A"] | None = None,
+    asked_mps2: Float[np.ndarray, "A 2"] | None = None,
 ) -> Yielded:
     """Which agents yield to avoid collisions, and their new trajectories.
 
@@ -142,19 +145,21 @@ def yielding(
     enter later are avoided from then on; they do not yield. Agents that cannot avoid
     anything drive on as before. Of its first ``num_kept`` steps after the current one
     no agent is driven later. Agents that yield last do so only where the other one cannot.
+    Agents accelerate and brake no harder than ``asked_mps2`` where that is enough.
     """
     if num_kept is None:
         num_kept = np.zeros(len(agents), int)
     if yields_last is None:
         yields_last = np.zeros(len(agents), bool)
-    scene = _Scene.of(agents, now, may_yield, step_s, num_kept, yields_last)
-    plans = _Plans.of(scene)
-    best, fewest = plans.clock.copy(), plans.num_conflicts
-    for _ in range(_MOST_ROUNDS):
-        if not plans.num_conflicts or not plans.advanced(scene):
-            break
-        if plans.num_conflicts < fewest:
-            best, fewest = plans.clock.copy(), plans.num_conflicts
+    if asked_mps2 is None:
+        asked_mps2 = np.full((len(agents), 2), np.inf)
+    scene = _Scene.of(agents, now, may_yield, step_s, num_kept, yields_last, asked_mps2)
+    best, fewest = _fewest_conflicts(scene)
+    if fewest and np.isfinite(asked_mps2).any():
+        # One that brakes gently may leave others no way out.
+        freely = replace(scene, asked_mps2=np.full_like(asked_mps2, np.inf))
+        other, fewer = _fewest_conflicts(freely)
+        best = other if fewer < fewest else best
     rows = np.flatnonzero(best)
     position, heading = scene.driven(rows, best[rows])
     position, heading = (
@@ -175,6 +180,18 @@ def yielding(
     )
 
 
+def _fewest_conflicts(scene: "_Scene") -> tuple[Int[np.ndarray, "A"], int]:
+    """The clocks of all agents with which the fewest pairs collide, and their number."""
+    plans = _Plans.of(scene)
+    best, fewest = plans.clock.copy(), plans.num_conflicts
+    for _ in range(_MOST_ROUNDS):
+        if not plans.num_conflicts or not plans.advanced(scene):
+            break
+        if plans.num_conflicts < fewest:
+            best, fewest = plans.clock.copy(), plans.num_conflicts
+    return best, fewest
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Scene(BoxStates):
     """A agents from the current step on: H steps, T with those that follow the end.
@@ -186,6 +203,8 @@ class _Scene(BoxStates):
     may_yield: Bool[np.ndarray, "A"]
     num_kept: Int[np.ndarray, "A"]
     yields_last: Bool[np.ndarray, "A"]
+    asked_mps2: Float[np.ndarray, "A 2"]
+    """Hardest acceleration and braking where that is enough; infinite: as usual."""
     pairs: Int[np.ndarray, "P 2"]
     """Those that could ever meet and of which one may yield."""
     keeps_gap: Bool[np.ndarray, "P"]
@@ -204,6 +223,7 @@ class _Scene(BoxStates):
         step_s: float,
         num_kept: Int[np.ndarray, "A"],
         yields_last: Bool[np.ndarray, "A"],
+        asked_mps2: Float[np.ndarray, "A 2"],
     ) -> "_Scene":
         is_valid = agents.is_valid[:, now:]
         position = fill_gaps(agents.position_m[:, now:], is_valid)
@@ -242,6 +262,7 @@ class _Scene(BoxStates):
             may_yield=may_yield,
             num_kept=num_kept,
             yields_last=yields_last,
+            asked_mps2=asked_mps2,
             pairs=pairs[is_apart],
             keeps_gap=keeps_gap[is_apart],
             clocks=clocks(num_steps + beyond, step_s),
@@ -281,14 +302,37 @@ class _Scene(BoxStates):
         waiting = np.where(stands, 0.0, np.inf)
         return np.where(self.clocks.window < 0, waiting, braking)
 
-    def hardest_braking(
+    def is_possible(
         self, row: int, clock: Int[np.ndarray, "K"]
-    ) -> Float[np.ndarray, "K"]:
-        """The hardest braking of an agent by some clocks."""
+    ) -> Bool[np.ndarray, "K"]:
+        """Whether an agent brakes within the limit by some clocks, or as hard as before."""
         steps = np.arange(self.speed_mps.shape[1])
         speed = np.interp(self.clocks.step[clock], steps, self.speed_mps[row])
         speed *= self.clocks.rate[clock]
-        return -np.diff(speed, axis=1).min(axis=1, initial=0.0) / self.step_s
+        own = np.diff(self.speed_mps[row]).min(initial=0.0)
+        hardest = -np.diff(speed, axis=1).min(axis=1, initial=0.0) / self.step_s
+        limit = max(MAX_BRAKING_MPS2, -own / self.step_s)
+        return hardest <= limit + _TOLERANCE_MPS2
+
+    def is_as_asked(
+        self, row: int, clock: Int[np.ndarray, "K"]
+    ) -> Bool[np.ndarray, "K"]:
+        """Whether an agent keeps its limits by some clocks, or is no harsher than before.
+
+        Accelerations are those of the metrics, in which limits are asked for.
+        """
+        count = self.num_until_end
+        way = np.linalg.norm(np.diff(self.position_m[row], axis=0), axis=-1)
+        along = np.pad(way.cumsum(), (1, 0))
+        step = self.clocks.step[np.append(0, clock), :count]
+        driven = np.interp(step, np.arange(len(along)), along)
+        _, second, _ = derivative_operators(
+            count, min(WINDOW_STEPS, count), self.step_s
+        )
+        fitted = driven @ second.T
+        hardest = np.stack([fitted.max(axis=1), -fitted.min(axis=1)], axis=-1)
+        allowed = np.maximum(hardest[0], self.asked_mps2[row])
+        return (hardest[1:] <= allowed + _ROUNDING_MPS2).all(axis=-1)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -398,21 +442,20 @@ class _Plans:
 
         With the gap if one does, else without; as now if none avoids the others.
         """
-        near, hit = self._blocked(scene, rows)
+        blocked = self._blocked(scene, rows)
         braking = scene.rough_braking(rows)
-        gentle = braking <= _GENTLE_MPS2
         best = self.clock[rows].copy()
         for index, row in enumerate(rows.tolist()):
-            own = -np.diff(scene.speed_mps[row]).min(initial=0.0) / scene.step_s
-            limit = max(MAX_BRAKING_MPS2, own) + _TOLERANCE_MPS2
             keeps = scene.clocks.first_slow > scene.num_kept[row]
-            able = np.flatnonzero(keeps & (braking[index] <= MAX_BRAKING_MPS2))
-            cells = scene.clocks.cell[able]
-            for blocked in (near, hit):
-                free = able[~blocked[index].take(cells).any(axis=1)]
-                easy = free[gentle[index, free]]
+            ways = [(MAX_BRAKING_MPS2, scene.is_possible)]
+            if np.isfinite(scene.asked_mps2[row]).any():
+                ways.insert(0, (scene.asked_mps2[row, 1], scene.is_as_asked))
+            for (most, fits), table in product(ways, blocked):
+                able = np.flatnonzero(keeps & (braking[index] <= most))
+                free = able[~table[index].take(scene.clocks.cell[able]).any(axis=1)]
+                easy = free[braking[index, free] <= _GENTLE_MPS2]
                 some = np.concatenate([easy[:_MOST_CHECKED], free[:_MOST_CHECKED]])
-                some = some[scene.hardest_braking(row, some) <= limit]
+                some = some[fits(row, some)]
                 if len(some):
                     best[index] = some[0]
                     break

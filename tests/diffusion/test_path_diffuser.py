@@ -86,8 +86,7 @@ def test_agents_yield_unless_there_are_no_tries_or_they_shall_not(
         _scenario: Scenario,
         _rows: object,
         sample: TrafficSample,
-        _kept: object,
-        _last: object,
+        _terms: object,
     ) -> Any:
         asked.append(sample)
         return sample, ("somebody",)
@@ -113,8 +112,7 @@ def test_slowed_agents_are_named_where_states_are_sampled_too(
         _scenario: Scenario,
         _rows: object,
         sample: TrafficSample,
-        _kept: object,
-        _last: object,
+        _terms: object,
     ) -> Any:
         return sample, sample.ids[:1]
 

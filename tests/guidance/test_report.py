@@ -41,6 +41,15 @@ def recorded(shift_m: float = 0.0, pace: float = 1.0) -> TrafficSample:
     )
 
 
+def braking() -> TrafficSample:
+    """The same, but the second agent stops within a second."""
+    sample = recorded()
+    position = sample.position_m.copy()
+    time = np.minimum(0.1 * np.arange(position.shape[1]), 1.0)
+    position[1, :, 0] = -30 + 5 * time - 2.5 * time**2
+    return replace(sample, position_m=position)
+
+
 @pytest.mark.parametrize(
     ("term", "error", "is_obeyed"),
     [
@@ -79,6 +88,10 @@ def test_slowed_agents_and_absent_ones():
     (found,) = term_outcomes(SCENE, recorded(), (goal,), (goal,), ("100",))
     assert "slowed to avoid a collision" in found.achieved
     assert not found.is_feasible
+    (found,) = term_outcomes(SCENE, braking(), (ComfortLimits(),), (), ("101",))
+    assert "more braking, slowed to avoid a collision" in found.achieved
+    (found,) = term_outcomes(SCENE, braking(), (ComfortLimits(),), (), ("100",))
+    assert "slowed" not in found.achieved
     only = recorded()
     only = TrafficSample(
         ids=only.ids[1:],

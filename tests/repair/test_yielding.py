@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from benchmarks.repair import at_constant_velocity
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
+from pd_editor.metrics.motion.kinematics import WINDOW_STEPS, derivative_operators
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.repair.yielding import (
     MAX_BRAKING_MPS2,
@@ -155,3 +156,21 @@ def test_of_two_the_one_that_yields_last_drives_on() -> None:
     assert conflicts(driven(scenario, found)) == set()
     # It yields where the other one cannot.
     assert yielding(agents, NOW, last, STEP_S, yields_last=last).row.tolist() == [usual]
+
+
+@pytest.mark.parametrize(("standing_m", "is_gentle"), [(25.0, True), (13.0, False)])
+def test_an_agent_brakes_no_harder_than_asked_where_that_is_enough(
+    standing_m: float, is_gentle: bool
+) -> None:
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 7), (standing_m, 0, 0, 0)]))
+    agents, first = scenario.agents, np.array([True, False])
+
+    def hardest(asked_mps2: float | None) -> float:
+        asked = None if asked_mps2 is None else np.full((2, 2), asked_mps2)
+        found = yielding(agents, NOW, first, STEP_S, asked_mps2=asked)
+        assert conflicts(driven(scenario, found)) == set()
+        _, second, _ = derivative_operators(60, WINDOW_STEPS, STEP_S)
+        return -(second @ found.position_m[0, :, 0]).min()
+
+    assert hardest(None) > 2.0
+    assert bool(hardest(2.0) <= 2.0) is is_gentle

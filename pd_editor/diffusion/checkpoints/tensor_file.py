@@ -163,7 +163,7 @@ def config_from_json(
 
     A field that is newer than the file has the value of its metadata ``when_absent``,
     which describes networks before the field existed. With ``takes_defaults`` other
-    missing fields have their defaults.
+    missing fields have their defaults. ``FORMER_FIELDS`` of the type are left out.
 
     Raises:
         ModelError: fields are missing, unknown, or hold something else.
@@ -180,7 +180,8 @@ def config_from_json(
         for one in known
         if "when_absent" in one.metadata
     }
-    values = earlier | dict(values)
+    former = getattr(config_type, "FORMER_FIELDS", frozenset())
+    values = earlier | {name: one for name, one in values.items() if name not in former}
     other = sorted(kinds.keys() ^ values.keys())
     if other:
         raise ModelError(

@@ -18,6 +18,7 @@ from pd_editor.diffusion.checkpoints.model_folder import (
 )
 from pd_editor.diffusion.checkpoints.tensor_file import read_tensors, write_tensors
 from pd_editor.diffusion.stages import STAGE_KINDS
+from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.errors import ModelError
 from pd_editor.generators import SHIPPED_MODEL
 from pd_editor.installed_files import models_folder
@@ -236,11 +237,15 @@ def test_sampling_settings_are_stored_with_the_model(shipped_copy):
     assert listed["traj"]["sampling"]["guidance"]["weight"] == 0.8
     changed(
         shipped_copy,
-        lambda c: c["stages"]["traj"].update(sampling={"sampler": {"num_steps": 7}}),
+        lambda c: c["stages"]["traj"].update(
+            sampling={"sampler": {"num_steps": 7}, "terms": {"comfort_m": 0.15}}
+        ),
     )
     sampling = load_model(shipped_copy, STAGE_KINDS).stage("traj").sampling
     assert sampling["sampler"].num_steps == 7
     assert sampling["guidance"].weight == 0.8
+    # A setting that is gone is left out.
+    assert sampling["terms"] == TermGuidance()
 
 
 @pytest.mark.parametrize(

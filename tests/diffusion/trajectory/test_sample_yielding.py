@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from pd_editor.diffusion.trajectory.sample_yielding import with_yielding
 from pd_editor.generation import TrafficSample
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.guidance_terms import ComfortLimits
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
@@ -137,3 +138,19 @@ def test_agents_wait_after_what_is_locked_of_their_trajectory():
             assert overlaps_later(with_sample(scenario, rows, sample)) == set()
             speed = np.diff(sample.position_m[0, :, 0]) / 0.1
             assert np.diff(speed).min() > -0.1 * 5.0
+
+
+def test_agents_with_comfort_limits_brake_gently_where_that_is_enough():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 7), (25, 0, 0, 0)]))
+    rows = np.array([0])
+    asked = straight_on(scenario, rows)
+    limits = ComfortLimits(max_braking_mps2=2.0)
+    for terms, is_gentle in (
+        ((), False),
+        ((limits,), True),
+        ((replace(limits, agent_ids=(scenario.agents.ids[1],)),), False),
+    ):
+        sample, waiting = with_yielding(scenario, rows, asked, terms)
+        assert waiting == (scenario.agents.ids[0],)
+        speed = np.diff(sample.position_m[0, :, 0]) / 0.1
+        assert bool(np.diff(speed).min() > -0.1 * 2.1) is is_gentle

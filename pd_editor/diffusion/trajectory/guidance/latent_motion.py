@@ -13,6 +13,7 @@ from torch import Tensor
 from pd_editor.diffusion.inputs.trajectory_pca import NUM_ALONG
 from pd_editor.diffusion.trajectory.network.decoding import STAYS_M, TrajectoryDecoder
 from pd_editor.features.encoded_scene import LATENT_SIZE
+from pd_editor.metrics.motion.kinematics import WINDOW_STEPS, derivative_operators
 from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
 
 
@@ -178,13 +179,15 @@ class LatentMotion:
 def _derivatives(
     values: Float[Tensor, "N T"], first_rate: Float[Tensor, "N"], step_s: float
 ) -> Float[Tensor, "3 N T"]:
-    """Values with their first and second derivatives; the first rate is given."""
+    """Values with their first and second derivatives; the first rate is given.
+
+    The second ones are those of the metrics, in which limits are told.
+    """
+    num_steps = values.shape[-1]
     rate = torch.empty_like(values)
     rate[:, 0] = first_rate
     rate[:, 1:-1] = (values[:, 2:] - values[:, :-2]) / (2 * step_s)
     rate[:, -1] = (values[:, -1] - values[:, -2]) / step_s
-    second = torch.empty_like(values)
-    second[:, 0] = ((values[:, 1] - values[:, 0]) / step_s - first_rate) * 2 / step_s
-    second[:, 1:-1] = (values[:, 2:] - 2 * values[:, 1:-1] + values[:, :-2]) / step_s**2
-    second[:, -1] = second[:, -2]
-    return torch.stack([values, rate, second])
+    _, second, _ = derivative_operators(num_steps, min(WINDOW_STEPS, num_steps), step_s)
+    fits = torch.from_numpy(second.copy()).to(values)
+    return torch.stack([values, rate, values @ fits.mT])

@@ -13,8 +13,6 @@ from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotio
 from pd_editor.diffusion.trajectory.guidance.target_motion import (
     Curves,
     TargetMotion,
-    accelerated_in_time,
-    braked_in_time,
     distances,
     extended,
     predicted_curves,
@@ -25,6 +23,7 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
     GuidedAgents,
     ResidualRows,
     TermContext,
+    row_weights,
 )
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
@@ -191,33 +190,38 @@ class ComfortTerm(AgentsTerm):
         )
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
-        """Residuals of the agents that are predicted to exceed a limit."""
-        config, pace = self.config, _Pace.of(motion, self.agents)
-        speed = pace.speed_mps
-        direction = pace.curves.direction
-        turn = torch.nn.functional.pad(
-            (
-                direction[..., :-2, 0] * direction[..., 2:, 1]
-                - direction[..., :-2, 1] * direction[..., 2:, 0]
-            ),
-            (1, 1),
+        """Residuals at the steps at which a limit is exceeded; paths are held."""
+        config, agents = self.config, self.agents
+        heading = motion.heading_rad[:, agents]
+        ahead = torch.stack([heading.cos(), heading.sin()], dim=-1)
+        left = torch.stack([-heading.sin(), heading.cos()], dim=-1)
+        position = (motion.position_m[:, agents] * left).sum(-1)
+        along, across = (
+            (motion.acceleration_mps2[:, agents] * one).sum(-1) for one in (ahead, left)
         )
-        bend = turn.abs() / (2 * motion.step_s * speed).clamp_min(0.1)
-        slow = (self.max_lateral_mps2 / bend.clamp_min(1e-3)).sqrt()
-        kept = braked_in_time(
-            speed.minimum(slow.maximum(speed.new_tensor(1.0))),
-            self.max_braking_mps2,
-            motion.step_s,
-        )
-        kept = accelerated_in_time(kept, self.max_acceleration_mps2, motion.step_s)
-        along = distances(kept, motion.step_s)
-        return TargetMotion.along(self.agents, pace.curves, along, motion.step_s).rows(
-            along_m=config.comfort_m,
-            speed_mps=config.comfort_mps,
-            across_m=config.held_path_m,
-            strength=self.guided.weight,
-            is_wanted=pace.changed(along),
-        )
+        margin = config.comfort_margin_mps2
+        kept = along.minimum(self.max_acceleration_mps2 - margin)
+        kept = kept.maximum(margin - self.max_braking_mps2)
+        bent = across.minimum(self.max_lateral_mps2 - margin)
+        bent = bent.maximum(margin - self.max_lateral_mps2)
+        exceeds = (kept != along) | (bent != across)
+        held = exceeds.any(dim=-1, keepdim=True).expand_as(exceeds)
+        return [
+            ResidualRows(
+                agents=agents,
+                order=order,
+                direction=direction,
+                target=target,
+                weight=torch.where(
+                    wanted, row_weights(accepted, self.guided.weight, target), 0.0
+                ),
+            )
+            for order, direction, target, accepted, wanted in (
+                (2, ahead, kept, config.comfort_mps2, kept != along),
+                (2, left, bent, config.comfort_mps2, bent != across),
+                (0, left, position, config.held_path_m, held),
+            )
+        ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -204,7 +204,7 @@ def distances(
 
 def braked_in_time(
     speed_mps: Float[Tensor, "S G T"],
-    braking_mps2: float | Float[Tensor, "G 1"],
+    braking_mps2: float,
     step_s: float,
 ) -> Float[Tensor, "S G T"]:
     """Speeds that brake at most so hard, and early enough for the later ones."""
@@ -214,17 +214,6 @@ def braked_in_time(
     possible = later - lost
     # The current speed is given: from it on, braking takes its time.
     return torch.maximum(possible, (speed_mps[..., :1] - lost).clamp_min(0.0))
-
-
-def accelerated_in_time(
-    speed_mps: Float[Tensor, "S G T"],
-    acceleration_mps2: float | Float[Tensor, "G 1"],
-    step_s: float,
-) -> Float[Tensor, "S G T"]:
-    """Speeds that accelerate at most so hard."""
-    count = speed_mps.shape[-1]
-    gained = acceleration_mps2 * step_s * torch.arange(count).to(speed_mps)
-    return (speed_mps - gained).cummin(dim=-1).values + gained
 
 
 def _nodes(

@@ -1,6 +1,7 @@
 """Settings of guidance terms, stored with a model."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from pd_editor.diffusion.core.config_limits import check_settings
 
@@ -8,6 +9,8 @@ from pd_editor.diffusion.core.config_limits import check_settings
 @dataclass(frozen=True, kw_only=True)
 class TermGuidance:
     """Strengths, accepted deviations and schedule of guidance terms."""
+
+    FORMER_FIELDS: ClassVar[frozenset[str]] = frozenset({"comfort_m", "comfort_mps"})
 
     first_level: float = 1.0
     """There is no guidance above this noise level."""
@@ -38,10 +41,10 @@ class TermGuidance:
     """Accepted deviation along a path in the time that speeds are asked for."""
     speed_mps: float = 0.3
     """Accepted deviation of these speeds."""
-    comfort_m: float = 0.15
-    """Accepted deviation along a path where accelerations are limited."""
-    comfort_mps: float = 0.1
-    """Accepted deviation of speeds there."""
+    comfort_mps2: float = 0.05
+    """Accepted deviation of accelerations from their limits."""
+    comfort_margin_mps2: float = 0.1
+    """How far below limits of acceleration agents are asked to stay."""
     held_path_m: float = 0.6
     """Accepted deviation to the side of a prediction that is retimed."""
     stop_m: float = 0.1
