@@ -36,17 +36,12 @@ def finding_cures(
     alike: Collection[Finding],
     untouched: Collection[str] = (),
 ) -> tuple[Cure, ...]:
-    """Find cures of one finding.
+    """Find cures of one finding; ``alike`` are all findings of its metric.
 
     A finding that is a problem as well has the cures of that problem. Of the others,
     commands are tried on the scenario, which does not change: a command is offered if
-    the finding is gone after it and there are not more problems than before.
-
-    Args:
-        scenario: scenario with the finding.
-        finding: finding to cure.
-        alike: all findings of its metric, including this one.
-        untouched: ids of agents that move as recorded.
+    the finding is gone after it and there are not more problems than before. Agents
+    with ``untouched`` ids move as recorded.
     """
     if not finding.is_fault and finding.metric != "lateral_deviation_mean":
         return ()

@@ -37,17 +37,12 @@ def cures(
     problems: Collection[SceneProblem],
     untouched: Collection[str] = (),
 ) -> tuple[Cure, ...]:
-    """Find cures of one problem.
+    """Find cures of one of several problems; ``untouched`` agents move as recorded.
 
     Commands are tried on the scenario, which does not change: a command is offered if
-    the problem is gone after it and there are fewer problems than before. It is not known
-    beforehand whether regenerated trajectories help, so they are offered if possible.
-
-    Args:
-        scenario: scenario with the problem.
-        problem: problem to cure.
-        problems: all problems, including this one.
-        untouched: ids of agents that move as recorded.
+    the problem is gone after it and there are fewer problems than before. It is not
+    known beforehand whether regenerated trajectories help, so they are offered if
+    possible.
     """
     offered: list[Cure] = []
     if problem.kind in _LATER:

@@ -92,14 +92,10 @@ class EditorSession:
         max_undo: int = 200,
         base_files: Mapping[str, bytes] | None = None,
     ) -> None:
-        """Open a scenario.
+        """Open a scenario, the base of all edits, of which ``max_undo`` can be undone.
 
-        Args:
-            scenario: base of all edits.
-            clock: returns seconds since 1970.
-            journal: records every commit, undo and redo.
-            max_undo: number of edits that can be undone.
-            base_files: the scenario's files if it cannot be opened from its source.
+        The clock returns seconds since 1970. ``base_files`` are the scenario's files if
+        it cannot be opened from its source.
         """
         self._clock = clock
         self._journal = journal

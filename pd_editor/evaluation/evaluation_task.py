@@ -42,11 +42,8 @@ class EvaluationTask:
     ) -> GenerationRequest:
         """Request that every method gets.
 
-        Args:
-            recorded: Recorded scene, which determines the evaluated agents.
-            scenario: The same scene under the road condition.
-            num_samples: Number of samples of each scene.
-            seed: Seed of the scene.
+        The recorded scene determines the evaluated agents; ``scenario`` is the same
+        scene under the road condition.
 
         Raises:
             GenerationError: no road user is left.

@@ -31,12 +31,7 @@ class PackedScene(SceneTokens):
     has_future: Bool[np.ndarray, "A"]
 
     def with_agents(self, count: int, **known: np.ndarray) -> "PackedScene":
-        """Append agents of which only some fields are known.
-
-        Args:
-            count: how many.
-            known: values [count ...] by the names of fields.
-        """
+        """Append agents of which only some fields are known, by their names."""
         changed = {}
         for field in (*SCENE_FIELDS, *CANDIDATE_FIELDS):
             if field.axis == "agent":

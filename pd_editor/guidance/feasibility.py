@@ -56,12 +56,9 @@ def guidance_problems(
     terms: Sequence[GuidanceTerm],
     agent_ids: Sequence[str] | None = None,
 ) -> tuple[GuidanceProblem, ...]:
-    """Problems of terms before a run.
+    """Problems of terms before a run; terms that are off have none.
 
-    Args:
-        scenario: scenario that trajectories are generated for.
-        terms: terms, including those that are off, which have no problems.
-        agent_ids: agents whose trajectories are generated; None: not known yet.
+    ``agent_ids`` are those whose trajectories are generated; None: not known yet.
     """
     found: list[GuidanceProblem] = []
     active = [term for term in terms if term.is_on and term.weight > 0]

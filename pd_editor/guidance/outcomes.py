@@ -72,12 +72,8 @@ def term_outcomes(
 ) -> tuple[TermOutcome, ...]:
     """Outcome of each term in a sample; none of agents that were not generated.
 
-    Args:
-        scenario: scenario that the sample was generated for, with its current states.
-        sample: generated trajectories.
-        terms: terms in force.
-        infeasible: terms that were known not to be feasible before the run.
-        slowed_ids: agents that were slowed afterwards to avoid a collision.
+    ``infeasible`` terms were known to be so before the run. Agents with ``slowed_ids``
+    were slowed afterwards to avoid a collision.
     """
     driven = Driven(scenario=scenario, sample=sample)
     found: list[TermOutcome] = []

@@ -34,12 +34,8 @@ def guidance_reports(
 ) -> tuple[GuidanceReport, ...]:
     """Reports on guided samples of the same agents.
 
-    Args:
-        scenario: scenario with the current states of all agents.
-        samples: guided samples.
-        terms: terms in force.
-        unguided: the unguided sample of the same seed for each, if they were made.
-        slowed_ids: agents of each sample that were slowed to avoid a collision.
+    ``unguided`` are the unguided samples of the same seed, if they were made. Agents
+    with ``slowed_ids`` were slowed to avoid a collision.
     """
     if not samples:
         return ()

@@ -120,10 +120,7 @@ def spread_pick(
 ) -> tuple[int, ...]:
     """Indices of the most diverse samples: each is the farthest from those before it.
 
-    Args:
-        samples: of one run.
-        count: how many to pick; all if there are fewer.
-        first: index of the first one.
+    All are picked if there are fewer than ``count``.
     """
     if not samples:
         return ()

@@ -94,13 +94,7 @@ def boxes_ahead(
     """Find the boxes on the paths of drivers, within ``LOOKAHEAD_M``.
 
     A box is on the path if the driver's box, moved along the path, would touch it.
-
-    Args:
-        paths: all paths.
-        path: index of each driver's path.
-        place_m: arc length of each driver on its path.
-        rows: rows of the drivers among the boxes.
-        boxes: all agents.
+    ``rows`` are those of the drivers among the boxes.
     """
     num_points = paths.heading_rad.shape[1]
     window = np.arange(int(LOOKAHEAD_M / SPACING_M))

@@ -53,12 +53,7 @@ def worst_of_scenes(cases: Sequence[WorstCase], count: int) -> tuple[WorstCase, 
 
 
 def export_case(case: WorstCase, item: StudyItem, out: Path) -> GalleryEntry:
-    """Make a variant again, and export it with its recipe.
-
-    Args:
-        case: the variant.
-        item: any item of the same scene, method and seed.
-        out: folder that receives the scenario's folder.
+    """Make a variant again from an item of its scene, method and seed, and export it.
 
     Raises:
         PdEditorError: the method fails, or the folder cannot be written.

@@ -95,15 +95,7 @@ def run_whole_study(
 ) -> Study:
     """Run the variants and the searches, export the worst, write the report.
 
-    Args:
-        plan: the study.
-        extras: what is done after the variants.
-        found: the scenes.
-        folder: where results are written.
-        engine: where items run.
-        command: shell command of the study, for the report.
-        progress_of: makes displays of progress.
-        on_rows: called with the rows of each finished item.
+    ``on_rows`` is called with the rows of each finished item.
 
     Raises:
         ExportError: a file cannot be written.

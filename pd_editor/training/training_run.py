@@ -159,16 +159,6 @@ def run_asked_for(
 ) -> RunOutcome:
     """Prepare the data, train, and write a model to the run's folder.
 
-    Args:
-        request: Requested settings.
-        folder: New folder, or that of the run to resume.
-        cache: Folder of prepared scenes.
-        hardware: Devices and threads.
-        resume: Resume from the folder's checkpoint.
-        monitoring: What is watched besides the losses.
-        on_preparation: Called with the progress of the preparation.
-        on_progress: Called with the progress of the training.
-
     Raises:
         PdEditorError: data, folder or hardware cannot be used, or training failed.
     """

@@ -63,11 +63,7 @@ class BrowserSession:
     ) -> None:
         """Prepare the session; ``start`` builds the page on the session's own thread.
 
-        Args:
-            client: the connection.
-            workspace: what it works on.
-            generators: what generates traffic.
-            is_debug: whether viser's own settings are offered.
+        With ``is_debug`` viser's own settings are offered.
         """
         self._client = client
         self._is_debug = is_debug

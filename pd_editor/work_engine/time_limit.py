@@ -28,9 +28,6 @@ def time_limit(limit_s: float | None) -> Iterator[None]:
     to Python in time ends the worker process, whose other items run again elsewhere.
     Outside a main thread, and where the system has no timers, there is no limit.
 
-    Args:
-        limit_s: the limit; None for none.
-
     Raises:
         TimeLimitError: the time is over.
     """

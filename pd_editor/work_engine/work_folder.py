@@ -62,13 +62,9 @@ class ResumableFolder(WorkFolder):
     def __init__(
         self, path: Path, settings: "DataclassInstance", *, work: str, resume: bool
     ) -> None:
-        """Create the folder, or resume the one of an earlier run.
+        """Create the folder, or resume the one of an earlier run with equal settings.
 
-        Args:
-            path: the folder.
-            settings: settings that must be equal for finished parts to be reused.
-            work: name of the work for messages, such as "evaluation".
-            resume: whether to reuse finished parts.
+        ``work`` is its name in messages, such as "evaluation".
 
         Raises:
             ExportError: the folder cannot be written, or holds something else.

@@ -92,15 +92,10 @@ class TrainedModel:
 def save_model(
     folder: Path, stages: Mapping[str, TrainedStage], *, half: bool = False
 ) -> None:
-    """Write a model folder.
+    """Write a model folder, in which stages of the same names are replaced.
 
     The list of files with hashes is written last, so that an incomplete folder is
-    detected when it is read.
-
-    Args:
-        folder: Created if needed; stages of the same names are replaced.
-        stages: Stages by name.
-        half: Store the weights in float16, for shipping.
+    detected when it is read. With ``half`` weights are float16, for shipping.
 
     Raises:
         ModelError: the folder cannot be written.

@@ -47,10 +47,7 @@ class Mask(NamedTuple):
 def grouped(masks: Sequence[Mask], numbers: Sequence[int], like: Tensor) -> Mask:
     """One mask [*b G M] of G groups of keys side by side: row g sees those of group g.
 
-    Args:
-        masks: of each group, of shape [*b 1 K].
-        numbers: of keys of each group.
-        like: a tensor on the device of the masks.
+    ``masks`` [*b 1 K] and ``numbers`` are of the keys of each group.
     """
     if len(masks) == 1:
         return masks[0]

@@ -165,11 +165,7 @@ def output_factors(
     """Factors of the input, of the skipped input and of the network's output.
 
     The clean sample is ``skip * noisy + out * output`` for noisy samples of signal 1.
-
-    Args:
-        prediction: ``noise`` if the output is the noise, of either sign.
-        sigma: standard deviation of the noise.
-        spread: standard deviation of clean samples.
+    The prediction ``noise`` is the noise, of either sign.
     """
     factor_in, skip, out = preconditioning(sigma, spread)
     if prediction == "noise":
@@ -182,13 +178,8 @@ def preconditioning(
 ) -> tuple[Float[Tensor, "*b P"], Float[Tensor, "*b P"], Float[Tensor, "*b P"]]:
     """Factors of the input, of the skipped input and of the network's output.
 
-    With them, input and target of the network are of unit size at each level.
-
-    Args:
-        sigma: standard deviation of the noise.
-        spread: standard deviation of clean samples.
-
-    Source: Karras et al., Elucidating the design space of diffusion models, 2022.
+    With them, input and target of the network are of unit size at each level. Source:
+    Karras et al., Elucidating the design space of diffusion models, 2022.
     """
     total = sigma.square() + spread.square()
     return total.rsqrt(), spread.square() / total, sigma * spread * total.rsqrt()

@@ -77,13 +77,10 @@ class SceneStreams(RandomStreams):
         samples: Sequence[int],
         rows: Sequence[tuple[int, Int[np.ndarray, "_"]]],
     ) -> None:
-        """Make the generators.
+        """Make the generators of a stage, one per sample.
 
-        Args:
-            seed: of all samples.
-            stage: name of the stage.
-            samples: index of each scene's sample.
-            rows: number of agents of each whole scene, and which of them it keeps.
+        ``rows`` are the number of agents of each whole scene, and which of them it
+        keeps.
         """
         super().__init__(seed, stage, samples)
         self._rows = tuple(rows)

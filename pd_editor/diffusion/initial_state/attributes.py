@@ -47,13 +47,6 @@ def with_attributes(
     Attributes that the request leaves open are sampled as on similar roads. Without a
     request agents are unconditioned: the network samples which ones park.
 
-    Args:
-        task: conditioning of B scenes.
-        scene: the same scenes.
-        counts: counts of training squares.
-        randoms: random generator of each scene.
-        request: requested attributes.
-
     Raises:
         GenerationError: attributes are requested, but there are no training squares.
     """

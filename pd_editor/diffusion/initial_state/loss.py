@@ -74,18 +74,9 @@ def initial_state_loss(
     progress: float = 1.0,
     config: InitialStateLossConfig | None = None,
 ) -> tuple[Float[Tensor, ""], dict[str, Float[Tensor, ""]]]:
-    """Mean squared error of the network at random levels, and its parts.
+    """Mean squared error of the network at random levels, and its unweighted parts.
 
-    Args:
-        model: the network.
-        scene: clean scenes.
-        random: random generator on the CPU.
-        progress: share of the training that is done.
-        config: settings of the loss.
-
-    Returns:
-        The loss, and its terms before weighting: position, heading, speed, activity,
-        overlap.
+    ``random`` is on the CPU; ``progress`` is the share of the training that is done.
     """
     config = InitialStateLossConfig() if config is None else config
     scene, task = training_task(

@@ -182,13 +182,7 @@ class SquareTask:
     def of(
         cls, scenario: Scenario, kept: Scenario, sample: int, placing: SquarePlacement
     ) -> "SquareTask":
-        """Make a task.
-
-        Args:
-            scenario: the scenario, which still contains the agents to resample.
-            kept: the scenario without the agents to place.
-            sample: index of the sample.
-            placing: agents to place.
+        """Make a task; ``kept`` is the scenario without the agents to place.
 
         Raises:
             GenerationError: there is no road, or an agent is no road user.
@@ -242,17 +236,8 @@ def place_in_squares(
     """Sample initial states square by square; returns each sample's scenario.
 
     All samples of a square are denoised in one batch. Each square is conditioned on the
-    agents of the sample that were placed before. Placed agents exist at the current step
-    only. Yields ``progress`` of the share that is done.
-
-    Args:
-        model: The network.
-        scenario: The scenario, which still contains the agents to resample.
-        placings: Squares of each sample, by the index of the sample.
-        seed: Of all samples.
-        sampler: Steps and noise.
-        guidance: Of predicted states.
-        progress: What to yield at each share that is done.
+    agents of the sample that were placed before. Placed agents exist at the current
+    step only. Yields ``progress`` of the share that is done.
 
     Raises:
         GenerationError: there is no road where agents are to be placed.

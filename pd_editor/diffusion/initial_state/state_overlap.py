@@ -62,9 +62,7 @@ class OverlapVectors:
     ) -> Complex[Tensor, "*b A A"]:
         """Displacement of the first agent of each pair; 0 if they do not overlap.
 
-        Args:
-            place_m: positions as complex numbers.
-            axis: headings as complex numbers of length one.
+        Positions and axes (headings of length one) are complex numbers.
         """
         discs = place_m[..., None] + axis[..., None] * self.reach_m
         offset = discs[..., :, None, :, None] - discs[..., None, :, None, :]

@@ -20,10 +20,8 @@ def attention_scores(
 ) -> tuple[AttentionScores, ...]:
     """Variances of attention scores of each system with an own first stage.
 
-    Args:
-        trained: the models.
-        folders: folder of each model, by its name as a method.
-        scenes: folders of scenarios; the first few are used.
+    ``folders`` are of models by their names as methods; of ``scenes`` the first few are
+    used.
     """
     from pd_editor.diffusion.checkpoints.model_folder import load_model
     from pd_editor.diffusion.initial_state.network.attention_probe import (

@@ -31,17 +31,10 @@ def paper_report(
     plain: bool,
     warped: bool,
 ) -> Report:
-    """The report.
+    """The report, on trajectories on plain and on warped roads if they were evaluated.
 
-    Args:
-        trained: the models.
-        rows: of initial states, of the paper's agents, and of all agents.
-        scores: attention scores of the first stages.
-        splits: splits of the scenes; the tables are of the headline ones.
-        records: of the evaluations.
-        command: that reproduces it.
-        plain: whether trajectories are evaluated on plain roads.
-        warped: whether they are evaluated on warped roads.
+    ``rows`` are of initial states, of the paper's agents, and of all agents; the tables
+    are of the headline splits.
     """
     states, paper, everyone = rows
     return Report(

@@ -185,12 +185,8 @@ def trajectory_tables(
 ) -> tuple[ReportTable, ...]:
     """Tables III and IV on plain and on warped roads, in both kinds of columns.
 
-    Args:
-        paper: rows of the paper's agents.
-        everyone: rows of all agents.
-        plain: whether there are plain roads.
-        warped: whether there are warped roads.
-        saw_warps: systems that were trained on warped roads, which are marked.
+    ``paper`` are rows of the paper's agents, ``everyone`` of all. Systems that
+    ``saw_warps`` in their training are marked.
     """
     found = []
     for number, title, columns, corrected in (

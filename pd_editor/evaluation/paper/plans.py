@@ -67,12 +67,9 @@ def paper_plan(
     trained: Sequence[Trained],
     make_generator: Callable[[str], ScenarioGenerator],
 ) -> PaperPlan:
-    """The evaluations of some models.
+    """The evaluations of some models, each in the tables of its own stages.
 
-    Args:
-        base: data, road conditions of trajectories, samples and seed.
-        trained: the models; each counts in the tables of its own stages.
-        make_generator: factory of generators by name.
+    ``base`` has data, road conditions of trajectories, samples and seed.
     """
 
     def entries(stage: str, references: Sequence[str]) -> tuple[Entry, ...]:

@@ -76,9 +76,8 @@ def trained_systems(
 ) -> tuple[Trained, ...]:
     """Find the models of folders; ``NAME-seedK`` is system NAME, trained with seed K.
 
-    Args:
-        roots: folders of models, or of such folders.
-        shipped: names and folders of generators of the program.
+    Roots are folders of models, or of such folders; ``shipped`` are names and folders
+    of generators of the program.
 
     Raises:
         InputError: a root holds no model.

@@ -127,10 +127,6 @@ class FigureScenes:
 def figure_scenes(roots: Sequence[Path], *, samples_states: bool) -> FigureScenes:
     """At most ``MAX_SCENES`` scenes below the roots, evenly distributed.
 
-    Args:
-        roots: Roots of Argoverse 2 datasets.
-        samples_states: Whether states are sampled, or trajectories from recorded ones.
-
     Raises:
         InputError: there are no scenario folders below the roots.
     """

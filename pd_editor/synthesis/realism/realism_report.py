@@ -104,12 +104,9 @@ def realism_report(
     real: Iterable[Scenario],
     other_real: Iterable[Scenario] = (),
 ) -> RealismReport:
-    """Compare scenes with real ones, quantity by quantity.
+    """Compare scenes with real ones of equal format and extent, quantity by quantity.
 
-    Args:
-        synthetic: scenes under test, of the format and extent of real ones.
-        real: reference scenes.
-        other_real: further real scenes, whose distance is a reference.
+    The distance of ``other_real`` scenes is a reference.
 
     Raises:
         InputError: there are no synthetic or no real scenes.

@@ -28,14 +28,7 @@ class BatchSampler:
         batch_size: int,
         seed: int,
     ) -> None:
-        """Make a sampler.
-
-        Args:
-            rows_of_root: Rows of the scenes of each root.
-            size: Sizes of all N scenes.
-            shares: Share of each root in a batch.
-            batch_size: Scenes per batch.
-            seed: Random seed.
+        """Make a sampler of batches, in which each root has its share.
 
         Raises:
             TrainingError: the batch is too small for the number of roots.

@@ -16,10 +16,7 @@ def prefetched(
 ) -> Generator[Iterator[_Item], None, None]:
     """Iterator over ``make(first)``, ``make(first + 1)`` and so on, made in another thread.
 
-    Args:
-        make: Called in order; the iterator raises its exceptions.
-        first: Index of the first item.
-        ahead: Largest number of items that are ready ahead.
+    At most ``ahead`` items are ready; exceptions of ``make`` are raised in order.
     """
     with ThreadPoolExecutor(1, thread_name_prefix="prefetch") as thread:
         waiting = deque(thread.submit(make, first + index) for index in range(ahead))

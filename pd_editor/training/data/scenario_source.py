@@ -89,12 +89,9 @@ class Av2Root:
     is_simulated = False
 
     def __init__(self, path: Path, windows: int = 1) -> None:
-        """List the scenarios' folders.
+        """List the scenarios' folders, each used at several current steps.
 
-        Args:
-            path: a folder of the dataset.
-            windows: number of current steps at which each scenario is used; earlier
-                steps are possible because the networks use no history.
+        Earlier steps are possible because the networks use no history.
 
         Raises:
             InputError: there is no such folder, or no scenario in it.

@@ -65,17 +65,8 @@ def prepared_data(
     """Prepare the scenes of the roots, or load those of an earlier run.
 
     Of several concurrent runs one prepares and the others wait. An interrupted
-    preparation is resumed.
-
-    Args:
-        roots: roots of Argoverse 2 datasets or shards.
-        cache: folder of prepared scenes.
-        basis: trajectory basis; None fits one to the data.
-        copies: number of independently augmented copies of each scenario.
-        windows: number of current steps at which each scenario of Argoverse 2 is used.
-        augmentation: augmentation of scenarios; None for none.
-        workers: number of processes.
-        on_progress: called with the progress of the preparation.
+    preparation is resumed. Without a basis, one is fitted to the data; ``copies`` of
+    each scenario are augmented independently.
 
     Raises:
         InputError: a root is neither a dataset nor shards.
@@ -144,13 +135,7 @@ def training_data(
     seed: int,
     validation: FeatureStore | None = None,
 ) -> TrainingData:
-    """Divide scenes into training and validation scenes.
-
-    Args:
-        store: training scenes; a part is held out if ``validation`` is None.
-        budget: share and limit of held-out scenes.
-        seed: seed of the choice.
-        validation: validation scenes.
+    """Make training and validation scenes; hold some out without the latter.
 
     Raises:
         TrainingError: a root has too few scenes.

@@ -6,13 +6,7 @@ from typing import Any
 
 
 def loss_curves_png(entries: Sequence[dict[str, Any]], title: str) -> bytes:
-    """Plot training and held-out losses over minutes, total and parts, as a PNG.
-
-    Args:
-        entries: Entries of a run's log, with ``minutes``, ``loss``, ``parts``, and
-            ``held_out`` for validations.
-        title: Title of the plot.
-    """
+    """Plot training and held-out losses over minutes, total and parts, as a PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.ticker import ScalarFormatter

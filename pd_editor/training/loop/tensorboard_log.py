@@ -29,9 +29,7 @@ def check_installed() -> None:
 def tensorboard_log(run: RunFolder, first_step: int) -> Iterator[None]:
     """Write the entries of a run's log for TensorBoard too, within the context.
 
-    Args:
-        run: Folder of the run.
-        first_step: First step to come; such steps of an earlier log are hidden.
+    Steps of an earlier log from ``first_step`` on are hidden.
     """
     from torch.utils.tensorboard import SummaryWriter
 

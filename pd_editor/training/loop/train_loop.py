@@ -127,17 +127,11 @@ class TrainLoop:
         is_stopped: Callable[[], bool] = lambda: False,
         on_checkpoint: Callable[[], None] = lambda: None,
     ) -> Iterator[TrainingProgress]:
-        """Train until the budget is spent or a stop is requested.
+        """Train until the budget is spent or a stop is requested, yielding progress.
 
         A checkpoint is written every few minutes and at the end. If a caller stops
-        iterating, steps after the last checkpoint are lost.
-
-        Args:
-            is_stopped: Called after each step; true stops the training.
-            on_checkpoint: Called after each checkpoint, on the first process.
-
-        Yields:
-            Progress, every few steps.
+        iterating, steps after the last checkpoint are lost. ``is_stopped`` is called
+        after each step, ``on_checkpoint`` after each checkpoint on the first process.
 
         Raises:
             TrainingError: the loss is not finite.

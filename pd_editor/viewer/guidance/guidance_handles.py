@@ -53,11 +53,8 @@ class GuidanceHandles:
     ) -> None:
         """Show nothing yet.
 
-        Args:
-            ui: the tab's session.
-            overlay: the elements over the picture.
-            notes: what is wrong with terms, by their indices.
-            on_chosen: called with the index of the term whose mark is clicked.
+        ``notes`` are what is wrong with terms, by their indices; ``on_chosen`` is
+        called with the index of the term whose mark is clicked.
         """
         self._ui = ui
         self._overlay = overlay

@@ -87,16 +87,7 @@ class GuidancePanel:
         actions: GuidanceActions,
         on_chosen: Callable[[int | None], None],
     ) -> None:
-        """Build it into the current tab.
-
-        Args:
-            ui: the session and its page.
-            overlay: what draws the list.
-            guiding: the mode in which terms are drawn on the road.
-            notes: what is said of each term.
-            actions: what buttons do beyond the terms.
-            on_chosen: called with the index of the chosen term.
-        """
+        """Build it into the current tab; ``on_chosen`` hears of the chosen index."""
         self._ui = ui
         self._overlay = overlay
         self._guiding = guiding

@@ -91,14 +91,7 @@ class Guiding:
         banner: Banner,
         poses: Callable[[], AgentPoses | None],
     ) -> None:
-        """Make the mode, switched off.
-
-        Args:
-            ui: the tab's session.
-            overlay: the elements over the picture.
-            banner: the line that says what to do.
-            poses: agents as drawn now, among which one is picked.
-        """
+        """Make the mode, switched off; an agent is picked among the drawn poses."""
         self._ui = ui
         self._overlay = overlay
         self._banner = banner

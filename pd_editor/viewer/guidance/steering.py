@@ -56,12 +56,7 @@ class Steering:
     def build_panel(
         self, *, regenerate: Callable[[], None], is_running: Callable[[], bool]
     ) -> None:
-        """Build the panel into the current tab.
-
-        Args:
-            regenerate: starts a generation.
-            is_running: whether one is running.
-        """
+        """Build the panel into the current tab."""
         self._panel = GuidancePanel(
             self._ui,
             self._overlay,

@@ -41,12 +41,8 @@ def marks_of(
 ) -> list[dict[str, Any]]:
     """One mark per term that has a place on the road, and badges of the other terms.
 
-    Args:
-        scenario: whose terms.
-        poses: agents as they are drawn; arrows and badges follow them.
-        selection: selected agents; terms of others are drawn fainter.
-        notes: further lines of a term's tooltip, by its index.
-        chosen: index of the term whose row is chosen in the list.
+    Arrows and badges follow the drawn poses. Terms of agents that are not selected are
+    fainter. ``notes`` are further lines of a term's tooltip, by its index.
     """
     marks = []
     badges: dict[str, list[dict[str, Any]]] = {}

@@ -17,12 +17,7 @@ class AnchorGizmo:
     """A pose on the map that the user can drag and turn."""
 
     def __init__(self, ui: UiContext, on_moved: Callable[[str], None]) -> None:
-        """Show nothing yet.
-
-        Args:
-            ui: the tab's session and inbox.
-            on_moved: called with the phase of a drag: start, update or end.
-        """
+        """Show nothing yet; ``on_moved`` hears of start, updates and end of a drag."""
         self._ui = ui
         self._on_moved = on_moved
         self._handle: viser.TransformControlsHandle | None = None

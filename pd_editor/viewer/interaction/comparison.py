@@ -19,14 +19,7 @@ class Comparison:
         palette: Palette,
         on_change: Callable[[], None],
     ) -> None:
-        """Show no original yet.
-
-        Args:
-            ui: the tab's session.
-            overlay: hears the key, and shows what differs.
-            palette: colours of the theme.
-            on_change: called when the original is shown or hidden, to draw a frame.
-        """
+        """Show no original yet; ``on_change`` is called when it is shown or hidden."""
         self._ui = ui
         self._overlay = overlay
         self._view = OriginalView(ui.client, palette)

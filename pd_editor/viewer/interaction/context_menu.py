@@ -33,12 +33,7 @@ class ContextMenu:
     def __init__(
         self, overlay: Overlay, menu_at: Callable[[PointerRay], Menu | None]
     ) -> None:
-        """Listen to right clicks.
-
-        Args:
-            overlay: the elements over the picture.
-            menu_at: the menu for a ray; None for no menu.
-        """
+        """Listen to right clicks; ``menu_at`` is the menu for a ray, or None."""
         self._overlay = overlay
         self._menu_at = menu_at
         self._items: Sequence[MenuItem] = ()

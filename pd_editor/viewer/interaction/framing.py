@@ -100,13 +100,8 @@ def fitted(
 ) -> ViewPose:
     """The nearest pose in a direction that shows all points in the picture's free part.
 
-    Args:
-        points_m: what to show.
-        forward: where the camera looks; downwards.
-        up: what is up in the picture; not along ``forward``.
-        fov_rad: vertical field of view.
-        aspect: width of the picture by its height.
-        free: the part of the picture to use.
+    ``forward`` is downwards; ``up`` in the picture is not along it. The field of view
+    is vertical; ``aspect`` is width by height.
     """
     right, upwards, ahead = _axes(forward, up)
     middle = points_m.mean(axis=0)

@@ -31,14 +31,7 @@ class Hover:
         poses: Callable[[], AgentPoses | None],
         is_quiet: Callable[[], bool],
     ) -> None:
-        """Listen.
-
-        Args:
-            ui: the tab's session.
-            overlay: the elements over the picture.
-            poses: agents as drawn now.
-            is_quiet: whether the pointer is busy with something else.
-        """
+        """Listen; ``is_quiet``: the pointer is busy with something else."""
         self._ui = ui
         self._overlay = overlay
         self._poses = poses

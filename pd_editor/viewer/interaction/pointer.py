@@ -31,11 +31,8 @@ class Pointer:
     ) -> None:
         """Listen to the canvas.
 
-        Args:
-            ui: the tab's session and inbox.
-            agents_view: where agents are drawn now.
-            on_ground: called for every click on the ground; returns whether it handled
-                it (placing an agent, choosing a candidate).
+        ``on_ground`` is called for every click on the ground; it returns whether it
+        handled it (placing an agent, choosing a candidate).
         """
         self._ui = ui
         self._agents_view = agents_view

@@ -44,13 +44,8 @@ class AgentList:
     ) -> None:
         """Start closed.
 
-        Args:
-            ui: the session and its page.
-            overlay: where the list is shown.
-            problems: agents with a problem at any time, and those with one later.
-            on_pointed: called with the agent whose row is under the pointer, or None.
-            on_opened: called when the list was opened or closed.
-            on_lock: locks or unlocks the selection.
+        ``problems`` are agents with a problem at any time, and those with one later;
+        ``on_pointed`` is called with the agent whose row is under the pointer, or None.
         """
         self._ui = ui
         self._overlay = overlay

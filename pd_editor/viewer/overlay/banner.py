@@ -47,14 +47,10 @@ class Banner:
         on_press: Callable[[], None] | None = None,
         priority: int = MODE,
     ) -> None:
-        """Show a text until ``hide``; replaces the owner's earlier text.
+        """Show a sentence until ``hide``; replaces the owner's earlier one.
 
-        Args:
-            owner: owner of the text.
-            text: one sentence.
-            button: label of a button after the text.
-            on_press: action of the button, run on the session's worker.
-            priority: the text with the highest priority is shown, the latest of equals.
+        A button may follow, with an action on the session's worker. The text with the
+        highest priority is shown, the latest of equals.
         """
         former = self._claims.get(owner)
         if former is None or former.priority != priority:

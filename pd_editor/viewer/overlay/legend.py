@@ -26,13 +26,7 @@ class Legend:
         self._overlay = overlay
 
     def show(self, scenario: Scenario, palette: Palette, *, has_original: bool) -> None:
-        """List what the picture of a scenario has in it.
-
-        Args:
-            scenario: what is drawn.
-            palette: the theme in force.
-            has_original: whether anything of the original is drawn as a ghost.
-        """
+        """List what is in the picture, if need be with a ghost of the original."""
         agents = scenario.agents
         entries: list[tuple[str, str, Rgb]] = []
         if scenario.focal_id in agents.row_of:

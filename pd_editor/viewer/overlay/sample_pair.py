@@ -30,10 +30,8 @@ class SamplePair:
     ) -> None:
         """Show nothing yet.
 
-        Args:
-            overlay: draws it.
-            use: adopts one of both samples.
-            choose: called with a side, 0 or 1, and the sample that is wanted there.
+        ``use`` adopts one of both samples; ``choose`` is called with a side, 0 or 1,
+        and the sample that is wanted there.
         """
         self._overlay = overlay
         self._use = use

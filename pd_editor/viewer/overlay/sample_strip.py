@@ -106,12 +106,9 @@ class SampleStrip:
     ) -> None:
         """Show nothing yet.
 
-        Args:
-            ui: the tab's session.
-            overlay: shows the strip.
-            on_preview: called when the sample in the scene has changed, to draw it.
-            on_opened: called when the cards of a run have appeared over the picture.
-            star: puts the scenario at hand into the basket.
+        ``on_preview`` is called when the sample in the scene has changed, ``on_opened``
+        when the cards of a run have appeared; ``star`` puts the scenario into the
+        basket.
         """
         self._ui = ui
         self._overlay = overlay
@@ -166,12 +163,7 @@ class SampleStrip:
         threading.Thread(target=compute, name="sample-cards", daemon=True).start()
 
     def follow(self, adopted: int | None, *, is_valid: bool) -> None:
-        """Follow the session.
-
-        Args:
-            adopted: index of the sample in force; None without one.
-            is_valid: whether a sample can be adopted; otherwise the strip is hidden.
-        """
+        """Follow the session; samples that are not valid are hidden."""
         self._adopted, self._is_shown = adopted, is_valid
         self._show()
 

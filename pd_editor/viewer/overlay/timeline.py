@@ -54,11 +54,8 @@ class Timeline:
     ) -> None:
         """Show it.
 
-        Args:
-            overlay: the elements over the picture.
-            banner: shows the time of the picture while it differs from t = 0.
-            playback: the playhead.
-            on_seek: called when the user has moved the playhead.
+        The banner shows the picture's time while it differs from t = 0; ``on_seek`` is
+        called when the user has moved the playhead.
         """
         self._overlay = overlay
         self._banner = banner

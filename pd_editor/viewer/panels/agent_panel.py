@@ -58,14 +58,7 @@ class AgentPanel:
         banner: Banner,
         on_list: Callable[[], None],
     ) -> None:
-        """Build it into the current tab.
-
-        Args:
-            ui: the session and its page.
-            placing: the mode of placing, which the panel shows and steers.
-            banner: where unlocking is offered.
-            on_list: opens or closes the agent list.
-        """
+        """Build it into the current tab; ``on_list`` opens or closes the list."""
         self._ui = ui
         self._placing = placing
         self._on_list = on_list

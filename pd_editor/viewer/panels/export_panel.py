@@ -23,13 +23,7 @@ class ExportPanel:
         num_problems: Callable[[], int],
         on_star: Callable[[], None],
     ) -> None:
-        """Build it into the current container.
-
-        Args:
-            ui: the session and its page.
-            num_problems: how many problems edits have caused.
-            on_star: adds the current state to the basket.
-        """
+        """Build it; ``on_star`` adds the current state to the basket."""
         self._ui = ui
         self._workspace = ui.workspace
         self._num_problems = num_problems

@@ -29,12 +29,7 @@ class LockControls:
     """What is locked of the selection, a padlock button, and the offer to unlock."""
 
     def __init__(self, ui: UiContext, banner: Banner) -> None:
-        """Build them into the current tab.
-
-        Args:
-            ui: the session and its page.
-            banner: where unlocking is offered after an edit was refused.
-        """
+        """Build them into the tab; the banner offers to unlock after a refusal."""
         self._ui = ui
         self._banner = banner
         self._offered_for: Scenario | None = None

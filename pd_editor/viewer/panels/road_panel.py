@@ -79,12 +79,8 @@ class RoadPanel:
     ) -> None:
         """Build it into the current tab.
 
-        Args:
-            ui: the session and its page.
-            style: looks that viser's options do not reach.
-            view: marks the anchor in the picture.
-            on_ghost: called with whether the original road is outlined.
-            on_frame: looks at a pose.
+        ``on_ghost`` is called with whether the original road is outlined; ``on_frame``
+        looks at a pose.
         """
         self._ui = ui
         self._view = view

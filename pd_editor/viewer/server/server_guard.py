@@ -84,11 +84,7 @@ def limit_uploads(
     """Refuse uploads of more than ``max_bytes`` before they are stored.
 
     The announced size is checked at the start, the actual size during the upload.
-
-    Args:
-        client: the browser.
-        max_bytes: largest size of one file.
-        on_refused: called with the name and size of a refused file.
+    ``on_refused`` is called with the name and size of a refused file.
     """
     connection, accept = (
         client._websock_connection,

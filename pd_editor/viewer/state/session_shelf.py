@@ -71,10 +71,8 @@ class SessionShelf:
     ) -> None:
         """Begin with none.
 
-        Args:
-            journals: the folder where sessions go on that are no longer in memory.
-            basket: holds starred states.
-            on_restored: called with an exported state and with its equal after restoration.
+        ``journals`` is the folder where sessions go on that are no longer in memory;
+        ``on_restored`` is called with an exported state and with its equal afterwards.
         """
         self._journals = journals
         self._basket = basket

@@ -196,12 +196,9 @@ class UiContext:
         return True
 
     def preview(self, owner: str, command: Command, *, has_end: bool = False) -> None:
-        """Show a command as part of a gesture.
+        """Show a command, applied to the state at the start of its owner's gesture.
 
-        Args:
-            owner: owner of the gesture; another owner's gesture is committed first.
-            command: the gesture so far, applied to the state at its start.
-            has_end: whether the owner ends the gesture; otherwise a pause ends it.
+        Another owner's gesture is committed first. Without ``has_end`` a pause ends it.
         """
         if self._gesture != owner:
             self.commit_gesture()
@@ -282,11 +279,7 @@ class UiContext:
     ) -> None:
         """Show a notice; its texts are never interpreted as HTML.
 
-        Args:
-            title: short title.
-            body: a sentence.
-            tone: colour of the notice.
-            stays: whether the user closes it; otherwise it closes by itself.
+        It closes by itself unless it ``stays``.
         """
         self.client.add_notification(
             title,

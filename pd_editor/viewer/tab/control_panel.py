@@ -46,17 +46,8 @@ class ControlPanel:
     ) -> None:
         """Build the panels.
 
-        Args:
-            ui: the tab's session and page.
-            generators: what generates traffic.
-            banner: explains what is shown for a choice.
-            problems: problems that an export tells of.
-            picture: what panels switch on and off.
-            modes: the modes that panels start.
-            viewpoint: what panels frame.
-            agent_list: opened by the agent panel.
-            on_theme: called with whether the dark theme was chosen.
-            on_run: called when the state of the generator's run has changed.
+        ``on_theme`` is called with whether the dark theme was chosen, ``on_run`` when
+        the state of the generator's run has changed.
         """
         gui, style = ui.client.gui, PanelStyle(ui.client.gui)
         self._agent_list = agent_list

@@ -25,15 +25,7 @@ class Modes:
         poses: Callable[[], AgentPoses | None],
         on_change: Callable[[], None],
     ) -> None:
-        """Make the modes, all switched off.
-
-        Args:
-            ui: the tab's session and inbox.
-            overlay: shows what the modes draw.
-            banner: explains the active mode.
-            poses: where agents are drawn now.
-            on_change: called when a mode has started or ended.
-        """
+        """Make the modes, all switched off; ``on_change``: one has started or ended."""
         self._on_change = on_change
         self.measure = Measure(
             overlay, banner, ui.session, lambda _: self._changed(self.measure)

@@ -43,17 +43,10 @@ class Picture:
     ) -> None:
         """Make the views, without a scenario.
 
-        Args:
-            ui: the tab's session and page.
-            overlay: shows what lies over the picture.
-            warned_at: agents with a problem at a step, which are marked.
-            on_new_body: called with every new node of agents, to make it clickable.
-            show_terms: marks the guidance terms of agents at these poses.
-            on_compare: called when the original is shown or hidden.
-            on_fan: called when possible trajectories are shown or hidden.
-            on_preview: called with whether a sample is drawn instead of the scenario.
-            on_samples: called when the samples of a run appear over the picture.
-            star: puts the scenario into the basket.
+        ``warned_at`` are agents with a problem at a step; ``on_new_body`` is called
+        with every new node of agents, to make it clickable; ``on_preview`` with whether
+        a sample is drawn instead of the scenario; ``star`` puts the scenario into the
+        basket.
         """
         self._ui = ui
         self._warned_at = warned_at

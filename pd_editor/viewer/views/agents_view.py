@@ -48,13 +48,7 @@ class AgentsView:
     def __init__(
         self, client: viser.ClientHandle, palette: Palette, on_new_body: OnNewBody
     ) -> None:
-        """Draw nothing yet.
-
-        Args:
-            client: the browser.
-            palette: colours of the theme.
-            on_new_body: called with every new node, to attach its pointer callbacks.
-        """
+        """Draw nothing yet; ``on_new_body`` is called with every new node."""
         self._client = client
         self._palette = palette
         self._on_new_body = on_new_body

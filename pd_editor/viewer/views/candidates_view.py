@@ -40,13 +40,7 @@ class CandidatesView:
         palette: Palette,
         on_shown: Callable[[bool], None],
     ) -> None:
-        """Draw nothing yet.
-
-        Args:
-            client: the browser.
-            palette: colours of the theme.
-            on_shown: called with whether the fan is shown, so that others are muted.
-        """
+        """Draw nothing yet; ``on_shown`` is called with whether the fan is shown."""
         self._client = client
         self._palette = palette
         self._on_shown = on_shown

@@ -36,15 +36,7 @@ class LabelsView:
         selection: Collection[str],
         notes: Mapping[str, str],
     ) -> None:
-        """Label the selected agents where they are drawn.
-
-        Args:
-            scenario: whose agents.
-            poses: where they are at the playhead.
-            step: the playhead.
-            selection: the agents to label.
-            notes: a second line per agent, if there is something to say.
-        """
+        """Label the selected agents where they are drawn, with notes below."""
         agents = scenario.agents
         rows = [agents.row_of[agent] for agent in selection if agent in agents.row_of]
         rows = [row for row in rows if poses.is_present[row]]

@@ -118,14 +118,8 @@ class AgentCounts:
     ) -> AgentAttributes:
         """Sample which agents move and are on the road, as in a similar training square.
 
-        Args:
-            kinds: kinds of the agents, as indices of ``AGENT_KINDS``.
-            present: agents that are in the square already, as in ``counts``.
-            lane_m: length of vehicle lanes in the square.
-            half_side_m: half side of the square.
-            random: random generator.
-            moving_share: share of moving agents of each kind; None: as in training.
-            only_on_road: whether all agents are on the road.
+        ``kinds`` are indices of ``AGENT_KINDS``; ``present`` counts the agents that are
+        in the square already. Without a ``moving_share`` as many move as in training.
         """
         like, scale = self._like(lane_m, half_side_m)
         counted = (self.counts * _ON_ROAD if only_on_road else self.counts)[like]

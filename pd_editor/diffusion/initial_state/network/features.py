@@ -85,12 +85,8 @@ def noise_factors(
 ) -> NoiseFactors:
     """Factors of relations with one offset and a direction, or with two offsets.
 
-    Args:
-        noise_m: standard deviation of offsets.
-        turn_noise: standard deviation of directions, in radians while small.
-        num_offsets: 1 or 2.
-        folds_turns: whether there are directions modulo a half and a quarter turn.
-        sees_gaps: whether there are gaps between boxes.
+    Noises are standard deviations, in radians while small. ``folds_turns`` adds
+    directions modulo a half and a quarter turn, ``sees_gaps`` gaps between boxes.
     """
     one, near = torch.ones_like(noise_m), 1 / (noise_m + _LEAST_NOISE_M)
     turn = 1 / (turn_noise + _LEAST_TURN_NOISE)
@@ -164,11 +160,7 @@ class BoxPairs(NamedTuple):
         """Gaps along the axes of both boxes, and the largest one; below 0 they overlap.
 
         Boxes are disjoint if the largest gap is above 0 (separating axes).
-
-        Args:
-            offset: position of the second agent in the frame of the first one.
-            offset_back: the same vector in the frame of the second one.
-            direction: direction of the second agent in the frame of the first one.
+        ``offset_back`` is the offset in the frame of the second box.
         """
         turn = torch.view_as_real(direction).abs()[..., None, :]
         reach = torch.addcmul(self.own, self.other, turn[..., :1])
@@ -187,11 +179,8 @@ def agent_relations(
 ) -> Float[Tensor, "B S A A F"]:
     """Relations of agents: offset and direction of others in each agent's frame.
 
-    Args:
-        poses: poses of the agents.
-        noise: noise factors of each pair.
-        folds_turns: whether to add directions modulo a half and a quarter turn.
-        boxes: box sizes, to add the gaps between boxes.
+    ``folds_turns`` adds directions modulo a half and a quarter turn, ``boxes`` (sizes)
+    the gaps between boxes.
     """
     back = poses.direction.conj_physical()[..., None]
     apart = poses.position_m[..., None, :] - poses.position_m[..., None]

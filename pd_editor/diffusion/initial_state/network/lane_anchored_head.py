@@ -41,14 +41,7 @@ class LaneAnchoredHead(nn.Module):
         near: NearTokens,
         tokens: Float[Tensor, "B S A M D"],
     ) -> Complex[Tensor, "B S A 2"]:
-        """Offset and direction in the frame of the scene; 0 without a near token.
-
-        Args:
-            agent: what the network has made of each agent.
-            relations: of the agent to the tokens of each group.
-            near: the tokens.
-            tokens: what the head knows of each token besides.
-        """
+        """Offset and direction in the frame of the scene; 0 without a near token."""
         agent = agent[..., None, :]
         layers = [(self.from_relation, self.propose)]
         if len(relations) > 1:

@@ -100,11 +100,7 @@ class AgentBlock(nn.Module):
     ) -> tuple[Float[Tensor, "S B A E"], Float[Tensor, "S B A 10"]]:
         """Hidden states after the block, and the output of the network at this block.
 
-        Args:
-            hidden: hidden states of S samples of B scenes of A agents.
-            interactions: interaction features of the neighbours of all agents.
-            context: keys, values and edges of the block.
-            masks: masks and rows of neighbours.
+        Hidden states are of S samples of B scenes of A agents.
         """
         if context.boundary is not None:
             hidden = hidden + context.boundary

@@ -33,13 +33,7 @@ class CandidatesPanel:
         view: CandidatesView,
         on_guided: Callable[[str, np.ndarray], None],
     ) -> None:
-        """Build it into the current tab.
-
-        Args:
-            ui: the session and its page.
-            view: draws the fan.
-            on_guided: guides an agent along the points of a candidate.
-        """
+        """Build it into the tab; ``on_guided`` guides an agent along a candidate."""
         self._ui = ui
         self._on_guided = on_guided
         self._view = view

@@ -94,13 +94,8 @@ class GenerationPanel:
     ) -> None:
         """Build it into the current tab.
 
-        Args:
-            ui: the session and its page.
-            catalogue: what may be chosen, the default first, and what is broken.
-            looked_at_m: the point of the ground in the middle of the view.
-            drawing: the mode in which a region is drawn, and the region.
-            strip: offers the samples of a run over the picture.
-            on_run: called when ``run_state`` has changed.
+        ``looked_at_m`` is the point of the ground in the middle of the view; ``on_run``
+        is called when ``run_state`` has changed.
         """
         self._ui = ui
         self._generators = catalogue.offers

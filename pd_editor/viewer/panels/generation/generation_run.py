@@ -74,11 +74,8 @@ class GenerationRun:
     ) -> None:
         """Build cancel, the choice of a sample and the report.
 
-        Args:
-            ui: the session and its page.
-            strip: offers the samples over the picture, where there are several.
-            on_running: called when a run begins and ends.
-            on_change: called when ``state`` has changed.
+        ``on_running`` is called when a run begins and ends, ``on_change`` when
+        ``state`` has changed.
         """
         self._ui = ui
         self._strip = strip

@@ -20,12 +20,7 @@ class LiveSwitch:
     """A checkbox and a menu; the choices are kept for the next connection."""
 
     def __init__(self, ui: UiContext, on_change: Callable[[], None]) -> None:
-        """Build it into the current folder.
-
-        Args:
-            ui: the session and its page.
-            on_change: called when live regeneration was switched on or off.
-        """
+        """Build it into the current folder; ``on_change`` hears of switching."""
         self._ui = ui
         self._on_change = on_change
         gui, view = ui.client.gui, ui.workspace.view
