@@ -4,7 +4,7 @@ import math
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
@@ -17,6 +17,7 @@ from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.generators import SHIPPED_MODEL
 from pd_editor.installed_files import models_folder
 from pd_editor.regular_file import check_path
+from pd_editor.training.outcome import Training
 from pd_editor.work_engine.work_engine import WorkProgress, minutes_left
 
 if TYPE_CHECKING:
@@ -29,38 +30,6 @@ if TYPE_CHECKING:
 StageName = Literal["init", "traj", "all"]
 _STAGES: tuple[Literal["init", "traj"], ...] = ("init", "traj")
 _OPTIONAL = "(optional)"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Training:
-    """Result of a training, and its files."""
-
-    folder: Path
-    model: Path
-    """Folder of the weights, as ``generate --model`` takes it."""
-    steps: int
-    minutes: float
-    held_out_loss: float
-    """Loss on held-out scenes; NaN without any."""
-    num_scenes: int
-    num_left_out: int
-    """Number of scenarios and files that could not be used, or are not trained on."""
-    is_stopped: bool
-    """Whether it was stopped before its time; it can be resumed."""
-    is_first: bool = True
-    """Whether this is the first of all processes, which reports the result."""
-
-    def __str__(self) -> str:
-        """The model's folder, then remarks."""
-        remarks = [
-            f"{self.steps} steps in {self.minutes:.1f} minutes on {self.num_scenes} "
-            f"scenes; held-out loss {self.held_out_loss:.4f}."
-        ]
-        if self.num_left_out:
-            remarks.append(f"{self.num_left_out} scenarios or files were left out.")
-        if self.is_stopped:
-            remarks.append(f"Stopped; go on with --resume --out {self.folder}")
-        return "\n".join([str(self.model), *remarks])
 
 
 _Roots = Annotated[
@@ -277,7 +246,7 @@ def _trained(
     from pd_editor.training.data.training_data import default_cache
     from pd_editor.training.training_run import run_asked_for
 
-    outcome = run_asked_for(
+    return run_asked_for(
         request,
         Path("runs") / request.stage if out is None else Path(out),
         default_cache() if cache is None else Path(cache),
@@ -286,17 +255,6 @@ def _trained(
         monitoring=monitoring,
         on_preparation=_preparation_shown(),
         on_progress=_progress_shown(),
-    )
-    return Training(
-        folder=outcome.folder,
-        model=outcome.model,
-        steps=outcome.train_state.step,
-        minutes=outcome.train_state.trained_s / 60,
-        held_out_loss=outcome.held_out_loss,
-        num_scenes=outcome.num_scenes,
-        num_left_out=outcome.num_left_out,
-        is_stopped=outcome.is_stopped,
-        is_first=outcome.is_first,
     )
 
 

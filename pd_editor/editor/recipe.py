@@ -184,8 +184,6 @@ def regenerate(
     recipe: Recipe,
     base: Scenario,
     generator: ScenarioGenerator,
-    *,
-    allow_other_base: bool = False,
 ) -> tuple[Scenario, tuple[RegeneratedEntry, ...]]:
     """Apply a recipe, regenerate its generated traffic, and compare both.
 
@@ -193,8 +191,7 @@ def regenerate(
         RecipeError: as ``replay``, or an entry was sampled by another generator.
         GenerationError: the generator refused.
     """
-    if not allow_other_base:
-        check_base(recipe.base, base)
+    check_base(recipe.base, base)
     scenario = base
     checked: list[RegeneratedEntry] = []
     for number, command in enumerate(recipe.commands, start=1):

@@ -37,12 +37,11 @@ def road_curvature(
 def friction_limited_speed(
     curvature_per_m: Float[np.ndarray, "*s"],
     friction_coefficient: float,
-    gravity_mps2: float = GRAVITY_MPS2,
 ) -> Float[np.ndarray, "*s"]:
     """Highest speed, m/s, within the friction limit of a curvature; infinite if straight."""
     bend = np.abs(curvature_per_m)
     with np.errstate(divide="ignore", over="ignore"):
-        return np.sqrt(friction_coefficient * gravity_mps2 / bend)
+        return np.sqrt(friction_coefficient * GRAVITY_MPS2 / bend)
 
 
 def _edges_m(term: WarpTerm) -> tuple[float, ...]:

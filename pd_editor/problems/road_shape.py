@@ -51,9 +51,7 @@ def road_problems(scenario: Scenario) -> list[SceneProblem]:
     ]
 
 
-def weakened_to_radius(
-    warp: RoadWarp, min_radius_m: float = MIN_RADIUS_M
-) -> RoadWarp | None:
+def weakened_to_radius(warp: RoadWarp) -> RoadWarp | None:
     """Scale down all powers of a warp by one factor until it is drivable.
 
     None if nothing remains of the warp.
@@ -71,7 +69,7 @@ def weakened_to_radius(
 
     def is_drivable(share: float) -> bool:
         summary: WarpSummary = summarise(scaled(share))
-        return summary.min_radius_m >= min_radius_m
+        return summary.min_radius_m >= MIN_RADIUS_M
 
     # Sharpness need not be monotonic in the factor, so the largest valid one is searched.
     for share in np.linspace(1.0, 0.0, 101)[:-1].tolist():

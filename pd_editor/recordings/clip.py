@@ -64,8 +64,6 @@ def cut_scenario(
     window: Window,
     *,
     side_m: float = SIDE_M,
-    past_steps: int = PAST_STEPS,
-    future_steps: int = FUTURE_STEPS,
     noise: TrackingNoise | None = None,
 ) -> Scenario:
     """Extract the scenario of a window, in the recording's frame.
@@ -75,13 +73,13 @@ def cut_scenario(
     and end as a tracker's do, and states are noisy. Equal arguments give equal
     scenarios.
     """
-    num_steps = past_steps + 1 + future_steps
-    first = window.current_step - past_steps
+    num_steps = PAST_STEPS + 1 + FUTURE_STEPS
+    first = window.current_step - PAST_STEPS
     assert first >= 0
     assert first + num_steps <= recording.num_steps
     rows, tracks = _gathered(recording, window, first, num_steps, side_m)
     random = np.random.default_rng(window.seed)
-    roles = _roles(recording, window, rows, tracks, past_steps, random)
+    roles = _roles(recording, window, rows, tracks, PAST_STEPS, random)
     paths = tracks.position_m[roles.main][:, ::_PATH_STRIDE]
     road_map = cropped_map(recording.road_map, paths)
     is_valid = tracks.is_valid
@@ -89,7 +87,7 @@ def cut_scenario(
         is_valid = seen(
             tracks, roles.observer, roles.main, noise, random, recording.step_s
         )
-    tracks = _finished(tracks, roles, is_valid, past_steps)
+    tracks = _finished(tracks, roles, is_valid, PAST_STEPS)
     if noise is not None:
         tracks = noisy(tracks, noise, random, recording.step_s)
     name = f"{recording.name}/{window.current_step}/{window.focal_id}/{window.seed}"
@@ -99,38 +97,31 @@ def cut_scenario(
         origin_city_m=recording.origin_city_m,
         road_map=road_map,
         agents=tracks,
-        time_axis=_time_axis(recording, first, num_steps, past_steps),
+        time_axis=_time_axis(recording, first, num_steps),
         focal_id=window.focal_id,
         provenance=Provenance(notes=(_NOTE,)),
     )
 
 
-def has_focal_agent(
-    recording: Recording,
-    window: Window,
-    past_steps: int = PAST_STEPS,
-    future_steps: int = FUTURE_STEPS,
-) -> bool:
+def has_focal_agent(recording: Recording, window: Window) -> bool:
     """Whether the window's focal agent is in the square and exists at all steps."""
     if window.focal_id not in recording.ids:
         return False
     row = recording.ids.index(window.focal_id)
     start, end = recording.first_row[row : row + 2]
     at = window.current_step - int(recording.first_step[row])
-    if at < past_steps or at + future_steps >= end - start:
+    if at < PAST_STEPS or at + FUTURE_STEPS >= end - start:
         return False
     away = np.abs(recording.position_m[start + at] - np.array(window.center_m))
     return bool(away.max() <= SIDE_M / 2)
 
 
-def _time_axis(
-    recording: Recording, first: int, num_steps: int, past_steps: int
-) -> TimeAxis:
+def _time_axis(recording: Recording, first: int, num_steps: int) -> TimeAxis:
     step_ns = recording.step_s * 1e9
     start = _EPOCH_NS + round(first * step_ns)
     return TimeAxis(
         num_steps=num_steps,
-        current_step=past_steps,
+        current_step=PAST_STEPS,
         step_s=recording.step_s,
         start_timestamp_ns=float(start),
         end_timestamp_ns=float(start + round((num_steps - 1) * step_ns)),

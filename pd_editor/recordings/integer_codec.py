@@ -12,16 +12,18 @@ from jaxtyping import Int
 
 MAX_MAGNITUDE: Final = 2**31 - 1
 _PLANES: Final = 4
+_ORDER: Final = 2
+"""How often differences are taken."""
 
 
 def coded(
-    values: Int[np.ndarray, "P"], first_row: Int[np.ndarray, "S_plus_1"], order: int
+    values: Int[np.ndarray, "P"], first_row: Int[np.ndarray, "S_plus_1"]
 ) -> bytes:
     """Encode series s, the rows from ``first_row[s]`` to before ``first_row[s + 1]``."""
-    assert np.abs(values, dtype=np.int64).max(initial=0) < MAX_MAGNITUDE // 4**order
+    assert np.abs(values, dtype=np.int64).max(initial=0) < MAX_MAGNITUDE // 4**_ORDER
     numbers = values.astype(np.int64)
     starts = first_row[:-1][np.diff(first_row) > 0]
-    for _ in range(order):
+    for _ in range(_ORDER):
         before = np.concatenate([numbers[:1], numbers[:-1]])
         before[starts] = 0
         numbers = numbers - before
@@ -36,7 +38,7 @@ def num_coded_bytes(count: int) -> int:
 
 
 def decoded(
-    data: bytes, first_row: Int[np.ndarray, "S_plus_1"], order: int
+    data: bytes, first_row: Int[np.ndarray, "S_plus_1"]
 ) -> Int[np.ndarray, "P"]:
     """Decode series; inverse of ``coded``.
 
@@ -50,7 +52,7 @@ def decoded(
     folded = np.ascontiguousarray(planes.T).view("<u4")[:, 0].astype(np.int64)
     numbers = np.where(folded & 1, -(folded + 1) // 2, folded // 2)
     lengths = np.diff(first_row)
-    for _ in range(order):
+    for _ in range(_ORDER):
         total = np.cumsum(numbers)
         before = np.concatenate([[0], total])[first_row[:-1]]
         numbers = total - np.repeat(before, lengths)

@@ -18,7 +18,6 @@ from pd_editor.scene.road_map import (
 
 MAP_STEP_M: Final = 0.001
 """Quantisation step of points."""
-_ORDER: Final = 2
 _AXES: Final = 3
 
 
@@ -49,7 +48,7 @@ def coded_map(road_map: RoadMap) -> tuple[dict[str, Any], bytes]:
     points = np.concatenate([np.zeros((0, _AXES)), *road_map.polylines])
     numbers = np.rint(points / MAP_STEP_M).astype(np.int64)
     first_row = _first_row(about["counts"])
-    return about, b"".join(coded(axis, first_row, _ORDER) for axis in numbers.T)
+    return about, b"".join(coded(axis, first_row) for axis in numbers.T)
 
 
 def decoded_map(about: dict[str, Any], data: bytes) -> RoadMap:
@@ -63,7 +62,7 @@ def decoded_map(about: dict[str, Any], data: bytes) -> RoadMap:
         raise ValueError("points lack a coordinate")
     size = len(data) // _AXES
     axes = [
-        decoded(data[axis * size : (axis + 1) * size], first_row, _ORDER)
+        decoded(data[axis * size : (axis + 1) * size], first_row)
         for axis in range(_AXES)
     ]
     points = np.stack(axes, axis=-1) * MAP_STEP_M

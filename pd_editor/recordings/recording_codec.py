@@ -18,7 +18,6 @@ SIZE_STEP_M: Final = 0.01
 _STEPS: Final = np.array(
     [POSITION_STEP_M] * 2 + [HEADING_STEP_RAD] + [VELOCITY_STEP_MPS] * 2
 )
-_ORDER: Final = 2
 _KIND_OF: Final = {kind.value: kind for kind in AgentKind}
 
 
@@ -51,7 +50,7 @@ def coded_recording(recording: Recording) -> tuple[dict[str, Any], bytes, bytes]
     about["still"] = np.flatnonzero(is_still).tolist()
     numbers = numbers[_is_coded(recording.first_row, is_still)]
     first_row = _coded_first_row(np.diff(recording.first_row), is_still)
-    rows = b"".join(coded(one, first_row, _ORDER) for one in numbers.T)
+    rows = b"".join(coded(one, first_row) for one in numbers.T)
     return about, rows, points
 
 
@@ -101,7 +100,7 @@ def decoded_recording(about: dict[str, Any], rows: bytes, points: bytes) -> Reco
     size = len(rows) // len(_STEPS)
     columns = [
         np.repeat(
-            decoded(rows[k * size : (k + 1) * size], coded_first_row, _ORDER) * step,
+            decoded(rows[k * size : (k + 1) * size], coded_first_row) * step,
             times,
         )
         for k, step in enumerate(_STEPS)

@@ -21,7 +21,6 @@ from pd_editor.errors import InputError
 from pd_editor.recordings.clip import (
     FUTURE_STEPS,
     PAST_STEPS,
-    SIDE_M,
     cut_scenario,
     has_focal_agent,
 )
@@ -136,9 +135,7 @@ class ShardReader:
         self._kept[place] = found
         return found
 
-    def window(
-        self, index: int, *, side_m: float = SIDE_M, noise: TrackingNoise | None = None
-    ) -> Scenario:
+    def window(self, index: int, *, noise: TrackingNoise | None = None) -> Scenario:
         """Extract the scenario of a window; see ``cut_scenario``.
 
         Raises:
@@ -148,7 +145,7 @@ class ShardReader:
         recording = self.recording(place)
         if not has_focal_agent(recording, window):
             raise _damaged(self.recordings[place][0], "a window has no focal agent")
-        return cut_scenario(recording, window, side_m=side_m, noise=noise)
+        return cut_scenario(recording, window, noise=noise)
 
 
 def _read_index(file: Path) -> list[list[Window]]:

@@ -5,7 +5,6 @@ with it on the trajectory that it has, and avoidable if one of the ego's own can
 collides with nothing. All other agents move as in the scenario.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -58,31 +57,20 @@ def ego_of(scenario: Scenario) -> str:
     raise EditError("There is neither an ego vehicle nor a focal agent at t = 0.")
 
 
-def avoidable_dangers(
-    scenario: Scenario,
-    ego_id: str | None = None,
-    agent_ids: Sequence[str] | None = None,
-) -> tuple[AvoidableDanger, ...]:
+def avoidable_dangers(scenario: Scenario) -> tuple[AvoidableDanger, ...]:
     """The most dangerous avoidable behaviour of each agent, the hardest impact first.
 
-    Args:
-        scenario: the scene, with the ego's trajectory.
-        ego_id: the agent that is endangered; None: the ego vehicle, else the focal agent.
-        agent_ids: the agents that are searched; None: motor vehicles within 60 m.
+    Motor vehicles within 60 m of the ego are searched.
 
     Raises:
-        EditError: an agent is not there.
+        EditError: there is no ego.
     """
-    ego_id = ego_of(scenario) if ego_id is None else ego_id
     agents, now = scenario.agents, scenario.current_step
-    (ego_row,) = agents.rows([ego_id])
+    (ego_row,) = agents.rows([ego_of(scenario)])
     escapes = candidates(scenario, np.array([ego_row]))
     if not agents.is_valid[ego_row, now:].all() or not escapes.is_valid[0].any():
         return ()
-    if agent_ids is None:
-        rows = _near_vehicles(scenario, int(ego_row))
-    else:
-        rows = agents.rows([name for name in agent_ids if name != ego_id])
+    rows = _near_vehicles(scenario, int(ego_row))
     found = (_worst(scenario, int(ego_row), int(row), escapes) for row in rows)
     return tuple(
         sorted((one for one in found if one is not None), key=lambda d: -d.impact_mps)

@@ -41,8 +41,8 @@ from pd_editor.training.loop.run_folder import CURVES_NAME, RunFolder
 from pd_editor.training.loop.stop_request import stop_requests
 from pd_editor.training.loop.tensorboard_log import check_installed, tensorboard_log
 from pd_editor.training.loop.train_loop import TrainingProgress, TrainLoop, spent
-from pd_editor.training.loop.training_state import TrainState
 from pd_editor.training.monitoring import Monitoring, SampleWatch
+from pd_editor.training.outcome import Training
 from pd_editor.training.stage_objective import STAGES
 from pd_editor.training.warm_start import basis_of, start_from, starting_model
 from pd_editor.work_engine.work_engine import WorkProgress
@@ -69,23 +69,6 @@ class Hardware:
         ):
             if value is not None and not 1 <= value <= most:
                 raise TrainingError(f"--{name} is {value}; expected 1 to {most}.")
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunOutcome:
-    """Result of a run."""
-
-    folder: Path
-    model: Path
-    train_state: TrainState
-    held_out_loss: float
-    """Validation loss; NaN without a validation since the run was resumed."""
-    num_scenes: int
-    num_left_out: int
-    is_stopped: bool
-    """Whether it was stopped before the budget was spent."""
-    is_first: bool
-    """Whether this is the first of all processes, which reports the result."""
 
 
 def has_gpu(hardware: Hardware) -> bool:
@@ -156,7 +139,7 @@ def run_asked_for(
     monitoring: Monitoring = NO_MONITORING,
     on_preparation: Callable[[WorkProgress], None] | None = None,
     on_progress: Callable[[TrainingProgress], None] = lambda _: None,
-) -> RunOutcome:
+) -> Training:
     """Prepare the data, train, and write a model to the run's folder.
 
     Raises:
@@ -193,7 +176,7 @@ def _train(
     watch: SampleWatch | None,
     monitoring: Monitoring,
     on_progress: Callable[[TrainingProgress], None],
-) -> RunOutcome:
+) -> Training:
     stage = STAGES[config.stage]
     model_config = config_from_json(stage.kind.config_type, config.model, run.path)
     model = stage.fresh_model(model_config, prepared.data.basis, config.seed)
@@ -251,10 +234,11 @@ def _train(
         for progress in loop.run(is_stopped=is_stopped, on_checkpoint=keep):
             if fabric.is_global_zero:
                 on_progress(progress)
-        return RunOutcome(
+        return Training(
             folder=run.path,
             model=run.model_path,
-            train_state=loop.train_state,
+            steps=loop.train_state.step,
+            minutes=loop.train_state.trained_s / 60,
             held_out_loss=loop.held_out_loss,
             num_scenes=len(prepared.data.store),
             num_left_out=prepared.data.num_left_out,

@@ -1,7 +1,7 @@
 """Command that applies generated traffic."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Final
 
 import numpy as np
@@ -75,19 +75,14 @@ class RequestSummary:
             scenario = replace(scenario, guidance=())
         return GenerationRequest(
             scenario=scenario.without_agents(self.removed_ids),
-            agent_ids=self.agent_ids,
-            num_new_agents=self.num_new_agents,
-            samples_num_agents=self.samples_num_agents,
-            resampled_state_ids=self.resampled_state_ids,
-            moving_share=self.moving_share,
-            only_on_road=self.only_on_road,
-            region=self.region,
-            quality=self.quality,
-            num_samples=self.num_samples,
-            num_denoising_steps=self.num_denoising_steps,
-            guidance=self.guidance,
             seed=seed,
+            **{name: getattr(self, name) for name in _REQUEST_FIELDS},
         )
+
+
+_REQUEST_FIELDS: Final = {one.name for one in fields(RequestSummary)} & {
+    one.name for one in fields(GenerationRequest)
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -297,19 +292,9 @@ def traffic_command(
         model_sha256=traffic.model_sha256,
         seed=request.seed,
         request=RequestSummary(
-            agent_ids=request.agent_ids,
-            num_new_agents=dict(request.num_new_agents),
-            samples_num_agents=request.samples_num_agents,
-            resampled_state_ids=request.resampled_state_ids,
-            moving_share=request.moving_share,
-            only_on_road=request.only_on_road,
-            region=request.region,
-            quality=request.quality,
             removed_ids=removed_ids,
-            num_samples=request.num_samples,
             sample_index=sample_index,
-            num_denoising_steps=request.num_denoising_steps,
-            guidance=request.guidance,
+            **{name: getattr(request, name) for name in _REQUEST_FIELDS},
         ),
     )
 

@@ -140,7 +140,7 @@ class PictureBook:
         drawing, axes = _panels(1, 1, side=5.0)
         middle = paths.reshape(-1, 2).mean(axis=0)
         draw_road(axes[0], self.scenario.road_map, middle, _HALF_SIDE_M)
-        draw_paths(axes[0], list(paths), COLORS)
+        draw_paths(axes[0], list(paths))
         axes[0].plot(*paths[0, 0], "o", color="#333333", markersize=4)
         return _saved(
             drawing,
@@ -158,12 +158,12 @@ class PictureBook:
         drawing, axes = _panels(1, 1 + len(models))
         self._panel(axes[0], label_of(GROUND_TRUTH))
         draw_states(axes[0], _logged(request))
-        draw_trajectories(axes[0], _logged(request), COLORS[1])
+        draw_trajectories(axes[0], _logged(request))
         for axis, (system, one) in zip(axes[1:], models.items(), strict=True):
             self._panel(axis, label_of(system))
             sample = self._sampled(one, request, raw=True)[0]
             draw_states(axis, sample)
-            draw_trajectories(axis, sample, COLORS[1])
+            draw_trajectories(axis, sample)
         return _saved(
             drawing,
             name,
@@ -197,7 +197,7 @@ class PictureBook:
             axis = axes[width + index]
             self._panel(axis, f"(b) trajectories, sample {index + 1}")
             draw_states(axis, sample)
-            draw_trajectories(axis, sample, COLORS[1])
+            draw_trajectories(axis, sample)
         request = EvaluationTask(states="sampled").request(
             self.scenario, self.scenario, num_samples=_NUM_SAMPLES, seed=_SEED
         )
@@ -205,7 +205,7 @@ class PictureBook:
             axis = axes[2 * width + index]
             self._panel(axis, f"(c) end to end, sample {index + 1}")
             draw_states(axis, sample)
-            draw_trajectories(axis, sample, COLORS[1])
+            draw_trajectories(axis, sample)
         return _saved(
             drawing,
             name,
@@ -231,7 +231,7 @@ class PictureBook:
                 own[0], f"{label_of(GROUND_TRUTH)}, {condition.label}", scenario
             )
             draw_states(own[0], _logged(request))
-            draw_trajectories(own[0], _logged(request), COLORS[1])
+            draw_trajectories(own[0], _logged(request))
             for index, system in enumerate(chosen):
                 for raw in (True, False):
                     axis = own[1 + 2 * index + (not raw)]
@@ -239,7 +239,7 @@ class PictureBook:
                     self._panel(axis, f"{label_of(system)}, {mode}", scenario)
                     sample = self._sampled(models[system], request, raw=raw)[0]
                     draw_states(axis, sample)
-                    draw_trajectories(axis, sample, COLORS[1])
+                    draw_trajectories(axis, sample)
         return _saved(
             drawing,
             name,

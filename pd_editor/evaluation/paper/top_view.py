@@ -1,5 +1,6 @@
 """Top views for figures: roads, agents and their trajectories, by matplotlib."""
 
+import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
@@ -54,31 +55,15 @@ def draw_states(axes: "Axes", sample: TrafficSample, color: str = _AGENT) -> Non
         axes.plot(*np.stack([place, front]).T, color=color, linewidth=0.8, zorder=4)
 
 
-def draw_trajectories(
-    axes: "Axes", sample: TrafficSample, color: str, label: str = ""
-) -> None:
+def draw_trajectories(axes: "Axes", sample: TrafficSample) -> None:
     """Draw trajectories as lines with a point at each end."""
-    for index, path in enumerate(sample.position_m):
-        axes.plot(
-            *path.T,
-            color=color,
-            linewidth=1.1,
-            alpha=0.8,
-            zorder=3,
-            label=label if index == 0 else None,
-        )
+    color = COLORS[1]
+    for path in sample.position_m:
+        axes.plot(*path.T, color=color, linewidth=1.1, alpha=0.8, zorder=3)
         axes.plot(*path[-1], "o", color=color, markersize=2, zorder=3)
 
 
-def draw_paths(
-    axes: "Axes", paths_m: Sequence[Float[np.ndarray, "H 2"]], colors: Sequence[str]
-) -> None:
+def draw_paths(axes: "Axes", paths_m: Sequence[Float[np.ndarray, "H 2"]]) -> None:
     """Draw paths, one colour after the other."""
-    for index, path in enumerate(paths_m):
-        axes.plot(
-            *path.T,
-            color=colors[index % len(colors)],
-            linewidth=0.8,
-            alpha=0.8,
-            zorder=3,
-        )
+    for path, color in zip(paths_m, itertools.cycle(COLORS)):
+        axes.plot(*path.T, color=color, linewidth=0.8, alpha=0.8, zorder=3)
