@@ -1,7 +1,7 @@
 """Problems of guidance terms before a run: contradictions, and what cannot be met.
 
 A term is checked against the paths that its agent could take and against limits of
-acceleration, not against other traffic.
+acceleration; of other traffic, only against agents that stand on each path to a goal.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -12,6 +12,7 @@ import shapely
 from jaxtyping import Float
 
 from pd_editor.guidance.agent_now import AgentNow
+from pd_editor.guidance.blocked_way import blocking_rows
 from pd_editor.guidance.limits import (
     MAX_ACCELERATION_MPS2,
     MAX_BRAKING_MPS2,
@@ -48,6 +49,10 @@ _GRIP_MPS2: Final = 6.0
 """Lateral acceleration above which a path cannot be followed at the current speed."""
 
 
+_SAME_PATH_M: Final = 1.0
+"""Paths that come as near to a goal as the nearest one, up to this, lead there."""
+_MOST_NAMED: Final = 3
+
 Found = Iterator[tuple[Literal["error", "warning"], str]]
 
 
@@ -69,6 +74,8 @@ def guidance_problems(
             problems += check(term, scenario)
         if isinstance(term, Threaten) and not problems:
             problems += threat_problems(term, scenario, agent_ids)
+        if isinstance(term, GoalPoint) and not problems:
+            problems += _blocked_goal_problems(term, active, scenario)
         problems += _contradictions(term, active, scenario)
         found += [
             GuidanceProblem(term=term, severity=severity, message=message)
@@ -247,6 +254,33 @@ def _goal_problems(term: GoalPoint, scenario: Scenario) -> Found:
             f"The goal of {agent.name} is {distance:.0f} m ahead, and it needs "
             f"{least:.0f} m to stop from {agent.speed_mps:.1f} m/s; move it further.",
         )
+
+
+def _blocked_goal_problems(
+    term: GoalPoint, terms: Sequence[GuidanceTerm], scenario: Scenario
+) -> Found:
+    """Whether agents stand on each path to a goal; others with terms may drive away."""
+    (agent,) = _agents_of(term, scenario)
+    goal = np.array(term.point_m)
+    along, beside = _nearest(agent.paths_m, goal)
+    leads = beside <= beside.min() + _SAME_PATH_M
+    rows = blocking_rows(
+        agent,
+        agent.paths_m[leads],
+        goal,
+        along[leads],
+        {name for one in terms for name in one.guided_ids},
+    )
+    if not rows:
+        return
+    names = [scenario.agents.ids[row] for row in rows[:_MOST_NAMED]]
+    one = len(rows) == 1
+    who = f"Agent {names[0]} stands" if one else f"Agents {', '.join(names)} stand"
+    yield (
+        "warning",
+        f"{who} on the way of {agent.name} to its goal; put the goal before "
+        f"{'it' if one else 'them'}, or move {'it' if one else 'them'} away.",
+    )
 
 
 def _nearest(

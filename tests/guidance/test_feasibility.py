@@ -70,6 +70,35 @@ def test_what_cannot_be_met_is_a_warning(term: GuidanceTerm, said: str):
     assert infeasible_terms(problems) == (term,)
 
 
+QUEUE = scenario_with(
+    straight_drivers([(0, 0, 0, 10), (30, 0, 0, 0), (37, 0.3, 0, 0), (30, 3.5, 0, 10)])
+)
+
+
+@pytest.mark.parametrize(
+    ("goal", "others", "is_blocked"),
+    [
+        ((50.0, 0.0), (), True),
+        ((28.0, 0.0), (), True),
+        ((22.0, 0.0), (), False),
+        ((50.0, 3.5), (), False),
+        ((50.0, 0.0), (TargetSpeed(agent_ids=("101", "102"), speed_mps=9.0),), False),
+        ((50.0, 0.0), (TargetSpeed(agent_ids=("101",), speed_mps=9.0),), True),
+    ],
+)
+def test_a_goal_behind_agents_that_stand_is_a_warning(goal, others, is_blocked):
+    """Agents that are asked to drive away block nothing."""
+    term = GoalPoint(agent_id="100", point_m=goal)
+    problems = guidance_problems(QUEUE, (term, *others))
+    assert [one.term for one in problems] == [term] * is_blocked
+    if is_blocked:
+        first = "102" if others else "101"
+        assert problems[0].message == (
+            f"Agent {first} stands on the way of agent 100 to its goal; put the goal "
+            "before it, or move it away."
+        )
+
+
 def test_agents_that_are_gone_absent_locked_or_left_out_are_told():
     goal = GoalPoint(agent_id="100", point_m=(55.0, 0.0))
     (gone,) = guidance_problems(SCENE, (replace(goal, agent_id="9"),))
