@@ -22,8 +22,6 @@ NOW_KINDS: Final[frozenset[ProblemKind]] = frozenset(
 )
 """Kinds of problems at the current step; the others are at later steps."""
 _KIND_NAME: Final[dict[AgentKind, str]] = {
-    kind: kind.value.replace("_", " ") for kind in AgentKind
-} | {
     AgentKind.STATIC: "static object",
     AgentKind.BACKGROUND: "background object",
     AgentKind.CONSTRUCTION: "construction object",
@@ -78,7 +76,8 @@ class SceneProblem:
 
 def agent_name(agents: AgentTracks, row: int) -> str:
     """Kind and id of an agent, for the middle of a sentence."""
-    return f"{_KIND_NAME[agents.kinds[row]]} {agents.ids[row]}"
+    kind = agents.kinds[row]
+    return f"{_KIND_NAME.get(kind, kind.in_words)} {agents.ids[row]}"
 
 
 def at_time(scenario: Scenario, step: int) -> str:

@@ -21,6 +21,11 @@ class AgentKind(StrEnum):
     RIDERLESS_BICYCLE = "riderless_bicycle"
     UNKNOWN = "unknown"
 
+    @property
+    def in_words(self) -> str:
+        """Name for sentences."""
+        return self.value.replace("_", " ")
+
 
 class AgentCategory(IntEnum):
     """How a benchmark uses a track; Argoverse 2's ``object_category``."""

@@ -372,7 +372,7 @@ class BrowserSession:
             self._banner.hide("candidates")
             return
         agents, (agent_id,) = session.scenario.agents, session.selection
-        kind = str(agents.kinds[agents.row_of[agent_id]]).replace("_", " ")
+        kind = agents.kinds[agents.row_of[agent_id]].in_words
         self._banner.show(
             "candidates",
             f"Possible trajectories of {kind} {agent_id}: click one to use it.",

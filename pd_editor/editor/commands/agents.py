@@ -37,7 +37,7 @@ class SetAgentKind(Command):
     @property
     def label(self) -> str:
         """Label with the kind."""
-        kind = self.kind.value.replace("_", " ")
+        kind = self.kind.in_words
         return f"Change {agents_in_words(self.agent_ids)} to {kind}{names_after(self.agent_ids)}"
 
     def apply(self, scenario: Scenario) -> Scenario:

@@ -53,7 +53,7 @@ def with_focal_agent(
     if row is None:
         return scenario
     focal_id = scenario.agents.ids[row]
-    kind = scenario.agents.kinds[row].replace("_", " ")
+    kind = scenario.agents.kinds[row].in_words
     return replace(
         scenario.with_agents(
             with_focal_category(scenario.agents, focal_id),

@@ -1,7 +1,7 @@
 """The guidance panel: tools to add terms, and the list of terms."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 from pd_editor.editor.commands import (
@@ -174,7 +174,7 @@ class GuidancePanel:
             "isOn": term.is_on,
             "isChosen": index == self._chosen,
             "stop": weight_stop(term.weight),
-            "inputs": [one.to_json() for one in inputs_of(term)],
+            "inputs": [asdict(one) for one in inputs_of(term)],
             "notes": [
                 {"tone": line.tone, "text": line.text}
                 for line in self._notes.of_term(index)

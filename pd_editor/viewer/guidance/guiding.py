@@ -185,7 +185,7 @@ class Guiding:
     def _changed(self) -> None:
         if self.tool is not None:
             agents = self._ui.session.scenario.agents
-            kind = str(agents.kinds[agents.row_of[self.agent_id]]).replace("_", " ")
+            kind = agents.kinds[agents.row_of[self.agent_id]].in_words
             tool = TOOLS[self.tool]
             self._banner.show(
                 "guiding",
@@ -290,7 +290,7 @@ class Guiding:
             poses = self._poses()
             assert poses is not None
             row = scenario.agents.row_of[term.other_id]
-            kind = str(scenario.agents.kinds[row]).replace("_", " ")
+            kind = scenario.agents.kinds[row].in_words
             height = DEFAULT_HEIGHT_M[scenario.agents.kinds[row]] / 2
             to = [*np.round(poses.position_m[row], 2).tolist(), height]
             return {"text": f"{kind} {term.other_id}", "to": to}
@@ -316,7 +316,7 @@ def one_guided(scenario: Scenario, selection: tuple[str, ...]) -> str:
     if not agents.is_valid[row, scenario.current_step]:
         raise EditError(f"Agent {agent_id} is not there at t = 0.")
     if agents.kinds[row] not in ROAD_USER_KINDS:
-        kind = str(agents.kinds[row]).replace("_", " ")
+        kind = agents.kinds[row].in_words
         raise EditError(f"Agent {agent_id} is a {kind} object; it cannot be guided.")
     return agent_id
 

@@ -104,8 +104,8 @@ class Steering:
         """Items of the menu of the one selected agent."""
         return tuple(
             MenuItem(
-                label=label,
-                act=lambda kind=kind: self.mode.toggle(kind),
+                label,
+                lambda kind=kind: self.mode.toggle(kind),
                 is_enabled=is_enabled,
                 key=key,
             )
@@ -116,12 +116,12 @@ class Steering:
         """Items of the menu of an agent, for the agent that was selected before."""
         return (
             MenuItem(
-                label=f"Agent {agent_id} yields to it",
-                act=lambda: self.mode.pair(YieldTo.kind, agent_id, other_id),
+                f"Agent {agent_id} yields to it",
+                lambda: self.mode.pair(YieldTo.kind, agent_id, other_id),
             ),
             MenuItem(
-                label=f"Agent {agent_id} threatens it",
-                act=lambda: self.mode.pair(Threaten.kind, agent_id, other_id),
+                f"Agent {agent_id} threatens it",
+                lambda: self.mode.pair(Threaten.kind, agent_id, other_id),
             ),
         )
 
@@ -133,12 +133,12 @@ class Steering:
         (agent_id,) = selection
         return (
             MenuItem(
-                label=f"Drive agent {agent_id} here",
-                act=lambda: self.mode.drive_to(agent_id, point_m),
+                f"Drive agent {agent_id} here",
+                lambda: self.mode.drive_to(agent_id, point_m),
             ),
             MenuItem(
-                label=f"Stop agent {agent_id} here",
-                act=lambda: self.mode.stop_at(agent_id, point_m),
+                f"Stop agent {agent_id} here",
+                lambda: self.mode.stop_at(agent_id, point_m),
             ),
         )
 

@@ -53,7 +53,7 @@ SHORT_TITLES: Final[dict[str, str]] = {
 ANY_SIDE: Final = "either side"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Input:
     """One value of a term that is edited in its row of the list."""
 
@@ -69,20 +69,6 @@ class Input:
     """Values to choose among; empty for a number."""
     empty: str = ""
     """Meaning of an empty number; empty text: a number is needed."""
-
-    def to_json(self) -> dict[str, Any]:
-        """As the page takes it."""
-        return {
-            "name": self.name,
-            "label": self.label,
-            "value": self.value,
-            "unit": self.unit,
-            "least": self.least,
-            "most": self.most,
-            "step": self.step,
-            "options": list(self.options),
-            "empty": self.empty,
-        }
 
 
 def title_of(term: GuidanceTerm) -> str:
@@ -146,41 +132,23 @@ def inputs_of(term: GuidanceTerm) -> tuple[Input, ...]:
     match term:
         case GoalPoint():
             at = Input(
-                name="at_s",
-                label="Time",
-                value=term.at_s,
-                unit="s",
-                least=0.5,
-                most=60.0,
-                empty="end",
+                "at_s", "Time", term.at_s, unit="s", least=0.5, most=60.0, empty="end"
             )
             return (at,)
         case TargetSpeed() | SpeedLimit():
             speed = Input(
-                name="speed_mps",
-                label="Speed",
-                value=term.speed_mps,
-                unit="m/s",
-                least=0.0,
-                most=60.0,
+                "speed_mps", "Speed", term.speed_mps, unit="m/s", least=0.0, most=60.0
             )
             return (speed,)
         case KeepGap():
-            gap = Input(
-                name="gap_m",
-                label="Gap",
-                value=term.gap_m,
-                unit="m",
-                least=0.5,
-                most=200.0,
-            )
+            gap = Input("gap_m", "Gap", term.gap_m, unit="m", least=0.5, most=200.0)
             return (gap,)
         case ComfortLimits():
             return tuple(
                 Input(
-                    name=name,
-                    label=label,
-                    value=getattr(term, name),
+                    name,
+                    label,
+                    getattr(term, name),
                     unit="m/s\u00b2",
                     least=0.2,
                     most=12.0,
@@ -194,27 +162,17 @@ def inputs_of(term: GuidanceTerm) -> tuple[Input, ...]:
             )
         case AvoidCollisions():
             side = Input(
-                name="side",
-                label="Swerve",
-                value=term.side or ANY_SIDE,
+                "side",
+                "Swerve",
+                term.side or ANY_SIDE,
                 options=(ANY_SIDE, *get_args(Side)),
             )
             return (side,)
         case Threaten():
             return (
+                Input("approach", "From", term.approach, options=get_args(Approach)),
                 Input(
-                    name="approach",
-                    label="From",
-                    value=term.approach,
-                    options=get_args(Approach),
-                ),
-                Input(
-                    name="severity",
-                    label="Severity",
-                    value=term.severity,
-                    least=0.0,
-                    most=1.0,
-                    step=0.1,
+                    "severity", "Severity", term.severity, least=0.0, most=1.0, step=0.1
                 ),
             )
         case _:

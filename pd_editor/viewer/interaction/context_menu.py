@@ -8,7 +8,7 @@ from pd_editor.viewer.interaction.picking import PointerRay
 from pd_editor.viewer.overlay.overlay import Overlay
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class MenuItem:
     """One line of the menu."""
 

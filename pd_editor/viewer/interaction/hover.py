@@ -79,7 +79,7 @@ def agent_lines(scenario: Scenario, base: Scenario, row: int, step: float) -> li
     agents, agent_id = scenario.agents, scenario.agents.ids[row]
     nearest = int(np.clip(np.round(step), 0, agents.num_steps - 1))
     speed = float(np.hypot(*agents.velocity_mps[row, nearest]))
-    kind = str(agents.kinds[row]).replace("_", " ")
+    kind = agents.kinds[row].in_words
     lines = [f"{kind} {agent_id}", f"{speed:.1f} m/s ({speed * 3.6:.0f} km/h)"]
     lane_kinds = lane_kinds_of(agents.kinds[row])
     if lane_kinds:

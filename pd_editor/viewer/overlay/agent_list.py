@@ -197,9 +197,7 @@ def listed_agents(
             ]
         )
     return {
-        "kinds": [
-            [kind.value.replace("_", " "), _css(palette.kinds[kind])] for kind in kinds
-        ],
+        "kinds": [[kind.in_words, _css(palette.kinds[kind])] for kind in kinds],
         "rows": rows,
     }
 

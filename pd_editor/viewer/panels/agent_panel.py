@@ -309,7 +309,7 @@ def summary(scenario: Scenario, rows: Int[np.ndarray, "G"]) -> tuple[str, ...]:
         marks.append("comes later" if is_valid[step:].any() else "has left by t = 0")
     marks.append(_time_seen(is_valid, scenario.time_axis.step_s))
     text = ", ".join(marks)
-    return f"{kind_name(agents.kinds[row])} {agents.ids[row]}", (
+    return f"{agents.kinds[row].in_words} {agents.ids[row]}", (
         text[:1].upper() + text[1:]
     )
 
@@ -334,13 +334,8 @@ def _time_seen(is_valid: Bool[np.ndarray, "T"], step_s: float) -> str:
     return f"seen {is_valid.sum() * step_s:.3g} of {whole}"
 
 
-def kind_name(kind: AgentKind) -> str:
-    """Name of a kind."""
-    return kind.value.replace("_", " ")
-
-
 def counted(kind: AgentKind, count: int) -> str:
     """A number of agents of a kind, such as "2 buses"."""
     if count == 1:
-        return f"1 {kind_name(kind)}"
-    return f"{count} {PLURAL.get(kind, f'{kind_name(kind)} objects')}"
+        return f"1 {kind.in_words}"
+    return f"{count} {PLURAL.get(kind, f'{kind.in_words} objects')}"

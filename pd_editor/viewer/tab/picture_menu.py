@@ -49,7 +49,7 @@ class PictureMenu:
             session.select((agent_id,))
         count = len(session.selection)
         is_there = bool(agents.is_valid[row, scenario.current_step])
-        kind = str(agents.kinds[row]).replace("_", " ")
+        kind = agents.kinds[row].in_words
         pose = RigidMotion(
             x_m=float(agents.position_m[row, scenario.current_step, 0]),
             y_m=float(agents.position_m[row, scenario.current_step, 1]),
@@ -57,23 +57,23 @@ class PictureMenu:
         )
         is_one = count == 1
         items = (
-            MenuItem(label="Select all of this kind", act=self.selecting.same_kind),
+            MenuItem("Select all of this kind", self.selecting.same_kind),
             MenuItem(
-                label="Make focal",
-                act=self.panels.agent.make_focal,
+                "Make focal",
+                self.panels.agent.make_focal,
                 is_enabled=is_one and agent_id != scenario.focal_id,
             ),
             MenuItem(
-                label="Possible trajectories",
-                act=self.panels.candidates.toggle_candidates,
+                "Possible trajectories",
+                self.panels.candidates.toggle_candidates,
                 is_enabled=is_one and is_there,
                 key="G",
             ),
             MenuItem(
-                label="Regenerate trajectory"
+                "Regenerate trajectory"
                 if is_one
                 else f"Regenerate {count} trajectories",
-                act=lambda: self.panels.generation.regenerate_agents(session.selection),
+                lambda: self.panels.generation.regenerate_agents(session.selection),
                 is_enabled=is_there,
             ),
             *(
@@ -83,22 +83,19 @@ class PictureMenu:
             ),
             *self.modes.steering.agent_items(is_enabled=is_one and is_there),
             MenuItem(
-                label="Snap to lane",
-                act=self.panels.agent.snap,
-                is_enabled=is_there,
-                key="L",
+                "Snap to lane", self.panels.agent.snap, is_enabled=is_there, key="L"
             ),
             *self._lock_items(is_there),
             MenuItem(
-                label="Duplicate",
-                act=self.panels.agent.duplicate,
+                "Duplicate",
+                self.panels.agent.duplicate,
                 is_enabled=is_there,
                 key="Ctrl+D",
             ),
-            MenuItem(label="Delete", act=self.panels.agent.delete, key="Del"),
+            MenuItem("Delete", self.panels.agent.delete, key="Del"),
             MenuItem(
-                label="Bend the road from here",
-                act=lambda: self.panels.road.bend_from(pose),
+                "Bend the road from here",
+                lambda: self.panels.road.bend_from(pose),
                 is_enabled=is_one and is_there,
             ),
         )
@@ -109,18 +106,14 @@ class PictureMenu:
         """Unlock what is locked; else the three locks."""
         session, locks = self.ui.session, self.panels.agent.locks
         if all(name in session.scenario.locks for name in session.selection):
-            return (MenuItem(label="Unlock", act=locks.toggle, key="K"),)
+            return (MenuItem("Unlock", locks.toggle, key="K"),)
         beginning = locks.beginning
         return (
-            MenuItem(label="Lock trajectory", act=locks.toggle, key="K"),
+            MenuItem("Lock trajectory", locks.toggle, key="K"),
+            MenuItem("Lock state", lambda: locks.lock(STATE_LOCK), is_enabled=is_there),
             MenuItem(
-                label="Lock state",
-                act=lambda: locks.lock(STATE_LOCK),
-                is_enabled=is_there,
-            ),
-            MenuItem(
-                label=f"Lock {beginning.in_words}",
-                act=lambda: locks.lock(beginning),
+                f"Lock {beginning.in_words}",
+                lambda: locks.lock(beginning),
                 is_enabled=is_there,
             ),
         )
@@ -132,28 +125,22 @@ class PictureMenu:
             y_m=float(point_m[1]),
             rotation_rad=suggested_heading(road_map, point_m, AgentKind.VEHICLE),
         )
-        kind = str(self.modes.placing.kind).replace("_", " ")
+        kind = self.modes.placing.kind.in_words
         return Menu(
             title="Road",
             items=(
                 *self.modes.steering.road_items(point_m),
                 MenuItem(
-                    label=f"Place a {kind} here",
-                    act=lambda: self.modes.placing.place(point_m),
+                    f"Place a {kind} here", lambda: self.modes.placing.place(point_m)
                 ),
                 MenuItem(
-                    label="Bend the road from here",
-                    act=lambda: self.panels.road.bend_from(pose),
+                    "Bend the road from here", lambda: self.panels.road.bend_from(pose)
                 ),
                 MenuItem(
-                    label="Measure from here",
-                    act=lambda: self.modes.measure.begin_at(point_m),
+                    "Measure from here",
+                    lambda: self.modes.measure.begin_at(point_m),
                     key="M",
                 ),
-                MenuItem(
-                    label="Select all agents",
-                    act=self.selecting.select_all,
-                    key="Ctrl+A",
-                ),
+                MenuItem("Select all agents", self.selecting.select_all, key="Ctrl+A"),
             ),
         )

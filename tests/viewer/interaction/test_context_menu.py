@@ -28,8 +28,8 @@ def done():
 def page(done):
     page = Page()
     items = (
-        MenuItem(label="Snap", act=lambda: done.append("snap")),
-        MenuItem(label="Focal", act=lambda: done.append("focal"), is_enabled=False),
+        MenuItem("Snap", lambda: done.append("snap")),
+        MenuItem("Focal", lambda: done.append("focal"), is_enabled=False),
     )
     ContextMenu(page, lambda _ray: Menu(title="Agent", items=items))
     return page
