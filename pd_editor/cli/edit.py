@@ -61,11 +61,7 @@ def edit(
 
 
 def _check_address(host: str, port: int) -> None:
-    """Raise for an address that this machine cannot listen on.
-
-    Raises:
-        InputError: the port is out of range or forbidden, or the host is not local.
-    """
+    """Raise for an address that this machine cannot listen on."""
     if not 1 <= port <= 65535:
         raise InputError(f"Port {port} is outside 1..65535.")
     try:

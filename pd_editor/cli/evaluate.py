@@ -199,11 +199,7 @@ def _reported(
     record: RunRecord,
     command: str,
 ) -> Evaluation:
-    """Summarise the rows and write the reports.
-
-    Raises:
-        PdEditorError: a method has no rows; the reports say why.
-    """
+    """Summarise the rows and write the reports."""
     rows, methods = folder.path / ROWS_NAME, plan.settings.methods
 
     def summary_of(names: tuple[str, ...]) -> Summary:
@@ -347,11 +343,7 @@ def within(least: int, value: int, most: int, name: str) -> int:
 
 
 def _check_something_left(found: Findings, record: RunRecord, report: Path) -> None:
-    """Raise if a method succeeded on no scene.
-
-    Raises:
-        GenerationError: names the first of the reasons.
-    """
+    """Raise if a method succeeded on no scene."""
     if record.num_scenes == len(record.without_future):
         raise InputError(
             f"None of the {record.num_scenes} scenes has a logged future; there is "

@@ -272,11 +272,7 @@ def _write(
 def _check_supports(
     generator: ScenarioGenerator, request: GenerationRequest, *, has_terms: bool
 ) -> None:
-    """Raise for what the generator cannot do.
-
-    Raises:
-        GenerationError: says what, and what to do instead.
-    """
+    """Raise for what the generator cannot do."""
     supports = supported_by(generator)
     check_supported(request, supports, generator.name)
     if has_terms and "guidance" not in supports:
@@ -287,11 +283,7 @@ def _check_supports(
 
 
 def _tell_problems(request: GenerationRequest, terms: tuple[GuidanceTerm, ...]) -> None:
-    """Write what is doubtful about guidance to stderr.
-
-    Raises:
-        GenerationError: a term cannot be run.
-    """
+    """Write what is doubtful about guidance to stderr."""
     adds = request.samples_num_agents or any(request.num_new_agents.values())
     problems = guidance_problems(
         request.scenario, terms, None if adds else request.agent_ids
@@ -305,11 +297,7 @@ def _tell_problems(request: GenerationRequest, terms: tuple[GuidanceTerm, ...]) 
 def _activities(
     parked: tuple[str, ...], waiting: tuple[str, ...]
 ) -> tuple[SetAgentActivity, ...]:
-    """The edits that set activities.
-
-    Raises:
-        GenerationError: an agent is both.
-    """
+    """The edits that set activities."""
     both = sorted(set(parked) & set(waiting))
     if both:
         raise GenerationError(
@@ -324,7 +312,6 @@ def _activities(
 
 
 def _names(opened: Scenario, name: str, request: GenerationRequest) -> tuple[str, ...]:
-    """A name for each sample."""
     count = request.num_samples
     name = name or name_from_text(f"{short_id(opened.scenario_id)} s{request.seed}")
     if count == 1:
@@ -333,11 +320,7 @@ def _names(opened: Scenario, name: str, request: GenerationRequest) -> tuple[str
 
 
 def _wanted_counts(texts: str | Sequence[str]) -> tuple[dict[AgentKind, int], bool]:
-    """Number of new agents of each kind, and whether the model chooses it.
-
-    Raises:
-        GenerationError: a text is neither a number, nor KIND=NUMBER, nor ``fit``.
-    """
+    """Number of new agents of each kind, and whether the model chooses it."""
     if isinstance(texts, str):
         texts = texts.split()
     if tuple(texts) == ("fit",):
@@ -359,11 +342,7 @@ def _wanted_counts(texts: str | Sequence[str]) -> tuple[dict[AgentKind, int], bo
 
 
 def _region(scenario: Scenario, x: float, y: float, half_side: float) -> Region:
-    """Region around a road, given in the scene frame or else in the city frame.
-
-    Raises:
-        GenerationError: there is no road in the region in either frame.
-    """
+    """Region around a road, given in the scene frame or else in the city frame."""
     asked = Region(center_m=(0.0, 0.0), half_side_m=half_side)
     points = lane_pieces(scenario.road_map).pose[:, :2]
     frames = {"scene": np.zeros(2), "city": scenario.origin_city_m}
@@ -392,11 +371,7 @@ def _refuse_contradictions(
     adds: bool,
     replaces_ego_and_focal: bool,
 ) -> None:
-    """Raise for options that contradict each other.
-
-    Raises:
-        GenerationError: names the options.
-    """
+    """Raise for options that contradict each other."""
     if resamples_states and samples_agents:
         raise GenerationError(
             "--resample-states is for agents that stay, --num-agents for new ones; give "

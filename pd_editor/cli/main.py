@@ -39,12 +39,7 @@ _COMMANDS = {
 
 
 def _run(words: list[str]) -> object:
-    """Run a command and return its result.
-
-    Raises:
-        InputError: the arguments are wrong.
-        PdEditorError: the command failed.
-    """
+    """Run a command and return its result."""
     message = io.StringIO()
     has_begun = False
 

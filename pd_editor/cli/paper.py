@@ -43,7 +43,6 @@ class PaperEvaluation:
     folder: Path
     files: tuple[Path, ...]
     text: str
-    """The report in Markdown."""
     records: tuple[RunRecord, ...]
 
     def __str__(self) -> str:
@@ -139,11 +138,7 @@ def _run(part: Part, out: Path, engine: WorkEngine, *, resume: bool) -> RunRecor
 def _tables(
     plan: PaperPlan, out: Path, splits: Sequence[str], seed: int
 ) -> tuple[RowTable, RowTable, RowTable]:
-    """Rows of the three evaluations.
-
-    Raises:
-        InputError: none has a value of a recorded agent.
-    """
+    """Rows of the three evaluations."""
     states, paper, everyone = (
         RowTable.of(
             part.folder(out) / ROWS_NAME,

@@ -261,12 +261,7 @@ def _trained(
 def _sample_check(
     device: DeviceName, roots: Sequence[Path], stage: str
 ) -> "SampleCheck":
-    """Evaluation of samples of a stage; initial states get the shipped trajectories.
-
-    Raises:
-        InputError: there are no scenario folders below the roots.
-        ModelError: the shipped model cannot be read.
-    """
+    """Evaluation of samples of a stage; initial states get the shipped trajectories."""
     from pd_editor.diffusion.checkpoints.model_folder import load_model, save_model
     from pd_editor.diffusion.path_diffuser import PathDiffuser
     from pd_editor.diffusion.stages import STAGE_KINDS

@@ -177,7 +177,6 @@ class RegeneratedEntry:
     max_difference_m: float
     """Largest distance between positions; infinity if the agents differ."""
     fresh: Command
-    """The regenerated entry."""
 
 
 def regenerate(

@@ -209,11 +209,7 @@ def _is_held(path: Path) -> bool:
 
 
 def _read(path: Path) -> tuple[_Header, list[_Entry]]:
-    """Read header and lines, without an incomplete last line.
-
-    Raises:
-        RecipeError: a line is not valid.
-    """
+    """Read header and lines, without an incomplete last line."""
     content = read_regular(path, max_bytes=MAX_JOURNAL_BYTES, error=RecipeError)
     lines = whole_lines(content).splitlines()
     if not lines:

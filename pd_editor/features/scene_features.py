@@ -80,14 +80,12 @@ class SceneFeatures(SceneTokens):
     center_m: Float[np.ndarray, "2"]
     """Where poses are counted from."""
     agent_row: Int[np.ndarray, "A"]
-    """Row of each agent in the scenario."""
     candidate_m: Float[np.ndarray, "A C H 2"]
     """Candidates at the H future steps, in the frame of the agent's current pose."""
     has_candidate: Bool[np.ndarray, "A C"]
     future_m: Float[np.ndarray, "A H 2"]
     """Recorded positions at the future steps, in the frame of the agent's pose."""
     has_future: Bool[np.ndarray, "A"]
-    """Whether every future step is recorded."""
 
 
 def scene_features(

@@ -37,9 +37,7 @@ class Crossings:
     """C conflict zones between a driver and another agent."""
 
     driver: Int[np.ndarray, "C"]
-    """Index of the driver."""
     other: Int[np.ndarray, "C"]
-    """Row of the other agent."""
     entry_m: Float[np.ndarray, "C"]
     """Arc length at which the driver's path enters the zone."""
     other_entry_m: Float[np.ndarray, "C"]

@@ -23,7 +23,6 @@ class TrafficView:
     scenario: Scenario
     """Road, time axis and, where there is one, the recorded future."""
     agents: AgentStates
-    """The evaluated agents."""
     context: AgentStates
     """Other road users, those at the current step unless stated; agents can collide with
     them."""

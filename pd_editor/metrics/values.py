@@ -17,7 +17,6 @@ class MaskedValues:
 
     value: Float[np.ndarray, "*shape"]
     is_valid: Bool[np.ndarray, "*shape"]
-    """Which values are valid."""
 
     def __len__(self) -> int:
         return len(self.value)

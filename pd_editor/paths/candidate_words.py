@@ -45,7 +45,6 @@ def candidate_texts(found: CandidateSet, road_map: RoadMap) -> tuple[str, ...]:
 
 
 def _route(found: CandidateSet, index: int, road_map: RoadMap) -> str:
-    """Describe the route of a candidate."""
     heading = found.heading_rad[0, index]
     turn = float(wrap_angle(np.diff(heading)).sum())
     shift = float(found.lateral_shift_m[0, index])
@@ -86,7 +85,6 @@ def _slot(found: CandidateSet, index: int) -> int:
 
 
 def _speed(found: CandidateSet, index: int) -> str:
-    """Describe the speed of a candidate."""
     speed: Float[np.ndarray, "H"] = np.hypot(*found.velocity_mps[0, index].T)
     start, end = float(speed[0]), float(speed[-1])
     if found.is_standstill[0, index]:

@@ -67,11 +67,9 @@ class BoxesAhead:
     """N pairs of a driver and a box on its path, sorted by driver."""
 
     driver: Int[np.ndarray, "N"]
-    """Index of the driver."""
     gap_m: Float[np.ndarray, "N"]
     """Free length of path between both boxes."""
     speed_mps: Float[np.ndarray, "N"]
-    """Speed of the box along the path."""
 
     def nearest(self) -> "BoxesAhead":
         """Keep only the nearest box of each driver."""

@@ -54,7 +54,6 @@ class FollowedPath:
     """Path from an agent's pose that joins a line."""
 
     path: DrivingPaths
-    """One path."""
     length_m: float
     """Its length up to the line's end."""
     turn_rad: float

@@ -66,6 +66,5 @@ class Window:
     center_m: tuple[float, float]
     """Centre of the clip's square."""
     focal_id: str
-    """Id of the focal agent."""
     seed: int
     """Seed of all random choices when the clip is extracted."""

@@ -149,7 +149,6 @@ class ShardReader:
 
 
 def _read_index(file: Path) -> list[list[Window]]:
-    """Read the windows of each recording of a shard."""
     data = _members(file, [_INDEX_NAME])[0]
     try:
         index = json.loads(data)

@@ -22,7 +22,6 @@ class AgentStates(BoxStates):
     ids: tuple[str, ...]
     """Ids, unique."""
     kinds: tuple[AgentKind, ...]
-    """Kind of each agent."""
     velocity_mps: Float[np.ndarray, "A T 2"]
 
     def __len__(self) -> int:

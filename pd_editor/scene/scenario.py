@@ -51,11 +51,9 @@ class AppliedWarp:
     """Friction coefficient mu that agents were slowed to; None if they were not."""
     original_road_map: RoadMap
     original_agents: AgentTracks
-    """Agents before the warp."""
     warped_agents: AgentTracks
     """The same agents right after the warp; agents that still equal them are unedited."""
     original_guidance: tuple[GuidanceTerm, ...] = ()
-    """Guidance terms before the warp."""
     warped_guidance: tuple[GuidanceTerm, ...] = ()
     """The same terms right after the warp."""
 

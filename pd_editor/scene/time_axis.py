@@ -15,7 +15,6 @@ class TimeAxis:
     current_step: int = 50
     """Step that edits act on; later steps are the future."""
     step_s: float = 0.1
-    """Duration of a step."""
     start_timestamp_ns: float = 0.0
     """Time of the first step, as the source file has it."""
     end_timestamp_ns: float = 10.9e9

@@ -47,7 +47,6 @@ class Stage:
         [Any, Any, torch.Generator, OwnSamplesConfig],
         tuple[torch.Tensor, Mapping[str, torch.Tensor]],
     ]
-    """Loss of the network's own samples."""
     with_basis: Callable[[Any, TrajectoryBasis], nn.Module]
     """Makes a new network for latents of a basis."""
 

@@ -141,22 +141,14 @@ class RayCluster:
         }
 
     def _check_reachable(self) -> None:
-        """Raise at once if nothing listens; Ray itself would try for minutes.
-
-        Raises:
-            OSError: the host is not known, or nothing listens at the port.
-        """
+        """Raise at once if nothing listens; Ray itself would try for minutes."""
         host, _, port = (self.address or "").removeprefix("ray://").rpartition(":")
         if host and port.isdecimal():
             socket.create_connection((host.strip("[]"), int(port)), _PROBE_S).close()
 
 
 def _ray() -> Any:
-    """The package ``ray``, quiet about what users need not know.
-
-    Raises:
-        InputError: it is not installed.
-    """
+    """The package ``ray``, quiet about what users need not know."""
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     if (Path.home() / _TOKEN_FILE).exists():

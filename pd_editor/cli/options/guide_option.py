@@ -107,7 +107,6 @@ def _built(data: Any, where: str) -> GuidanceTerm:
 
 
 def _value(hint: Any, text: str, where: str) -> Any:
-    """JSON value of a text."""
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         (inner,) = (arg for arg in args if arg is not type(None))

@@ -211,11 +211,7 @@ def _loaded_stage(
 
 
 def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
-    """Sampling settings of a stage; missing ones have their defaults.
-
-    Raises:
-        ModelError: the settings are not valid.
-    """
+    """Sampling settings of a stage; missing ones have their defaults."""
     if not isinstance(given, dict) or not given.keys() <= kind.sampling_types.keys():
         raise ModelError(
             f"{source}: 'sampling' must hold "

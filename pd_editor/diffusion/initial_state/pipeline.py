@@ -167,7 +167,6 @@ class SquareTask:
     """Agents to place in one square of one sample."""
 
     sample: int
-    """Index of the sample."""
     kept: Scenario
     """The scenario without the agents to place."""
     placing: SquarePlacement
@@ -468,7 +467,6 @@ def no_lanes(scenario: Scenario, place_m: Float[np.ndarray, "2"]) -> str:
 
 
 def _agents_to_place(scenario: Scenario, placing: SquarePlacement) -> AgentTracks:
-    """Tracks of the agents to place, without any state."""
     agents, steps = scenario.agents, scenario.time_axis.num_steps
     old = agents.taken(agents.rows(placing.resampled_ids))
     strange = [kind for kind in old.kinds if kind not in ROAD_USER_KINDS]

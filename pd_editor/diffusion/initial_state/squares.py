@@ -183,7 +183,6 @@ def _kinds_by_square(
     squares: Sequence[Square],
     random: np.random.Generator,
 ) -> list[tuple[AgentKind, ...]]:
-    """Kinds of the new agents of each square."""
     numbers: list[dict[AgentKind, int]] = [{} for _ in squares]
     if placement.samples_num_agents:
         numbers = _missing_numbers(model, scenario, placement, squares, random)

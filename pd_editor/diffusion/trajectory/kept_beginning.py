@@ -35,7 +35,6 @@ class KeptBeginning:
     """Kept states of K sampled agents at the current step and F later ones."""
 
     index: Int[np.ndarray, "K"]
-    """Index of each agent in the task."""
     is_kept: Bool[np.ndarray, "K F_plus_1"]
     """Steps at which an agent exists and its state is kept."""
     last: Int[np.ndarray, "K"]

@@ -63,7 +63,6 @@ class RequestSummary:
     """Ids of agents that were removed before the generation."""
     num_samples: int = 1
     sample_index: int = 0
-    """Index of the applied sample."""
     num_denoising_steps: int | None = None
     guidance: tuple[GuidanceTerm | GuidanceSetting, ...] = ()
     is_unguided: bool = False

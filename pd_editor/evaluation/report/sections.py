@@ -70,7 +70,6 @@ class Findings:
 
     splits: EvaluationSplits
     summary: Summary
-    """Summary of the headline splits."""
     development: Summary | None = None
     """Summary of the development splits, if they are not the headline."""
     distances: Sequence[ReportTable] = ()
@@ -118,7 +117,6 @@ def report_of(
 def _compared(
     task: EvaluationTask, summary: Summary, distances: Sequence[ReportTable]
 ) -> tuple[Section, ...]:
-    """Sections with results and distances to the log."""
     beside = "overlap, path length, ADE and spread"
     if task.samples_states:
         beside = "overlap and path length"
@@ -167,7 +165,6 @@ def _scene_test(found: Findings) -> tuple[Section, ...]:
 
 
 def _development(task: EvaluationTask, found: Findings) -> tuple[Section, ...]:
-    """Sections with results on the development splits."""
     if found.development is None:
         return ()
     headlines = PLACING_HEADLINES if task.samples_states else HEADLINES

@@ -38,7 +38,6 @@ class RouteChoice:
     """Q pairs of an agent and a route, sorted by agent, most natural route first."""
 
     agent: Int[np.ndarray, "Q"]
-    """Index of the agent."""
     routes: tuple[Route, ...]
     along_m: Float[np.ndarray, "Q"]
     """Arc length of the agent on its route."""

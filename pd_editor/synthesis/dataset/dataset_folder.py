@@ -43,7 +43,6 @@ class NetworkFiles:
 
     record: NetworkRecord
     shards: Mapping[str, bytes]
-    """Shards by file name."""
     folders: Mapping[str, Mapping[str, bytes]]
     """Files of scenario folders, by the folder's name and their own."""
 

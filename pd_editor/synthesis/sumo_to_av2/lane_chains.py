@@ -34,7 +34,6 @@ class LaneChains:
     chain_of: Mapping[str, int]
     """Index of the chain of each SUMO lane id."""
     next_of: Mapping[int, tuple[int, ...]]
-    """Successors of each chain."""
 
 
 def lane_chains(net: SumoNet) -> LaneChains:

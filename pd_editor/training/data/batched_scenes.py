@@ -25,7 +25,6 @@ class TrainingData:
     """N scenes: training and validation rows, and functions that batch them."""
 
     training_rows: tuple[Int[np.ndarray, "_"], ...]
-    """Training rows of each data root."""
     held_out_rows: Int[np.ndarray, "_"]
     size: Int[np.ndarray, "N"]
     """Size of each scene; scenes of similar size share batches."""

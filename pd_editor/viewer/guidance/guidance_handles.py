@@ -174,11 +174,7 @@ class GuidanceHandles:
 
 
 def _command(grab: _Grab, point_m: np.ndarray) -> Command | None:
-    """The command that moves the held mark to a point; None if it does not move.
-
-    Raises:
-        EditError: it cannot be there.
-    """
+    """The command that moves the held mark to a point; None if it does not move."""
     scenario = grab.scenario
     if grab.index == OFFER:
         return AddGuidance(term=goal_term(scenario, grab.agent_id, point_m))

@@ -248,11 +248,7 @@ class Guiding:
         self.stop()
 
     def _clicked(self, ray: PointerRay) -> GuidanceTerm:
-        """The term of a click.
-
-        Raises:
-            EditError: nothing is there that it could mean.
-        """
+        """The term of a click."""
         scenario, point = self._ui.session.scenario, ray.ground_m
         if self.tool in (YieldTo.kind, Threaten.kind):
             other = self._picked(ray)

@@ -41,7 +41,6 @@ class ScorecardActions:
     apply: Callable[[Command], None]
     regenerate: Callable[[tuple[str, ...]], None]
     draw: Callable[[Scenario, tuple[Finding, ...]], None]
-    """Draws findings in the scene."""
     redraw: Callable[[], None]
     """Draws rings again."""
     opened: Callable[[], None]

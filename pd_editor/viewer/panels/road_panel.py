@@ -409,11 +409,7 @@ class RoadPanel:
         self._show_pose(self._ui.session.scenario)
 
     def _anchor_pose(self) -> RigidMotion:
-        """Pose that the warp bends ahead of, on the original road.
-
-        Raises:
-            EditError: the chosen agent does not exist at the current step.
-        """
+        """Pose that the warp bends ahead of, on the original road."""
         scenario, choice = self._ui.session.scenario, self._anchor.value
         if choice == POINT:
             return self._gizmo.pose or self._own_pose or _starting_pose(scenario)

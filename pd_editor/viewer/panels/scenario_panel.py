@@ -162,6 +162,5 @@ class ScenarioPanel:
 
 
 def _shows(name: str) -> str:
-    """Description of a demo."""
     sentence = demo_sentence(name)
     return f"{sentence[:1].upper() + sentence[1:]}." if sentence else ""

@@ -177,12 +177,7 @@ class StudyPanel:
         self._start(resumes=True)
 
     def _start(self, *, resumes: bool) -> None:
-        """Start or resume a study.
-
-        Raises:
-            InputError: a setting cannot be used.
-            ExportError: the folder for the results is not free.
-        """
+        """Start or resume a study."""
         if self._job is not None and self._job.is_running:
             raise InputError("A study is running; cancel it first.")
         data, out = str(self._data.value).strip(), str(self._out.value).strip()
@@ -242,11 +237,7 @@ class StudyPanel:
         self._ui.post(still, merge_key)
 
     def _conditions(self) -> tuple[RoadCondition, ...]:
-        """The grid of the ticked kinds at each anchor, and the sums.
-
-        Raises:
-            InputError: nothing is ticked and no sum named, or a sum is not known.
-        """
+        """The grid of the ticked kinds at each anchor, and the sums."""
         kinds = [kind for kind, box in self._kinds.items() if box.value]
         sums = str(self._sums.value).replace(",", " ").split()
         if not kinds and not sums:

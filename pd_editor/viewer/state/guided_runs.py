@@ -15,7 +15,6 @@ class GuidedRun:
     request: GenerationRequest
     traffic: GeneratedTraffic
     index: int
-    """Index of the sample."""
     removed_ids: tuple[str, ...] = ()
 
     @property

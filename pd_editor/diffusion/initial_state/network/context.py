@@ -29,7 +29,6 @@ class InitialStateContext:
     is_given: Bool[Tensor, "B A"] | None
     """Given agents; None if there are none."""
     given: Float[Tensor, "B A P"]
-    """Encoded states of the given agents."""
 
 
 class EncodedStateLevel(NamedTuple):

@@ -51,7 +51,6 @@ class CenterLines:
     far_m: Float[Tensor, "B 1 P"]
     """Added to distances: infinity for padding and crosswalks."""
     is_junction: Bool[Tensor, "B 1 P"]
-    """Whether the lane of a piece is in a junction."""
 
     @classmethod
     def of(cls, scene: SceneTensors) -> "CenterLines":

@@ -103,7 +103,6 @@ class NearTokens(NamedTuple):
     axis: Complex[Tensor, "B S A M"]
     """Direction of each, in the frame of the scene."""
     numbers: tuple[int, ...]
-    """Number of tokens of each group."""
     mask: Mask
     """Of shape [B S A G M]: row g sees the tokens of group g."""
 

@@ -46,7 +46,6 @@ class Masks:
     neighbors: Float[Tensor, "B 1 A K"]
     """Term for logits: minus infinity where there is no neighbour."""
     neighbor: Int[Tensor, "B 1 A K"]
-    """Row of each neighbour in its scene."""
 
 
 class AgentBlock(nn.Module):

@@ -35,7 +35,6 @@ class InteractionGeometry:
     waypoint from the one before."""
     offset: Float[Tensor, "G W3"]
     row: Int[Tensor, "R"]
-    """Row of each neighbour among all agents."""
     cos: Float[Tensor, "R 1"]
     sin: Float[Tensor, "R 1"]
     """Sine of the neighbour's heading in the agent's frame."""

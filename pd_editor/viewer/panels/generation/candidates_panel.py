@@ -193,11 +193,7 @@ class CandidatesPanel:
         self._on_guided(agent_id, found.position_m[0, index])
 
     def _needed_index(self) -> int:
-        """Index of the chosen candidate.
-
-        Raises:
-            EditError: none is chosen.
-        """
+        """Index of the chosen candidate."""
         index = self._chosen_index()
         if index is None:
             raise EditError(

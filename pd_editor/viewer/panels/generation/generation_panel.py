@@ -349,11 +349,7 @@ class GenerationPanel:
         )
 
     def _of_wanted_kinds(self, agent_ids: tuple[str, ...]) -> tuple[str, ...]:
-        """Those agents of the wanted kinds.
-
-        Raises:
-            GenerationError: there is none.
-        """
+        """Those agents of the wanted kinds."""
         scenario, kinds = self._ui.session.scenario, self._wanted_kinds()
         found = agent_ids_of_kinds(scenario, agent_ids, kinds)
         if not found:
@@ -402,11 +398,7 @@ class GenerationPanel:
         self._drawing.set_shown(IN_REGION in (self._where.value, self._scope.value))
 
     def _drawn_region(self) -> Region:
-        """The drawn region.
-
-        Raises:
-            GenerationError: there is none.
-        """
+        """The drawn region."""
         if self._drawing.region is None:
             raise GenerationError(
                 f"There is no region yet. Press '{DRAW_REGION}' and drag on the road, "
@@ -415,11 +407,7 @@ class GenerationPanel:
         return self._drawing.region
 
     def _region(self) -> Region | None:
-        """Region in which states are sampled.
-
-        Raises:
-            GenerationError: the drawn region is chosen, and there is none.
-        """
+        """Region in which states are sampled."""
         if self._where.value == IN_REGION:
             return self._drawn_region()
         if self._where.value == AROUND_VIEW:
