@@ -18,6 +18,7 @@ from pd_editor.guidance.limits import (
     MAX_BRAKING_MPS2,
 )
 from pd_editor.guidance.pair_checks import (
+    gap_problems,
     pair_contradictions,
     threat_problems,
     yield_problems,
@@ -32,6 +33,7 @@ from pd_editor.scene.guidance_terms import (
     FollowPath,
     GoalPoint,
     GuidanceTerm,
+    KeepGap,
     SpeedLimit,
     StopAtLine,
     TargetSpeed,
@@ -431,6 +433,7 @@ CHECKS: Final[dict[type[GuidanceTerm], Callable[[Any, Scenario], Found]]] = {
     TargetSpeed: _speed_problems,
     SpeedLimit: _limit_problems,
     StopAtLine: _stop_problems,
+    KeepGap: gap_problems,
     YieldTo: yield_problems,
 }
 """Problems of the terms of each kind, of agents that are there."""

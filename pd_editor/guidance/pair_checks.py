@@ -1,6 +1,7 @@
 """Problems of terms on pairs of agents before a run."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Final, Literal, get_args
 
@@ -9,6 +10,7 @@ from jaxtyping import Float
 
 from pd_editor.guidance.agent_now import AgentNow
 from pd_editor.guidance.limits import MAX_BRAKING_MPS2
+from pd_editor.guidance.pair_outcomes import gaps_ahead
 from pd_editor.paths.driving_paths import SPACING_M
 from pd_editor.scene.guidance_terms import (
     Approach,
@@ -16,11 +18,13 @@ from pd_editor.scene.guidance_terms import (
     FollowPath,
     GoalPoint,
     GuidanceTerm,
+    KeepGap,
     StopAtLine,
     Threaten,
     YieldTo,
 )
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.threats.threat_feasibility import is_feasible
 from pd_editor.threats.threat_plans import ThreatAim
 
@@ -73,6 +77,25 @@ def threat_problems(
 def _can_threaten(scenario: Scenario, term: Threaten, is_kept: bool) -> bool:
     """Cached: each sample of a run asks again."""
     return is_feasible(scenario, term, is_kept=is_kept)
+
+
+def gap_problems(term: KeepGap, scenario: Scenario) -> Found:
+    """Whether named agents stand behind others that stand: they cannot reverse."""
+    agents, now = scenario.agents, scenario.current_step
+    rows = agents.rows(term.agent_ids)
+    speed = agents.speed_mps()[:, now]
+    boxes = agents.at_steps(slice(now, now + 1))
+    stands = boxes.is_valid & (speed < STANDING_MPS)[:, None]
+    gap, _ = gaps_ahead(boxes, rows)
+    standing, _ = gaps_ahead(replace(boxes, is_valid=stands), rows)
+    for row, (one,), (other,) in zip(rows, gap, standing, strict=True):
+        if stands[row] and one == other < term.gap_m:
+            yield (
+                "warning",
+                f"Agent {agents.ids[row]} stands {one:.1f} m behind an agent that stands "
+                f"as well, and cannot reverse to a gap of {term.gap_m:g} m; ask for less "
+                "or name agents that drive.",
+            )
 
 
 def yield_problems(term: YieldTo, scenario: Scenario) -> Found:

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import left_of, unit_vector
-from pd_editor.guidance.limits import OBEYED_GAP_M, OPENING_MPS
+from pd_editor.geometry.oriented_box import BoxStates
+from pd_editor.guidance.limits import MAX_BRAKING_MPS2, OBEYED_GAP_M, OPENING_MPS
 from pd_editor.guidance.measured import Driven, Measured, of_several
 from pd_editor.metrics.collisions.box_collision import box_overlap
 from pd_editor.metrics.collisions.box_tests import boxes_touch
@@ -36,7 +37,8 @@ def gap_outcome(term: KeepGap, driven: Driven) -> Measured | None:
     gap, first = gaps_ahead(view.everyone, rows)
     time_s = driven.step_s * np.arange(gap.shape[1])
     asked = np.minimum(np.minimum(first, term.gap_m) + OPENING_MPS * time_s, term.gap_m)
-    short = np.where(np.isfinite(gap), asked - gap, -np.inf)[:, 1:]
+    short = np.where(np.isfinite(gap), asked - gap, -np.inf)
+    short = np.minimum(short, _could_wait_m(view.everyone, rows, time_s))[:, 1:]
     words = f"at least {term.gap_m:.1f} m to the agent ahead"
     if not np.isfinite(short).any():
         return Measured(
@@ -54,13 +56,24 @@ def gap_outcome(term: KeepGap, driven: Driven) -> Measured | None:
     )
 
 
+def _could_wait_m(
+    agents: AgentStates, rows: Int[np.ndarray, "G"], time_s: Float[np.ndarray, "H"]
+) -> Float[np.ndarray, "G H"]:
+    """How much less agents could have driven: they brake at most, and do not reverse."""
+    way = np.linalg.norm(np.diff(agents.position_m[rows], axis=1), axis=-1)
+    speed = np.hypot(*agents.velocity_mps[rows, 0].T)[:, None]
+    lasts = np.minimum(time_s, speed / MAX_BRAKING_MPS2)
+    least = speed * lasts - MAX_BRAKING_MPS2 / 2 * lasts**2
+    return np.maximum(np.pad(way.cumsum(axis=1), [(0, 0), (1, 0)]) - least, 0.0)
+
+
 def gaps_ahead(
-    agents: AgentStates, rows: Int[np.ndarray, "G"]
+    agents: BoxStates, rows: Int[np.ndarray, "G"]
 ) -> tuple[Float[np.ndarray, "G H"], Float[np.ndarray, "G H"]]:
     """Gap to the leader at each step, and its gap at the current step; else infinite.
 
     The leader is the nearest agent ahead in the corridor of the agent's box, with about
-    the same heading.
+    the same heading, that is not beside it then and now.
     """
     forward = unit_vector(agents.heading_rad[rows])[:, None]
     offset = agents.position_m[None] - agents.position_m[rows, None]
@@ -75,6 +88,7 @@ def gaps_ahead(
     leads = (aside < wide + mine[..., 1]) & (cos > _FOLLOWS_COS)
     leads &= (ahead > mine[..., 0]) & agents.is_valid[None]
     gap = ahead - half - mine[..., 0]
+    leads &= (gap > 0) | (gap[..., :1] > 0)
     first = np.maximum(gap[..., 0], 0.0)
     gap = np.where(leads, gap, np.inf)
     leader = gap.argmin(axis=1)

@@ -10,6 +10,7 @@ from pd_editor.scene.guidance_terms import (
     FollowPath,
     GoalPoint,
     GuidanceTerm,
+    KeepGap,
     SpeedLimit,
     StopAtLine,
     TargetSpeed,
@@ -97,6 +98,19 @@ def test_a_goal_behind_agents_that_stand_is_a_warning(goal, others, is_blocked):
             f"Agent {first} stands on the way of agent 100 to its goal; put the goal "
             "before it, or move it away."
         )
+
+
+def test_a_gap_of_named_agents_that_stand_behind_others_is_a_warning():
+    """Without names it is of those that can keep it."""
+    gap = KeepGap(agent_ids=("101",), gap_m=4.0)
+    (problem,) = guidance_problems(QUEUE, (gap,))
+    assert "stands 2.4 m behind an agent" in problem.message
+    for other in (
+        replace(gap, agent_ids=()),
+        replace(gap, agent_ids=("100", "102", "103")),
+        replace(gap, gap_m=2.0),
+    ):
+        assert guidance_problems(QUEUE, (other,)) == ()
 
 
 def test_agents_that_are_gone_absent_locked_or_left_out_are_told():

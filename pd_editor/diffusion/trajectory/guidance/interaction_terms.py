@@ -389,9 +389,13 @@ class GapTerm(AgentsTerm):
         position = motion.position_m[:, self.agents]
         heading = motion.heading_rad[:, self.agents]
         forward = torch.stack([heading.cos(), heading.sin()], dim=-1)
-        # Agents wait rather than reverse.
-        moved = ((position - position[:, :, :1]) * forward).sum(-1).clamp_min(0)
-        short = (wanted - gap).clamp_min(0).minimum(moved)
+        # Agents brake as hard as they may at most, and wait rather than reverse.
+        moved = ((position - position[:, :, :1]) * forward).sum(-1)
+        braking, time_s = self.config.max_braking_mps2, motion.time_s
+        speed = motion.velocity_mps[:, self.agents, :1].norm(dim=-1)
+        lasts = time_s.minimum(speed / braking)
+        least = speed * lasts - braking / 2 * lasts.square()
+        short = (wanted - gap).minimum(moved - least).clamp_min(0)
         place = (position * forward).sum(-1)
         weight = row_weights(self.config.gap_m, self.guided.weight, place)
         if not bool((short > 0).any()):
@@ -413,7 +417,7 @@ def gaps_ahead(
     """Gap to the leader at each step, and its gap at the current step; else infinite.
 
     The leader is the nearest agent ahead in the corridor of the agent's box, with about
-    the same heading.
+    the same heading, that is not beside it then and now.
     """
     heading = motion.heading_rad
     offset = motion.position_m[:, None] - motion.position_m[:, agents, None]
@@ -429,9 +433,10 @@ def gaps_ahead(
     mine = motion.size_m[agents][:, None, None] / 2
     leads = (aside < width + mine[..., 1]) & (cos > _FOLLOWS_COS)
     leads = leads & (ahead > mine[..., 0]) & motion.exists
-    gap = (ahead - theirs - mine[..., 0]).masked_fill(~leads, torch.inf)
-    nearest, leader = gap.min(dim=2)
-    now = (ahead - theirs - mine[..., 0])[..., 0]
+    gap = ahead - theirs - mine[..., 0]
+    now = gap[..., 0]
+    leads = leads & ((gap > 0) | (now[..., None] > 0))
+    nearest, leader = gap.masked_fill(~leads, torch.inf).min(dim=2)
     first = now.gather(2, leader.flatten(2)).clamp_min(0.0)
     return nearest, first.view_as(nearest)
 

@@ -245,6 +245,16 @@ def test_gap_to_the_agent_ahead_is_kept_and_opens_at_its_rate() -> None:
     assert torch.equal(after.position_m[0, 1], before.position_m[0, 1])
 
 
+def test_agents_brake_for_a_gap_within_limits_and_not_for_agents_beside() -> None:
+    """The leader stands too near to open the gap."""
+    states = [(0, 0, 0, 10), (12, 0, 0, 0)]
+    _, after = moved(scenario_with(straight_drivers(states)), KeepGap(gap_m=8.0))
+    assert after.acceleration_mps2[0, 0, :, 0].min() > -6.0
+    beside = scenario_with(straight_drivers([(0, 0, 0, 10), (2.6, 2.1, 0.3, 10)]))
+    before, after = moved(beside, KeepGap(gap_m=8.0))
+    assert torch.equal(after.position_m, before.position_m)
+
+
 def test_standing_agents_do_not_reverse_to_keep_a_gap() -> None:
     scenario = scenario_with(straight_drivers([(0, 0, 0, 0), (6, 0, 0, 0)]))
     before, after = moved(scenario, KeepGap(gap_m=8.0))
