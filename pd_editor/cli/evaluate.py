@@ -12,8 +12,10 @@ import tyro
 from pd_editor.cli.options.arguments import (
     AddressOption,
     FolderOption,
+    LimitOption,
     OptionalFolders,
     Switch,
+    TimeLimitOption,
     WorkersOption,
     folders,
     several,
@@ -121,15 +123,11 @@ def evaluate(
     development: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="SPLIT [SPLIT ...]")
     ] = ("train",),
-    limit: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
-    ] = None,
+    limit: LimitOption = None,
     engine: EngineName = "local",
     address: AddressOption = None,
     workers: WorkersOption = None,
-    time_limit: Annotated[
-        float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: none)")
-    ] = None,
+    time_limit: TimeLimitOption = None,
     device: DeviceName = "auto",
     paper: Switch = False,
     models: OptionalFolders = (),
@@ -169,7 +167,7 @@ def evaluate(
         seed=within(0, seed, MAX_SEED, "seed"),
         limit=None if limit is None else within(1, limit, MAX_SEED, "limit"),
         development=several(development),
-        limit_s=None if time_limit is None else limit_in_s(time_limit),
+        limit_s=limit_in_s(time_limit),
     )
     choice = EngineChoice(name=engine, address=address, num_workers=workers)
     if paper:
@@ -180,7 +178,7 @@ def evaluate(
             _maker(device),
             choice,
             resume=resume,
-            command=_paper_command(plan, out, models),
+            command=_command(plan, out, models, paper=True),
         )
     found = scenes_of(plan.data, plan.limit)
     with choice.engine() as runner:
@@ -297,19 +295,6 @@ def _check_paper(
         )
 
 
-def _paper_command(
-    plan: EvaluationPlan, out: str | Path, models: str | Path | tuple[str | Path, ...]
-) -> str:
-    """Command line that reproduces the tables."""
-    words = ["pd-editor", "evaluate", "--paper"]
-    words += ["--data", *map(str, plan.data), "--out", str(out)]
-    words += ["--models", *map(str, several(models))] if models else []
-    words += ["--warps", *(one.label for one in plan.conditions)]
-    words += ["--samples", str(plan.num_samples), "--seed", str(plan.seed)]
-    words += [] if plan.limit is None else ["--limit", str(plan.limit)]
-    return shlex.join(words)
-
-
 def _places_agents(name: str, make: Callable[[str], ScenarioGenerator]) -> bool:
     if name in REFERENCE_METHODS:
         return name == GROUND_TRUTH
@@ -318,13 +303,13 @@ def _places_agents(name: str, make: Callable[[str], ScenarioGenerator]) -> bool:
     return "states" in supported_by(make(name))
 
 
-def limit_in_s(value: float) -> float:
-    """Validate a time limit in seconds.
+def limit_in_s(value: float | None) -> float | None:
+    """Validate a time limit in seconds, if there is one.
 
     Raises:
         InputError: it is out of range.
     """
-    if not MIN_LIMIT_S <= value <= MAX_LIMIT_S:
+    if value is not None and not MIN_LIMIT_S <= value <= MAX_LIMIT_S:
         raise InputError(
             f"--time-limit is {value:g} s; expected {MIN_LIMIT_S:g} to {MAX_LIMIT_S:g}."
         )
@@ -359,10 +344,18 @@ def _check_something_left(found: Findings, record: RunRecord, report: Path) -> N
             )
 
 
-def _command(plan: EvaluationPlan, out: str | Path) -> str:
+def _command(
+    plan: EvaluationPlan,
+    out: str | Path,
+    models: str | Path | tuple[str | Path, ...] = (),
+    *,
+    paper: bool = False,
+) -> str:
     """Command line that reproduces the numbers."""
-    words = ["pd-editor", "evaluate", "--data", *map(str, plan.data), "--out", str(out)]
-    words += ["--methods", *(method.name for method in plan.methods)]
+    words = ["pd-editor", "evaluate", *(["--paper"] if paper else [])]
+    words += ["--data", *map(str, plan.data), "--out", str(out)]
+    words += ["--models", *map(str, several(models))] if models else []
+    words += [] if paper else ["--methods", *(one.name for one in plan.methods)]
     if plan.task != DRIVING:
         words += ["--states", plan.task.states, "--agents", plan.task.agents]
     words += ["--warps", *(one.label for one in plan.conditions)]

@@ -9,7 +9,9 @@ from pd_editor.cli.evaluate import checked_methods, limit_in_s, within
 from pd_editor.cli.options.arguments import (
     AddressOption,
     FolderOption,
+    LimitOption,
     Switch,
+    TimeLimitOption,
     WorkersOption,
     several,
 )
@@ -66,15 +68,11 @@ def study(
     penalty: Annotated[float, tyro.conf.arg(metavar="X")] = 10.0,
     gallery: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
     dangers: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
-    limit: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
-    ] = None,
+    limit: LimitOption = None,
     engine: EngineName = "local",
     address: AddressOption = None,
     workers: WorkersOption = None,
-    time_limit: Annotated[
-        float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: none)")
-    ] = None,
+    time_limit: TimeLimitOption = None,
     device: DeviceName = "auto",
     resume: Switch = False,
 ) -> Study:
@@ -125,7 +123,7 @@ def study(
         num_samples=within(1, samples, MAX_SAMPLES, "samples"),
         friction_coefficient=friction or None,
         limit=None if limit is None else within(1, limit, MAX_SEED, "limit"),
-        limit_s=None if time_limit is None else limit_in_s(time_limit),
+        limit_s=limit_in_s(time_limit),
     )
     extras = StudyExtras(
         search=SearchSettings(

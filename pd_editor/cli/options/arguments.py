@@ -38,6 +38,12 @@ AddressOption = Annotated[
 WorkersOption = Annotated[
     int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
 ]
+LimitOption = Annotated[
+    int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
+]
+TimeLimitOption = Annotated[
+    float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: none)")
+]
 
 
 def folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:

@@ -62,10 +62,9 @@ def choose_routes(
     routes = lane_routes(road_map)
     graph = routes.graph
     lane_kinds = [lane_kinds_of(kind) for kind in kinds]
-    if not graph.lane_ids or not any(lane_kinds):
-        return _as_choice([], [], [], None)
     allowed = {kind: graph.allowed(kind) for kind in set(lane_kinds)}
-    usable = np.array([allowed[kind] for kind in lane_kinds])
+    usable = np.array([allowed[kind] for kind in lane_kinds], bool)
+    usable = usable.reshape(len(kinds), len(graph.lane_ids))
     near = graph.search.in_reach(position_m, heading_rad, usable, CHANGE_REACH_M)
     first = np.searchsorted(near.point, np.arange(len(kinds) + 1)).tolist()
     rank = near.distance_m + METRES_PER_RADIAN * np.abs(near.turn_rad)
@@ -163,18 +162,8 @@ def _as_choice(
     pairs: list[int],
     chosen: list[Route],
     changes: list[bool],
-    near: NearbyLanes | None,
+    near: NearbyLanes,
 ) -> RouteChoice:
-    if near is None:
-        empty = np.zeros(0)
-        return RouteChoice(
-            agent=np.zeros(0, int),
-            routes=(),
-            along_m=empty,
-            offset_m=empty,
-            turn_rad=empty,
-            is_lane_change=np.zeros(0, bool),
-        )
     index = np.array(pairs, int)
     return RouteChoice(
         agent=near.point[index],
