@@ -1,7 +1,7 @@
 """An agent at the current step, and where it could get."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +13,8 @@ from pd_editor.guidance.limits import (
 )
 from pd_editor.paths.candidate_grid import Start, plan_paths
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
 
@@ -64,9 +66,10 @@ class AgentNow:
     @cached_property
     def paths_m(self) -> Float[np.ndarray, "P M 2"]:
         """Paths that it could take, one point every ``SPACING_M``."""
-        start = Start.of(self.scenario, np.array([self.row]))
-        paths = plan_paths(self.scenario.road_map, start, self.duration_s).paths
-        return np.stack([paths.x_m, paths.y_m], axis=-1)
+        one = self.scenario
+        return _paths_m(
+            one.road_map, one.agents, one.current_step, self.row, self.duration_s
+        )
 
     def reach_m(self, time_s: float) -> tuple[float, float]:
         """Least and greatest distance that can be driven in a time."""
@@ -78,3 +81,15 @@ class AgentNow:
         fastest = speed + MAX_ACCELERATION_MPS2 * gained_s
         most = (speed + fastest) / 2 * gained_s + fastest * (time_s - gained_s)
         return least, most
+
+
+@lru_cache(maxsize=64)
+def _paths_m(
+    road_map: RoadMap, agents: AgentTracks, step: int, row: int, duration_s: float
+) -> Float[np.ndarray, "P M 2"]:
+    """Planned paths: terms are checked before a run, after it and while they change."""
+    start = Start.at(agents, step, np.array([row]))
+    paths = plan_paths(road_map, start, duration_s).paths
+    points = np.stack([paths.x_m, paths.y_m], axis=-1)
+    points.flags.writeable = False
+    return points

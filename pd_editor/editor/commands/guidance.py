@@ -103,7 +103,10 @@ def _check_index(scenario: Scenario, index: int) -> None:
 
 def _check_term(scenario: Scenario, term: GuidanceTerm) -> None:
     """Raise for terms of agents and lanes that are not in the scenario."""
-    scenario.agents.rows(term.named_ids)
+    agents = scenario.agents
+    gone = [name for name in term.named_ids if name not in agents.row_of]
+    if gone:
+        raise EditError(f"There is no agent {gone[0]!r} here for the {term.name}.")
     if isinstance(term, FollowLane):
         lanes = scenario.road_map.lane_of
         missing = [lane_id for lane_id in term.lane_ids if lane_id not in lanes]

@@ -162,7 +162,10 @@ def test_moving_an_agent_leaves_its_goal():
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        (AddGuidance(term=GoalPoint(agent_id="9", point_m=(0.0, 0.0))), "no agent '9'"),
+        (
+            AddGuidance(term=GoalPoint(agent_id="9", point_m=(0.0, 0.0))),
+            "no agent '9' here for the goal point",
+        ),
         (AddGuidance(term=FollowLane(agent_id="100", lane_ids=(99,))), "no lane 99"),
         (RemoveGuidance(index=0), "no guidance term 1; the scenario has 0"),
         (RemoveGuidance(index=-1), "no guidance term"),

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -22,6 +23,7 @@ from pd_editor.guidance.limits import OPENING_MPS
 from pd_editor.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
+from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.guidance_terms import AvoidCollisions, KeepGap, YieldTo
 
 _SHARE_OF_GAP: Final = 0.8
@@ -81,7 +83,11 @@ class AvoidTerm:
         return cls(
             context=context,
             avoids=avoids,
-            counts=_counted_pairs(context).to(agents.device),
+            counts=torch.from_numpy(
+                _counted_pairs(
+                    context.scenario.agents, context.scenario.current_step, context.ids
+                )
+            ).to(agents.device),
             side={"left": 1.0, "right": -1.0, None: 0.0}[term.side],
             weight=term.weight,
             is_light=is_light,
@@ -521,16 +527,21 @@ def _at_all_steps(
     )
 
 
-def _counted_pairs(context: TermContext) -> Bool[Tensor, "A A"]:
-    """Pairs of agents that should not collide: those that do not now."""
-    agents = context.scenario.agents
-    one, two = np.triu_indices(len(context.ids), 1)
-    rows = agents.rows(context.ids)
+@lru_cache(maxsize=8)
+def _counted_pairs(
+    agents: AgentTracks, step: int, ids: tuple[str, ...]
+) -> Bool[np.ndarray, "A A"]:
+    """Pairs of agents that should not collide: those that do not now.
+
+    They stay the same while a goal is dragged.
+    """
+    one, two = np.triu_indices(len(ids), 1)
+    rows = agents.rows(ids)
     found = np.zeros((len(agents), len(agents)), bool)
     found[rows[one], rows[two]] = counted(
         agents, np.stack([rows[one], rows[two]], axis=-1)
     )
     found |= found.T
-    colliding = overlapping_pairs(agents, context.scenario.current_step)
+    colliding = overlapping_pairs(agents, step)
     found[colliding, colliding[:, ::-1]] = False
-    return torch.from_numpy(found[np.ix_(rows, rows)])
+    return found[np.ix_(rows, rows)]

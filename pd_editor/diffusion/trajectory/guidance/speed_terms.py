@@ -25,6 +25,7 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
     TermContext,
     row_weights,
 )
+from pd_editor.guidance.stop_line import LINE_MARGIN_M
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
     MOTOR_VEHICLE_KINDS,
@@ -46,8 +47,8 @@ _STAYS_M: Final = 0.5
 _NUM_RATES: Final = 4
 """Number of braking rates that are tried for a stop."""
 _STANDS_STEPS: Final = 5
-_LINE_MARGIN_M: Final = 2.0
-"""A stop line also counts this far beside its ends."""
+_BESIDE_LINE_M: Final = LINE_MARGIN_M + 0.5
+"""A stop line is stopped at this far beside its ends: a bit further than it counts."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -299,7 +300,7 @@ class StopTerm(AgentsTerm):
         gap = curves.points_m - first
         side, place = (gap * normal).sum(-1), (gap * across).sum(-1)
         crosses = side[..., :-1] * side[..., 1:] <= 0
-        near = (place > -_LINE_MARGIN_M) & (place < length + _LINE_MARGIN_M)
+        near = (place > -_BESIDE_LINE_M) & (place < length + _BESIDE_LINE_M)
         crosses = crosses & (near[..., :-1] | near[..., 1:])
         node = crosses.to(torch.uint8).argmax(dim=-1, keepdim=True)
         before, after = side.gather(-1, node), side.gather(-1, node + 1)
