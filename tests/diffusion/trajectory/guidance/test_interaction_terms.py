@@ -27,6 +27,7 @@ from pd_editor.scene.guidance_terms import (
     GoalPoint,
     GuidanceTerm,
     KeepGap,
+    StopAtLine,
     Threaten,
     YieldTo,
 )
@@ -253,6 +254,15 @@ def test_agents_brake_for_a_gap_within_limits_and_not_for_agents_beside() -> Non
     beside = scenario_with(straight_drivers([(0, 0, 0, 10), (2.6, 2.1, 0.3, 10)]))
     before, after = moved(beside, KeepGap(gap_m=8.0))
     assert torch.equal(after.position_m, before.position_m)
+
+
+@pytest.mark.parametrize(("right_m", "stops"), [(2.2, True), (3.0, False)])
+def test_a_line_is_stopped_at_a_bit_further_beside_it_than_it_counts(
+    right_m: float, stops: bool
+) -> None:
+    line = StopAtLine(agent_id="100", line_m=((40.0, right_m), (40.0, right_m + 4)))
+    _, after = moved(scenario_with(straight_drivers([(0, 0, 0, 10)])), line)
+    assert bool(after.position_m[0, 0, -1, 0] < 39.0) is stops
 
 
 def test_standing_agents_do_not_reverse_to_keep_a_gap() -> None:
