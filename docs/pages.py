@@ -17,8 +17,8 @@ PAGES = (
     "ROADMAP.md",
     "docs/*.md",
     "docs/pictures/*",
-    "models/path-diffuser/*.md",
-    "models/path-diffuser/*.png",
+    "models/*/*.md",
+    "models/*/*.png",
 )
 
 

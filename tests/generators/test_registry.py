@@ -10,8 +10,10 @@ from pd_editor.generators import (
     DEFAULT_GENERATOR,
     GENERATORS,
     MODEL_CONFIG,
+    SHIPPED_MODEL,
     catalogue_with,
     make_generator,
+    shipped_models,
 )
 
 
@@ -24,6 +26,13 @@ def test_each_is_made_by_the_name_it_has(name: str):
 
 def test_the_default_is_one_of_them():
     assert DEFAULT_GENERATOR in GENERATORS
+
+
+def test_the_pair_that_never_saw_a_warped_road_says_so():
+    assert shipped_models() == (SHIPPED_MODEL, "path-diffuser-without-warps")
+    warped, plain = (GENERATORS[name].origin for name in shipped_models())
+    assert warped == "shipped with the editor"
+    assert plain == "shipped with the editor, never saw a warped road"
 
 
 def test_a_gpu_is_asked_for_in_vain(monkeypatch: pytest.MonkeyPatch):
