@@ -96,7 +96,8 @@ def trained_systems(
                 f"{root}: holds no trained model; expected {CONFIG_NAME} in it or in the "
                 "folders directly in it."
             )
-        found += [_trained(folder) for folder in folders]
+        known = {place.resolve() for _, place in shipped}
+        found += [_trained(one) for one in folders if one.resolve() not in known]
     return tuple(found)
 
 

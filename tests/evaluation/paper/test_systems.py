@@ -53,6 +53,13 @@ def test_variants_are_found_with_their_seeds_and_own_stages(variants: Path):
     assert found["pd_with_warps", 0].method == str(variants / "pd_with_warps-seed0")
 
 
+def test_a_shipped_model_that_is_named_as_well_is_found_once(variants: Path):
+    shipped = [("mine", variants / "my-own")]
+    found = [one.method for one in trained_systems([variants], shipped)]
+    assert found.count("mine") == 1
+    assert str(variants / "my-own") not in found
+
+
 def test_what_trainings_before_the_record_saw_is_known(tmp_path: Path):
     entry = {"training": {"start": "earlier", "augmentation": {"warp_share": 0.0}}}
     for name, of_stage in (("old", {"training": {}}), ("started", entry)):
