@@ -134,6 +134,7 @@ def test_escape_takes_a_drag_back(editor):
     assert not session.entries
 
 
+@pytest.mark.slow
 def test_a_drag_right_after_the_view_key_moves_by_what_was_dragged(editor):
     """(D36) Only the camera that the browser showed counts."""
     session = editor.session
@@ -153,6 +154,7 @@ def test_a_drag_right_after_the_view_key_moves_by_what_was_dragged(editor):
     assert len(session.entries) <= 1
 
 
+@pytest.mark.slow
 def test_what_a_drag_does_to_the_future_is_told(editor):
     """The chip tells later problems after the mouse is let go, in either view."""
     session, watch = editor.session, editor._tab().problems
@@ -175,6 +177,7 @@ def test_what_a_drag_does_to_the_future_is_told(editor):
     told.first.wait_for(timeout=5000)
 
 
+@pytest.mark.slow
 def test_the_offered_goal_of_a_slow_agent_leaves_its_drag_alone(editor):
     """(W11) Its flag stood on the agent, so that a drag set a goal.
 

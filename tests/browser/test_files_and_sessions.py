@@ -85,6 +85,7 @@ def test_a_missing_folder_says_so_and_names_are_shown_as_text(open_editor):
     assert editor.session.scenario is opened
 
 
+@pytest.mark.slow
 def test_a_reload_finds_its_session_and_a_second_tab_gets_its_own(open_editor):
     editor = open_editor()
     focal = editor.session.scenario.focal_id

@@ -179,6 +179,7 @@ def test_place_duplicate_turn_and_delete(editor):
     assert len(session.selection) == 1
 
 
+@pytest.mark.slow
 def test_a_dragged_anchor_friction_and_writing_to_a_folder(editor, tmp_path):
     session = editor.session
     editor.open_tab("Road")
@@ -244,6 +245,7 @@ def test_box_selection_in_the_top_view_and_multiple_edits(editor):
     editor.until(lambda: session.selection == (), "nothing selected")
 
 
+@pytest.mark.slow
 def test_playback_theme_layers_and_history(editor):
     session = editor.session
     editor.key("Space")

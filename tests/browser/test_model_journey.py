@@ -61,6 +61,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     editor.until(lambda: session.scenario is opened, "the very scenario again")
 
 
+@pytest.mark.slow
 def test_as_many_as_suit_the_road_on_the_road_only(editor):
     session = editor.session
     editor.open_tab("Drive")

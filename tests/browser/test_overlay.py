@@ -27,6 +27,7 @@ def test_the_overlay_covers_the_picture_and_agrees_on_where_things_are(open_edit
     assert np.allclose(ground, [x, y], atol=0.05)
 
 
+@pytest.mark.slow
 def test_a_reload_leaves_one_overlay(open_editor):
     editor = open_editor()
     editor.reload()

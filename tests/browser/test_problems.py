@@ -175,6 +175,7 @@ def test_what_cannot_help_is_not_offered(editor):
     )
 
 
+@pytest.mark.slow
 def test_nothing_in_a_panel_moves(editor):
     """(D4) Problems that come, a run and its report leave every control in place."""
     session = editor.session
@@ -269,6 +270,7 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
     assert session.selection
 
 
+@pytest.mark.slow
 def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     """What a row leads to is in sight beside the list; keys walk, and nothing moves."""
     page, session, tab = editor.page, editor.session, editor._tab()

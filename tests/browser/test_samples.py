@@ -108,6 +108,7 @@ def test_samples_are_previewed_adopted_and_undone(editor):
     strip(editor).wait_for(state="visible")
 
 
+@pytest.mark.slow
 def test_samples_by_keys_ranking_and_choice(editor):
     regenerated(editor, 5)
     page, session = editor.page, editor.session
@@ -150,6 +151,7 @@ def test_samples_by_keys_ranking_and_choice(editor):
     assert strip(editor).count() == 0 or strip(editor).is_hidden()
 
 
+@pytest.mark.slow
 def test_resampled_agents_are_offered_as_samples(editor):
     session = editor.session
     editor.fill("Samples", 2)

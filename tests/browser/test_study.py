@@ -53,6 +53,7 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.page.get_by_text("already holds files").wait_for()
 
 
+@pytest.mark.slow
 def test_a_cancelled_study_ends_at_once_and_is_resumed(open_editor, tmp_path: Path):
     data, out = write_dataset(tmp_path / "data"), tmp_path / "study"
     editor = open_editor()

@@ -51,6 +51,7 @@ def downloaded(editor, button: str) -> tuple[str, zipfile.ZipFile]:
     return download.value.suggested_filename, zipfile.ZipFile(path)
 
 
+@pytest.mark.slow
 def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
     """(D6): names are proposed, the basket survives a reload, S stars."""
     editor = open_editor()
@@ -106,6 +107,7 @@ def _problems(row: dict[str, str]) -> str:
     return f" ({count} problem{'s' if count != 1 else ''})" if count else ""
 
 
+@pytest.mark.slow
 def test_an_export_is_never_replaced_silently_and_opens_again(open_editor, tmp_path):
     """(D5, D6): the second went over the first; a reopened one forgot what it is."""
     editor = open_editor()

@@ -113,6 +113,7 @@ def test_the_kept_files_let_it_go_on(shell: Shell, data: Path, tmp_path: Path):
     assert (out / "rows.parquet").read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_a_killed_process_goes_on_to_the_same_numbers(data: Path, tmp_path: Path):
     def command(out: str) -> list[str]:
         words = (

@@ -56,6 +56,7 @@ def command(study: Path, out: Path, *more: str) -> list[str]:
     return [*words, *more]
 
 
+@pytest.mark.slow
 def test_the_page_has_all_tables_and_figures_and_the_run_goes_on(
     shell: Shell, study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

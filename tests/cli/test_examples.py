@@ -71,6 +71,7 @@ def test_predictions_are_read_from_parquet(
     assert shift.max() < 1e-3
 
 
+@pytest.mark.slow
 def test_the_worked_example_trains_and_is_studied(
     shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -89,6 +89,7 @@ def test_without_sumo_it_says_what_to_install(
     assert "pip install 'pd-editor[synth]'" in said
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_a_report_compares_with_real_scenes(
     shell: Shell, drives: None, av2_scenario_folders: list[Path], tmp_path: Path

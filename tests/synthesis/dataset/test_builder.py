@@ -75,6 +75,7 @@ def test_simulated_shards_hold_the_windows(simulated: Path):
     assert set(manifest["networks"]) == {"grid-00000", "town-00001"}
 
 
+@pytest.mark.slow
 def test_workers_do_not_change_the_bytes(simulated: Path, tmp_path: Path):
     build(TWO, tmp_path / "again", LocalProcesses(num_workers=2))
     assert contents(tmp_path / "again") == contents(simulated)

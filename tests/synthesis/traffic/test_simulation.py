@@ -45,6 +45,7 @@ def test_all_sorts_of_road_users_are_there(recording: Recording):
     assert len(set(recording.ids)) == len(recording.ids)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_arrays(network: Network, recording: Recording):
     again = simulate(network, 5, duration_s=DURATION_S)
     assert again.ids == recording.ids
