@@ -97,8 +97,10 @@ def _shipped_origin(name: str) -> str:
         record.get("augmentation", {}).get("warp_share") == 0 and not record["start"]
         for record in records
     )
-    return "shipped with the editor" + (
-        ", never saw a warped road" if never_warped else ""
+    return (
+        "shipped, never saw a warped road"
+        if never_warped
+        else "shipped with the editor"
     )
 
 

@@ -32,7 +32,7 @@ def test_the_pair_that_never_saw_a_warped_road_says_so():
     assert shipped_models() == (SHIPPED_MODEL, "path-diffuser-without-warps")
     warped, plain = (GENERATORS[name].origin for name in shipped_models())
     assert warped == "shipped with the editor"
-    assert plain == "shipped with the editor, never saw a warped road"
+    assert plain == "shipped, never saw a warped road"
 
 
 def test_a_gpu_is_asked_for_in_vain(monkeypatch: pytest.MonkeyPatch):
