@@ -121,6 +121,16 @@ class Scenario:
         steps = np.flatnonzero(self.agents.is_valid.any(axis=0))
         return max(int(steps[-1]) if len(steps) else 0, self.current_step)
 
+    @property
+    def first_step(self) -> int:
+        """The first step at which a third of the current agents exist.
+
+        Agents whose states are sampled have no past.
+        """
+        is_valid = self.agents.is_valid
+        now = is_valid[:, self.current_step]
+        return int(np.argmax(3 * is_valid[now].sum(axis=0) >= now.sum()))
+
     def activity(self) -> Int[np.ndarray, "A"]:
         """``Activity`` of each agent at the current step; what moves is driving.
 

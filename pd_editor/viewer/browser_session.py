@@ -295,7 +295,7 @@ class BrowserSession:
         is_other_scene = before.base is not after.base
         if is_other_scene:
             playback.open(after.scenario.time_axis)
-        playback.last_step = after.scenario.last_step
+        playback.limit(after.scenario.first_step, after.scenario.last_step)
         with self._client.atomic():
             if is_other_scene:
                 self.modes.leave_scene()

@@ -104,6 +104,7 @@ class Timeline:
             {
                 "firstStep": -axis.current_step,
                 "lastStep": axis.num_steps - 1 - axis.current_step,
+                "beginStep": playback.first_step - axis.current_step,
                 "endStep": playback.last_step - axis.current_step,
                 "stepS": axis.step_s,
                 "marks": [

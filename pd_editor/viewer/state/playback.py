@@ -20,6 +20,8 @@ class Playback:
         self._last_time: float | None = None
         self._next_frame = 0.0
         self.axis = TimeAxis()
+        self.first_step = 0
+        """Step at which playback begins again; few agents exist earlier."""
         self.last_step = self.axis.num_steps - 1
         """Last step of playback; no agent exists later."""
         self.step = 0.0
@@ -34,18 +36,25 @@ class Playback:
     def open(self, axis: TimeAxis) -> None:
         """Take another time axis; the playhead goes to its current step."""
         self.axis = axis
-        self.last_step = axis.num_steps - 1
+        self.first_step, self.last_step = 0, axis.num_steps - 1
         self.step = float(axis.current_step)
 
     def play(self) -> None:
-        """Move, from the start if the end was reached."""
+        """Move, from the first step if the end was reached."""
         if self.step >= self.last_step:
-            self.step = 0.0
+            self.step = float(self.first_step)
         self._last_time = self._next_frame = self._clock()
 
     def pause(self) -> None:
         """Pause playback."""
         self._last_time = None
+
+    def limit(self, first_step: int, last_step: int) -> None:
+        """Take other limits; a playhead that moves does not stay before the first step."""
+        begins_later = first_step > self.first_step
+        if begins_later and self.is_playing and self.step < first_step:
+            self.step = float(first_step)
+        self.first_step, self.last_step = first_step, last_step
 
     def seek(self, step: float) -> None:
         """Jump to a step."""
@@ -70,10 +79,13 @@ class Playback:
             return False, self._next_frame - now
         self.step += (now - self._last_time) / self.axis.step_s * self.speed
         self._last_time = now
-        last = float(self.last_step)
+        first, last = float(self.first_step), float(self.last_step)
         if self.step > last:
             if self.loops:
-                self.step = math.fmod(self.step, last) if last > 0 else 0.0
+                passed = (
+                    math.fmod(self.step - last, last - first) if last > first else 0
+                )
+                self.step = first + passed
             else:
                 self.step = last
                 self.pause()

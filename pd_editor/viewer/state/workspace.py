@@ -129,7 +129,7 @@ class Workspace:
         self.session = EditorSession(scenario, journal=Journal(journals))
         self.playback = Playback()
         self.playback.open(scenario.time_axis)
-        self.playback.last_step = scenario.last_step
+        self.playback.limit(scenario.first_step, scenario.last_step)
         self.starts_playing = True
         self.is_dark = False
         self.view = ViewMemory()

@@ -77,6 +77,21 @@ def test_ends_where_the_last_agent_does():
     assert playback.step == pytest.approx(65 - 60)
 
 
+def test_begins_again_where_most_agents_begin():
+    playback, clock = make()
+    playback.seek(20)
+    playback.play()
+    playback.limit(first_step=50, last_step=109)
+    assert playback.step == 50
+    clock.now += 6.0
+    playback.advance()
+    assert playback.step == pytest.approx(50 + 110 - 109)
+    # A user may look at earlier steps, whatever is edited meanwhile.
+    playback.seek(20)
+    playback.limit(first_step=50, last_step=109)
+    assert playback.step == 20
+
+
 def test_a_recording_of_one_step_plays_on_the_spot():
     """Playing a single step divided by its length 0 (found by bad inputs)."""
     playback, clock = make()

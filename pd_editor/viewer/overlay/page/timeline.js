@@ -7,7 +7,7 @@
   const SCRUB_PAUSE_MS = 40;
   const KEYS = { ArrowLeft: -1, ArrowRight: 1 };
 
-  let axis = { firstStep: -50, lastStep: 59, endStep: 59, stepS: 0.1 };
+  let axis = { firstStep: -50, lastStep: 59, beginStep: -50, endStep: 59, stepS: 0.1 };
   let head = { step: 0, isPlaying: false, speed: 1, loops: true };
   let since = performance.now();
   let isScrubbing = false;
@@ -25,9 +25,9 @@
     const run = ((time - since) / 1000 / axis.stepS) * head.speed;
     const step = head.step + run;
     if (step <= axis.endStep) return step;
-    const length = axis.endStep - axis.firstStep;
+    const length = axis.endStep - axis.beginStep;
     if (!head.loops || length <= 0) return axis.endStep;
-    return axis.firstStep + ((step - axis.firstStep) % length);
+    return axis.beginStep + ((step - axis.endStep) % length);
   }
 
   // The step that is shown now, from the current one; other elements keep in time by it.
