@@ -20,7 +20,13 @@ def _parking(
     )
 
 
-_MIXED_TOWN: Final = DemandOptions(
+_BRISK: Final = DemandOptions(
+    speed_factor=(1.22, 0.12), speed_factor_range=(0.85, 1.4), green_share=(0.35, 0.7)
+)
+"""Drivers and signals of the traffic in which the windows of the stories were found."""
+
+_MIXED_TOWN: Final = replace(
+    _BRISK,
     flow_per_lane=400,
     pedestrians_per_km=14,
     shares={
@@ -30,7 +36,8 @@ _MIXED_TOWN: Final = DemandOptions(
     parking=_parking(0.75, (0.5, 1.0)),
 )  # fmt: skip
 _CROWDED_TOWN: Final = replace(_MIXED_TOWN, flow_per_lane=450, pedestrian_spread=0.0)
-_DENSE_DOWNTOWN: Final = DemandOptions(
+_DENSE_DOWNTOWN: Final = replace(
+    _BRISK,
     flow_per_lane=700,
     pedestrians_per_km=22,
     pedestrian_spread=0.0,
@@ -40,7 +47,8 @@ _DENSE_DOWNTOWN: Final = DemandOptions(
     },
     parking=_parking(1.0, (0.85, 1.0)),
 )  # fmt: skip
-_MANY_BUSES: Final = DemandOptions(
+_MANY_BUSES: Final = replace(
+    _BRISK,
     flow_per_lane=260,
     pedestrians_per_km=10,
     shares={
@@ -87,7 +95,8 @@ STORIES: Final[tuple[Story, ...]] = (
         sentence="a car comes down a ramp and joins a divided road on which traffic is dense",
         family="merge",
         seed=41,
-        demand=DemandOptions(
+        demand=replace(
+            _BRISK,
             flow_per_lane=1000,
             flow_spread=0.25,
             pedestrians_per_km=3,
@@ -111,8 +120,8 @@ STORIES: Final[tuple[Story, ...]] = (
         sentence="a car enters a roundabout and circulates in it; others wait in a line behind it",
         family="roundabout",
         seed=30,
-        demand=DemandOptions(
-            flow_per_lane=420, pedestrians_per_km=4, parking=_parking()
+        demand=replace(
+            _BRISK, flow_per_lane=420, pedestrians_per_km=4, parking=_parking()
         ),
         current_step=65,
         focal_id="car-0012",
@@ -133,8 +142,8 @@ STORIES: Final[tuple[Story, ...]] = (
         sentence="a car follows a winding street past parked cars and over a junction where another waits",
         family="winding-street",
         seed=23,
-        demand=DemandOptions(
-            flow_per_lane=260, pedestrians_per_km=8, parking=_parking(0.75)
+        demand=replace(
+            _BRISK, flow_per_lane=260, pedestrians_per_km=8, parking=_parking(0.75)
         ),
         current_step=245,
         focal_id="car-0010",

@@ -7,6 +7,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.geometry.angles import unit_vector
+
 SPACING_M: Final = 3.0
 """Distance between the points of a curve."""
 
@@ -96,7 +98,7 @@ def through_points(
 ) -> list[Float[np.ndarray, "_ 2"]]:
     """Smooth line through points, as parts; its directions there are rotated left."""
     heading = np.arctan2(*np.gradient(points_m, axis=0).T[::-1]) + swing_rad
-    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    ahead = unit_vector(heading)
     return [
         between_poses(points_m[k], ahead[k], points_m[k + 1], ahead[k + 1])
         for k in range(len(points_m) - 1)

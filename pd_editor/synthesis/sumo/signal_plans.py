@@ -9,9 +9,6 @@ import numpy as np
 from pd_editor.errors import SynthesisError
 
 LEAST_GREEN_S: Final = 7.0
-GREEN_SHARE: Final = (0.35, 0.7)
-"""Range of the factor of netconvert's green times, which give cycles of 90 s."""
-
 ACTUATED_SHARE: Final = 0.5
 """Share of networks with actuated lights, whose green ends without arriving vehicles."""
 
@@ -19,9 +16,11 @@ PROGRAM_ID: Final = "sampled"
 
 
 def sample_signal_plans(
-    net_file: Path, random: np.random.Generator
+    net_file: Path, green_share: tuple[float, float], random: np.random.Generator
 ) -> ElementTree.Element:
     """Sample an additional file for SUMO with a new program for each traffic light.
+
+    ``green_share`` is the range of the factor of netconvert's green times.
 
     Raises:
         SynthesisError: the file is missing or no SUMO network.
@@ -33,7 +32,7 @@ def sample_signal_plans(
             f"{net_file} is not a readable SUMO network ({error})."
         ) from error
     is_actuated = bool(random.random() < ACTUATED_SHARE)
-    share = random.uniform(*GREEN_SHARE)
+    share = random.uniform(*green_share)
     root = ElementTree.Element("additional")
     for light in lights:
         root.append(_plan(light, share, is_actuated, random))

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.geometry.angles import left_of
 from pd_editor.geometry.polyline import arc_length, resample, without_repeats
 from pd_editor.synthesis.sumo.sumo_net import SumoLane
 from pd_editor.synthesis.sumo_to_av2.lane_chains import LaneChain, LaneChains
@@ -80,7 +81,7 @@ def _joint(lane: SumoLane | None, row: int) -> _Joint | None:
     ahead = ahead / np.linalg.norm(ahead)
     return _Joint(
         point_m=points[row],
-        normal=np.array([-ahead[1], ahead[0]]),
+        normal=left_of(ahead),
         width_m=lane.width_m,
     )
 

@@ -66,7 +66,7 @@ def sample_demand(
     entries: list[tuple[float, list[ElementTree.Element]]] = []
     for number, trip in enumerate(_trips(graph, options, duration_s, random)):
         name = f"{trip.model.name}-{number:04d}"
-        types[name] = sample_vehicle_type(f"type-{name}", trip.model, random)
+        types[name] = sample_vehicle_type(f"type-{name}", trip.model, options, random)
         vehicle = _vehicle(name, trip, graph, options, random)
         entries.append((trip.depart_s, [types[name].element, vehicle]))
     for number, (depart_s, start, end) in enumerate(

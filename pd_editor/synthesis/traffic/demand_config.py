@@ -22,9 +22,9 @@ class ParkingOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class DemandOptions:
-    """Amount and composition of traffic."""
+    """Amount and composition of traffic, and how its drivers and signals behave."""
 
-    flow_per_lane: float = 500.0
+    flow_per_lane: float = 450.0
     """Vehicles per hour and lane at a typical entry of the network."""
     flow_spread: float = 0.6
     """Log-normal spread of the flows of entries."""
@@ -46,6 +46,11 @@ class DemandOptions:
     )  # fmt: skip
     """Share of each model of ``vehicle_types``."""
     parking: ParkingOptions = ParkingOptions()
+    speed_factor: tuple[float, float] = (1.03, 0.12)
+    """Mean and spread of desired speeds over the limit, SUMO's ``speedFactor``."""
+    speed_factor_range: tuple[float, float] = (0.7, 1.3)
+    green_share: tuple[float, float] = (0.7, 1.2)
+    """Range of the factor of netconvert's green times, which give cycles of 90 s."""
 
 
 MAP_DEMAND: Final = DemandOptions(

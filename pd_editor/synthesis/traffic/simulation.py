@@ -91,7 +91,7 @@ def _traffic(
     """Tracks of all simulated road users, after the warm-up."""
     end_s = WARM_UP_S + duration_s
     sampled = sample_demand(graph, options, end_s, random)
-    plans = sample_signal_plans(network.net_file, random)
+    plans = sample_signal_plans(network.net_file, options.green_share, random)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         sampled.write(folder / "trips.rou.xml")

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.synthesis.traffic.demand_config import DemandOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +92,10 @@ class SampledType:
 
 
 def sample_vehicle_type(
-    type_id: str, model: VehicleModel, random: np.random.Generator
+    type_id: str,
+    model: VehicleModel,
+    options: DemandOptions,
+    random: np.random.Generator,
 ) -> SampledType:
     """Sample a vehicle and its driver."""
 
@@ -125,7 +129,9 @@ def sample_vehicle_type(
         "decel": decel,
         "emergencyDecel": max(2.5 * decel, 6.5),
         "maxSpeed": around((model.max_speed_mps, 0.12 * model.max_speed_mps)),
-        "speedFactor": np.clip(random.normal(1.22, 0.12), 0.85, 1.4),
+        "speedFactor": np.clip(
+            random.normal(*options.speed_factor), *options.speed_factor_range
+        ),
         "speedDev": 0.0,
         "startupDelay": random.uniform(0.0, 1.2),
         "latAlignment": f"{lateral:.2f}",

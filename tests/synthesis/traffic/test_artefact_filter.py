@@ -12,6 +12,7 @@ from pd_editor.synthesis.traffic.artefact_filter import (
     overlapping_pairs,
     without_overlaps,
 )
+from pd_editor.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks, traffic_tracks
 from pd_editor.synthesis.traffic.vehicle_types import MODELS, sample_vehicle_type
 
@@ -82,7 +83,7 @@ def test_overlapping_pairs_are_those_of_shapely(seed: int):
 
 def test_smoothing_keeps_even_motion_and_splits_at_gaps():
     random = np.random.default_rng(0)
-    sampled = sample_vehicle_type("type-a", MODELS[0], random)
+    sampled = sample_vehicle_type("type-a", MODELS[0], DemandOptions(), random)
     steps = np.concatenate([np.arange(30), np.arange(40, 70)])
     front = np.column_stack([0.9 * steps, np.full(len(steps), 3.0)])
     raw = RawTracks(

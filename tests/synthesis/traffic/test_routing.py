@@ -77,7 +77,7 @@ def test_demand_is_in_order_of_departure_and_names_its_types(graph: TrafficGraph
 
 
 def test_signal_plans_keep_phases_and_never_flash_green(net_file: Path):
-    plans = sample_signal_plans(net_file, np.random.default_rng(0))
+    plans = sample_signal_plans(net_file, (0.35, 0.7), np.random.default_rng(0))
     assert len(plans) > 0
     for plan in plans:
         for phase in plan:

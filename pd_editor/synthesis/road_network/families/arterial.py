@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.geometry.angles import left_of, unit_vector
 from pd_editor.geometry.polyline import arc_length, point_at
 from pd_editor.synthesis.road_network.cross_section import Carriageway
 from pd_editor.synthesis.road_network.network_builder import NetworkBuilder, split
@@ -64,7 +65,7 @@ def _main_line(
 ) -> tuple[Float[np.ndarray, "N 2"], list[float]]:
     """Line of a road of 480-640 m, and arc lengths of its junctions."""
     angle = float(random.uniform(0, 2 * np.pi))
-    reach = float(random.uniform(480, 640)) * np.array([np.cos(angle), np.sin(angle)])
+    reach = float(random.uniform(480, 640)) * unit_vector(angle)
     kind = sample_curve_kind(random)
     turn = float(random.uniform(-_TURN_RAD, _TURN_RAD))
     line = curve(np.zeros(2), reach, kind, turn)
@@ -114,7 +115,7 @@ def _side_street(
     """Add a side street to the left (1) or right (-1), nearly perpendicular."""
     before, here, after = point_at(line, place_m + np.array([-2.0, 0.0, 2.0]))
     ahead = (after - before) / np.linalg.norm(after - before)
-    away = side * np.array([-ahead[1], ahead[0]])
+    away = side * left_of(ahead)
     away = away + float(random.normal(0.0, 0.12)) * ahead
     length = float(random.uniform(90, 200))
     far = f"{name}.{'left' if side > 0 else 'right'}"

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.geometry.angles import unit_vector
 from pd_editor.geometry.polyline import arc_length, offset_line, point_at
 from pd_editor.synthesis.road_network.cross_section import Carriageway
 from pd_editor.synthesis.road_network.network_builder import (
@@ -66,7 +67,7 @@ def generate_merge(random: np.random.Generator) -> PlainNetwork:
         median_m=float(random.uniform(2.0, 6.0)),
     )
     angle = float(random.uniform(0, 2 * np.pi))
-    ahead = np.array([np.cos(angle), np.sin(angle)])
+    ahead = unit_vector(angle)
     kind = sample_curve_kind(random)
     reach = float(random.uniform(560, 660)) * ahead
     middle = curve(np.zeros(2), reach, kind, float(random.uniform(-0.4, 0.4)))

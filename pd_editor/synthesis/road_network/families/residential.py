@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from shapely import LineString
 
+from pd_editor.geometry.angles import left_of, unit_vector
 from pd_editor.geometry.polyline import arc_length, offset_line, point_at
 from pd_editor.synthesis.road_network.cross_section import Carriageway
 from pd_editor.synthesis.road_network.network_builder import NetworkBuilder, split
@@ -58,7 +59,7 @@ def generate_dead_ends(random: np.random.Generator) -> PlainNetwork:
     builder = NetworkBuilder()
     main = collector(random)
     angle = float(random.uniform(0, 2 * np.pi))
-    reach = float(random.uniform(420, 560)) * np.array([np.cos(angle), np.sin(angle)])
+    reach = float(random.uniform(420, 560)) * unit_vector(angle)
     kind = sample_curve_kind(random)
     line = curve(np.zeros(2), reach, kind, float(random.uniform(-0.9, 0.9)))
     at, place = [], float(random.uniform(70, 100))
@@ -96,7 +97,7 @@ def _bends(random: np.random.Generator) -> list[Float[np.ndarray, "2"]]:
     for _ in range(int(random.integers(4, 6))):
         swing = heading + float(random.uniform(-0.55, 0.55))
         step = float(random.uniform(95, 150))
-        point = point + step * np.array([np.cos(swing), np.sin(swing)])
+        point = point + step * unit_vector(swing)
         points.append(point)
     return points
 
@@ -107,7 +108,7 @@ def _square_off(
     """Point of a line, and the perpendicular direction to its left (1) or right (-1)."""
     before, here, after = point_at(line, place_m + np.array([-2.0, 0.0, 2.0]))
     ahead = (after - before) / np.linalg.norm(after - before)
-    return here, side * np.array([-ahead[1], ahead[0]])
+    return here, side * left_of(ahead)
 
 
 def _winding_side(
@@ -119,7 +120,7 @@ def _winding_side(
     random: np.random.Generator,
 ) -> None:
     here, away = _square_off(line, place_m, side)
-    across = np.array([-away[1], away[0]])
+    across = left_of(away)
     length = float(random.uniform(90, 180))
     far = here + length * (away + float(random.uniform(-0.5, 0.5)) * across)
     swing = away + float(random.uniform(-0.8, 0.8)) * across
@@ -140,7 +141,7 @@ def _dead_end(
 ) -> None:
     here, away = _square_off(line, place_m, side)
     style = residential(random)
-    across = np.array([-away[1], away[0]])
+    across = left_of(away)
     end = here + float(random.uniform(60, 150)) * (
         away + float(random.uniform(-0.35, 0.35)) * across
     )
@@ -168,7 +169,7 @@ def _bulb_street(
     """Add a street whose two directions meet at the tip of a round end."""
     ahead = middle_m[-1] - middle_m[-2]
     ahead = ahead / np.linalg.norm(ahead)
-    left = np.array([-ahead[1], ahead[0]])
+    left = left_of(ahead)
     center = middle_m[-1] + (2.4 * _BULB_RADIUS_M) * ahead
     sweep = np.radians(np.linspace(-125.0, 0.0, 14))
     round_m = center + _BULB_RADIUS_M * (

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.geometry.angles import unit_vector
 from pd_editor.geometry.polyline import offset_line
 from pd_editor.synthesis.road_network.cross_section import Carriageway
 from pd_editor.synthesis.road_network.network_builder import NetworkBuilder
@@ -91,10 +92,6 @@ def generate_roundabout(random: np.random.Generator) -> PlainNetwork:
     return builder.network(crossing_width_m(random))
 
 
-def _unit(angle: float) -> Float[np.ndarray, "2"]:
-    return np.array([np.cos(angle), np.sin(angle)])
-
-
 def _arcs(builder: NetworkBuilder, angles: Float[np.ndarray, "L"], ring: Ring) -> None:
     """Add counter-clockwise arcs between the exits and entries of legs."""
     places = []
@@ -109,7 +106,7 @@ def _arcs(builder: NetworkBuilder, angles: Float[np.ndarray, "L"], ring: Ring) -
         sweep = (last - first) % (2 * np.pi) - 2 * ring.half_gap_rad
         count = max(int(sweep * ring.radius_m / _RING_SPACING_M), 3)
         at = first + ring.half_gap_rad + np.linspace(0.0, sweep, count)
-        arc = ring.radius_m * np.stack([np.cos(at), np.sin(at)], axis=-1)
+        arc = ring.radius_m * unit_vector(at)
         edges.append(builder.one_way(start, end, arc, ring.strips, 7.5, priority=3))
     builder.roundabouts.append((tuple(name for name, _ in places), tuple(edges)))
 
@@ -124,8 +121,8 @@ def _leg(
 ) -> None:
     """Add entry, exit and street of a leg, and sometimes a junction at its far end."""
     outer = ring.radius_m + ring.width_m
-    far = float(random.uniform(150, 230)) * _unit(angle)
-    near = (outer + _FLARE_M) * _unit(angle)
+    far = float(random.uniform(150, 230)) * unit_vector(angle)
+    near = (outer + _FLARE_M) * unit_vector(angle)
     kind = sample_curve_kind(random)
     street = curve(near, far, kind, float(random.uniform(-0.4, 0.4)))
     side = residential(random)
@@ -146,11 +143,13 @@ def _entry(
     street: Float[np.ndarray, "N 2"],
     style: Carriageway,
 ) -> None:
-    builder.node(f"in{leg}", ring.middle_m() * _unit(at))
+    builder.node(f"in{leg}", ring.middle_m() * unit_vector(at))
     line = offset_line(street[::-1], -_MEDIAN_M / 2)
     at = at - 1.3 * ring.half_gap_rad
-    point = (ring.radius_m + ring.width_m + _CLEAR_M) * _unit(at)
-    toward = np.cos(_ENTRY_RAD) * _unit(at + np.pi / 2) - np.sin(_ENTRY_RAD) * _unit(at)
+    point = (ring.radius_m + ring.width_m + _CLEAR_M) * unit_vector(at)
+    toward = np.cos(_ENTRY_RAD) * unit_vector(at + np.pi / 2) - np.sin(
+        _ENTRY_RAD
+    ) * unit_vector(at)
     curl = between_poses(line[-1], _direction(line[-2:]), point, toward)
     left = np.concatenate([line, curl[1:]])
     ends = f"far{leg}", f"in{leg}"
@@ -165,11 +164,13 @@ def _exit(
     street: Float[np.ndarray, "N 2"],
     style: Carriageway,
 ) -> None:
-    builder.node(f"out{leg}", ring.middle_m() * _unit(at))
+    builder.node(f"out{leg}", ring.middle_m() * unit_vector(at))
     line = offset_line(street, -_MEDIAN_M / 2)
     at = at + 1.3 * ring.half_gap_rad
-    point = (ring.radius_m + ring.width_m + _CLEAR_M) * _unit(at)
-    away = np.cos(_ENTRY_RAD) * _unit(at + np.pi / 2) + np.sin(_ENTRY_RAD) * _unit(at)
+    point = (ring.radius_m + ring.width_m + _CLEAR_M) * unit_vector(at)
+    away = np.cos(_ENTRY_RAD) * unit_vector(at + np.pi / 2) + np.sin(
+        _ENTRY_RAD
+    ) * unit_vector(at)
     curl = between_poses(point, away, line[0], _direction(line[:2]))
     left = np.concatenate([curl, line[1:]])
     ends = f"out{leg}", f"far{leg}"
@@ -197,7 +198,7 @@ def _cross_street(
             continue
         name = f"far{leg}.{k}"
         reach = float(random.uniform(70, 130))
-        away = _unit(heading + turn + float(random.normal(0.0, 0.1)))
+        away = unit_vector(heading + turn + float(random.normal(0.0, 0.1)))
         builder.node(name, street[-1] + reach * away)
         line = builder.line_m(f"far{leg}", name)
         builder.street(f"far{leg}", name, line, style if k == 1 else side)

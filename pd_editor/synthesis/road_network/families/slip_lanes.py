@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.geometry.angles import unit_vector
 from pd_editor.geometry.polyline import arc_length, offset_line, point_at
 from pd_editor.synthesis.road_network.cross_section import Carriageway
 from pd_editor.synthesis.road_network.network_builder import (
@@ -76,12 +77,12 @@ def _main_street(random: np.random.Generator) -> Carriageway:
 
 def _leg_line(angle: float, random: np.random.Generator) -> Float[np.ndarray, "N 2"]:
     """Centre line of a street away from the junction, straight near it."""
-    away = np.array([np.cos(angle), np.sin(angle)])
+    away = unit_vector(angle)
     far = float(random.uniform(210, 300))
     start = 90.0
     kind = sample_curve_kind(random)
     swing = angle + float(random.uniform(-0.25, 0.25))
-    tip = start * away + (far - start) * np.array([np.cos(swing), np.sin(swing)])
+    tip = start * away + (far - start) * unit_vector(swing)
     line = between_poses(start * away, away, tip, (tip - start * away) / (far - start))
     if kind is CurveKind.STRAIGHT:
         line = curve(start * away, far * away, kind, 0.0)
