@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pd_editor.cli.options.arguments import FolderOption, OptionalFolder
+from pd_editor.cli.options.arguments import FolderOption, OptionalFolders, folders
 from pd_editor.errors import ModelError
 from pd_editor.regular_file import write_whole
 
@@ -23,36 +23,40 @@ class ShippedModel:
 def model(
     *,
     out: FolderOption,
-    init: OptionalFolder = None,
-    traj: OptionalFolder = None,
+    init: OptionalFolders = (),
+    traj: OptionalFolders = (),
 ) -> ShippedModel:
     """Join trained stages into a model folder, with weights in float16.
 
     Args:
         out: Folder of the model; stages that are in it and are not given stay.
-        init: Folder of a run that trained initial states, or of a model.
-        traj: Folder of a run that trained trajectories, or of a model.
+        init: Folder of a run that trained initial states, or of a model; of several that began with the same weights, the average is taken.
+        traj: Folder of a run that trained trajectories, or of a model; of several likewise.
     """
     from pd_editor.diffusion.checkpoints.model_folder import (
         CONFIG_NAME,
         load_model,
         save_model,
     )
+    from pd_editor.diffusion.checkpoints.weight_average import averaged_stage
     from pd_editor.diffusion.stages import STAGE_KINDS
     from pd_editor.training.loop.run_folder import MODEL_NAME
     from pd_editor.training.model_card import CARD_NAME, card_of, copied_curves
 
-    given = {"init": init, "traj": traj}
+    given = {"init": folders(init), "traj": folders(traj)}
     folder, stages, curves = Path(out), {}, []
     if (folder / CONFIG_NAME).exists():
         stages.update(load_model(folder, STAGE_KINDS).stages)
-    for name, run in given.items():
-        if run is None:
+    for name, runs in given.items():
+        if not runs:
             continue
-        source = run / MODEL_NAME if (run / MODEL_NAME).is_dir() else run
-        stages[name] = load_model(source, STAGE_KINDS).stage(name)
-        curves += copied_curves(run, folder, stages[name].kind)
-    if not stages or init is traj is None:
+        sources = [
+            run / MODEL_NAME if (run / MODEL_NAME).is_dir() else run for run in runs
+        ]
+        found = [load_model(one, STAGE_KINDS).stage(name) for one in sources]
+        stages[name] = averaged_stage(found, sources)
+        curves += copied_curves(runs[0], folder, stages[name].kind)
+    if not stages or not any(given.values()):
         raise ModelError("No trained stage was given; expected --init, --traj or both.")
     shipped = {name: replace(stage, sha256="") for name, stage in stages.items()}
     save_model(folder, shipped, half=True)

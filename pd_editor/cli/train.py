@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import tyro
 
-from pd_editor.cli.options.arguments import OptionalFolder, Switch, several
+from pd_editor.cli.options.arguments import (
+    OptionalFolder,
+    OptionalFolders,
+    Switch,
+    several,
+)
 from pd_editor.cli.output.progress import ProgressLine
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.generators import SHIPPED_MODEL
@@ -53,7 +58,7 @@ def train(
     /,
     *,
     data: _Roots = (),
-    validate: _Roots = (),
+    validate: OptionalFolders = (),
     weights: _Shares = (),
     out: OptionalFolder = None,
     preset: Literal["auto", "default", "gpu", "av2", "tiny"] = "auto",
@@ -114,8 +119,8 @@ def train(
         cache: Folder in which prepared scenes are kept for later runs; ~/.cache/pd-editor/scenes unless given.
         seed: Random seed; 0 unless given.
         start: Start from the weights of this model, or run, instead of random ones; its trajectory basis is kept.
-        windows: Number of current steps at which each scenario of Argoverse 2 is used (default: 1, av2 5).
-        copies: Number of randomly augmented copies of each scenario (default: 1).
+        windows: Number of current steps at which each scenario of Argoverse 2 is used; 1 unless given, av2 5.
+        copies: Number of randomly augmented copies of each scenario; 1 unless given.
         config: TOML files with values of single fields, in the sections [model], [loss], [optimisation], [augmentation], [sampler], [guidance] and [own_samples]; [init.model] or [traj.model] for one of the stages. They are read in the order given: a field that is in several files has the value of the last one. --fields lists what can be set.
         settings: Values of single fields, such as model.is_differential=false augmentation.warp_share=0; they are read after the files and replace their values.
         fields: List all fields that --config and --set can set, with defaults and meanings, and do nothing else.

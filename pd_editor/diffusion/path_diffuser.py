@@ -16,7 +16,11 @@ from pd_editor.diffusion.checkpoints.model_folder import (
     TrainedStage,
     load_model,
 )
-from pd_editor.diffusion.core.devices import keep_freed_memory, sampling_device
+from pd_editor.diffusion.core.devices import (
+    keep_freed_memory,
+    lay_out_weights,
+    sampling_device,
+)
 from pd_editor.diffusion.defaults import NUM_TRIES, DeviceName
 from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
@@ -126,7 +130,7 @@ class PathDiffuser:
             if self._model is None:
                 self._model = load_model(self._folder, STAGE_KINDS)
                 for stage in self._model.stages.values():
-                    stage.model.to(self._device)
+                    lay_out_weights(stage.model.to(self._device))
                 keep_freed_memory()
             return self._model
 
@@ -165,7 +169,7 @@ class PathDiffuser:
                 request.scenario,
                 request.agent_ids,
                 range(request.num_samples),
-                partial(_progress, label, 0.0, 1.0),
+                partial(_progress, label),
             )
         return GeneratedTraffic(
             samples=found.samples,
@@ -400,10 +404,15 @@ class _Sampled:
         count = sum(map(len, self.slowed_ids))
         if not count:
             return []
-        names = list(dict.fromkeys(name for one in self.slowed_ids for name in one))
+        agents = "agent" if count == 1 else "agents"
+        if len(self.samples) > 1:  # whose agents have the same ids
+            return [
+                f"{count} {agents} in {len(self.samples)} samples slowed down to avoid "
+                "a collision."
+            ]
+        (names,) = self.slowed_ids
         names_listed = ", ".join(names[:_MOST_NAMED])
         more = f" and {len(names) - _MOST_NAMED} more" * (len(names) > _MOST_NAMED)
-        agents = "agent" if count == 1 else "agents"
         return [
             f"{count} {agents} slowed down to avoid a collision: {names_listed}{more}."
         ]
@@ -446,12 +455,8 @@ def _named(batch: range, num_samples: int) -> str:
     return f"Samples {batch.start + 1} to {batch.stop} of {num_samples}"
 
 
-def _progress(
-    label: str, done: float, share: float, part: float, preview: Preview
-) -> DenoisingProgress:
-    return DenoisingProgress(
-        fraction=done + share * part, message=label, preview=preview
-    )
+def _progress(label: str, share: float, preview: Preview) -> DenoisingProgress:
+    return DenoisingProgress(fraction=share, message=label, preview=preview)
 
 
 def _placings(

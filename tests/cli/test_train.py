@@ -8,10 +8,13 @@ import time
 from pathlib import Path
 
 import pytest
+import torch
 
 import pd_editor
 from pd_editor.diffusion.checkpoints.model_folder import load_model
 from pd_editor.diffusion.stages import STAGE_KINDS
+from pd_editor.generators import SHIPPED_MODEL
+from pd_editor.installed_files import models_folder
 from pd_editor.recordings.clip_selection import choose_windows
 from pd_editor.recordings.shards import shard_bytes
 from pd_editor.training.config.run_request import StageName
@@ -123,6 +126,34 @@ def test_stages_are_joined_in_half_precision(shell: Shell, runs: Path, tmp_path:
     assert "| traj |" in (out / "MODEL_CARD.md").read_text()
     again = pd_editor.model(out=out, traj=runs / "traj")
     assert load_model(again.folder, STAGE_KINDS).sha256 == model.sha256
+
+
+def test_weights_of_several_trainings_are_averaged(
+    shell: Shell, runs: Path, cache: Path, tmp_path: Path
+):
+    longer = shutil.copytree(runs / "traj", tmp_path / "longer")
+    pd_editor.train("traj", out=longer, resume=True, cache=cache, device="cpu", steps=9)
+    out = tmp_path / "average"
+    done = shell.run("model", "--out", out, "--traj", runs / "traj", longer)
+    assert done.code == 0, done.err
+    one, other, average = (
+        load_model(folder, STAGE_KINDS).stage("traj")
+        for folder in (runs / "traj" / "model", longer / "model", out)
+    )
+    weights = dict(one.model.named_parameters())
+    for name, found in average.model.state_dict().items():
+        first, second = one.model.state_dict()[name], other.model.state_dict()[name]
+        if name in weights:
+            torch.testing.assert_close(
+                found, (first + second) / 2, rtol=2e-3, atol=1e-4
+            )
+        else:
+            assert torch.equal(found, first)
+    assert average.about["averaged_with"][0]["steps"] == 9
+    shipped = models_folder() / SHIPPED_MODEL
+    told = shell.refused("model", "--out", tmp_path / "no", "--traj", longer, shipped)
+    assert "differs" in told
+    assert not (tmp_path / "no").exists()
 
 
 def test_what_is_no_trained_stage_is_refused(shell: Shell, runs: Path, tmp_path: Path):

@@ -12,6 +12,7 @@ from pd_editor.diffusion import path_diffuser
 from pd_editor.diffusion.core.devices import sampling_device
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.path_diffuser import DenoisingProgress, PathDiffuser
+from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.diffusion.trajectory.task import TrajectoryTask
 from pd_editor.editor.commands import traffic_command
 from pd_editor.errors import EditError, GenerationError, ModelError
@@ -99,7 +100,8 @@ def test_agents_yield_unless_there_are_no_tries_or_they_shall_not(
         traffic = generated(diffuser, scenario, ids, guidance=guidance, num_samples=2)
         calls[tries, yields] = len(asked)
         slows = bool(yields and tries)
-        told = "2 agents slowed down to avoid a collision: somebody."
+        # It named fewer agents than it counted, since samples share their ids.
+        told = "2 agents in 2 samples slowed down to avoid a collision."
         assert (told in traffic.notes) == slows
         assert traffic.slowed_ids == ((("somebody",),) * 2 if slows else ())
     assert calls == {(0, True): 0, (1, True): 2, (3, True): 2, (1, False): 0}
@@ -126,7 +128,11 @@ def test_slowed_agents_are_named_where_states_are_sampled_too(
     )
     first = scenario.agents.ids[0]
     assert traffic.slowed_ids == ((first,), (first,))
-    assert any(note.endswith(f"collision: {first}.") for note in traffic.notes)
+    assert "2 agents in 2 samples slowed down to avoid a collision." in traffic.notes
+    one = generated(
+        diffuser, scenario, (first,), resampled_state_ids=(first,), num_samples=1
+    )
+    assert f"1 agent slowed down to avoid a collision: {first}." in one.notes
 
 
 def bad_requests(scenario: Scenario) -> Iterator[tuple[dict[str, object], str]]:
@@ -300,9 +306,9 @@ def test_activities_are_sampled_with_states_and_known_when_driven_again(
     assert Activity.UNKNOWN not in sample.activity
     again = generated(diffuser, filled, sample.ids, seed=5).samples[0]
     assert again.activity == sample.activity
-    known = TrajectoryTask.of(
-        filled, rows, diffuser._trajectories().model.decoder.basis
-    )
+    model = diffuser._trajectories().model
+    assert isinstance(model, TrajectoryDenoiser)
+    known = TrajectoryTask.of(filled, rows, model.decoder.basis)
     speed = filled.agents.speed_mps()[rows, filled.current_step]
     of_rows = np.isin(known.features.agent_row, rows)
     expected = activity_at(np.array(sample.activity), speed)

@@ -155,7 +155,6 @@ class DifferentialAttention(nn.Module):
             self.lambda_vectors = nn.Parameter(
                 nn.init.normal_(torch.empty(4, channels), std=0.1)
             )
-            self.norm = nn.RMSNorm(channels, _NORM_EPSILON, elementwise_affine=False)
             with torch.no_grad():
                 self.to_output.weight *= 1 - self.initial_lambda
 
@@ -177,7 +176,7 @@ class DifferentialAttention(nn.Module):
         weights, _ = self.scores(tokens, seen)
         found = batched_product(weights.to(seen.values.dtype), seen.values)
         if self.num_maps == 2:
-            found = self.norm(found.float()).to(found.dtype)
+            found = _normed(found.float()).to(found.dtype)
         return self.to_output(found.transpose(1, 2).flatten(2))
 
     def scores(
@@ -197,6 +196,12 @@ class DifferentialAttention(nn.Module):
         one, two, three, four = self.lambda_vectors
         difference = (one * two).sum().exp() - (three * four).sum().exp()
         return difference + self.initial_lambda
+
+
+def _normed(values: Float[Tensor, "*b C"]) -> Float[Tensor, "*b C"]:
+    """Vectors with a root mean square of one; faster than torch's function."""
+    length = torch.linalg.vector_norm(values, dim=-1, keepdim=True)
+    return values * (length.square() / values.shape[-1] + _NORM_EPSILON).rsqrt()
 
 
 def initial_lambda(depth: int) -> float:

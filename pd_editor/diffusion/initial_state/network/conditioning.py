@@ -9,6 +9,7 @@ from torch import Tensor
 
 from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.features.scene_fields import CANDIDATE_FIELDS, SCENE_FIELDS, Axis
 
 REACH_M: Final = POSITION_UNIT_M + 16.0
 """Agents and map tokens further from the centre, along x or y, are left out."""
@@ -90,30 +91,12 @@ def order_by(
     return (counts & not_after).sum(dim=-1) * is_sampled
 
 
-_OF_PIECES: Final = ("piece_pose", "piece_shape", "piece_kind")
-_OF_BOUNDARY: Final = ("boundary_pose", "boundary_shape")
-_OF_AGENTS: Final = (
-    "agent_pose",
-    "agent_speed",
-    "agent_size",
-    "agent_kind",
-    "agent_activity",
-    "near_pieces",
-    "near_boundary",
-    "near_agents",
-    "candidates",
-    "has_candidate",
-    "future",
-    "has_future",
-)
-
-
 def pieces_within(scene: SceneTensors, reach_m: float) -> SceneTensors:
     """Remove map tokens further than ``reach_m`` along x or y, and reduce the padding."""
     is_piece = scene.has_piece & _is_within(scene.piece_pose, reach_m)
-    pieces = _first(scene, _OF_PIECES, is_piece)
+    pieces = _first(scene, "piece", is_piece)
     is_boundary = scene.has_boundary & _is_within(scene.boundary_pose, reach_m)
-    boundary = _first(scene, _OF_BOUNDARY, is_boundary)
+    boundary = _first(scene, "boundary", is_boundary)
     return replace(
         scene,
         has_piece=pieces.pop("is_kept"),
@@ -131,7 +114,7 @@ def _is_within(pose: Float[Tensor, "B N 3"], reach_m: float) -> Bool[Tensor, "B 
 
 def only_agents(scene: SceneTensors, is_kept: Bool[Tensor, "B A"]) -> SceneTensors:
     """Keep some agents only, and reduce the padding; neighbours become unset."""
-    kept = _first(scene, _OF_AGENTS, scene.has_agent & is_kept)
+    kept = _first(scene, "agent", scene.has_agent & is_kept)
     has_agent = kept.pop("is_kept")
     for name in ("near_pieces", "near_boundary", "near_agents"):
         kept[name] = torch.full_like(kept[name], -1)
@@ -139,11 +122,15 @@ def only_agents(scene: SceneTensors, is_kept: Bool[Tensor, "B A"]) -> SceneTenso
 
 
 def _first(
-    scene: SceneTensors, names: tuple[str, ...], is_kept: Bool[Tensor, "B N"]
+    scene: SceneTensors, axis: Axis, is_kept: Bool[Tensor, "B N"]
 ) -> dict[str, Tensor]:
-    """Fields with the kept rows moved to the front, and their mask as ``is_kept``."""
+    """An axis' fields with the kept rows moved to the front; their mask ``is_kept``."""
     num_kept = max(int(is_kept.sum(dim=-1).max()), 1)
     index = torch.argsort(~is_kept, dim=-1, stable=True)[:, :num_kept]
     row = torch.arange(len(index), device=index.device)[:, None]
-    fields = {name: getattr(scene, name)[row, index] for name in names}
+    fields = {
+        one.name: getattr(scene, one.name)[row, index]
+        for one in (*SCENE_FIELDS, *CANDIDATE_FIELDS)
+        if one.axis == axis
+    }
     return {**fields, "is_kept": is_kept[row, index]}

@@ -375,17 +375,14 @@ def last_places(blocked: Bool[Tensor, "P K K"]) -> Int[Tensor, "P K"]:
 class GapTerm(AgentsTerm):
     """Keeps a distance between bumpers to the agent ahead."""
 
+    kinds = LANE_FOLLOWER_KINDS
     gap_m: Float[Tensor, "G 1"]
 
     @classmethod
-    def of(cls, terms: Sequence[KeepGap], context: TermContext) -> "GapTerm | None":
-        """Make the term; None if no agent of it is sampled."""
-        guided = GuidedAgents.of(terms, context, LANE_FOLLOWER_KINDS)
-        if guided is None:
-            return None
-        return cls(
-            guided=guided, gap_m=guided.of_each(lambda term: term.gap_m)[:, None]
-        )
+    def of_guided(cls, guided: GuidedAgents[KeepGap]) -> "GapTerm":
+        """Make the term of the agents that it guides."""
+        gap = guided.of_each(lambda term: term.gap_m)
+        return cls(guided=guided, gap_m=gap[:, None])
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of agents that are predicted to be nearer to their leader."""

@@ -28,7 +28,6 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
 )
 from pd_editor.paths.drawn_path import FollowedPath, lane_line, path_to_follow
 from pd_editor.paths.driving_paths import DrivingPaths
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.guidance_terms import FollowLane, FollowPath, GoalPoint
 
 _PREFERENCE_M: Final = 1.0
@@ -51,16 +50,17 @@ class PathTerm(AgentsTerm):
     """Speed limits of the paths, one per node."""
 
     @classmethod
-    def of(
-        cls, terms: Sequence[FollowPath | FollowLane], context: TermContext
+    def of_guided(
+        cls, guided: GuidedAgents[FollowPath | FollowLane]
     ) -> "PathTerm | None":
         """Make the term; None if no path of a sampled agent is followed."""
-        found = [(term, _followed(term, context)) for term in terms]
-        lines = [(term, one) for term, one in found if one is not None]
-        guided = GuidedAgents.of([term for term, _ in lines], context, ROAD_USER_KINDS)
-        if guided is None:
+        context = guided.context
+        found = [_followed(term, context) for term in guided.values]
+        guided = guided.only(np.array([one is not None for one in found]))
+        lines = [one for one in found if one is not None]
+        if not lines:
             return None
-        paths = [one.path for _, one in lines]
+        paths = [one.path for one in lines]
         most = max(one.x_m.shape[1] for one in paths)
         curves = [
             _with_nodes(_even_curves(context.tensor(_points_m(one))[None]), most)
@@ -70,7 +70,7 @@ class PathTerm(AgentsTerm):
             np.pad(one.speed_limit_mps[0], (0, most - one.x_m.shape[1]), mode="edge")
             for one in paths
         ]
-        length = np.array([one.length_m for _, one in lines])
+        length = np.array([one.length_m for one in lines])
         return cls(
             guided=guided,
             curves=Curves(node=torch.cat([one.node for one in curves], dim=1)),
@@ -123,11 +123,8 @@ class GoalTerm(AgentsTerm):
     """Infinite: at the end."""
 
     @classmethod
-    def of(cls, terms: Sequence[GoalPoint], context: TermContext) -> "GoalTerm | None":
-        """Make the term; None if no agent of it is sampled."""
-        guided = GuidedAgents.of(terms, context, ROAD_USER_KINDS)
-        if guided is None:
-            return None
+    def of_guided(cls, guided: GuidedAgents[GoalPoint]) -> "GoalTerm":
+        """Make the term of the agents that it guides."""
         at = guided.of_each(lambda term: np.inf if term.at_s is None else term.at_s)
         return cls(
             guided=guided,

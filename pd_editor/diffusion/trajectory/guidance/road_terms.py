@@ -12,7 +12,6 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
     AgentsTerm,
     GuidedAgents,
     ResidualRows,
-    TermContext,
     row_weights,
 )
 from pd_editor.geometry.oriented_box import box_corners
@@ -31,12 +30,12 @@ _FURTHEST_M: Final = 8.0
 class RoadTerm(AgentsTerm):
     """Moves boxes that would leave the road back by their worst corner."""
 
+    kinds = LANE_FOLLOWER_KINDS
+
     @classmethod
-    def of(cls, terms: Sequence[StayOnRoad], context: TermContext) -> "RoadTerm | None":
+    def of_guided(cls, guided: GuidedAgents[StayOnRoad]) -> "RoadTerm | None":
         """Make the term of agents that are on the road now; None if there is none."""
-        guided = GuidedAgents.of(terms, context, LANE_FOLLOWER_KINDS)
-        if guided is None:
-            return None
+        context = guided.context
         tracks, now = context.scenario.agents, context.scenario.current_step
         rows = tracks.rows(context.ids[one] for one in guided.index.tolist())
         corners = box_corners(

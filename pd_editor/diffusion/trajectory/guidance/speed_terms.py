@@ -22,14 +22,12 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
     AgentsTerm,
     GuidedAgents,
     ResidualRows,
-    TermContext,
     row_weights,
 )
 from pd_editor.guidance.stop_line import LINE_MARGIN_M
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
     MOTOR_VEHICLE_KINDS,
-    ROAD_USER_KINDS,
 )
 from pd_editor.scene.guidance_terms import (
     ComfortLimits,
@@ -81,19 +79,16 @@ class _Pace:
 class SpeedTerm(AgentsTerm):
     """Reaches and keeps a speed."""
 
+    kinds = MOTOR_VEHICLE_KINDS
     may_stay: Bool[Tensor, "G 1"]
     """Stationary agents that are not named."""
     speed_mps: Float[Tensor, "G 1"]
 
     @classmethod
-    def of(
-        cls, terms: Sequence[TargetSpeed], context: TermContext
-    ) -> "SpeedTerm | None":
-        """Make the term; None if no agent of it is sampled."""
-        guided = GuidedAgents.of(terms, context, MOTOR_VEHICLE_KINDS)
-        if guided is None:
-            return None
-        standing = torch.from_numpy(context.is_standing).to(guided.index.device)
+    def of_guided(cls, guided: GuidedAgents[TargetSpeed]) -> "SpeedTerm":
+        """Make the term of the agents that it guides."""
+        standing = torch.from_numpy(guided.context.is_standing)
+        standing = standing.to(guided.index.device)
         is_named = guided.of_each(lambda term: bool(term.agent_ids)) > 0
         return cls(
             guided=guided,
@@ -133,17 +128,10 @@ class LimitTerm(AgentsTerm):
     speed_mps: Float[Tensor, "G 1"]
 
     @classmethod
-    def of(
-        cls, terms: Sequence[SpeedLimit], context: TermContext
-    ) -> "LimitTerm | None":
-        """Make the term; None if no agent of it is sampled."""
-        guided = GuidedAgents.of(terms, context, ROAD_USER_KINDS)
-        if guided is None:
-            return None
-        return cls(
-            guided=guided,
-            speed_mps=guided.of_each(lambda term: term.speed_mps)[:, None],
-        )
+    def of_guided(cls, guided: GuidedAgents[SpeedLimit]) -> "LimitTerm":
+        """Make the term of the agents that it guides."""
+        speed = guided.of_each(lambda term: term.speed_mps)
+        return cls(guided=guided, speed_mps=speed[:, None])
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of the agents that are predicted to exceed the limit."""
@@ -168,18 +156,14 @@ class LimitTerm(AgentsTerm):
 class ComfortTerm(AgentsTerm):
     """Keeps limits of acceleration, braking and lateral acceleration."""
 
+    kinds = LANE_FOLLOWER_KINDS
     max_acceleration_mps2: Float[Tensor, "G 1"]
     max_braking_mps2: Float[Tensor, "G 1"]
     max_lateral_mps2: Float[Tensor, "G 1"]
 
     @classmethod
-    def of(
-        cls, terms: Sequence[ComfortLimits], context: TermContext
-    ) -> "ComfortTerm | None":
-        """Make the term; None if no agent of it is sampled."""
-        guided = GuidedAgents.of(terms, context, LANE_FOLLOWER_KINDS)
-        if guided is None:
-            return None
+    def of_guided(cls, guided: GuidedAgents[ComfortLimits]) -> "ComfortTerm":
+        """Make the term of the agents that it guides."""
         most = guided.of_each(lambda term: term.max_acceleration_mps2)
         braking = guided.of_each(lambda term: term.max_braking_mps2)
         lateral = guided.of_each(lambda term: term.max_lateral_mps2)
@@ -232,13 +216,10 @@ class StopTerm(AgentsTerm):
     line_m: Float[Tensor, "G 2 2"]
 
     @classmethod
-    def of(cls, terms: Sequence[StopAtLine], context: TermContext) -> "StopTerm | None":
-        """Make the term; None if no agent of it is sampled."""
-        guided = GuidedAgents.of(terms, context, ROAD_USER_KINDS)
-        if guided is None:
-            return None
+    def of_guided(cls, guided: GuidedAgents[StopAtLine]) -> "StopTerm":
+        """Make the term of the agents that it guides."""
         line = np.array([term.line_m for term in guided.values])
-        return cls(guided=guided, line_m=context.tensor(line))
+        return cls(guided=guided, line_m=guided.context.tensor(line))
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals to a stop with constant braking."""

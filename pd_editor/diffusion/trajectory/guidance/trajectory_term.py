@@ -13,8 +13,8 @@ How to add a kind of term
    is nothing to do. There is no autograd. Whatever is not linear (the nearest point of a
    path, on which side to pass, who goes first) is decided anew from each prediction.
 2. Add a function that makes it from the values of the kind and the ``TermContext`` to
-   ``TERM_MAKERS`` in ``term_table.py``. A subclass of ``AgentsTerm`` is made of all values
-   at once, since the cost of a term is that of its tensor operations, not of their sizes;
+   ``TERM_MAKERS`` in ``term_table.py``. A subclass of ``AgentsTerm`` says in ``of_guided``
+   how it is made of the agents that all values guide, since the cost of a term is that of its tensor operations, not of their sizes;
    ``each(make)`` makes one term of each value. Numbers that say how strong or how wide go
    into ``TermGuidance`` (stored with the model), not into the code.
 
@@ -33,10 +33,11 @@ Terms whose ``is_closed`` is true are met as well after the last denoising step,
 is the network's own: the result is projected to them (``TermGuide``).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Final, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import torch
@@ -46,7 +47,7 @@ from torch import Tensor
 from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.diffusion.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.paths.candidate_grid import PlannedPaths, Start, plan_paths
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.guidance_terms import GuidanceTerm, Point
 from pd_editor.scene.road_map import RoadMap
@@ -213,11 +214,28 @@ class GuidedAgents(Generic[_Value]):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AgentsTerm:
+class AgentsTerm(ABC):
     """A term on each of some agents by itself."""
 
+    kinds: ClassVar[frozenset[AgentKind]] = ROAD_USER_KINDS
+    """Kinds that values guide which name no agents."""
     guided: GuidedAgents
     is_closed: bool = True
+
+    @classmethod
+    def of(cls, values: Sequence[Any], context: TermContext) -> "AgentsTerm | None":
+        """Make the term; None if no agent of it is sampled."""
+        guided = GuidedAgents.of(values, context, cls.kinds)
+        return None if guided is None else cls.of_guided(guided)
+
+    @classmethod
+    @abstractmethod
+    def of_guided(cls, guided: GuidedAgents[Any]) -> "AgentsTerm | None":
+        """Make the term of the agents that it guides; None if it has no effect."""
+
+    @abstractmethod
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals at a prediction."""
 
     @property
     def agents(self) -> Int[Tensor, "G"]:

@@ -15,7 +15,7 @@ from pd_editor.diffusion.inputs.trajectory_pca import (
     heading_along,
 )
 from pd_editor.features.encoded_scene import LATENT_SIZE
-from pd_editor.geometry.angles import unit_vector
+from pd_editor.geometry.angles import left_of, unit_vector
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_axis import TimeAxis
 
@@ -116,8 +116,8 @@ def motion_of(
     local = np.where(stays[..., None, None], 0.0, local)
     local = _at_steps(local, basis.step_s, axis)
     forward = unit_vector(heading_rad)[:, None]
-    left = np.stack([-forward[..., 1], forward[..., 0]], axis=-1)
-    position = position_m[:, None] + local[..., :1] * forward + local[..., 1:] * left
+    position = position_m[:, None] + local[..., :1] * forward
+    position += local[..., 1:] * left_of(forward)
     first = np.broadcast_to(heading_rad, position.shape[:2])
     heading = heading_along(position, first)
     velocity = np.zeros_like(position)

@@ -230,6 +230,22 @@ def test_terms_of_several_agents_are_those_of_each_alone(scenario: Scenario):
             torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-4)
 
 
+def test_paths_of_agents_that_are_not_sampled_lead_no_one_else(scenario: Scenario):
+    model = small_model()
+    task = TrajectoryTask.of(scenario, np.array([1]), model.decoder.basis)
+    motion = task.latent_motion(model.decoder)
+    other = FollowPath(agent_id="100", points_m=((0.0, 0.0), (30.0, 2.0), (90.0, 2.0)))
+    own = FollowPath(agent_id="101", points_m=((-30.0, 0.0), (-5.0, 2.0)))
+    context = task.term_context(TermGuidance())
+    found, expected = (
+        TermGuide(motion=motion, terms=tuple(TERM_MAKERS[FollowPath](some, context)))
+        for some in ([other, own], [own])
+    )
+    latent = 0.3 * torch.randn(2, 1, 4, 10, generator=torch.Generator().manual_seed(1))
+    assert not torch.equal(expected(latent, 0.5), latent)
+    assert torch.equal(found(latent, 0.5), expected(latent, 0.5))
+
+
 def test_the_settings_are_stored_with_the_model_and_checked():
     assert TRAJECTORIES.default_sampling()["terms"] == TermGuidance()
     with pytest.raises(ModelError, match="goal_m"):
