@@ -8,7 +8,12 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.options.arguments import OptionalFolder, OptionalFolders, several
+from pd_editor.cli.options.arguments import (
+    OptionalFolder,
+    OptionalFolders,
+    Switch,
+    several,
+)
 from pd_editor.errors import InputError
 
 DEFAULT_DEMO = "signalised-junction"
@@ -25,7 +30,7 @@ def edit(
     data: OptionalFolder = None,
     library: OptionalFolder = None,
     models: OptionalFolders = (),
-    debug: bool = False,
+    debug: Switch = False,
 ) -> None:
     """Start the browser editor, print its address, and serve until interrupted.
 

@@ -65,7 +65,7 @@ from pd_editor.generators import (
 from pd_editor.plain_text import nearest_or_all
 from pd_editor.work_engine import EngineChoice, EngineName
 
-DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower")
+DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower", DEFAULT_GENERATOR)
 DEFAULT_PLACING_METHODS = (GROUND_TRUTH, DEFAULT_GENERATOR)
 """Default methods where initial states are sampled."""
 MIN_LIMIT_S: Final = 0.1

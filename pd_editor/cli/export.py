@@ -36,7 +36,7 @@ def export(
     scenarios: Annotated[
         str | Path | tuple[str | Path, ...],
         tyro.conf.Positional,
-        tyro.conf.arg(metavar="SCENARIO|RECIPE [...]"),
+        tyro.conf.arg(metavar="SCENARIO|RECIPE [...]", help_behavior_hint="(required)"),
     ],
     /,
     *,

@@ -6,6 +6,7 @@ import io
 import logging
 import sys
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from typing import Any
 
 import tyro
@@ -82,6 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     words = sys.argv[1:] if arguments is None else list(arguments)
+    if words == ["--version"]:
+        sys.stdout.write(f"pd-editor {version('pd-editor')}\n")
+        return 0
     try:
         outcome = _run(words)
     except PdEditorError as error:

@@ -12,7 +12,7 @@ from pd_editor.evaluation.report.figures import (
     Figure,
 )
 from pd_editor.evaluation.report.sections import FIGURES_TITLE, Report, Section
-from pd_editor.evaluation.report.tables import ReportTable, cell, unit_of
+from pd_editor.evaluation.report.tables import ReportTable, cell, named, unit_of
 from pd_editor.studies.avoidable_danger import AvoidableDanger
 from pd_editor.studies.gallery import GalleryEntry
 from pd_editor.studies.severity import SeverityCurve, road_title
@@ -24,7 +24,7 @@ SHOWN: Final = (
     ("off_drivable_steps", "SOR, %"),
     ("off_drivable", "HOR, %"),
     ("lateral_deviation_mean", "lateral deviation, m"),
-    ("new_overlap", "new collisions, %"),
+    ("new_overlap", "collisions after t = 0, %"),
     ("min_ade", "minADE, m"),
 )
 """Metrics of the severity curves."""
@@ -193,6 +193,7 @@ def _curve_table(curve: SeverityCurve) -> ReportTable:
 
 def _worst_sections(findings: StudyFindings) -> tuple[Section, ...]:
     settings = findings.settings
+    title = _title(settings.metric)
     tables = []
     if findings.search:
         tables.append(_compared_table(findings))
@@ -200,13 +201,13 @@ def _worst_sections(findings: StudyFindings) -> tuple[Section, ...]:
         tables.append(
             ReportTable(
                 title="Worst variants, to open in the editor",
-                header=("method", "scene", "condition", settings.metric, "open"),
+                header=("method", "scene", "condition", title, "open"),
                 rows=tuple(
                     (
                         one.case.method,
                         one.case.scenario,
                         one.case.condition,
-                        f"{one.case.value:.3f}",
+                        _shown(one.case.value, settings.metric),
                         f"`pd-editor edit {Path('gallery') / one.folder.name}`",
                     )
                     for one in findings.gallery
@@ -215,15 +216,25 @@ def _worst_sections(findings: StudyFindings) -> tuple[Section, ...]:
             )
         )
     words = (
-        f"The variant of each scene with the highest {settings.metric} of "
+        f"The variant of each scene with the highest {title.split(',')[0]} of "
         f"{settings.agents}.",
     )
     return (Section(title="Worst cases", paragraphs=words, tables=tuple(tables)),)
 
 
+def _title(metric: str) -> str:
+    return dict(SHOWN).get(metric, named(metric))
+
+
+def _shown(value: float, metric: str) -> str:
+    """Text of a value in the unit of its title: shares in per cent."""
+    return f"{100 * value if unit_of(metric) == 'share' else value:.3g}"
+
+
 def _compared_table(findings: StudyFindings) -> ReportTable:
     """Search against grid, scene by scene."""
     grid = {(one.scenario, one.method, one.seed): one for one in findings.grid}
+    metric = findings.settings.metric
     rows, num_as_bad = [], 0
     for one in findings.search:
         other = grid.get((one.scenario, one.method, one.seed))
@@ -235,14 +246,14 @@ def _compared_table(findings: StudyFindings) -> ReportTable:
             (
                 one.method,
                 one.scenario,
-                f"{other.condition}: {other.value:.3f}",
-                f"{one.condition}: {one.value:.3f}",
+                f"{other.condition}: {_shown(other.value, metric)}",
+                f"{one.condition}: {_shown(one.value, metric)}",
                 "yes" if is_as_bad else "no",
             )
         )
     share = 100 * num_as_bad / max(len(rows), 1)
     return ReportTable(
-        title="Search against the grid",
+        title=f"Search against the grid: {_title(metric)}",
         header=(
             "method",
             "scene",

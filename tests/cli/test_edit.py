@@ -88,12 +88,12 @@ def test_app_says_that_it_starts_then_prints_its_address_and_serves(tmp_path: Pa
         line = process.stdout.readline()
         found = re.fullmatch(r"Path Diffuser Editor is at (http://\S+)\n", line)
         assert found is not None, line
-        with urllib.request.urlopen(found[1], timeout=20) as page:
+        with urllib.request.urlopen(found[1], timeout=60) as page:
             assert page.status == 200
             assert b"<html" in page.read().lower()
     finally:
         guard.cancel()
         process.send_signal(signal.SIGINT)
-        rest, errors = process.communicate(timeout=20)
+        rest, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (0, "")
     assert rest.count("\n") <= 1, rest

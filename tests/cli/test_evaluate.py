@@ -126,7 +126,7 @@ def test_a_killed_process_goes_on_to_the_same_numbers(data: Path, tmp_path: Path
         command("killed"), env=environment, start_new_session=True
     )
     finished = tmp_path / "killed" / "finished"
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 120
     while len(list(finished.rglob("*.parquet"))) < 3:
         assert time.monotonic() < deadline
         assert killed.poll() is None

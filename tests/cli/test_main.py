@@ -12,6 +12,8 @@ COMMANDS = (
     "evaluate",
     "study",
     "synth",
+    "train",
+    "model",
 )
 
 
@@ -26,8 +28,21 @@ def test_help_names_commands_and_demos(shell: Shell):
 def test_every_option_is_explained(shell: Shell, command: str):
     result = shell.run(command, "--help")
     assert (result.code, result.err) == (0, "")
-    for leftover in ("None", "STR", "PATH", "Args:", "``"):
+    for leftover in ("None", "STR", "PATH", "Args:", "``", "(default: )", "--no-debug"):
         assert leftover not in result.out
+
+
+def test_the_help_of_training_asks_for_no_validation_set(shell: Shell):
+    """It said "(required)" of it, and "a part of the data unless given"."""
+    lines = shell.run("train", "--help").out.splitlines()
+    words = " ".join(" ".join(line.strip("\u2502 ") for line in lines).split())
+    assert "a part of the data unless given. (optional)" in words
+
+
+def test_the_version(shell: Shell):
+    result = shell.run("--version")
+    assert (result.code, result.err) == (0, "")
+    assert result.out.startswith("pd-editor 0.")
 
 
 @pytest.mark.parametrize(
@@ -98,7 +113,8 @@ def test_a_bug_exits_with_1_and_a_traceback(tmp_path):
             "generate x --sed 3 --out o",
             "Unknown arguments: --sed, 3; see pd-editor generate --help",
         ),
-        ("bogus", "Unknown arguments: bogus; see pd-editor --help"),
+        ("bogus", "There is no command 'bogus'; choose among edit, warp, generate, "),
+        ("--bogus", "Unknown arguments: --bogus; see pd-editor --help"),
         ("export x --out", "--out lacks its value; see pd-editor export --help"),
         ("export x\0 --out o", r"x\x00: is no usable path"),
         ("export x\ud800 --out o", r"x\ud800: is no usable path"),
@@ -121,3 +137,10 @@ def test_a_bug_exits_with_1_and_a_traceback(tmp_path):
 def test_a_wrong_argument_is_one_sentence(shell, arguments, sentence):
     """No boxes of many lines, no numbers without limits (faults 2, 5, 7, 10)."""
     assert sentence in shell.refused(*arguments.split(" "))
+
+
+def test_a_wrong_choice_is_told_the_right_ones(shell: Shell):
+    """They stood in brackets and quotes, as Python prints them."""
+    words = ["warp", "x", "--out", "o", "--kind", "bend", "--power", "1"]
+    told = shell.refused(*words).replace(",", "").replace(";", "").split()
+    assert {"double-turn", "smooth-turn", "ripple-road"} < set(told)

@@ -33,7 +33,10 @@ def test_a_study_writes_rows_report_and_gallery(
     }
     assert set(rows["seed"].to_pylist()) == {0, 1}
     text = (out / "report.md").read_text()
-    assert "Search against the grid" in text
+    assert "Search against the grid: SOR, %" in text
+    # The name of a column of the rows stood there, and shares without per cent.
+    assert "with the highest SOR of movers" in text
+    assert "off_drivable_steps" not in text
     page = (out / "report.html").read_text()
     assert page.count("<figure>") == 5
     assert len(list((out / "gallery").iterdir())) == 2

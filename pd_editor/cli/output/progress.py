@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Callable, Generator
+from functools import cache
 from typing import Final
 
 from pd_editor.generation import GeneratedTraffic, GenerationProgress, run_to_end
@@ -22,16 +23,20 @@ class ProgressLine:
     def __init__(self) -> None:
         """Begin; the first line elsewhere comes after 30 seconds."""
         self.began = self._last = time.monotonic()
+        self._written = ""
         self.is_watched = sys.stderr.isatty()
 
     def show(self, line: str, *, is_over: bool = False) -> None:
-        """Write how far the work is; ``is_over`` ends the line of a terminal."""
+        """Write how far the work is, if that is news; ``is_over`` ends a terminal's line."""
         now = time.monotonic()
+        if line == self._written:
+            return
         if self.is_watched:
             sys.stderr.write(f"\r{line:<{_WIDTH}}" + "\n" * is_over)
+            self._written = line
         elif now - self._last >= _SECONDS_BETWEEN_LINES:
             sys.stderr.write(f"{line}\n")
-            self._last = now
+            self._last, self._written = now, line
         sys.stderr.flush()
 
     def clear(self) -> None:
@@ -60,9 +65,14 @@ def work_shown(noun: str) -> Callable[[WorkProgress], None]:
     """Display of progress of work on many items."""
     line = ProgressLine()
 
+    # Also called while nothing is done, when the rate of what is done would only age.
+    @cache
+    def text_of(progress: WorkProgress) -> str:
+        return progress_line(progress, time.monotonic() - line.began, noun)
+
     def show(progress: WorkProgress) -> None:
-        text = progress_line(progress, time.monotonic() - line.began, noun)
-        line.show(text, is_over=progress.num_done == progress.num_items)
+        is_over = progress.num_done == progress.num_items
+        line.show(text_of(progress), is_over=is_over)
 
     return show
 

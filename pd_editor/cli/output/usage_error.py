@@ -16,6 +16,8 @@ _REWORDED: Final = (
         r"invalid choice (.*) for argument '(\S+)'\. Expected",
         r"\2: \1 is not expected;",
     ),
+    (r"(?<=one of )\('(.*)'\)", r"\1"),
+    (r"(?<=\w)', '(?=\w)", ", "),
     (r"Missing value for argument '(\S+)'\. Expected.*", r"\1 lacks its value"),
     (r"Unrecognized options: ", "unknown arguments: "),
     (r"Expected one of \{(.*)\}", r"a command is missing; choose among \1"),
@@ -45,6 +47,9 @@ def usage_error(box: str, arguments: Sequence[str], commands: Sequence[str]) -> 
         for pattern, words in _REWORDED:
             sentence = re.sub(pattern, words, sentence)
     sentence = sentence.rstrip(". ") or "the arguments cannot be read"
+    if arguments and arguments[0] not in commands and not arguments[0].startswith("-"):
+        sentence = f"there is no command {arguments[0]!r}; choose among "
+        sentence += ", ".join(commands)
     known = [one for one in arguments[:1] if one in commands]
     help_of = " ".join(["pd-editor", *known, "--help"])
     return f"{sentence[0].upper()}{sentence[1:]}; see {help_of}."

@@ -32,7 +32,7 @@ _OVERLAP: Final = Column(title="boxes overlap, %", metric="init_overlap", is_sha
 _FINAL: Final = Column(
     title="final lateral deviation, m", metric="lateral_deviation_final"
 )
-_NEW: Final = Column(title="new overlap, %", metric="new_overlap", is_share=True)
+_NEW: Final = Column(title="new collisions, %", metric="new_overlap", is_share=True)
 STATE_CLAIMS: Final = (
     Claim(
         words="differential attention and CDB lower collisions",

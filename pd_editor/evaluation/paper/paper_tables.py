@@ -55,7 +55,7 @@ REALISM: Final = (
     Column(title="Final Lat. Dev., m", metric="lateral_deviation_final"),
 )
 CORRECTED_REALISM: Final = (
-    Column(title="new overlap of boxes, %", metric="new_overlap", is_share=True),
+    Column(title="new collisions, %", metric="new_overlap", is_share=True),
     Column(title="off-road at any step, %", metric="off_road_4m", is_share=True),
     Column(title="SOR, %", metric="off_drivable_steps", is_share=True),
     Column(title="Avg. Lat. Dev., m", metric="lateral_deviation_mean"),
@@ -70,7 +70,7 @@ CORRECTED_COMPARISON: Final = (
     Column(title="MR, %", metric="missed", is_share=True),
     Column(title="FDE, m", metric="fde"),
     Column(title="ADE, m", metric="ade"),
-    Column(title="best ADE, m", metric="min_ade"),
+    Column(title="minADE, m", metric="min_ade"),
     Column(title="end spread, m", metric="end_spread"),
 )
 STATE_COLUMNS: Final = tuple(
@@ -222,7 +222,7 @@ _PAPER_NOTE: Final = (
     "average lateral deviation, which has none. Guided: pulled to the nearest candidate."
 )
 _CORRECTED_NOTE: Final = (
-    "All motor vehicles of the log. Errors leave out the current step; best ADE is over all "
+    "All motor vehicles of the log. Errors leave out the current step; minADE is over all "
     "samples. No system yields to avoid collisions here."
 )
 _STATE_MODES: Final = {"": "", "unguided": ", raw", "guided": ", guided"}

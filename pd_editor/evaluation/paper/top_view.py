@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.generation import TrafficSample
+from pd_editor.geometry.angles import unit_vector
 from pd_editor.geometry.oriented_box import box_corners
 from pd_editor.scene.road_map import RoadMap
 
@@ -51,7 +52,7 @@ def draw_states(axes: "Axes", sample: TrafficSample, color: str = _AGENT) -> Non
         strict=True,
     ):
         axes.fill(*box.T, color=color, alpha=0.85, zorder=4, linewidth=0)
-        front = place + size[0] * np.array([np.cos(angle), np.sin(angle)])
+        front = place + size[0] * unit_vector(angle)
         axes.plot(*np.stack([place, front]).T, color=color, linewidth=0.8, zorder=4)
 
 

@@ -26,6 +26,7 @@ from pd_editor.evaluation.report.tables import (
     headline_tables,
     road_tables,
 )
+from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.evaluation.scene_bootstrap import COVERAGE, NUM_RESAMPLES
 from pd_editor.evaluation.summary import Summary
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
@@ -117,9 +118,9 @@ def report_of(
 def _compared(
     task: EvaluationTask, summary: Summary, distances: Sequence[ReportTable]
 ) -> tuple[Section, ...]:
-    beside = "overlap, path length, ADE and spread"
+    beside = "collisions, path length, ADE and spread"
     if task.samples_states:
-        beside = "overlap and path length"
+        beside = "collisions and path length"
     results = (
         "Means over agents and samples, with intervals. Final lateral deviation alone is "
         f"low for agents that stay on any lane, even at random: read it beside {beside}. "
@@ -203,10 +204,16 @@ def _distances(words: str, tables: Sequence[ReportTable]) -> Section:
     )
 
 
+def _roads_words(conditions: Sequence[RoadCondition]) -> str:
+    warps = [one.label for one in conditions if not one.is_plain]
+    plain = ["plain roads"] if len(warps) < len(conditions) else []
+    warped = [f"roads warped by {', '.join(warps)}"] if warps else []
+    return " and on ".join([*plain, *warped])
+
+
 def _words(plan: EvaluationPlan, record: RunRecord, found: Findings) -> tuple[str, ...]:
-    roads = ", ".join(one.label for one in plan.conditions)
     words = [
-        f"{record.num_scenes} scenes on {len(plan.conditions)} roads ({roads}). "
+        f"{record.num_scenes} scenes on {_roads_words(plan.conditions)}. "
         f"{_asked(plan.task)} Methods that sample at random give {plan.num_samples} "
         "samples of each scene.",
         _split_words(found.splits),

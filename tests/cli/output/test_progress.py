@@ -3,8 +3,9 @@ import sys
 
 import pytest
 
-from pd_editor.cli.output.progress import run_showing_progress
+from pd_editor.cli.output.progress import run_showing_progress, work_shown
 from pd_editor.generation import GeneratedTraffic, GenerationProgress
+from pd_editor.work_engine.work_engine import WorkProgress
 
 DONE = GeneratedTraffic(samples=(), generator="fake")
 
@@ -34,3 +35,15 @@ def test_a_file_sees_nothing(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(sys, "stderr", log)
     assert run_showing_progress(steps()) is DONE
     assert log.getvalue() == ""
+
+
+def test_a_line_is_written_only_when_it_is_news(monkeypatch: pytest.MonkeyPatch):
+    """While nothing finished, the same line was written four times a second."""
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    show = work_shown("scenes")
+    for done in (0, 0, 1, 1, 2, 2):
+        show(WorkProgress(num_done=done, num_failed=0, num_items=2))
+    shown = [line.split(",")[0].rstrip(" ") for line in terminal.getvalue().split("\r")]
+    assert shown == ["", "0 of 2 scenes", "1 of 2 scenes", "2 of 2 scenes"]
+    assert terminal.getvalue().endswith("\n")

@@ -63,7 +63,7 @@ def test_the_main_table_by_hand(found):
     # Eight agents; sample 0 is 1 m off the recording's lane, sample 1 at most 1.75 m.
     assert head["agents / scenes"] == "8 / 3"
     log = dict(zip(table["method"], table["ground-truth"], strict=True))
-    assert log["new overlap, %"].startswith("25.0 [0.0,")
+    assert log["new collisions, %"].startswith("25.0 [0.0,")
     assert log["ADE, m"] == "0.00 [0.00, 0.00]"
     assert head["end spread, m"] == "1.00 [1.00, 1.00]"
     assert log["end spread, m"] == "-"
@@ -73,14 +73,14 @@ def test_lateral_deviation_never_stands_alone(found):
     text = markdown_of(report_of(*found, "x"))
     for line in text.splitlines():
         if line.startswith("| method") and "final lateral deviation" in line:
-            for other in ("overlap", "path length", "ADE", "spread"):
+            for other in ("new collisions", "path length", "ADE", "spread"):
                 assert other in line
 
 
 def test_the_report_says_what_was_done(found):
     text = markdown_of(report_of(*found, "pd-editor evaluate --seed 0"))
     for words in (
-        "3 scenes on 3 roads (none, smooth-turn:3, smooth-turn:9)",
+        "3 scenes on plain roads and on roads warped by smooth-turn:3, smooth-turn:9.",
         "logged trajectories are warped with the map",
         "1000 bootstrap resamples of scenes",
         "pd-editor evaluate --seed 0",
