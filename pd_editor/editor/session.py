@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from pd_editor.editor.commands import AddGuidance, ChangeGuidance, ReplaceTraffic
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
@@ -182,6 +183,26 @@ class EditorSession:
         """Committed commands that are not undone, the oldest first."""
         in_force = self._history.entries[: self._history.position]
         return tuple(entry.command for entry in in_force)
+
+    @property
+    def awaits_guided_run(self) -> bool:
+        """Whether a term in force was set after its agents were last generated."""
+        # A term moves with a warped road, so kind and agents tell which one it is.
+        in_force = {
+            (term.kind, term.named_ids) for term in self.scenario.guidance if term.is_on
+        }
+        generated: set[str] = set()
+        for command in reversed(self.commands_in_force if in_force else ()):
+            for part in reversed(command.parts):
+                if isinstance(part, ReplaceTraffic):
+                    generated.update(part.sample.ids)
+                elif isinstance(part, AddGuidance | ChangeGuidance):
+                    named = part.term.named_ids
+                    if (part.term.kind, named) not in in_force:
+                        continue
+                    if generated.isdisjoint(named) if named else not generated:
+                        return True
+        return False
 
     @property
     def can_undo(self) -> bool:

@@ -105,6 +105,7 @@ class BrowserSession:
         with client.atomic():
             self._configure_page()
             self.overlay = Overlay(self._ui)
+            self.overlay.on_ready = self._page_ready
             self._banner = Banner(self.overlay)
             self.timeline = Timeline(
                 self.overlay, self._banner, workspace.playback, self._request_frame
@@ -122,15 +123,16 @@ class BrowserSession:
         self._is_built = True
         self.picture.follow_camera()
         self._request_check()
-        if workspace.starts_playing:
-            workspace.starts_playing = False
-            workspace.playback.play()
+
+    def _page_ready(self) -> None:
+        """Play once; frames for a page that cannot draw yet would only pile up."""
+        if self._workspace.is_new:
+            self._workspace.is_new = False
+            self._workspace.playback.play()
 
     def _configure_page(self) -> None:
         client = self._client
-        client.gui.configure_theme(
-            dark_mode=self._workspace.is_dark, show_logo=False, show_share_button=False
-        )
+        self._send_theme()
         client.gui.set_panel_label("Path Diffuser Editor")
         client.gui.main_panel.dock_right()
         client.gui.main_panel.set_width(372)
@@ -191,6 +193,7 @@ class BrowserSession:
             lambda: self.modes.is_any_active,
         )
         overlay.on("fan", self._fan_pointed)
+        overlay.on("theme", self._theme_asked)
         self._hints = Hints(overlay)
         self._key_sheet = KeySheet(overlay)
         self.pointer.set_plain_drag_selects(self._viewpoint.is_top)
@@ -268,6 +271,7 @@ class BrowserSession:
                 regenerate=generation.regenerate_agents,
                 cancel=generation.cancel,
                 use_result=generation.use_result,
+                run_guidance=generation.regenerate,
                 download=self.panels.export.download,
                 frame=lambda problem, share: self._viewpoint.frame_place(
                     problem.place_m, FreePart.left_of(share)
@@ -482,11 +486,25 @@ class BrowserSession:
         elif not (self.picture.samples.close() or self.panels.agent.locks.withdraw()):
             self._workspace.session.select(())
 
+    def _theme_asked(self, event: Mapping[str, Any]) -> None:
+        """Take the theme that the page asks for: the browser's, or the one kept there."""
+        is_dark = event.get("isDark") is True
+        if is_dark != self._workspace.is_dark:
+            self.panels.view.show_theme(is_dark)
+            self._set_theme(is_dark)
+
     def _theme_chosen(self, is_dark: bool) -> None:
-        self._workspace.is_dark = is_dark
+        self.overlay.show("theme", {"isDark": is_dark})
+        self._set_theme(is_dark)
+
+    def _send_theme(self) -> None:
         self._client.gui.configure_theme(
-            dark_mode=is_dark, show_logo=False, show_share_button=False
+            dark_mode=self._workspace.is_dark, show_logo=False, show_share_button=False
         )
+
+    def _set_theme(self, is_dark: bool) -> None:
+        self._workspace.is_dark = is_dark
+        self._send_theme()
         with self._client.atomic():
             self.picture.follow_theme()
             self._show_panels(self._workspace.session.state)

@@ -1,5 +1,6 @@
 """The session against a plain list of states, and gestures."""
 
+from dataclasses import replace
 from itertools import count
 from unittest.mock import Mock
 
@@ -15,9 +16,14 @@ from hypothesis.stateful import (
 )
 
 from pd_editor.editor.commands import (
+    AddGuidance,
+    ChangeGuidance,
     Command,
     DeleteAgents,
     DuplicateAgents,
+    RemoveGuidance,
+    ReplaceTraffic,
+    RequestSummary,
     TransformAgents,
 )
 from pd_editor.editor.commands.locks import apply_within_locks
@@ -25,6 +31,8 @@ from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession, SessionState
 from pd_editor.editor.variant import Variant
 from pd_editor.errors import EditError
+from pd_editor.generation import TrafficSample
+from pd_editor.scene.guidance_terms import SpeedLimit
 from pd_editor.scene.scenario import Scenario
 from tests.editor.command_strategies import (
     ON_TRAFFIC,
@@ -33,6 +41,7 @@ from tests.editor.command_strategies import (
     busy_scenario,
     ignore_random_checks,
     present_ids,
+    trajectory_from,
 )
 from tests.editor.random_edits import random_command
 from tests.editor.same_scenario import same_scenario
@@ -43,6 +52,19 @@ BASE = busy_scenario()
 
 def shift(dx: float, *ids: str) -> TransformAgents:
     return TransformAgents(agent_ids=ids or ("100",), dx_m=dx)
+
+
+def generated(scenario: Scenario, agent_id: str) -> ReplaceTraffic:
+    row = scenario.agents.row_of[agent_id]
+    motion = trajectory_from(scenario, agent_id, 5.0, 0.0)
+    sample = TrafficSample(
+        ids=(agent_id,),
+        kinds=(scenario.agents.kinds[row],),
+        size_m=scenario.agents.size_m[[row]],
+        **{name: values[None] for name, values in motion.items()},
+    )
+    request = RequestSummary(agent_ids=(agent_id,))
+    return ReplaceTraffic(sample=sample, generator="test", request=request)
 
 
 def session_with(*commands: Command) -> EditorSession:
@@ -423,3 +445,23 @@ def test_an_entry_that_is_seen_while_it_is_written_shows_its_scenario():
     assert [position for position, _ in seen] == [1, 0]
     assert seen[0][1] is moved
     assert seen[1][1] is BASE
+
+
+def test_guidance_awaits_a_run_until_traffic_is_generated():
+    session = session_with(shift(1.0))
+    assert not session.awaits_guided_run
+    session.apply(AddGuidance(term=SpeedLimit(agent_ids=("100",), speed_mps=5.0)))
+    session.apply(shift(0.5))
+    assert session.awaits_guided_run
+    session.apply(generated(session.scenario, "101"))
+    assert session.awaits_guided_run, "another agent's trajectory"
+    session.apply(generated(session.scenario, "100"))
+    assert not session.awaits_guided_run
+    session.undo()
+    assert session.awaits_guided_run
+    session.redo()
+    term = session.scenario.guidance[0]
+    session.apply(ChangeGuidance(index=0, term=replace(term, speed_mps=4.0)))
+    assert session.awaits_guided_run
+    session.apply(RemoveGuidance(index=0))
+    assert not session.awaits_guided_run

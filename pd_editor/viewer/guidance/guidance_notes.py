@@ -18,6 +18,16 @@ from pd_editor.viewer.state.ui_context import UiContext
 Tone = Literal["plain", "good", "warn", "bad"]
 TAKE_UNGUIDED: Final = "Take the unguided sample"
 CHANGED: Final = "Terms have changed since this run:"
+FIGURES: Final = (
+    (
+        "Agents in collisions after t = 0",
+        "Agents whose boxes overlap at t = 0 already count only if they hit another one",
+    ),
+    ("Time off the road", "While the centre is outside the drivable area"),
+    ("Distance to lanes", "Mean distance to the nearest reachable lane"),
+    ("Mean acceleration", "Of its absolute value"),
+)
+"""Names of the figures of realism, and what they mean."""
 MAX_DRAGGED_TERMS: Final = 2
 """More terms that change at once, as in a warp, are checked when the edit is over."""
 
@@ -35,8 +45,8 @@ class RunReport:
     """What a run as a whole came to."""
 
     lines: tuple[Line, ...] = ()
-    figures: tuple[tuple[str, str, str], ...] = ()
-    """Realism: name, guided and unguided value; the first row has the titles."""
+    figures: tuple[tuple[str, str, str, str], ...] = ()
+    """Realism: name, guided and unguided value, help; the first row has the titles."""
     action: str | None = None
     """Label of the button that takes the unguided sample; None: not offered."""
 
@@ -160,18 +170,15 @@ def report_of(report: GuidanceReport) -> RunReport:
     )
 
 
-def figures_of(cost: GuidanceCost) -> tuple[tuple[str, str, str], ...]:
+def figures_of(cost: GuidanceCost) -> tuple[tuple[str, str, str, str], ...]:
     """Realism of the guided and of the unguided sample of the same seed."""
     guided, other = _in_words(cost.guided), _in_words(cost.unguided)
-    names = (
-        "Agents in new collisions",
-        "Time off the road",
-        "Distance to lanes",
-        "Mean acceleration",
-    )
     return (
-        ("Realism", "guided", "unguided"),
-        *zip(names, guided, other, strict=True),
+        ("Realism", "guided", "unguided", "Of all motor vehicles and cyclists"),
+        *(
+            (name, mine, others, hint)
+            for (name, hint), mine, others in zip(FIGURES, guided, other, strict=True)
+        ),
     )
 
 

@@ -35,6 +35,8 @@ class Overlay:
         self._handlers: dict[str, Handler] = {}
         self._shown: dict[str, str] = {}
         self.is_ready = False
+        self.on_ready: Callable[[], None] = lambda: None
+        """Called when the page has begun to draw."""
         self._answers = ui.client.gui.add_text("overlay", "", visible=False)
 
         @self._answers.on_update
@@ -80,7 +82,9 @@ class Overlay:
         handler(event)
 
     def _page_said(self, event: Mapping[str, Any]) -> None:
-        self.is_ready = self.is_ready or event.get("kind") == "ready"
+        if event.get("kind") == "ready":
+            self.is_ready = True
+            self.on_ready()
 
 
 @cache

@@ -181,14 +181,30 @@ class SampleStrip:
 
     def focus(self) -> None:
         """Open the strip again if it was closed, with the focus on its cards."""
+        if self._can_open():
+            self._is_closed = False
+            self._show(takes_focus=True)
+
+    def compare(self) -> None:
+        """Compare the sample that is pointed at; without one, the sample in use.
+
+        If a comparison is open, close it.
+        """
+        if self._pair.close() or not self._can_open():
+            return
+        self._is_closed = False
+        self._show()
+        index = self._adopted if self._previewed is None else self._previewed
+        self._compare(self._order()[0] if index is None else index)
+
+    def _can_open(self) -> bool:
         if self._cards is None or not self._is_shown:
             self._ui.notify(
                 "No samples to choose among",
                 "Set 'Samples' under Drive to 2 or more, then regenerate or resample.",
             )
-            return
-        self._is_closed = False
-        self._show(takes_focus=True)
+            return False
+        return True
 
     def close(self) -> bool:
         """Close the comparison, or else the strip; returns whether one was open."""
@@ -296,13 +312,12 @@ class SampleStrip:
             self.adopt(index)
 
     def _compare(self, index: int) -> None:
-        """Show a sample beside the adopted one, or beside the best other one."""
-        others = [one for one in self._order() if one != index]
-        if self._adopted is not None and self._adopted != index:
-            others.insert(0, self._adopted)
-        if others:
-            self._compared = others[0], index
-            self._show_pair()
+        """Show a sample beside the one in use, or that one beside the best other."""
+        assert self._cards is not None
+        others = (self._adopted, *ranked(self._cards.numbers, self._ranking))
+        other = next(one for one in others if one is not None and one != index)
+        self._compared = other, index
+        self._show_pair()
 
     def _choose_compared(self, side: int, index: int) -> None:
         """Put a sample on one side; one that is on the other side changes places."""

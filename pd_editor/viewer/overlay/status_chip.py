@@ -15,6 +15,8 @@ from pd_editor.viewer.state.run_state import RunState
 from pd_editor.viewer.state.ui_context import UiContext
 
 MAX_ROWS: Final = 200
+_AWAITS_RUN: Final = "Not yet guided"
+_REGENERATE: Final = "Regenerate"
 Group = Literal["new", "ignored", "recorded"]
 _ICON: Final[dict[ProblemKind, str]] = {
     "collision": "collision",
@@ -35,6 +37,7 @@ class ChipActions:
     regenerate: Callable[[tuple[str, ...]], None]
     cancel: Callable[[], None]
     use_result: Callable[[], None]
+    run_guidance: Callable[[], None]
     download: Callable[[], None]
     frame: Callable[[SceneProblem, float], None]
     """Shows a place in so much of the picture's width, from the left."""
@@ -78,8 +81,12 @@ class StatusChip:
         text, tone = "No new problems", "good"
         if count:
             text, tone = f"{count} problem{'s' if count > 1 else ''}", "warn"
+        action = "" if run is None else run.action
         if run is not None and run.text:
             text, tone = run.text, "busy"
+        elif not action and self._ui.session.awaits_guided_run:
+            text = f"{text}, {_AWAITS_RUN.lower()}" if count else _AWAITS_RUN
+            tone, action = "busy", _REGENERATE
         problem = self._ui.session.journal_problem
         self._overlay.show(
             "status",
@@ -87,7 +94,7 @@ class StatusChip:
                 "text": text,
                 "tone": tone,
                 "fraction": None if run is None else run.fraction,
-                "action": "" if run is None else run.action,
+                "action": action,
                 "unsaved": "" if problem is None else _unsaved(problem),
                 "groups": [
                     {
@@ -209,7 +216,11 @@ class StatusChip:
         elif kind == "cancel":
             self._actions.cancel()
         elif kind == "use":
-            self._actions.use_result()
+            run = self._run()
+            if run is not None and run.action:
+                self._actions.use_result()
+            elif self._ui.session.awaits_guided_run:
+                self._actions.run_guidance()
         elif kind == "download":
             self._actions.download()
 

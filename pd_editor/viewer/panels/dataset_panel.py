@@ -70,7 +70,7 @@ class DatasetPanel:
             set_value(self._city, chosen)
         found = search.cards
         labels = tuple(
-            f"{card.scenario_id} · {card.city} · {card.num_agents}"
+            f"{card.city} · {card.num_agents} agents · {card.scenario_id}"
             for card in found[:MAX_LISTED]
         )
         if tuple(self._list.options) != (labels or (NONE_FOUND,)):
@@ -109,4 +109,4 @@ class DatasetPanel:
 
 
 def _id_of(label: str) -> str:
-    return label.split(" · ", 1)[0]
+    return label.rsplit(" · ", 1)[-1]

@@ -63,6 +63,7 @@ class HistoryPanel:
         if self._followed != present:
             self._followed = present
             self._page = (len(entries) - position) // ROWS
+        set_property(self._pages, "visible", len(entries) >= ROWS)
         oldest = sum(entry.before is None for entry in entries)
         for index, row in enumerate(self._rows):
             at = self._position(index)

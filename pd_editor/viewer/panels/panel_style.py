@@ -58,13 +58,13 @@ class PanelStyle:
 class FixedText:
     """Lines of text in a space of constant height, so that elements below do not move.
 
-    Texts are never interpreted as HTML. Long texts are cut off; the tooltip has the whole
-    text.
+    Texts are never interpreted as HTML. Long texts end in an ellipsis; the tooltip has the
+    whole text.
     """
 
     def __init__(self, gui: viser.GuiApi, num_lines: int) -> None:
         """Reserve room for some lines in the current container."""
-        self._height_px = num_lines * LINE_PX
+        self._num_lines = num_lines
         self._element = gui.add_html("")
         self.text = ""
         self.show()
@@ -73,14 +73,16 @@ class FixedText:
         """Show a title in bold and lines under it; either may be empty."""
         shown = [line for line in (title, *lines) if line]
         self.text = "\n".join(shown)
-        parts = [f"<div>{html.escape(line)}</div>" for line in lines if line]
+        parts = [html.escape(line) for line in lines if line]
         if title:
-            parts.insert(0, f"<div><b>{html.escape(title)}</b></div>")
+            parts.insert(0, f"<b>{html.escape(title)}</b>")
         hint = html.escape(self.text if tooltip is None else tooltip)
         set_property(
             self._element,
             "content",
-            f'<div title="{hint}" style="height:{self._height_px}px;overflow:hidden;'
+            f'<div title="{hint}" style="height:{self._num_lines * LINE_PX}px;'
+            f"overflow:hidden;display:-webkit-box;-webkit-box-orient:vertical;"
+            f"-webkit-line-clamp:{self._num_lines};"
             f"margin:0 0.75em 0.5em;font-size:13.5px;line-height:{LINE_PX}px;"
-            f'overflow-wrap:anywhere">{"".join(parts)}</div>',
+            f'overflow-wrap:anywhere">{"<br>".join(parts)}</div>',
         )

@@ -29,7 +29,7 @@ class UnfinishedPanel:
         )
         ui.on_click(self._button, self.open_dialog)
         self.refresh()
-        if self._count:
+        if self._count and self._workspace.is_new:
             ui.notify(
                 "Unfinished work found",
                 "Edits that were not exported are kept. Continue them in the Scene tab.",

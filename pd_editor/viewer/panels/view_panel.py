@@ -45,8 +45,10 @@ class ViewPanel:
         ):
             button = gui.add_button(label, icon=icon, color="gray", hint=hint)
             ui.on_click(button, show)
-        theme = gui.add_checkbox("Dark theme", ui.workspace.is_dark)
-        ui.on_change(theme, on_theme)
+        self._theme = gui.add_checkbox(
+            "Dark theme", ui.workspace.is_dark, hint="The browser's until you choose"
+        )
+        ui.on_change(self._theme, on_theme)
         compare = gui.add_checkbox(
             "Compare with the original", False, hint="Hold O for a short look"
         )
@@ -57,3 +59,7 @@ class ViewPanel:
                 ui.on_change(box, lambda value, layer=layer: on_layer(layer, value))
             ribbons = gui.add_checkbox("Past and future", True)
             ui.on_change(ribbons, on_ribbons)
+
+    def show_theme(self, is_dark: bool) -> None:
+        """Show a theme that was not chosen here."""
+        self._theme.value = is_dark

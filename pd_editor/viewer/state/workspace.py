@@ -130,7 +130,8 @@ class Workspace:
         self.playback = Playback()
         self.playback.open(scenario.time_axis)
         self.playback.limit(scenario.first_step, scenario.last_step)
-        self.starts_playing = True
+        self.is_new = True
+        """Whether no page has shown it yet."""
         self.is_dark = False
         self.view = ViewMemory()
         self.ignored_problems: WeakKeyDictionary[Scenario, set[ProblemKey]] = (

@@ -91,7 +91,7 @@ class ControlPanel:
         with tabs.add_tab("History"):
             self.history = HistoryPanel(ui, style)
         with tabs.add_tab("View"):
-            ViewPanel(
+            self.view = ViewPanel(
                 ui,
                 viewpoint,
                 on_theme=on_theme,

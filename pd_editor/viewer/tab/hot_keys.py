@@ -84,6 +84,7 @@ def add_hot_keys(
         "shift",
     )
     key("Choose among the samples of the last run", picture.samples.focus, "J")
+    key("Compare two samples of the last run", picture.samples.compare, "C")
     key("Cancel the generation", panels.generation.cancel)
     key("Reset road", panels.road.reset)
     key("Switch 3-D and top view", viewpoint.switch, "V")

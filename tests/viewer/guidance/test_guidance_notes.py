@@ -122,12 +122,16 @@ def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
     assert tones["Agent 100 brakes with 9.1 m/s2."] == "warn"
     (worse,) = (text for text in tones if text.startswith("Guidance made the scene"))
     assert "2 instead of 0 agents collide" in worse
-    assert ["Agents in new collisions", "2", "0"] in state["figures"]
+    (collisions,) = (row for row in state["figures"] if "collisions" in row[0])
+    # It said "new collisions", and nowhere what is new.
+    assert collisions[:3] == ["Agents in collisions after t = 0", "2", "0"]
+    assert "overlap at t = 0 already" in collisions[3]
     assert state["action"] == TAKE_UNGUIDED
 
 
 def test_the_unguided_sample_is_taken_and_undone(guided: FakeTab):
     panel_ = guided.tab.modes.steering._panel
+    assert panel_ is not None
     count = len(guided.session.entries)
     guided.run(lambda: panel_._heard({"kind": "take"}))
     assert speed(guided) == 3.0

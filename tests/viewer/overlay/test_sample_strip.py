@@ -50,6 +50,12 @@ class Tab(UiContext):
         self.errors.append(error)
 
 
+class Strip(SampleStrip):
+    """Keeps the samples that were adopted."""
+
+    adopted: list[int]
+
+
 @pytest.fixture
 def page():
     return Page()
@@ -62,7 +68,7 @@ def drawn():
 
 @pytest.fixture
 def strip(page, drawn):
-    strip = SampleStrip(
+    strip = Strip(
         Tab(),
         page,
         on_preview=lambda: drawn.append(1),
@@ -98,7 +104,7 @@ def opened(strip, page, count=3):
         )
     )
     strip.follow(0, is_valid=True)
-    end = time.monotonic() + 10
+    end = time.monotonic() + 60
     while not page.shown["samples"]["isOpen"] and time.monotonic() < end:
         time.sleep(0.01)
     assert strip.is_open
@@ -160,6 +166,28 @@ def test_a_sample_is_compared_with_the_one_in_use(strip, page):
     assert strip.close()
     assert not strip.is_open
     assert not strip.close()
+
+
+def test_the_key_compares_whatever_is_pointed_at(strip, page):
+    """It worked on cards with the focus only, and not at all on the one in use."""
+    strip.compare()
+    assert strip._ui.notices == ["No samples to choose among"]
+    opened(strip, page)
+    best, *_ = (one["index"] for one in page.shown["samples"]["cards"] if one["index"])
+
+    def compared():
+        strip.compare()
+        return [one["index"] for one in page.shown["sample-pair"]["samples"]]
+
+    page.handlers["samples"]({"kind": "point", "value": 2})
+    assert compared() == [0, 2]
+    strip.compare()
+    assert page.shown["sample-pair"] == {"isOpen": False}
+    page.handlers["samples"]({"kind": "point", "value": 0})
+    assert compared() == [best, 0]
+    assert strip.close()
+    page.handlers["samples"]({"kind": "leave"})
+    assert compared() == [best, 0]
 
 
 def test_cards_count_collisions_with_agents_that_appear_later():

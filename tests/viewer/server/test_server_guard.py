@@ -56,7 +56,7 @@ def status_of_upgrade(port: int, origin: str | None) -> int:
     }
     if origin is not None:
         headers["Origin"] = origin
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
     connection.request("GET", "/", headers=headers)
     status = connection.getresponse().status
     connection.close()
@@ -70,7 +70,7 @@ def test_the_real_server_refuses_a_foreign_page(server):
 
 
 def test_the_page_itself_is_served(server):
-    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=5)
+    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=30)
     connection.request("GET", "/")
     answer = connection.getresponse()
     assert answer.status == 200
@@ -105,7 +105,7 @@ def test_hosts(host, bound, expected):
 
 def test_the_page_is_not_served_under_a_foreign_name(server):
     """DNS rebinding cannot even load the page (fault 8)."""
-    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=5)
+    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=30)
     connection.request("GET", "/", headers={"Host": "rebound.example"})
     assert connection.getresponse().status == 403
     connection.close()
@@ -113,7 +113,7 @@ def test_the_page_is_not_served_under_a_foreign_name(server):
 
 def test_a_path_that_cannot_be_is_not_found(server):
     """A NUL in the address raised in viser's own handler (fault 8)."""
-    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=5)
+    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=30)
     for path in ("/a%00b", "/" + "x" * 300, "/%ff", "/../../etc/passwd"):
         connection.request("GET", path)
         answer = connection.getresponse()

@@ -161,9 +161,9 @@ pdOverlay.define("guidance_panel", (api) => {
 
   function figures() {
     const table = api.make("table", "", { "aria-label": "Realism of the last run" });
-    for (const [place, cells] of state.figures.entries()) {
-      const line = api.make("tr");
-      for (const cell of cells)
+    for (const [place, [name, guided, unguided, title]] of state.figures.entries()) {
+      const line = api.make("tr", "", { title });
+      for (const cell of [name, guided, unguided])
         line.append(api.make(place ? "td" : "th", "", {}, cell));
       table.append(line);
     }

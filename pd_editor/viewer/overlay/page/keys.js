@@ -51,8 +51,11 @@ pdOverlay.define("keys", (api) => {
     columns.replaceChildren(...state.groups.map(({ title, rows }) => {
       const group = api.make("section");
       const list = api.make("dl");
-      for (const { keys, does } of rows)
-        list.append(api.make("dt", "", {}, keys), api.make("dd", "", {}, does));
+      for (const { keys, does } of rows) {
+        const row = api.make("div");
+        row.append(api.make("dt", "", {}, keys), api.make("dd", "", {}, does));
+        list.append(row);
+      }
       group.append(api.make("h2", "", {}, title), list);
       return group;
     }));

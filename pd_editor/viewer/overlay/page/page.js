@@ -19,3 +19,13 @@ pdOverlay.define("page", (api) => {
     document.documentElement.classList.toggle("pd-dark-page", isDark);
   };
 });
+
+// The theme is the browser's until the user chooses one, which the browser remembers.
+pdOverlay.define("theme", (api) => {
+  const KEPT = "pd-editor-dark";
+  const browsers = window.matchMedia("(prefers-color-scheme: dark)");
+  const tell = () => api.send({ isDark: api.recall(KEPT) ?? browsers.matches });
+  api.listen(browsers, "change", tell);
+  tell();
+  return ({ isDark }) => api.remember(KEPT, isDark);
+});

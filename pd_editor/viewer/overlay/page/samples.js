@@ -67,8 +67,6 @@
       }[event.key];
       if (event.key === "Escape") api.send({ kind: "close" });
       else if (event.target.tagName === "SELECT") return;
-      else if (event.key.toLowerCase() === "c" && !event.ctrlKey && !event.metaKey &&
-          cursor !== null) api.send({ kind: "pair", value: cursor });
       else if (target !== undefined) moveTo(target);
       else if (event.key === "Enter" && event.target.classList.contains("pd-sample"))
         api.send({ kind: "adopt", value: Number(event.target.dataset.index) });

@@ -259,18 +259,17 @@ class GenerationRun:
 
     def _progressed(self, task: GenerationInput, progress: GenerationProgress) -> None:
         request = task.request
-        verb = "Resampling" if request.samples_states else "Regenerating"
-        text = f"{verb} ..."
-        if progress.fraction == 0 and progress.message:
+        text = "Resampling" if request.samples_states else "Regenerating"
+        has_several = request.num_samples > 1
+        is_told = progress.fraction == 0 or (has_several and request.samples_states)
+        if is_told and progress.message:
             text = progress.message
-        elif request.num_samples > 1 and request.samples_states:
-            text = f"{request.num_samples} samples ..."
-        elif request.num_samples > 1:
+        elif has_several:
             number = int(progress.fraction * request.num_samples + 1e-6) + 1
             number = min(number, request.num_samples)
             text = f"Sample {number} of {request.num_samples}"
         self._set_state(RunState(text=text, fraction=round(progress.fraction, 3)))
-        self._say(f"{text}.")
+        self._say(f"{text} ...")
 
     def _finished(
         self, task: GenerationInput, traffic: GeneratedTraffic, started: float
