@@ -15,7 +15,7 @@ def heading_of(direction: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*
 
 
 def unit_vector(
-    heading_rad: Float[np.ndarray, "*shape"],
+    heading_rad: float | Float[np.ndarray, "*shape"],
 ) -> Float[np.ndarray, "*shape 2"]:
     """Unit vectors that point along headings."""
     return np.stack([np.cos(heading_rad), np.sin(heading_rad)], axis=-1)

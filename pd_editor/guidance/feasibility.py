@@ -4,8 +4,8 @@ A term is checked against the paths that its agent could take and against limits
 acceleration; of other traffic, only against agents that stand on each path to a goal.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Final, Literal
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -18,6 +18,7 @@ from pd_editor.guidance.limits import (
     MAX_BRAKING_MPS2,
 )
 from pd_editor.guidance.pair_checks import (
+    Found,
     gap_problems,
     pair_contradictions,
     threat_problems,
@@ -54,8 +55,6 @@ _GRIP_MPS2: Final = 6.0
 _SAME_PATH_M: Final = 1.0
 """Paths that come as near to a goal as the nearest one, up to this, lead there."""
 _MOST_NAMED: Final = 3
-
-Found = Iterator[tuple[Literal["error", "warning"], str]]
 
 
 def guidance_problems(

@@ -96,7 +96,7 @@ def gaps_ahead(
 
 
 def collision_outcome(term: AvoidCollisions, driven: Driven) -> Measured | None:
-    """Number of agents that newly collide."""
+    """Number of agents that collide after t = 0, but not at t = 0 already."""
     rows = driven.rows(term.agent_ids, ROAD_USER_KINDS)
     if not len(rows):
         return None
@@ -104,8 +104,8 @@ def collision_outcome(term: AvoidCollisions, driven: Driven) -> Measured | None:
     count = int((newly.value.astype(bool) & newly.is_valid)[rows].sum())
     agents = "agent collides" if count == 1 else "agents collide"
     return Measured(
-        asked="no new collision",
-        achieved=f"{count} {agents}" if count else "no new collision",
+        asked="no collision after t = 0",
+        achieved=f"{count} {agents}" if count else "no collision after t = 0",
         error=float(count),
         unit="agents",
         is_obeyed=count == 0,

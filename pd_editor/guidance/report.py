@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.generation import GuidanceReport, TrafficSample
+from pd_editor.geometry.angles import unit_vector
 from pd_editor.guidance.feasibility import guidance_problems, infeasible_terms
 from pd_editor.guidance.outcomes import term_outcomes
 from pd_editor.metrics.collisions.box_collision import box_overlap
@@ -151,9 +152,7 @@ def motion_problems(scenario: Scenario, sample: TrafficSample) -> tuple[str, ...
     drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in sample.kinds], bool)
     motion = kinematics(generated_traffic(scenario, sample))
     impossible = (motion.is_impossible() & motion.is_valid).any(axis=1) & drives
-    forward = np.stack(
-        [np.cos(sample.heading_rad), np.sin(sample.heading_rad)], axis=-1
-    )
+    forward = unit_vector(sample.heading_rad)
     step = (np.diff(sample.position_m, axis=1) * forward[:, 1:]).sum(-1)
     begins = (sample.velocity_mps[:, 0] * forward[:, 0]).sum(-1)
     backwards = np.minimum(step, 0.0).sum(axis=1) < -_REVERSES_M

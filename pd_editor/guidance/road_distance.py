@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from pd_editor.geometry.angles import unit_vector
 from pd_editor.metrics.road.off_road import drivable_ground, is_off_road
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
@@ -41,7 +42,7 @@ def way_back_m(
     off = is_off_road(scenario, corners_m)
     if off.any():
         way[off] = _nearest_on_edge(scenario, corners_m[off]) - corners_m[off]
-        ahead = np.stack([np.cos(heading_rad), np.sin(heading_rad)], axis=-1)
+        ahead = unit_vector(heading_rad)
         lengthwise = np.abs((way * ahead[..., None, :]).sum(-1))
         ends = (lengthwise > _LENGTHWISE * np.linalg.norm(way, axis=-1)).any(axis=-1)
         way[np.maximum.accumulate(ends, axis=-1)] = 0.0

@@ -5,6 +5,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.geometry.angles import left_of, unit_vector
+
 LINE_MARGIN_M: Final = 2.0
 """A stop line also counts this far beside its ends."""
 
@@ -34,8 +36,8 @@ def overrun_m(
 
     Negative: the least distance before the line. Beside the line: minus infinity.
     """
-    forward = np.stack([np.cos(heading_rad), np.sin(heading_rad)], axis=-1)
-    left = np.stack([-forward[:, 1], forward[:, 0]], axis=-1)
+    forward = unit_vector(heading_rad)
+    left = left_of(forward)
     start, _, _ = _line_frame(position_m[:1], line_m)
     worst = -np.inf
     for sign in (-1.0, 0.0, 1.0):
@@ -55,4 +57,4 @@ def _line_frame(
     length = float(np.hypot(*across))
     across = across / length
     gap = points_m - line_m[0]
-    return gap @ np.array([-across[1], across[0]]), gap @ across, length
+    return gap @ left_of(across), gap @ across, length

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.geometry.angles import unit_vector
 from pd_editor.metrics.collisions.safety import box_gap_m
 from pd_editor.metrics.motion.kinematics import (
     DEGREE,
@@ -64,7 +65,7 @@ def _acceleration(scenario: Scenario, row: int) -> Float[np.ndarray, "T"]:
             continue
         _, second, _ = derivative_operators(end - start, window, axis.step_s)
         heading = agents.heading_rad[row, start:end]
-        forward = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        forward = unit_vector(heading)
         vector = second @ agents.position_m[row, start:end]
         found[start:end] = (vector * forward).sum(axis=-1)
     return found

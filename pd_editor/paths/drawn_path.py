@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.geometry.angles import heading_of, wrap_angle
+from pd_editor.geometry.angles import heading_of, unit_vector, wrap_angle
 from pd_editor.geometry.frenet import FrenetFrames, mitred_normals
 from pd_editor.geometry.polyline import densify, point_at, smoothed, without_repeats
 from pd_editor.paths.driving_paths import (
@@ -77,7 +77,7 @@ def path_to_follow(
     """
     line = densify(without_repeats(np.asarray(points_m, float)), _DENSE_M)
     ahead = line[0] - position_m
-    forward = np.array([np.cos(heading_rad), np.sin(heading_rad)])
+    forward = unit_vector(heading_rad)
     start = line[min(1, len(line) - 1)] - line[0]
     is_before = float(ahead @ forward) > 0 and float(ahead @ start) > 0
     if is_before and np.linalg.norm(ahead) > _DENSE_M:

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.geometry.angles import heading_of, wrap_angle
+from pd_editor.geometry.angles import heading_of, unit_vector, wrap_angle
 from pd_editor.geometry.frenet import FrenetFrames
 from pd_editor.geometry.polyline import without_repeats
 from pd_editor.paths.lanes.lane_graph import LaneGraph
@@ -127,7 +127,7 @@ def slid_poses(
     Poses beyond the lane's line are left out. Without a lane (-1) agents move straight.
     """
     if lane < 0:
-        direction = np.array([np.cos(heading_rad), np.sin(heading_rad)])
+        direction = unit_vector(heading_rad)
         position = position_m + slide_m[:, None] * direction
         return position, np.full(len(slide_m), heading_rad)
     frames, _ = line_through(graph, lane)

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.geometry.angles import unit_vector
 from pd_editor.scene.agent_kind import AgentKind
 
 _SPAN: Final = 3
@@ -104,7 +105,7 @@ def exertion(
     acceleration = (later - 2 * middle + earlier) / span_s**2
     velocity = (later - earlier) / (2 * span_s)
     speed = np.hypot(velocity[..., 0], velocity[..., 1])
-    facing = np.array([np.cos(heading_rad), np.sin(heading_rad)])
+    facing = unit_vector(heading_rad)
     moves = speed > _REVERSING_MPS
     forward = np.where(
         moves[..., None], velocity / np.maximum(speed, 1e-6)[..., None], facing

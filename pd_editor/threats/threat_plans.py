@@ -9,6 +9,7 @@ threat is feasible; the best plan is what the guidance asks for.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Final
 
@@ -257,8 +258,8 @@ def _meetings(attacker: _Attacker, other: Track, aim: ThreatAim) -> _Meetings:
         max(round(_MEETING_STEP_S / attacker.step_s), 1),
     )
     kinds = {
-        "rear": _behind,
-        "cut-in": _in_front,
+        "rear": partial(_in_line, end=-1),
+        "cut-in": partial(_in_line, end=1),
         "side": _beside,
         "head-on": _opposite,
     }
@@ -378,8 +379,7 @@ def _passing(
 ) -> Float[np.ndarray, "N H 2"]:
     """Drive on as the candidate does; deviations to the side fade, others stay."""
     velocity = attacker.candidate_mps[meetings.candidate, meetings.step]
-    pace = np.linalg.norm(velocity, axis=-1, keepdims=True)
-    forward = np.where(pace > 0.3, velocity / np.maximum(pace, 1e-6), 0.0)
+    forward = _courses(velocity, 0.0)
     along = (offset * forward).sum(-1, keepdims=True)
     along_mps = (deviation * forward).sum(-1, keepdims=True)
     aside, aside_mps = offset - along * forward, deviation - along_mps * forward
@@ -389,36 +389,30 @@ def _passing(
     return candidate + held * forward[:, None] + fading * np.exp(-late / tau)
 
 
-def _behind(
-    attacker: _Attacker, other: Track, aim: ThreatAim, step: Int[np.ndarray, "T"]
+def _in_line(
+    attacker: _Attacker,
+    other: Track,
+    aim: ThreatAim,
+    step: Int[np.ndarray, "T"],
+    end: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Meetings with the front at the other agent's rear."""
-    forward, velocity = unit_vector(other.heading_rad[step]), _velocity(other, step)
+    """Meetings with the front at the other agent's rear (-1), or in front of it (1)."""
+    forward, velocity = unit_vector(other.heading_rad[step]), other.velocity_mps[step]
     closing = _CLOSING_MPS if aim.is_contact else (0.0,)
     reach = (other.size_m[0] + attacker.size_m[0]) / 2 + _planned_gap_m(aim)
-    position = other.position_m[step] - reach * forward
-    speeds = np.stack([velocity + rate * forward for rate in closing])
+    position = other.position_m[step] + end * reach * forward
+    speeds = np.stack([velocity - end * rate * forward for rate in closing])
     comes = _course_cos(attacker, other, step) > _CROSSING_COS
+    if end > 0:
+        # Who cuts in comes from beside the other's path.
+        goes = (speeds * forward).sum(-1) > _GOES_MPS
+        comes = goes[:, None] & comes & _starts_aside(attacker, other)
+    shape = (len(closing), *comes.shape[-2:])
     return (
         np.broadcast_to(position, speeds.shape)[:, None],
         speeds[:, None],
-        np.broadcast_to(comes, (len(closing), *comes.shape)),
+        np.broadcast_to(comes, shape),
     )
-
-
-def _in_front(
-    attacker: _Attacker, other: Track, aim: ThreatAim, step: Int[np.ndarray, "T"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Meetings with the rear at the other agent's front, from beside its path."""
-    forward, velocity = unit_vector(other.heading_rad[step]), _velocity(other, step)
-    closing = _CLOSING_MPS if aim.is_contact else (0.0,)
-    reach = (other.size_m[0] + attacker.size_m[0]) / 2 + _planned_gap_m(aim)
-    position = other.position_m[step] + reach * forward
-    speeds = np.stack([velocity - rate * forward for rate in closing])
-    pace = (speeds * forward).sum(-1)
-    comes = _course_cos(attacker, other, step) > _CROSSING_COS
-    counts = (pace > _GOES_MPS)[:, None] & comes & _starts_aside(attacker, other)
-    return np.broadcast_to(position, speeds.shape)[:, None], speeds[:, None], counts
 
 
 def _beside(
@@ -429,7 +423,7 @@ def _beside(
     left = left_of(forward)
     candidate = attacker.candidate_mps[:, step]
     pace = np.linalg.norm(candidate, axis=-1, keepdims=True)
-    course = np.where(pace > 0.3, candidate / np.maximum(pace, 1e-6), np.nan)
+    course = _courses(candidate, np.nan)
     across, along = (course * left).sum(-1), (course * forward).sum(-1)
     crosses = np.abs(along) < _CROSSING_COS
     length, width = attacker.size_m
@@ -493,18 +487,20 @@ def _planned_gap_m(aim: ThreatAim) -> float:
     return -_CONTACT_DEPTH_M if aim.is_contact else aim.gap_m
 
 
-def _velocity(other: Track, step: Int[np.ndarray, "T"]) -> Float[np.ndarray, "T 2"]:
-    return other.velocity_mps[step]
+def _courses(
+    velocity_mps: Float[np.ndarray, "*N 2"], at_rest: float | Float[np.ndarray, "2"]
+) -> Float[np.ndarray, "*N 2"]:
+    """Directions of velocities; ``at_rest`` where there is hardly any."""
+    pace = np.linalg.norm(velocity_mps, axis=-1, keepdims=True)
+    return np.where(pace > 0.3, velocity_mps / np.maximum(pace, 1e-6), at_rest)
 
 
 def _course_cos(
     attacker: _Attacker, other: Track, step: Int[np.ndarray, "T"]
 ) -> Float[np.ndarray, "C T"]:
     """Cosine of the angle between the candidates' courses and the other's heading."""
-    velocity = attacker.candidate_mps[:, step]
-    pace = np.linalg.norm(velocity, axis=-1, keepdims=True)
-    still = np.array([np.cos(attacker.heading_rad), np.sin(attacker.heading_rad)])
-    course = np.where(pace > 0.3, velocity / np.maximum(pace, 1e-6), still)
+    still = unit_vector(attacker.heading_rad)
+    course = _courses(attacker.candidate_mps[:, step], still)
     return (course * unit_vector(other.heading_rad[step])).sum(-1)
 
 

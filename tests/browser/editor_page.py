@@ -3,15 +3,18 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from playwright.sync_api import Locator, Page
+from playwright.sync_api import Locator, Page, expect
 
 from pd_editor.editor.session import EditorSession
 from pd_editor.viewer.interaction.camera import projected
 from pd_editor.viewer.viewer_app import ViewerApp
 
 SCREENSHOTS = Path(__file__).parent / "screenshots"
+PATIENCE_S = 60.0
+"""How long to wait for anything: a busy machine is slow, and waiting costs nothing else."""
 PAUSE_MS = 90
 """viser's client sends at most one GUI message per 50 ms and keeps only the newest."""
 
@@ -21,6 +24,8 @@ class EditorPage:
 
     def __init__(self, page: Page, app: ViewerApp) -> None:
         self.page = page
+        page.set_default_timeout(1000 * PATIENCE_S)
+        expect.set_options(timeout=1000 * PATIENCE_S)
         self.app = app
         self._known = set(app.server.get_clients())
         page.goto(app.address)
@@ -41,6 +46,7 @@ class EditorPage:
         self.client = clients()[client_id]
         self.until(lambda: self._tab() is not None, "a session")
         self.until(lambda: self._tab()._is_built, "the panels")
+        self.until(lambda: self._tab().overlay.is_ready, "the overlay")
         self.until(
             lambda: self.page.get_by_role("tab", name="Agents").count() > 0, "the page"
         )
@@ -50,7 +56,7 @@ class EditorPage:
             ".innerText.includes('WebGL') && b.click())"
         )
 
-    def _tab(self):
+    def _tab(self) -> Any:
         entry = self.app._tabs.get(self.client.client_id)
         return None if entry is None else entry[1]
 
@@ -62,7 +68,9 @@ class EditorPage:
     def workspace(self):
         return self._tab()._workspace
 
-    def until(self, condition: Callable[[], object], what: str, seconds: float = 30.0):
+    def until(
+        self, condition: Callable[[], object], what: str, seconds: float = PATIENCE_S
+    ):
         """Wait for the server's state; the browser goes on meanwhile."""
         end = time.monotonic() + seconds
         while True:

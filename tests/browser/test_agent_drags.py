@@ -171,10 +171,10 @@ def test_what_a_drag_does_to_the_future_is_told(editor):
     editor.until(lambda: len(session.entries) == 1, "one entry")
     assert session.scenario is not before
     status = editor.page.get_by_role("status", name="Status")
-    editor.until(lambda: status.inner_text() != "No new problems", "the chip", 5)
-    editor.until(lambda: any(not p.is_now for p in watch.new), "a later problem", 5)
+    editor.until(lambda: status.inner_text() != "No new problems", "the chip")
+    editor.until(lambda: any(not p.is_now for p in watch.new), "a later problem")
     told = editor.page.get_by_text(re.compile(r"ego ok · [1-9]\d* open problem"))
-    told.first.wait_for(timeout=5000)
+    told.first.wait_for()
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ def upload(editor, name: str, content: bytes) -> None:
 
 
 def notice(editor, text: str) -> None:
-    editor.page.get_by_text(text).first.wait_for(timeout=10_000)
+    editor.page.get_by_text(text).first.wait_for()
 
 
 def test_open_a_folder_by_path_and_upload_a_zip(open_editor, folder):
@@ -143,6 +143,11 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
 
     editor = open_editor(library=library)
     notice(editor, "Unfinished work found")
+    editor.reload()
+    editor.page.get_by_role("button", name="Unfinished work (1)").wait_for()
+    editor.settle()
+    # It was said again at each reload.
+    assert not editor.page.get_by_text("Unfinished work found").count()
     editor.press("Unfinished work (1)")
     editor.press("Continue signalised-junction")
     editor.until(lambda: len(editor.session.entries) == 2, "the work")

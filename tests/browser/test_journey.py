@@ -88,7 +88,7 @@ def test_from_demo_to_export(editor):
     editor.screenshot("03_candidates")
     editor.press("Hide possible trajectories")
     editor.press("Regenerate")
-    editor.until(lambda: len(labels(editor)) == 3, "new futures", 60)
+    editor.until(lambda: len(labels(editor)) == 3, "new futures")
     editor.screenshot("04_regenerated")
 
     editor.open_tab("Scene")

@@ -16,7 +16,7 @@ def editor(open_editor):
     page.go_to_now()
     page.until(lambda: not page.workspace.playback.is_playing, "a pause")
     page.key("r")
-    page.until(lambda: is_done(page.session, 1), "generated traffic", 90)
+    page.until(lambda: is_done(page.session, 1), "generated traffic", 120)
     return page
 
 
@@ -73,7 +73,7 @@ def test_traffic_reacts_while_an_agent_is_dragged_and_one_undo_takes_all_back(ed
     before, seen = session.scenario, Seen(session)
     start = place_of(editor, dragged)
     editor.drag(start, start + np.array([6.0, 3.0, 0.0]))
-    editor.until(lambda: is_done(session, 2), "one entry", 60)
+    editor.until(lambda: is_done(session, 2), "one entry")
     assert seen.num_regenerated(others) > 3, "previews came before the release"
     entry = session.entries[1]
     assert isinstance(entry.command, RegeneratedEdit)
@@ -135,7 +135,7 @@ def test_traffic_reacts_while_a_warp_slider_is_dragged(editor):
     editor.until(lambda: seen.num_regenerated(ids) > 3, "live previews")
     assert len(session.entries) == 1, "nothing in the history before the release"
     editor.page.mouse.up()
-    editor.until(lambda: is_done(session, 2), "one entry", 60)
+    editor.until(lambda: is_done(session, 2), "one entry")
     entry = session.entries[1]
     assert isinstance(entry.command, RegeneratedEdit)
     assert isinstance(entry.command.edit, SetRoadWarp)

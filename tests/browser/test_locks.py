@@ -64,7 +64,7 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
     # All trajectories are regenerated, those of locked agents are not.
     editor.open_tab("Drive")
     editor.press("Regenerate (1 locked is kept)")
-    editor.until(lambda: len(session.entries) == 2, "trajectories", 90)
+    editor.until(lambda: len(session.entries) == 2, "trajectories", 120)
     after = session.scenario
     assert agent_id not in session.entries[1].command.sample.ids
     every = slice(None)
@@ -77,7 +77,7 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
         editor.fill(kind, 0)
     editor.fill("Vehicles", 3)
     editor.press("Resample (1 locked is kept)")
-    editor.until(lambda: len(session.entries) == 3, "agents", 90)
+    editor.until(lambda: len(session.entries) == 3, "agents", 120)
     resampled = session.scenario
     assert kept_bytes(resampled, agent_id, every) == kept_bytes(after, agent_id, every)
     assert resampled.locks == {agent_id: TRAJECTORY_LOCK}
@@ -118,7 +118,7 @@ def test_state_and_first_seconds_are_locked_by_menu_and_panel(editor):
     number = len(session.entries)
     editor.choose("Agents", "The selection")
     editor.press("Regenerate (1 locked is kept)")
-    editor.until(lambda: len(session.entries) == number + 1, "a trajectory", 90)
+    editor.until(lambda: len(session.entries) == number + 1, "a trajectory", 120)
     kept, rest = slice(now, now + 31), slice(now + 31, None)
     after = session.scenario
     assert kept_bytes(after, agent_id, kept) == kept_bytes(opened, agent_id, kept)
@@ -145,5 +145,5 @@ def test_only_agents_in_a_drawn_region_are_regenerated(editor):
     inside = region.held(opened, drivable_agent_ids(opened))
     assert 0 < len(inside) < len(drivable_agent_ids(opened))
     editor.press("Regenerate")
-    editor.until(lambda: len(session.entries) == 1, "trajectories", 90)
+    editor.until(lambda: len(session.entries) == 1, "trajectories", 120)
     assert session.entries[0].command.sample.ids == inside

@@ -32,7 +32,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
         editor.fill(label, 0)
     editor.fill("Samples", 2)
     editor.press("Resample")
-    editor.until(lambda: len(session.scenario.agents) == 11, "agents", 90)
+    editor.until(lambda: len(session.scenario.agents) == 11, "agents", 120)
     editor.screenshot("30_resampled")
     drawn = session.scenario
     now = drawn.current_step
@@ -53,7 +53,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
 
     states = session.scenario.agents.position_m[:, now].copy()
     editor.press("Regenerate")
-    editor.until(lambda: len(session.entries) == 3, "other futures", 60)
+    editor.until(lambda: len(session.entries) == 3, "other futures")
     after = session.scenario.agents
     assert abs(after.position_m[:, now] - states).max() < 0.01
     for _ in range(3):
@@ -68,9 +68,9 @@ def test_as_many_as_suit_the_road_on_the_road_only(editor):
     editor.tick("As many as fit")
     editor.choose("Share that moves", "Half")
     editor.press("Resample")
-    editor.until(lambda: len(session.entries) == 1, "agents", 90)
-    editor.page.get_by_text("50% were asked for").wait_for(timeout=10_000)
-    editor.page.get_by_text("off the road.").wait_for(timeout=10_000)
+    editor.until(lambda: len(session.entries) == 1, "agents", 120)
+    editor.page.get_by_text("50% were asked for").wait_for()
+    editor.page.get_by_text("off the road.").wait_for()
     editor.screenshot("31_on_the_road")
     request = session.entries[0].command.request
     assert (request.moving_share, request.only_on_road) == (0.5, True)
@@ -90,7 +90,7 @@ def test_only_the_selected_agent_is_drawn_anew(editor):
     editor.open_tab("Drive")
     editor.choose("Replace", REDRAW_SELECTION)
     editor.press("Resample")
-    editor.until(lambda: len(session.entries) == 1, "a new state", 90)
+    editor.until(lambda: len(session.entries) == 1, "a new state", 120)
     after = session.scenario.agents
     others = [name for name in before.ids if name != one]
     kept, same = before.taken(before.rows(others)), after.taken(after.rows(others))
@@ -109,6 +109,6 @@ def test_playback_goes_on_while_the_model_draws(editor):
     while panel._result.is_running:
         seen.add(int(playback.step))
         editor.page.wait_for_timeout(20)
-    editor.until(lambda: len(editor.session.entries) == 1, "other futures", 60)
+    editor.until(lambda: len(editor.session.entries) == 1, "other futures")
     assert playback.is_playing
     assert len(seen) > 1

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
@@ -33,3 +34,28 @@ def test_a_reload_leaves_one_overlay(open_editor):
     editor.reload()
     editor.until(lambda: editor._tab().overlay.is_ready, "the overlay again")
     assert editor.page.locator("#pd-overlay").count() == 1
+
+
+@pytest.mark.slow
+def test_the_theme_is_the_browsers_until_one_is_chosen_and_kept(browser, open_editor):
+    """It was light in a dark browser, and a choice was lost with the session."""
+    with browser.new_context(color_scheme="dark") as context:
+        editor = open_editor(context=context)
+        editor.until(lambda: editor.workspace.is_dark, "the browser's theme")
+        editor.open_tab("View")
+        box = editor.row("Dark theme").locator("input[type=checkbox]").first
+        expect(box).to_be_checked()
+        editor.page.emulate_media(color_scheme="light")
+        editor.until(lambda: not editor.workspace.is_dark, "the browser's new theme")
+        expect(box).not_to_be_checked()
+        editor.page.emulate_media(color_scheme="dark")
+        editor.until(lambda: editor.workspace.is_dark, "the former one")
+        # Before, a press on a slow page chose what the server had already.
+        expect(box).to_be_checked()
+
+        editor.tick("Dark theme")
+        editor.until(lambda: not editor.workspace.is_dark, "the chosen theme")
+        editor.page.wait_for_function("localStorage.getItem('pd-editor-dark') !== null")
+        editor.workspace.is_dark = True  # as in a session of another day
+        editor.reload()
+        editor.until(lambda: not editor.workspace.is_dark, "the theme that was kept")

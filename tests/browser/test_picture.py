@@ -158,8 +158,15 @@ def test_the_sheet_lists_every_registered_key_and_escape_only_closes_it(editor):
     session = editor.session
     session.select((session.scenario.focal_id,))
     sheet = editor.page.get_by_role("dialog", name="Keys and mouse")
+    editor.page.set_viewport_size({"width": 1280, "height": 720})
+    editor._tab()._ui.notify("A notice", "It stays.", stays=True)
+    notice = editor.page.get_by_text("It stays.")
+    notice.wait_for()
     editor.key("?")
     sheet.wait_for()
+    # It was one long column, half of it out of sight, below notices.
+    assert sheet.evaluate("one => one.scrollHeight <= one.clientHeight")
+    assert not notice.is_visible()
     text = sheet.inner_text()
     missing = [
         hotkey.label

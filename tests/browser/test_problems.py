@@ -185,7 +185,7 @@ def test_nothing_in_a_panel_moves(editor):
         assert_still(after, still[name], f"{name}, with problems")
     editor.open_tab("Drive")
     editor.press("Regenerate")
-    editor.until(lambda: len(session.entries) == 2, "futures", 90)
+    editor.until(lambda: len(session.entries) == 2, "futures", 120)
     for name, after in boxes(editor).items():
         assert_still(after, still[name], f"{name}, after a run")
     editor.key("Control+z")
@@ -219,7 +219,7 @@ def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(
     cancel = editor.page.locator(".pd-chip").get_by_role("button", name="Cancel")
     editor.key("r")
     editor.until(lambda: panel._result.is_running, "a run")
-    editor.until(lambda: "Sample " in chip(editor), "samples", 60)
+    editor.until(lambda: "Sample " in chip(editor), "samples")
     assert " of 16" in chip(editor)
     cancel.click()
     editor.until(lambda: not panel._result.is_running, "the end")
@@ -345,7 +345,7 @@ def test_an_empty_selection_and_a_stale_report(editor):
     assert not editor.session.entries
     editor.session.select((editor.session.scenario.focal_id,))
     editor.press("Regenerate")
-    editor.until(lambda: len(editor.session.entries) == 1, "a future", 60)
+    editor.until(lambda: len(editor.session.entries) == 1, "a future")
     report = editor._tab().panels.generation._result._report
     editor.until(lambda: "1 agent in" in report.text, "a report")
     editor.key("Control+z")

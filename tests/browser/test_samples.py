@@ -19,7 +19,7 @@ def regenerated(editor, count: int = 4) -> None:
     """A run of several samples, and its strip."""
     editor.fill("Samples", count)
     editor.key("r")
-    editor.until(lambda: editor.session.entries, "a run", 90)
+    editor.until(lambda: editor.session.entries, "a run", 120)
     strip(editor).wait_for(state="visible")
     editor.until(lambda: cards(editor).count() == count, "cards")
 
@@ -80,6 +80,16 @@ def test_samples_are_previewed_adopted_and_undone(editor):
     editor.page.mouse.move(300, 60)
     editor.until(lambda: np.array_equal(drawn_end(editor), before), "the end of it")
 
+    # C compares what is pointed at, wherever the focus is.
+    card(editor, 3).hover()
+    editor.key("c")
+    pair = editor.page.get_by_role("dialog", name="Two samples side by side")
+    pair.wait_for(state="visible")
+    right = pair.get_by_role("combobox", name="Sample on the right")
+    assert right.input_value() == "2"
+    editor.key("c")
+    pair.wait_for(state="hidden")
+
     # A click adopts it, another one replaces it: one entry.
     card(editor, 3).click()
     editor.until(lambda: labels(editor)[0].endswith("sample 3 of 4"), "sample 3")
@@ -113,9 +123,7 @@ def test_samples_by_keys_ranking_and_choice(editor):
     regenerated(editor, 5)
     page, session = editor.page, editor.session
     editor.key("j")
-    page.wait_for_function(
-        "document.activeElement.classList.contains('pd-sample')", timeout=5000
-    )
+    page.wait_for_function("document.activeElement.classList.contains('pd-sample')")
     at = page.evaluate("document.activeElement.dataset.index")
     page.keyboard.press("ArrowRight")
     page.wait_for_function(f"document.activeElement.dataset.index !== '{at}'")
@@ -202,5 +210,5 @@ def test_resampled_agents_are_offered_as_samples(editor):
     # A single sample needs no choice.
     editor.fill("Samples", 1)
     editor.key("r")
-    editor.until(lambda: len(session.entries) == 2, "a run of one", 90)
+    editor.until(lambda: len(session.entries) == 2, "a run of one", 120)
     strip(editor).wait_for(state="hidden")

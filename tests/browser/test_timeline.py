@@ -60,14 +60,18 @@ def test_the_playhead_runs_between_two_messages_of_the_server(editor):
     """(design 7) The page moves the playhead on every frame, not four times a second."""
     editor.go_to_now()
     editor.key("Space")
-    editor.until(lambda: editor.workspace.playback.is_playing, "playback")
+    editor.page.get_by_role("button", name="Pause", exact=True).wait_for()
+    # Messages no longer arrive, so only the page itself can move it. However slowly a
+    # busy machine draws, three places are seen.
     places = editor.page.evaluate(
-        "new Promise(done => { const seen = new Set(), begin = performance.now();"
+        "new Promise(done => { const receive = pdOverlay.update;"
+        " pdOverlay.update = () => {};"
+        " const seen = new Set(), begin = performance.now();"
         " (function look() { seen.add(document.querySelector('.pd-knob').style.left);"
-        " performance.now() - begin < 1500 ? setTimeout(look, 10) : done(seen.size);"
-        " })(); })"
+        " if (seen.size < 3 && performance.now() - begin < 20000) setTimeout(look, 10);"
+        " else { pdOverlay.update = receive; done(seen.size); } })(); })"
     )
-    assert places > 9, "at most six messages come in that time"
+    assert places == 3
 
 
 def test_speed_and_loop(editor):

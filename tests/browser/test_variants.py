@@ -37,7 +37,7 @@ def slow_down(editor, speed_mps: float) -> None:
 
 
 def notice(editor, text: str) -> None:
-    editor.page.get_by_text(text).first.wait_for(timeout=15_000)
+    editor.page.get_by_text(text).first.wait_for()
 
 
 def value(editor, label: str) -> str:

@@ -64,7 +64,13 @@ CROSSES = [(0.0, 0.0, 0.0, 8.0), (24.0, -45.0, np.pi / 2, 8.0)]
             2,
             False,
         ),
-        ([(0, 0, 0, 10), (30, 0, 0, 10)], AvoidCollisions(), "no new", 0, True),
+        (
+            [(0, 0, 0, 10), (30, 0, 0, 10)],
+            AvoidCollisions(),
+            "no collision after t = 0",
+            0,
+            True,
+        ),
         (CROSSES, YieldTo(agent_id="101", other_id="100"), "s after it", 0, True),
         (CROSSES, YieldTo(agent_id="100", other_id="101"), "s before it", 3.4, False),
         (

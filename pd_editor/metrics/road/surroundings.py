@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from pd_editor.geometry.angles import heading_of, wrap_angle
+from pd_editor.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.metrics.road.map_points import nearest_points
 from pd_editor.metrics.road.off_road import drivable_ground, is_off_road
 from pd_editor.metrics.traffic_view import TrafficView
@@ -102,7 +102,7 @@ def _features(
     # Noise depends on the agent's id, not on the order or pose of the scene.
     noise = np.array([_noise_of(name) for name in others.ids]).reshape(count, 4)
     heading = others.heading_rad[:, 0]
-    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    ahead = unit_vector(heading)
     aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
     offset = noise[:, :1] * ahead + noise[:, 1:2] * aside
     position = others.position_m[:, 0] + _POSITION_NOISE_M * offset
@@ -123,8 +123,8 @@ def _features(
     order = np.argsort(distance, axis=1)
     first = order[:, 0]
     offset = position[None] - here[:, None]
-    along = (offset * np.stack([np.cos(facing), np.sin(facing)], -1)[:, None]).sum(-1)
-    across = (offset * np.stack([-np.sin(facing), np.cos(facing)], -1)[:, None]).sum(-1)
+    along = (offset * unit_vector(facing)[:, None]).sum(-1)
+    across = (offset * left_of(unit_vector(facing))[:, None]).sum(-1)
     counted = np.isfinite(distance)
     is_ahead = counted & (along > 0.0) & (np.abs(across) < 1.8)
     gap_ahead = np.where(is_ahead, along, _FAR_M).min(axis=1)
