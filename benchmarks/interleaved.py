@@ -2,8 +2,10 @@
 
 Machines differ by a factor of two from hour to hour, and other programs take their share:
 checkouts sample in turns, each in a process of its own, and the thread's processor time
-counts. ``git worktree add ../former 3b06ae4``, then
-``python -m benchmarks.interleaved [--other ../former] [--rounds 12]``.
+counts, on one thread. ``git worktree add ../former 3b06ae4``, then
+``OMP_NUM_THREADS=1 python -m benchmarks.interleaved --other ../former [--rounds 12]
+[--only NAME ...] [--former-inputs]``. The last checkout is the one that others are compared
+with; ``--former-inputs`` times the present networks with the inputs of 3b06ae4 as well.
 Reads full scenes under PD_EDITOR_AV2.
 """
 
@@ -16,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,48 +31,146 @@ from pd_editor.scene.scenario import Scenario
 HERE: Final = Path(__file__).resolve().parents[1]
 NUM_AGENTS: Final = 32
 RUNS_EACH: Final = 3
+LEAST_MS: Final = 60.0
 HALF_SIDE_M: Final = 62.0
+STEP: Final = "denoising step of trajectories"
+CONTEXT: Final = "context of trajectories"
+STATES: Final = "initial states, 10 steps"
+STATES_AND_TRAJECTORIES: Final = "states and trajectories, one square"
+FOUR_STEPS: Final = "states to trajectories, 4 steps"
+TEN_STEPS: Final = "states to trajectories, 10 steps"
+FOUR_RAW: Final = "without yielding, 4 steps"
+TEN_RAW: Final = "without yielding, 10 steps"
+SIX_SAMPLES: Final = "six samples of trajectories"
+NETWORK_NAMES: Final = (STEP, CONTEXT, STATES)
 NAMES: Final = (
-    "states and trajectories, one square",
-    "states to trajectories, 4 steps",
-    "states to trajectories, 10 steps",
-    "without yielding, 4 steps",
-    "without yielding, 10 steps",
-    "six samples of trajectories",
+    *NETWORK_NAMES,
+    FOUR_RAW,
+    TEN_RAW,
+    FOUR_STEPS,
+    TEN_STEPS,
+    STATES_AND_TRAJECTORIES,
+    SIX_SAMPLES,
 )
 
 
 def workloads() -> dict[str, Callable[[], object]]:
-    """What is timed; only what checkouts have had in common for long is used."""
-    from pd_editor.generation import (
-        AVOIDANCE,
-        GenerationRequest,
-        GuidanceSetting,
-        Region,
-        run_to_end,
-    )
+    """What is timed, by name; a checkout leaves out what it does not have."""
+    scenario = crowd()
+    if find_spec("pd_editor.diffusion.folded_denoiser") is not None:
+        from benchmarks.networks_of_3b06ae4 import network_works
+    else:
+        network_works = _network_works
+    of_networks = dict(zip(NETWORK_NAMES, network_works(scenario), strict=True))
+    found = {**of_networks, **_port_works(scenario)}
+    return {name: found[name] for name in NAMES if name in found}
+
+
+def _port_works(scenario: Scenario) -> dict[str, Callable[[], object]]:
+    """Through the port of generators, whose names have changed since 3b06ae4."""
+    from pd_editor import generation
     from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 
-    scenario = crowd()
+    is_former = not hasattr(generation, "GuidanceSetting")
+    setting = getattr(generation, "GuidanceTerm" if is_former else "GuidanceSetting")
+    resampled = "redrawn_state_ids" if is_former else "resampled_state_ids"
     diffuser, ids = make_generator(DEFAULT_GENERATOR), scenario.agents.ids
     middle = scenario.agents.position_m[0, scenario.current_step]
-    square = Region(center_m=tuple(middle.tolist()), half_side_m=HALF_SIDE_M)
-
-    plain = (GuidanceSetting(name=AVOIDANCE, parameters={"tries": 0.0}),)
+    square = generation.Region(center_m=tuple(middle.tolist()), half_side_m=HALF_SIDE_M)
+    plain = (setting(name=generation.AVOIDANCE, parameters={"tries": 0.0}),)
 
     def run(**settings: object) -> object:
-        request = GenerationRequest(scenario=scenario, agent_ids=ids, **settings)  # type: ignore[arg-type]
-        return run_to_end(diffuser.generate(request))
+        request = generation.GenerationRequest(
+            scenario=scenario,
+            agent_ids=ids,
+            **settings,  # type: ignore[arg-type]
+        )
+        return generation.run_to_end(diffuser.generate(request))
 
-    works = (
-        lambda: run(resampled_state_ids=ids, region=square),
-        lambda: run(num_denoising_steps=4),
-        lambda: run(num_denoising_steps=10),
-        lambda: run(num_denoising_steps=4, guidance=plain),
-        lambda: run(num_denoising_steps=10, guidance=plain),
-        lambda: run(num_samples=6),
+    return {
+        STATES_AND_TRAJECTORIES: lambda: run(**{resampled: ids}, region=square),
+        FOUR_STEPS: lambda: run(num_denoising_steps=4),
+        TEN_STEPS: lambda: run(num_denoising_steps=10),
+        FOUR_RAW: lambda: run(num_denoising_steps=4, guidance=plain),
+        TEN_RAW: lambda: run(num_denoising_steps=10, guidance=plain),
+        SIX_SAMPLES: lambda: run(num_samples=6),
+    }
+
+
+def _network_works(scenario: Scenario) -> list[Callable[[], object]]:
+    """Networks of this checkout, in the order of ``NETWORK_NAMES``."""
+    import torch
+
+    from pd_editor.diffusion.initial_state.network.denoiser import (
+        InitialStateDenoiser,
     )
-    return dict(zip(NAMES, works, strict=True))
+    from pd_editor.diffusion.initial_state.sampler import sample_initial_states
+    from pd_editor.diffusion.inputs.scene_batch import batch_of
+    from pd_editor.diffusion.path_diffuser import PathDiffuser
+    from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
+    from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
+    from pd_editor.diffusion.trajectory.task import TrajectoryTask
+    from pd_editor.features.encoded_scene import packed
+    from pd_editor.features.scene_features import scene_features
+    from pd_editor.generators import SHIPPED_MODEL
+    from pd_editor.installed_files import models_folder
+
+    stages = PathDiffuser(models_folder() / SHIPPED_MODEL).model()
+    states = stages.stage(INITIAL_STATES.name).model
+    trajectories = stages.stage(TRAJECTORIES.name).model
+    assert isinstance(states, InitialStateDenoiser)
+    assert isinstance(trajectories, TrajectoryDenoiser)
+    if "--former-inputs" in sys.argv:
+        states, trajectories = _with_inputs_of_3b06ae4(states, trajectories)
+    basis = trajectories.decoder.basis
+    task = TrajectoryTask.of(scenario, np.arange(NUM_AGENTS), basis)
+    features = scene_features(scenario, with_candidates=False)
+    scene = batch_of([packed(features, basis.encode)])
+
+    def encode() -> object:
+        with torch.inference_mode():
+            return trajectories.encode_context(task.scene)
+
+    with torch.inference_mode():
+        context = trajectories.encode_context(task.scene)
+        level = trajectories.encode_level(torch.full((1, 1, 1), 0.5))
+        noisy = torch.randn(1, *task.scene.future.shape)
+
+    def step() -> object:
+        with torch.inference_mode():
+            return trajectories.denoise(noisy, level, context)
+
+    def place() -> object:
+        return list(sample_initial_states(states, scene, samples=[0], seed=0))
+
+    return [step, encode, place]
+
+
+def _with_inputs_of_3b06ae4(states: Any, trajectories: Any) -> tuple[Any, Any]:
+    """Networks of this checkout with the inputs of that commit, and random weights."""
+    from pd_editor.diffusion.core.devices import lay_out_weights
+
+    small = replace(
+        states.config,
+        sees_boundary=False,
+        relates_map_tokens=False,
+        sees_box_gaps=False,
+        folds_turns=False,
+        samples_activity=False,
+    )
+    few = replace(
+        trajectories.config,
+        num_near_agents=8,
+        sees_gaps=False,
+        sees_boundary=False,
+        sees_activity=False,
+        knows_leaders=False,
+    )
+    basis = trajectories.decoder.basis
+    found = type(states)(small).eval(), type(trajectories)(few, basis).eval()
+    for model in found:
+        lay_out_weights(model)
+    return found
 
 
 def crowd() -> Scenario:
@@ -104,7 +205,7 @@ def work() -> None:
     print("ready", flush=True)
     for line in sys.stdin:
         run, spent = works[line.strip()], []
-        for _ in range(RUNS_EACH):
+        while len(spent) < RUNS_EACH or sum(spent) < LEAST_MS:
             began = time.thread_time()
             run()
             spent.append(1e3 * (time.thread_time() - began))
@@ -115,14 +216,16 @@ def work() -> None:
 class Checkout:
     """A process that samples with the code of a checkout."""
 
+    label: str
     folder: Path
+    options: tuple[str, ...] = ()
     spent: dict[str, list[float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         # The package of the checkout comes before that of this one.
         paths = os.pathsep.join([str(self.folder.resolve()), str(HERE)])
         self._process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).resolve()), "--work"],
+            [sys.executable, str(Path(__file__).resolve()), "--work", *self.options],
             env={**os.environ, "PYTHONPATH": paths},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -148,30 +251,35 @@ class Checkout:
 
 
 def main() -> None:
-    """Print a table of milliseconds."""
+    """Print a table of milliseconds, and of ratios of this checkout to the others."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--other", type=Path)
+    parser.add_argument("--other", type=Path, nargs="*", default=())
     parser.add_argument("--rounds", type=int, default=12)
+    parser.add_argument("--only", nargs="*", default=NAMES, metavar="NAME")
+    parser.add_argument("--former-inputs", action="store_true")
     options = parser.parse_args()
-    folders = [HERE] if options.other is None else [HERE, options.other]
-    checkouts = [Checkout(folder=folder) for folder in folders]
+    checkouts = [Checkout(label="here", folder=HERE)]
+    if options.former_inputs:
+        few = Checkout(label="few inputs", folder=HERE, options=("--former-inputs",))
+        checkouts.append(few)
+    checkouts += [Checkout(label=one.name, folder=one) for one in options.other]
     for checkout in checkouts:
-        for name in NAMES:
+        for name in options.only:
             checkout.time(name)
         checkout.spent.clear()
     for _ in range(options.rounds):
-        for name in NAMES:
+        for name in options.only:
             for checkout in checkouts:
                 checkout.time(name)
-    print(f"{'milliseconds of the processor':36s}   least  median   ratios")
-    for name in NAMES:
+    columns = "".join(f" {one.label:>16s}" for one in checkouts)
+    print(f"{'milliseconds: least, quartile':36s}{columns}   ratios to the last")
+    for name in options.only:
         values = [one.spent[name] for one in checkouts]
-        least, middle = map(min, values), map(statistics.median, values)
-        (low, *former), (half, *former_half) = least, middle
-        line = f"{name:36s} {low:7.1f} {half:7.1f}"
-        if former:
-            line += f"   {low / former[0]:.2f} {half / former_half[0]:.2f}"
-        print(line)
+        pairs = [(min(one), statistics.quantiles(one, n=4)[0]) for one in values]
+        cells = "".join(f" {low:8.2f}{quarter:8.2f}" for low, quarter in pairs)
+        last = pairs[-1]
+        ratios = [f"{one[0] / last[0]:.2f} {one[1] / last[1]:.2f}" for one in pairs]
+        print(f"{name:36s}{cells}   {';  '.join(ratios[:-1])}", flush=True)
     for checkout in checkouts:
         checkout.close()
 
