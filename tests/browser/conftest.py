@@ -1,5 +1,10 @@
-"""A headless Chromium, and editors to open in it."""
+"""A headless Chromium, and editors to open in it.
 
+``PD_EDITOR_SLOW_PAGE=6`` slows the pages down to a sixth: a test that looks at a page before
+the page shows the state of the server then fails.
+"""
+
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -59,7 +64,12 @@ def open_editor(browser, tmp_path: Path) -> Iterator[Callable[..., EditorPage]]:
         if context is None:
             context = browser.new_context(viewport=VIEWPORT, accept_downloads=True)
             contexts.append(context)
-        return EditorPage(context.new_page(), app)
+        page = context.new_page()
+        if factor := os.environ.get("PD_EDITOR_SLOW_PAGE"):
+            context.new_cdp_session(page).send(
+                "Emulation.setCPUThrottlingRate", {"rate": float(factor)}
+            )
+        return EditorPage(page, app)
 
     yield opened
     for context in contexts:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from pd_editor.editor.recipe import Recipe
 from pd_editor.scene.guidance_terms import (
@@ -182,8 +183,8 @@ def test_path_stop_line_and_agents_are_drawn_and_picked(steered):
     assert [command.term for command in recipe.commands] == list(terms)
     editor.reload()
     assert editor.session.scenario.guidance == terms
-    assert page.locator(".pd-guidance-row").count() == len(terms)
-    assert page.locator("[data-guide='1'] .pd-guide-line").count() == 1
+    expect(page.locator(".pd-guidance-row")).to_have_count(len(terms))
+    expect(page.locator("[data-guide='1'] .pd-guide-line")).to_have_count(1)
 
 
 def test_terms_are_switched_weighed_changed_and_deleted_in_the_list(steered):

@@ -6,6 +6,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from pd_editor.av2_io.upload import scenario_from_upload
 from pd_editor.editor.recipe import Recipe, replay
@@ -71,7 +72,7 @@ def test_from_demo_to_export(editor):
         lambda: labels(editor) == ["Bend the road: S-bend +6"], "the end of it"
     )
     editor.screenshot("02_warped")
-    assert "7.6 m/s" in editor.page.get_by_text("Friction-limited speed").inner_text()
+    expect(editor.page.get_by_text("Friction-limited speed")).to_contain_text("7.6 m/s")
 
     editor.open_tab("Agents")
     editor.fill("Speed (m/s)", 6.5)

@@ -33,7 +33,7 @@ def test_a_reload_leaves_one_overlay(open_editor):
     editor = open_editor()
     editor.reload()
     editor.until(lambda: editor._tab().overlay.is_ready, "the overlay again")
-    assert editor.page.locator("#pd-overlay").count() == 1
+    expect(editor.page.locator("#pd-overlay")).to_have_count(1)
 
 
 @pytest.mark.slow

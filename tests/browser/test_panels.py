@@ -135,7 +135,7 @@ def test_an_agent_under_the_pointer_is_lit_in_the_list(editor):
     list_has_rows(editor)
     page.get_by_label("Search agents").fill("ego")
     editor.until(lambda: rows(editor).count() == 1, "the ego")
-    assert rows(editor).locator(".pd-name").inner_text() == "AV"
+    expect(rows(editor).locator(".pd-name")).to_have_text("AV")
     page.get_by_label("Search agents").fill("")
     list_has_rows(editor)
     agents, now = scenario.agents, scenario.current_step
@@ -143,7 +143,7 @@ def test_an_agent_under_the_pointer_is_lit_in_the_list(editor):
     page.mouse.move(*editor.pixel((*position, 1.0)))
     lit = page.locator(".pd-agents-row.pd-lit .pd-name")
     editor.until(lambda: lit.count() == 1, "a row that is lit")
-    assert lit.inner_text() == scenario.focal_id
+    expect(lit).to_have_text(scenario.focal_id)
     page.mouse.move(*editor.pixel((*(position + 9.0), 0.0)))
     editor.until(lambda: lit.count() == 0, "no row that is lit")
 
@@ -158,14 +158,14 @@ def test_several_agents_show_empty_fields_that_apply_to_all(editor):
     chosen = (agents.ids[first], agents.ids[int(other)])
     editor.open_tab("Agents")
     speed = editor.row("Speed (m/s)").locator("input").first
-    assert speed.input_value() == ""
-    assert speed.is_disabled()
+    expect(speed).to_have_value("")
+    expect(speed).to_be_disabled()
     place = editor.page.get_by_role("button", name="Delete", exact=True)
     before = top_of(place)
     select(editor, *chosen)
     editor.page.get_by_text("2 agents:").wait_for()
-    assert speed.input_value() == ""
-    assert editor.row("Kind").locator("input").first.input_value() == "mixed"
+    expect(speed).to_have_value("")
+    expect(editor.row("Kind").locator("input").first).to_have_value("mixed")
     editor.fill("Speed (m/s)", 4)
     editor.until(lambda: len(session.entries) == 1, "the speed of both")
     assert np.allclose(
@@ -174,7 +174,7 @@ def test_several_agents_show_empty_fields_that_apply_to_all(editor):
     )
     select(editor, session.scenario.focal_id)
     button = editor.page.get_by_role("button", name="Is the focal agent")
-    assert button.is_disabled()
+    expect(button).to_be_disabled()
     # Nothing above has pushed the buttons down.
     assert top_of(place) == pytest.approx(before, abs=0.5)
 
@@ -184,7 +184,7 @@ def test_shape_and_anchors_of_the_road_panel(editor):
     session = editor.session
     editor.open_tab("Road")
     reset = editor.page.get_by_role("button", name="Reset road")
-    assert reset.is_disabled()
+    expect(reset).to_be_disabled()
     bend = editor.row("Bend")
     start = top_of(reset) - top_of(bend)
     editor.row("Anchor").locator("input").first.click()
@@ -269,7 +269,7 @@ def test_possible_trajectories_are_told_apart(editor):
     editor.open_tab("Drive")
     use = editor.page.get_by_role("button", name="Use this trajectory")
     before = top_of(use)
-    assert use.is_disabled()
+    expect(use).to_be_disabled()
     editor.press("Show possible trajectories")
     editor.until(lambda: editor._tab().picture.candidates.shown, "the fan")
     panel = editor._tab().panels.candidates

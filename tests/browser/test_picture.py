@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from pd_editor.editor.commands import TransformAgents
 from pd_editor.viewer.meshes.palette import DARK, LIGHT
@@ -143,7 +144,7 @@ def test_holding_o_shows_the_original(editor):
     note.wait_for()
     editor.settle()
     outline = "__viserMutable.nodeRefFromName['/original/boxes']?.visible"
-    assert editor.page.evaluate(outline)
+    editor.until(lambda: editor.page.evaluate(outline), "the outlines")
     assert np.allclose(comparison._view._boxes.batched_positions[0, :2], (x, y))
     editor.page.keyboard.up("o")
     editor.until(lambda: not comparison.is_on, "the end of it")
@@ -166,7 +167,7 @@ def test_the_sheet_lists_every_registered_key_and_escape_only_closes_it(editor):
     sheet.wait_for()
     # It was one long column, half of it out of sight, below notices.
     assert sheet.evaluate("one => one.scrollHeight <= one.clientHeight")
-    assert not notice.is_visible()
+    expect(notice).to_be_hidden()
     text = sheet.inner_text()
     missing = [
         hotkey.label
@@ -203,10 +204,10 @@ def test_the_legend_has_the_colours_of_the_theme_and_stays_folded(editor):
     editor.until(lambda: colors()["Focal agent"] == f"rgb{DARK.focal}", "dark colours")
     chip = editor.page.get_by_role("button", name="Legend", exact=True)
     chip.click()
-    assert chip.get_attribute("aria-expanded") == "false"
+    expect(chip).to_have_attribute("aria-expanded", "false")
     editor.reload()
     chip.wait_for()
-    assert chip.get_attribute("aria-expanded") == "false"
+    expect(chip).to_have_attribute("aria-expanded", "false")
 
 
 def test_hints_leave_one_by_one_and_do_not_come_back(editor):
@@ -226,4 +227,4 @@ def test_hints_leave_one_by_one_and_do_not_come_back(editor):
     card.wait_for(state="hidden")
     editor.reload()
     page.get_by_role("button", name="Legend", exact=True).wait_for()
-    assert not card.is_visible()
+    expect(card).to_be_hidden()

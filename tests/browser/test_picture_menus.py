@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -45,8 +46,8 @@ def test_a_pointer_at_rest_is_told_what_is_there(editor):
     editor.settle()
     page.mouse.move(*editor.pixel(roof(editor)))
     tip.get_by_text(f"vehicle {session.scenario.focal_id}").wait_for()
-    assert "focal agent" in tip.inner_text()
-    assert "m/s" in tip.inner_text()
+    expect(tip).to_contain_text("focal agent")
+    expect(tip).to_contain_text("m/s")
     editor.screenshot("11_tooltip")
     page.mouse.move(*editor.pixel(ahead(editor, 16.0)))
     tip.get_by_text("vehicle lane").wait_for()
@@ -62,11 +63,11 @@ def test_right_clicks_offer_what_there_is_to_do(editor):
     right_click(editor, roof(editor))
     item(editor, "Duplicate").wait_for()
     assert session.selection == (focal,)
-    assert item(editor, "Make focal").is_disabled()
+    expect(item(editor, "Make focal")).to_be_disabled()
     editor.screenshot("12_menu")
     item(editor, "Duplicate").click()
     editor.until(lambda: len(session.scenario.agents) == before + 1, "a copy")
-    assert item(editor, "Duplicate").is_hidden()
+    expect(item(editor, "Duplicate")).to_be_hidden()
     editor.key("Control+z")
     editor.until(lambda: len(session.scenario.agents) == before, "undo")
 
@@ -96,7 +97,7 @@ def test_right_clicks_offer_what_there_is_to_do(editor):
     editor.until(
         lambda: not np.allclose(editor.client.camera.position, view, atol=0.1), "a pan"
     )
-    assert item(editor, "Delete").is_hidden()
+    expect(item(editor, "Delete")).to_be_hidden()
 
 
 def test_selecting_all_the_others_and_the_same_kind(editor):

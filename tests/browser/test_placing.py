@@ -79,7 +79,7 @@ def test_placing_shows_its_mode_and_turns_by_dragging(editor):
     editor.key("Escape")
     editor.until(lambda: not editor._tab().modes.placing.is_active, "the end")
     banner(editor).wait_for(state="hidden")
-    assert cursor(editor) != "crosshair"
+    editor.until(lambda: cursor(editor) != "crosshair", "the usual cursor")
     assert ghost.is_hidden()
 
 

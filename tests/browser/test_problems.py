@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.editor.commands import DuplicateAgents, SetRoadWarp, TransformAgents
@@ -102,7 +103,7 @@ def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
     assert before["height"] == 34
 
     page.locator(".pd-chip-main").click()
-    assert rows(editor).count() == count
+    expect(rows(editor)).to_have_count(count)
     first, second = watch.new[:2]
     camera = np.array(editor.client.camera.position)
     rows(editor).nth(0).click()
@@ -237,7 +238,7 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
     rows(editor).nth(0).click()
     page.get_by_role("button", name="Ignore", exact=True).wait_for()
     assert session.selection
-    assert not hint.is_visible()
+    expect(hint).to_be_hidden()
     overlay = editor._tab().overlay
     # What is shown here stays until the end.
     monkeypatch.setattr(editor._tab().chip, "show", lambda: None)
@@ -293,7 +294,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     places = [page.locator(name) for name in (".pd-problems", ".pd-problem-detail")]
     still = [place.bounding_box() for place in places]
     known = [problem.key for problem in watch.new]
-    assert rows(editor).count() == len(known)
+    expect(rows(editor)).to_have_count(len(known))
 
     def active() -> int | None:
         chosen = tab.chip._active
@@ -360,7 +361,7 @@ def test_edits_that_are_not_saved_are_told_as_long_as_they_are(editor, monkeypat
     editor._tab()._ui.post(editor._tab().chip.show)
     alert = editor.page.get_by_role("alert").filter(has_text="Edits are not saved")
     alert.wait_for()
-    assert "the disk is full" in alert.inner_text()
+    expect(alert).to_contain_text("the disk is full")
     with editor.page.expect_download() as download:
         alert.get_by_role("button", name="Download").click()
     assert download.value.suggested_filename.endswith(".zip")

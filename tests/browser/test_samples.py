@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
@@ -60,7 +61,7 @@ def test_samples_are_previewed_adopted_and_undone(editor):
     opened = session.scenario
     regenerated(editor)
     first = session.scenario
-    assert card(editor, 1).get_attribute("aria-selected") == "true"
+    expect(card(editor, 1)).to_have_attribute("aria-selected", "true")
     shown = card(editor, 2).inner_text()
     assert "collision" in shown
     assert "off-road" in shown
@@ -86,7 +87,7 @@ def test_samples_are_previewed_adopted_and_undone(editor):
     pair = editor.page.get_by_role("dialog", name="Two samples side by side")
     pair.wait_for(state="visible")
     right = pair.get_by_role("combobox", name="Sample on the right")
-    assert right.input_value() == "2"
+    expect(right).to_have_value("2")
     editor.key("c")
     pair.wait_for(state="hidden")
 
@@ -156,7 +157,7 @@ def test_samples_by_keys_ranking_and_choice(editor):
     editor.key("j")
     strip(editor).wait_for(state="visible")
     editor.reload()
-    assert strip(editor).count() == 0 or strip(editor).is_hidden()
+    expect(strip(editor)).to_be_hidden()
 
 
 @pytest.mark.slow
@@ -181,7 +182,8 @@ def test_resampled_agents_are_offered_as_samples(editor):
     pair.wait_for(state="visible")
     left = pair.get_by_role("combobox", name="Sample on the left")
     right = pair.get_by_role("combobox", name="Sample on the right")
-    assert (left.input_value(), right.input_value()) == ("1", "0")
+    expect(left).to_have_value("1")
+    expect(right).to_have_value("0")
     right.select_option("1")
     editor.until(lambda: left.input_value() == "0", "the sides to change places")
     # The scorecard covers no part of it, and its list is as long as its text.

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from pd_editor.editor.commands import AdoptTrajectory, TransformAgents
 
@@ -40,7 +41,7 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
     command = TransformAgents(agent_ids=(name,), dx_m=float(gap[0]), dy_m=float(gap[1]))
     editor._tab()._ui.post(lambda: editor.session.apply(command))
     editor.until(lambda: collisions.inner_text() != before, "the row follows the edit")
-    assert collisions.is_enabled()
+    expect(collisions).to_be_enabled()
     collisions.click()
     editor.until(
         lambda: editor.session.selection in ((name,), (scenario.agents.ids[other],)),

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import expect
 
 from tests.evaluation.small_dataset import write_dataset
 
@@ -70,7 +71,7 @@ def test_a_cancelled_study_ends_at_once_and_is_resumed(open_editor, tmp_path: Pa
     editor.page.get_by_text("Cancelled.").wait_for()
     editor.until(lambda: not job.is_running, "the end of the workers")
     assert not (out / "report.html").exists()
-    assert editor.page.get_by_role("button", name="Run the study").is_enabled()
+    expect(editor.page.get_by_role("button", name="Run the study")).to_be_enabled()
     editor.choose("Compare with", "random-candidate")
     editor.press("Resume")
     editor.page.get_by_text("with other settings").wait_for()

@@ -1,6 +1,7 @@
 """The timeline by real mouse and keyboard."""
 
 import pytest
+from playwright.sync_api import expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -26,7 +27,7 @@ def test_scrub_click_step_and_play(editor):
 
     editor.seek(2.0)
     assert playback.step == 70
-    assert shown(editor) == "2.0 s"
+    editor.until(lambda: shown(editor) == "2.0 s", "the time")
     for keys, step in (
         ("ArrowRight", 71),
         ("ArrowLeft", 70),
@@ -49,11 +50,11 @@ def test_scrub_click_step_and_play(editor):
     editor.key("Space")
     before = playback.step
     editor.until(lambda: playback.step > before + 3, "playback")
-    assert page.get_by_role("button", name="Pause", exact=True).count() == 1
+    expect(page.get_by_role("button", name="Pause", exact=True)).to_have_count(1)
     editor.pause()
     editor.go_to_now()
     assert playback.step == 50
-    assert shown(editor) == "0.0 s"
+    editor.until(lambda: shown(editor) == "0.0 s", "the time")
 
 
 def test_the_playhead_runs_between_two_messages_of_the_server(editor):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from tests.browser.view_page import camera_rests, distance_m, ground, ready, tool
 
@@ -171,7 +172,7 @@ def test_f_frames_the_extent_of_the_selection_and_home_the_map(editor, view):
 
 def test_undo_and_redo_are_named_in_the_toolbar(editor):
     """(design 12) The buttons tell which edit they take back, and do it."""
-    assert tool(editor, "Undo").get_attribute("aria-disabled") == "true"
+    expect(tool(editor, "Undo")).to_have_attribute("aria-disabled", "true")
     scenario = editor.session.scenario
     other = next(i for i in scenario.agents.ids if i != scenario.focal_id)
     editor._tab()._ui.post(lambda: editor.session.select((other,)))
@@ -181,7 +182,7 @@ def test_undo_and_redo_are_named_in_the_toolbar(editor):
     label = editor.session.entries[0].label
     undo = tool(editor, f"Undo: {label} (Ctrl+Z)")
     undo.wait_for()
-    assert undo.get_attribute("aria-disabled") == "false"
+    expect(undo).to_have_attribute("aria-disabled", "false")
     undo.click()
     editor.until(lambda: editor.session.state.position == 0, "the edit undone")
     tool(editor, f"Redo: {label} (Ctrl+Shift+Z)").click()

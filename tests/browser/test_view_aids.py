@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from tests.browser.view_page import camera_rests, distance_m, ground, ready, tool
 
@@ -137,7 +138,7 @@ def test_measuring_by_clicks(editor):
     page.mouse.move(540, 330, steps=6)
     page.mouse.up()
     camera_rests(editor)
-    assert parts.count() == 2, "a drag sets no point"
+    expect(parts).to_have_count(2)
 
     def is_on_its_point() -> bool:
         x, y = points[1]
@@ -264,7 +265,7 @@ def test_visers_own_settings_are_for_developers(open_editor, debug):
     editor = open_editor(debug=debug)
     editor.until(lambda: editor._tab().overlay.is_ready, "the overlay")
     gear = editor.page.locator("button:has(svg.tabler-icon-adjustments)")
-    assert gear.count() == 1
+    expect(gear).to_have_count(1)
     editor.until(lambda: gear.first.is_visible() == debug, "the gear")
     editor.until(
         lambda: editor.page.title() == "signalised-junction - Path Diffuser Editor",
