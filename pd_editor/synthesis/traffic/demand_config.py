@@ -49,6 +49,7 @@ class DemandOptions:
     speed_factor: tuple[float, float] = (1.03, 0.12)
     """Mean and spread of desired speeds over the limit, SUMO's ``speedFactor``."""
     speed_factor_range: tuple[float, float] = (0.7, 1.3)
+    """Least and largest of them; what is sampled beyond is clipped."""
     green_share: tuple[float, float] = (0.7, 1.2)
     """Range of the factor of netconvert's green times, which give cycles of 90 s."""
 
