@@ -104,6 +104,12 @@ def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
 
     page.locator(".pd-chip-main").click()
     expect(rows(editor)).to_have_count(count)
+    # Few rows leave no empty room below them.
+    shown = page.locator(".pd-problem-rows")
+    used = shown.evaluate("one => one.lastChild.offsetTop + one.lastChild.offsetHeight")
+    top, height = shown.evaluate("one => [one.offsetTop, one.clientHeight]")
+    assert 0 <= height - (used - top) < 28
+    editor.screenshot("16_problems")
     first, second = watch.new[:2]
     camera = np.array(editor.client.camera.position)
     rows(editor).nth(0).click()

@@ -1,5 +1,5 @@
 // The status chip, bottom right above the timeline, and the list that it opens upwards.
-// Both keep their place and size whatever they say.
+// The chip keeps its place and size whatever it says; the open list only grows.
 pdOverlay.define("status", (api) => {
   const { make } = api;
   const SVG = "http://www.w3.org/2000/svg";
@@ -60,10 +60,19 @@ pdOverlay.define("status", (api) => {
   };
   const choose = (id) => api.send({ kind: "choose", value: id, free: free() });
 
+  // The list is as high as its lines, and lower only when it is opened again.
+  let mostLines = 0;
+  function fit() {
+    mostLines = Math.max(mostLines, rows.childElementCount);
+    list.style.setProperty("--pd-lines", mostLines);
+  }
+
   function toggle(wanted) {
     const wasOpen = isOpen;
     isOpen = wanted;
     list.hidden = !isOpen;
+    if (!wasOpen) mostLines = 0;
+    fit();
     if (isOpen !== wasOpen) api.send({ kind: "list", free: free() });
     // The hint has its place where the list opens.
     api.root.classList.toggle("pd-lists-problems", isOpen);
@@ -113,6 +122,7 @@ pdOverlay.define("status", (api) => {
           parts.push(make("div", "pd-problem-more", {}, `... and ${group.more} more`));
       }
       rows.replaceChildren(...parts);
+      if (isOpen) fit();
       rows.scrollTop = top;
       if (focused)
         [...rows.querySelectorAll(".pd-problem-row")]
