@@ -163,7 +163,7 @@ class TargetMotion:
         strength: Float[Tensor, "G 1"],
         is_wanted: Bool[Tensor, "S G #T"],
     ) -> Sequence[ResidualRows]:
-        """Residuals along and across, and of speeds, with accepted deviations."""
+        """Residuals along and across, and of velocities, with accepted deviations."""
         ahead = self.direction
         left = torch.stack([-ahead[..., 1], ahead[..., 0]], dim=-1)
         asked = [
@@ -172,6 +172,8 @@ class TargetMotion:
         ]
         if speed_mps is not None:
             asked.append((1, ahead, self.speed_mps, speed_mps))
+            # Where little is left of the speed, a small drift aside would turn the agent.
+            asked.append((1, left, torch.zeros_like(self.speed_mps), speed_mps))
         return [
             ResidualRows(
                 agents=self.agents,

@@ -15,8 +15,11 @@ from pd_editor.diffusion.trajectory.guidance.term_table import TERM_MAKERS
 from pd_editor.diffusion.trajectory.task import TrajectoryTask
 from pd_editor.errors import ModelError
 from pd_editor.generation import TrafficSample
+from pd_editor.generators import SHIPPED_MODEL
 from pd_editor.guidance.outcomes import term_outcomes
+from pd_editor.installed_files import models_folder
 from pd_editor.metrics.motion.kinematics import WINDOW_STEPS, derivative_operators
+from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.guidance_terms import (
     ComfortLimits,
     FollowLane,
@@ -29,6 +32,7 @@ from pd_editor.scene.guidance_terms import (
     StopAtLine,
     TargetSpeed,
 )
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 from tests.diffusion.generated_traffic import SINGLE, generated, same
@@ -91,6 +95,28 @@ def test_an_agent_stops_in_front_of_a_line(diffuser: PathDiffuser, scenario: Sce
     sample = guided(diffuser, scenario, line)
     front = sample.position_m[0, :, 0] + sample.size_m[0, 0] / 2
     assert front.max() < 40.3
+
+
+def test_an_agent_does_not_turn_aside_while_it_stops():
+    """With little speed left, a drift to the side turned it by up to 50 degrees."""
+    shipped = PathDiffuser(models_folder() / SHIPPED_MODEL)
+    scenario = open_scenario("signalised-junction")
+    now = scenario.current_step
+    way_m = scenario.agents.position_m[scenario.agents.row_of["AV"], now:]
+    place = np.flatnonzero(np.linalg.norm(way_m - way_m[0], axis=-1) > 24.0)[0]
+    course = way_m[place + 1] - way_m[place]
+    aside = 3.0 * np.array([-course[1], course[0]]) / np.hypot(*course)
+    line = StopAtLine(
+        agent_id="AV",
+        line_m=(tuple(way_m[place] - aside), tuple(way_m[place] + aside)),
+    )
+    ids = drivable_agent_ids(scenario, None)
+    for seed in (1, 3):
+        found = generated(shipped, scenario, ids, guidance=(line,), seed=seed)
+        row = ids.index("AV")
+        heading = np.unwrap(found.samples[0].heading_rad[row])
+        assert speeds(found.samples[0], row)[-1] < 0.4
+        assert np.degrees(np.ptp(heading)) < 12.0
 
 
 def test_a_path_and_a_lane_are_followed(diffuser: PathDiffuser, scenario: Scenario):
