@@ -238,7 +238,7 @@ def _goal_problems(term: GoalPoint, scenario: Scenario) -> Found:
         yield (
             "warning",
             f"The goal of {agent.name} is {beside[best]:.0f} m beside all paths that it "
-            "could take; move it to a lane ahead.",
+            "could take; move it onto one of them, or draw a path to it.",
         )
         return
     least, most = agent.reach_m(time_s)

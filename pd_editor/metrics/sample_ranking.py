@@ -98,9 +98,12 @@ def numbers_of(view: TrafficView) -> SampleNumbers:
 def ranked(
     numbers: Sequence[SampleNumbers], ranking: Ranking = "realism"
 ) -> tuple[int, ...]:
-    """Indices of the samples, the best one first; equal ones by realism, then by index."""
+    """Indices of the samples, the best one first; equal ones by realism, then by index.
 
-    def key(index: int) -> tuple[float, float, int]:
+    Samples without agents, such as of a region in which none fits, are last.
+    """
+
+    def key(index: int) -> tuple[bool, float, float, int]:
         one = numbers[index]
         time = one.time_to_collision_s
         value = {
@@ -110,7 +113,7 @@ def ranked(
             "interaction": np.inf if time is None else time,
             "movement": -one.moving_share * one.mean_speed_mps,
         }[ranking]
-        return value, -one.realism, index
+        return not one.num_agents, value, -one.realism, index
 
     return tuple(sorted(range(len(numbers)), key=key))
 

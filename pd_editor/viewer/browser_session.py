@@ -404,7 +404,7 @@ class BrowserSession:
             with self._client.atomic():
                 self.picture.draw_frame()
                 self.chip.after_check()
-                self.panels.export.show_preflight(self._workspace.session.scenario)
+                self.panels.after_check(self._workspace.session.state)
         if now >= self._retries_journal_at:
             self._retries_journal_at = now + JOURNAL_RETRY_S
             self._workspace.retry_journals()

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from playwright.sync_api import expect
 
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import SetAgentSpeed
@@ -143,6 +144,10 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
 
     editor = open_editor(library=library)
     notice(editor, "Unfinished work found")
+    # The notice stays until the list is opened.
+    editor.press("Unfinished work (1)")
+    expect(editor.page.get_by_text("Unfinished work found")).to_have_count(0)
+    editor.press("Close")
     editor.reload()
     editor.page.get_by_role("button", name="Unfinished work (1)").wait_for()
     editor.settle()

@@ -167,6 +167,16 @@ def test_path_stop_line_and_agents_are_drawn_and_picked(steered):
         assert steered.guidance[-1].other_id == "AV"
         assert steered.session.selection == ("car-0009",)
 
+    # Long ids do not make the list wider than the panel.
+    beyond = page.evaluate(
+        "() => { const list = document.querySelector('.pd-guidance');"
+        " for (const words of list.querySelectorAll('.pd-guidance-words'))"
+        "   words.textContent = 'Threaten a-long-id-of-an-agent '.repeat(3);"
+        " const seen = list.closest('[data-scrollarea-viewport], .mantine-Paper-root');"
+        " return list.getBoundingClientRect().right - seen.getBoundingClientRect().right; }"
+    )
+    assert beyond <= 0
+
     # Escape ends a mode; the agent stays selected, and nothing changes.
     before = steered.session.scenario
     editor.key("t")

@@ -77,6 +77,14 @@ def test_rankings():
     assert PLAIN.realism > 90 > samples[2].realism > 0
 
 
+def test_a_sample_without_agents_is_the_last_one():
+    """It has no collisions, and was called the most realistic."""
+    empty = replace(PLAIN, num_agents=0)
+    worse = replace(PLAIN, num_collisions=3, off_road_share=0.5)
+    for ranking in RANKINGS:
+        assert ranked((empty, worse, PLAIN), ranking)[-1] == 0
+
+
 def test_the_pick_spreads():
     near, also_near, far, farther = (
         sample_of(("a", "b"), paths((0, y, 5), (50, 0, 5))) for y in (0, 0.5, 9, 20)

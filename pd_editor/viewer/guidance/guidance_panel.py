@@ -127,7 +127,7 @@ class GuidancePanel:
             {
                 "version": self._version,
                 "refusals": self._refusals,
-                "about": _about(scenario, selection),
+                "about": about_in_words(scenario, selection),
                 "weights": list(WEIGHTS),
                 "tools": [*self._tools(selection)],
                 "rows": [
@@ -281,7 +281,7 @@ def listed(guidance: tuple[GuidanceTerm, ...], selection: tuple[str, ...]) -> li
     ]
 
 
-def _about(scenario: Scenario, selection: tuple[str, ...]) -> str:
+def about_in_words(scenario: Scenario, selection: tuple[str, ...]) -> str:
     """The agents whose terms are listed, and which a new term guides."""
     count = len(scenario.guidance)
     if not selection:
@@ -292,8 +292,10 @@ def _about(scenario: Scenario, selection: tuple[str, ...]) -> str:
             if count > 1
             else "One term. A new one guides all agents."
         )
+    others = count - len(listed(scenario.guidance, selection))
+    more = f"; {others} more of other agents" if others else ""
     if len(selection) == 1:
         row = scenario.agents.row_of.get(selection[0])
         kind = "agent" if row is None else str(scenario.agents.kinds[row])
-        return f"Guidance of {kind.replace('_', ' ')} {selection[0]}"
-    return f"Guidance of {len(selection)} agents"
+        return f"Guidance of {kind.replace('_', ' ')} {selection[0]}{more}"
+    return f"Guidance of {len(selection)} agents{more}"

@@ -66,7 +66,7 @@ class RegionDrawing:
         if self.is_active:
             self._banner.show(
                 "region",
-                "Drawing a region: press on the road and drag to the opposite corner.",
+                "Drawing a region, a square along the map's axes: press on the road and drag.",
                 button="Done (Esc)",
                 on_press=self.stop,
                 priority=MODE,

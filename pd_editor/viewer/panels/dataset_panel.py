@@ -7,6 +7,7 @@ import viser
 from pd_editor.av2_io.dataset import CardFilter
 from pd_editor.errors import InputError
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
+from pd_editor.viewer.state.workspace import DatasetSearch
 
 ANY_CITY: Final[str] = "Any city"
 MAX_LISTED: Final = 200
@@ -48,7 +49,7 @@ class DatasetPanel:
         ui.on_click(self._open, self._open_chosen)
         ui.on_click(self._previous, lambda: self.go(-1))
         ui.on_click(self._next, lambda: self.go(+1))
-        self._shown_seen = -1
+        self._shown: tuple[DatasetSearch, int, bool] | None = None
 
     def go(self, direction: int) -> None:
         """Open the next (+1) or previous (-1) scenario under the filter."""
@@ -60,9 +61,13 @@ class DatasetPanel:
     def show(self) -> None:
         """Show the list as far as the search has come."""
         search = self._workspace.search
-        if search is None or search.num_seen == self._shown_seen:
+        if search is None:
             return
-        self._shown_seen = search.num_seen
+        # The last turn of a search may find nothing more than that it is complete.
+        shown = (search, search.num_seen, search.is_complete)
+        if shown == self._shown:
+            return
+        self._shown = shown
         cities = (ANY_CITY, *search.cities())
         if tuple(self._city.options) != cities:
             chosen = self._city.value
@@ -98,7 +103,6 @@ class DatasetPanel:
                 max_agents=None if high >= MAX_AGENTS else int(high),
             )
         )
-        self._shown_seen = -1
 
     def _open_chosen(self) -> None:
         chosen = str(self._list.value)

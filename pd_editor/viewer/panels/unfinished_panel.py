@@ -21,6 +21,7 @@ class UnfinishedPanel:
         self._workspace = ui.workspace
         self._dialog: Any = None
         self._count = -1
+        self._notice: viser.NotificationHandle | None = None
         self._button = ui.client.gui.add_button(
             "Unfinished work",
             color="gray",
@@ -30,7 +31,7 @@ class UnfinishedPanel:
         ui.on_click(self._button, self.open_dialog)
         self.refresh()
         if self._count and self._workspace.is_new:
-            ui.notify(
+            self._notice = ui.notify(
                 "Unfinished work found",
                 "Edits that were not exported are kept. Continue them in the Scene tab.",
                 stays=True,
@@ -44,6 +45,7 @@ class UnfinishedPanel:
         """Show the list in a dialog."""
         self._ui.commit_gesture()
         self._close_dialog()
+        self._remove_notice()
         found = self._workspace.unfinished_work()
         self._show_count(len(found))
         gui = self._ui.client.gui
@@ -88,8 +90,15 @@ class UnfinishedPanel:
             self._dialog.close()
             self._dialog = None
 
+    def _remove_notice(self) -> None:
+        if self._notice is not None:
+            self._notice.remove()
+            self._notice = None
+
     def _show_count(self, count: int) -> None:
         self._count = count
+        if not count:
+            self._remove_notice()
         set_property(self._button, "label", f"Unfinished work ({count})")
         set_property(self._button, "disabled", count == 0)
 

@@ -276,12 +276,12 @@ class UiContext:
 
     def notify(
         self, title: str, body: str = "", tone: Tone = "info", *, stays: bool = False
-    ) -> None:
+    ) -> viser.NotificationHandle:
         """Show a notice; its texts are never interpreted as HTML.
 
-        It closes by itself unless it ``stays``.
+        It closes by itself unless it ``stays``. The handle removes it.
         """
-        self.client.add_notification(
+        return self.client.add_notification(
             title,
             body,
             color=_TONE_COLOR[tone],

@@ -114,6 +114,12 @@ class ControlPanel:
         self.generation.show(scenario)
         self.history.show()
 
+    def after_check(self, state: SessionState) -> None:
+        """Show what the problems of the future change: stale trajectories, the preflight."""
+        stale = self._agent_list.stale_ids()
+        self.agent.show(state.scenario, state.selection, stale)
+        self.export.show_preflight(state.scenario)
+
     def close(self) -> None:
         """End what panels run."""
         self.generation.close()

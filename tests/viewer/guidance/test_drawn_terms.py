@@ -1,5 +1,7 @@
 """Terms made from points and lines on the road."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ from pd_editor.viewer.guidance.drawn_terms import (
     stop_term,
     usual_term,
 )
-from pd_editor.viewer.guidance.guidance_panel import FORM_KINDS
+from pd_editor.viewer.guidance.guidance_panel import FORM_KINDS, about_in_words
 from pd_editor.viewer.guidance.guiding import TOOLS
 from tests.builders import scenario_with, straight_drivers
 
@@ -43,6 +45,14 @@ def test_a_goal_is_taken_on_the_road_and_refused_off_the_map(scenario):
     assert goal_term(scenario, "101", np.array([40.0, 15.0])).point_m == (40.0, 15.0)
     with pytest.raises(EditError, match="10 m off the road"):
         goal_term(scenario, "100", np.array([40.0, 15.0]))
+
+
+def test_terms_of_other_agents_are_told_of(scenario):
+    """Without a word, a term seemed lost when another agent was selected."""
+    goal = goal_term(scenario, "100", np.array([40.0, 2.0]))
+    guided = replace(scenario, guidance=(goal, SpeedLimit(speed_mps=8.0)))
+    assert about_in_words(guided, ("100",)) == "Guidance of vehicle 100"
+    assert about_in_words(guided, ("101",)).endswith("101; 1 more of other agents")
 
 
 def test_a_drawn_line_becomes_a_path_of_few_points(scenario):

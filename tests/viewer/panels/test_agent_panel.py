@@ -14,7 +14,7 @@ from pd_editor.errors import EditError
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.panels.agent_panel import MIXED, SIZE_NOTE
-from tests.viewer.fake_browser import FakeTab
+from tests.viewer.fake_browser import FakeTab, until
 
 
 def select(tab: FakeTab, *agent_ids: str) -> None:
@@ -96,6 +96,29 @@ def test_a_trajectory_that_no_longer_fits_is_told(tab: FakeTab):
     assert "Its trajectory no longer fits" in panel._summary.text
     select(tab, first)
     assert "no longer fits" not in panel._summary.text
+
+
+def test_a_stale_trajectory_is_told_when_the_check_of_the_future_is_done(tab: FakeTab):
+    """It was told at the next edit only, as the check comes after the panels are drawn."""
+    second = tab.session.scenario.agents.ids[1]
+    now = tab.session.scenario.current_step
+    x, y = tab.session.scenario.agents.position_m[1, now]
+    moved = SetAgentPosition(agent_id=second, x_m=float(x) + 8.0, y_m=float(y))
+    panel, watch = tab.tab.panels.agent, tab.tab.problems
+    select(tab, second)
+    found = ()
+    checks = []
+
+    def check(*, with_future: bool) -> None:
+        nonlocal found
+        checks.append(with_future)
+        found = (second,) if with_future else ()
+
+    watch.check = check
+    tab.tab.agent_list._problems = lambda: (found, found)
+    tab.run(lambda: tab.ui.apply(moved))
+    until(lambda: "Its trajectory no longer fits" in panel._summary.text)
+    assert checks == [False, True]
 
 
 def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):

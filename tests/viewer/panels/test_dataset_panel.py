@@ -21,3 +21,18 @@ def test_the_list_names_city_and_agents_first_and_opens_by_id(tmp_path):
         )
         tab.run(panel._open_chosen)
         until(lambda: tab.session.base.scenario_id == "bbb")
+
+
+def test_the_end_of_the_search_is_told(tmp_path):
+    """Its last turn may find nothing more than that there is nothing more."""
+    root = write_dataset(tmp_path / "data")
+    with (
+        running_app(tmp_path / "library", "roundabout", data_root=root) as app,
+        connected_tab(app) as tab,
+    ):
+        panel, search = tab.tab.panels.dataset, tab.tab._workspace.search
+        until(lambda: search.is_complete)
+        tab.run(lambda: setattr(search, "is_complete", False) or panel.show())
+        assert panel._count.content == "3 of 3 scenarios, still reading"
+        tab.run(lambda: setattr(search, "is_complete", True) or panel.show())
+        assert panel._count.content == "3 of 3 scenarios"
