@@ -93,8 +93,10 @@ def _stages(folder: Path) -> Mapping[str, Mapping[str, Any]]:
 def _shipped_origin(name: str) -> str:
     stages = _stages(models_folder() / name)
     records = [stage.get("training", {}) for stage in stages.values()]
+    # From random weights, or from earlier ones of the same model.
     never_warped = all(
-        record.get("augmentation", {}).get("warp_share") == 0 and not record["start"]
+        record.get("augmentation", {}).get("warp_share") == 0
+        and record["start"] in ("", name)
         for record in records
     )
     return (
