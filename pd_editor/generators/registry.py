@@ -14,6 +14,7 @@ from pd_editor.diffusion.defaults import (
     NUM_TRIES,
     DeviceName,
 )
+from pd_editor.diffusion.training_record import saw_warps
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     CAPABILITIES,
@@ -93,16 +94,10 @@ def _stages(folder: Path) -> Mapping[str, Mapping[str, Any]]:
 def _shipped_origin(name: str) -> str:
     stages = _stages(models_folder() / name)
     records = [stage.get("training", {}) for stage in stages.values()]
-    # From random weights, or from earlier ones of the same model.
-    never_warped = all(
-        record.get("augmentation", {}).get("warp_share") == 0
-        and record["start"] in ("", name)
-        for record in records
-    )
     return (
-        "shipped, never saw a warped road"
-        if never_warped
-        else "shipped with the editor"
+        "shipped with the editor"
+        if any(map(saw_warps, records))
+        else "shipped, never saw a warped road"
     )
 
 

@@ -19,6 +19,7 @@ from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_mode
 from pd_editor.diffusion.checkpoints.tensor_file import config_from_json
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.diffusion.training_record import saw_warps
 from pd_editor.errors import PdEditorError, TrainingError
 from pd_editor.features.feature_store import FeatureStore
 from pd_editor.training.config.run_config import Augmentation, Precision, RunConfig
@@ -181,9 +182,11 @@ def _train(
     model_config = config_from_json(stage.kind.config_type, config.model, run.path)
     model = stage.fresh_model(model_config, prepared.data.basis, config.seed)
     sampling: Mapping[str, Any] = stage.kind.default_sampling()
+    sees_warps = config.augmentation["warp_share"] > 0
     if config.start:
         earlier = starting_model(Path(config.start)).stage(config.stage)
         sampling = earlier.sampling
+        sees_warps |= saw_warps(earlier.about)
         if not run.state_path.exists():
             start_from(model, earlier.model.state_dict(), config.start)
     stage.fit_statistics(model, prepared.data.store)
@@ -215,7 +218,10 @@ def _train(
                 )
                 for part, value in sampling.items()
             },
-            about=_about(config, prepared.data, loop),
+            about={
+                **_about(config, prepared.data, loop),
+                "saw_warps": bool(sees_warps),
+            },
         )
         save_model(run.model_path, {stage.kind.name: trained})
         write_curves(run, config)

@@ -275,6 +275,8 @@ def test_a_run_starts_from_a_model_and_keeps_its_basis(
     before = load_model(source / "model", STAGE_KINDS).stage(stage)
     after = load_model(out.model, STAGE_KINDS).stage(stage)
     assert after.about["start"] == stage
+    # The weights of the start have seen warped roads, whatever this training sees.
+    assert after.about["saw_warps"]
     assert after.about["scenes"] == 2 * before.about["scenes"]
     parameters = dict(after.model.named_parameters())
     for name, old in before.model.named_parameters():

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from pd_editor.diffusion.training_record import saw_warps, warp_share
 from pd_editor.errors import InputError
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH
 
@@ -29,8 +30,6 @@ _LABELS: Final = {
     "path-diffuser-without-warps": "PD without warps, shipped weights",
 }
 """Labels of the known systems, in the order of the tables."""
-_USUAL_WARP_SHARE: Final = 0.3
-"""That of trainings before it was recorded."""
 REFERENCES: Final = (GROUND_TRUTH, "constant-velocity", "lane-follower")
 
 
@@ -48,11 +47,8 @@ class Trained:
     """Share of warped roads in the training of the trajectories."""
     start: str = ""
     """Name of the model that the training of the trajectories started from."""
-
-    @property
-    def saw_warps(self) -> bool:
-        """Whether warped roads are in distribution; of an earlier start nothing is known."""
-        return self.warp_share > 0 or bool(self.start)
+    saw_warps: bool = False
+    """Whether the trajectories were ever trained on warped roads, before it as well."""
 
 
 def label_of(system: str) -> str:
@@ -114,10 +110,9 @@ def _trained(folder: Path, name: str = "") -> Trained:
         seed=int(seeded["seed"]) if seeded else 0,
         method=name or str(folder),
         stages=own,
-        warp_share=float(
-            record.get("augmentation", {}).get("warp_share", _USUAL_WARP_SHARE)
-        ),
+        warp_share=warp_share(record),
         start=str(record.get("start", "")),
+        saw_warps=saw_warps(record),
     )
 
 

@@ -116,7 +116,7 @@ class Workspace:
         self.is_local = is_local
         self._journals = journals
         self._exported: ExportedState | None = None
-        self.tell: Callable[[str, str], None] = lambda _title, _body: None
+        self.tell: Callable[[str, str], object] = lambda _title, _body: None
         """Shows a title and a sentence to the user; set by the connected tab."""
         self.basket = Basket(journals.parent / "basket")
         self._shelf = SessionShelf(journals, self.basket, self._restored)

@@ -69,6 +69,7 @@ def test_what_trainings_before_the_record_saw_is_known(tmp_path: Path):
     found = {one.system: one for one in trained_systems([tmp_path])}
     assert found["old"].warp_share == 0.3
     assert found["started"].saw_warps
+    assert found["started"].start == "earlier"
 
 
 def test_the_order_and_names_of_the_paper():
