@@ -33,7 +33,7 @@ class Realism:
     off_road: float
     """Share of agent steps with the centre outside the drivable area."""
     num_collisions: int
-    """Agents whose boxes come to overlap with another agent's after t = 0."""
+    """Agents that newly collide with another one after t = 0."""
     lateral_deviation_m: float
     """Mean distance to the nearest reachable lane."""
     acceleration_mps2: float

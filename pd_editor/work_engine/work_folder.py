@@ -32,7 +32,7 @@ class WorkFolder:
         if self._holds_files():
             raise ExportError(
                 f"{self.path}: already holds files; choose a new folder, or resume "
-                "the earlier run (Resume in the browser, --resume on the shell)."
+                "the earlier run (--resume on the shell)."
             )
 
     def write(self, name: str, data: bytes) -> Path:

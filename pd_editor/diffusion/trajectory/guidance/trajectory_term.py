@@ -14,9 +14,10 @@ How to add a kind of term
    path, on which side to pass, who goes first) is decided anew from each prediction.
 2. Add a function that makes it from the values of the kind and the ``TermContext`` to
    ``TERM_MAKERS`` in ``term_table.py``. A subclass of ``AgentsTerm`` says in ``of_guided``
-   how it is made of the agents that all values guide, since the cost of a term is that of its tensor operations, not of their sizes;
-   ``each(make)`` makes one term of each value. Numbers that say how strong or how wide go
-   into ``TermGuidance`` (stored with the model), not into the code.
+   how it is made of the agents that all values guide, since the cost of a term is that
+   of its tensor operations, not of their sizes; ``each(make)`` makes one term of each
+   value. Numbers that say how strong or how wide go into ``TermGuidance`` (stored with
+   the model), not into the code.
 
 The guide sums the rows of all terms per agent, adds a prior that keeps the latents near
 the network's prediction, and takes one Gauss-Newton step per denoising step. So
