@@ -36,7 +36,7 @@ def test_the_last_step_is_left_to_the_network() -> None:
     guide.last_level = 0.2
     assert torch.equal(guide(clean, 0.2), clean)
     assert not torch.equal(guide(clean, 0.4), clean)
-    guide.config = TrajectoryGuidance(is_last_step_guided=True)
+    guide.config = TrajectoryGuidance(last_step_share=1.0)
     assert not torch.equal(guide(clean, 0.2), clean)
 
 
