@@ -1,7 +1,8 @@
 """Initial states sampled on real maps: how good they are, and how long they take.
 
 Reads full scenes under PD_EDITOR_AV2; recorded counts and kinds in the square of
-half side 62 m around the focal agent. ``python -m benchmarks.initial_states
+half side 62 m around the focal agent. Beside samples stand the recorded agents of the
+other split, which is how far real traffic is from other real traffic. ``python -m benchmarks.initial_states
 [--model FOLDER] [--split train|val|all] [--samples 3] [--steps 10]``.
 """
 
@@ -288,6 +289,7 @@ def floor_line(recorded: Sequence[Values]) -> str:
 def print_table(
     model: InitialStateDenoiser,
     scenes: Sequence[RealScene],
+    others: Sequence[RealScene],
     samples: int,
     configs: dict[str, InitialStateSamplerConfig],
     attributes: AttributeRequest,
@@ -306,6 +308,9 @@ def print_table(
     apart = [separate_overlaps(scene.scenario, keep_ids=()) for scene in scenes]
     line = [state_values(recorded_traffic(one)) for one in apart]
     print(summary("recorded, slid apart", line, recorded))
+    if others:
+        line = [state_values(recorded_traffic(one.scenario)) for one in others]
+        print(summary("recorded, other split", line, recorded))
     print(floor_line(recorded))
     for name, config in configs.items():
         for guidance in (
@@ -381,6 +386,10 @@ def main() -> None:
     options = parser.parse_args()
     model = load_pose_model(options.model)
     scenes = real_scenes(options.split, only_paper_agents=options.paper_agents)
+    other = {"train": "val", "val": "train"}.get(options.split)
+    others = (
+        real_scenes(other, only_paper_agents=options.paper_agents) if other else []
+    )
     configs = {
         f"{steps} steps": InitialStateSamplerConfig(num_steps=steps)
         for steps in options.steps
@@ -388,7 +397,9 @@ def main() -> None:
     # The agents that the paper's filter keeps are on the road.
     attributes = AttributeRequest(only_on_road=options.paper_agents)
     repairs = not options.no_repair
-    print_table(model, scenes, options.samples, configs, attributes, repairs=repairs)
+    print_table(
+        model, scenes, others, options.samples, configs, attributes, repairs=repairs
+    )
     for steps in options.steps:
         print_times(model, scenes, steps)
 

@@ -29,15 +29,16 @@ def guided(predicted: float, level: float, *, is_standing: bool) -> float:
     return float(guide_of_one(is_standing=is_standing)(clean, level)[..., 0])
 
 
-def test_the_last_step_is_left_to_the_network() -> None:
-    """What is returned is the network's own prediction."""
+def test_the_last_step_is_guided_by_its_share_only() -> None:
+    """By default what is returned is the network's own prediction."""
     guide = guide_of_one(is_standing=False)
     clean = torch.full((1, 1, 1, 10), 5.0)
     guide.last_level = 0.2
     assert torch.equal(guide(clean, 0.2), clean)
     assert not torch.equal(guide(clean, 0.4), clean)
-    guide.config = TrajectoryGuidance(last_step_share=1.0)
-    assert not torch.equal(guide(clean, 0.2), clean)
+    moved = guide(clean, 0.4) - clean
+    guide.config = TrajectoryGuidance(last_step_share=0.25)
+    torch.testing.assert_close(guide(clean, 0.2) - clean, 0.25 * moved)
 
 
 def test_who_stands_is_guided_late() -> None:
