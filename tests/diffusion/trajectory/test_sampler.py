@@ -105,7 +105,7 @@ def guide_of(
         model,
         scene,
         torch.full(scene.has_agent.shape, weight),
-        TrajectoryGuidance(last_step_share=1.0),
+        TrajectoryGuidance(is_last_step_guided=True),
     )
 
 

@@ -32,9 +32,10 @@ class TrajectoryGuidance:
     """Default share of the distance to the candidate that each step moves."""
     warped_weight: float = DEFAULT_WARPED_WEIGHT
     """The same on warped roads."""
-    last_step_share: float = field(default=0.0, metadata={"when_absent": 1.0})
-    """Factor of the weight in the last step, whose prediction is the result; 0 leaves it
-    to the network."""
+    is_last_step_guided: bool = field(default=False, metadata={"when_absent": True})
+    """Whether the prediction of the last step, which is the result, is guided too."""
+    last_step_share: float = field(default=1.0, metadata={"when_absent": 1.0})
+    """Factor of the weight in the last step, if that is guided."""
     first_level: float = 0.7
     """There is no guidance above this noise level."""
     standing_first_level: float = 0.35
@@ -115,8 +116,7 @@ class NearestCandidateGuide:
         if level > self.config.first_level:
             return clean
         is_last = level <= self.last_level
-        strength = self.config.last_step_share if is_last else 1.0
-        if not strength:
+        if is_last and not self.config.is_last_step_guided:
             return clean
         predicted = clean * self.scale
         stays = self.is_standing
@@ -125,6 +125,7 @@ class NearestCandidateGuide:
                 (predicted - self.still).norm(dim=-1) < self.config.stays_m
             )
         nearest, exists = self._nearest(predicted, stays)
+        strength = self.config.last_step_share if is_last else 1.0
         pull = torch.where(exists, strength * self.weight, 0.0)
         if self._is_any_agent_stationary:
             late = level <= self.config.standing_first_level
