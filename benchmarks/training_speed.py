@@ -57,10 +57,11 @@ def main() -> None:
                 budget=Budget(steps=10**6),
                 precision=precision,
             )
+            model = stage.fresh_model(config, prepared.basis, 0)
             loop = TrainLoop(
                 run,
-                stage.fresh_model(config, prepared.basis, 0),
-                stage.loss({}),
+                model,
+                stage.loss(model, {}),
                 data,
                 RunFolder(Path("/dev/null")),
                 Fabric(
