@@ -163,6 +163,16 @@ def _contradictions(
                 f"of {limit.speed_mps:g} m/s; lower one or raise the other.",
             )
         goal, line = pair.get(GoalPoint), pair.get(StopAtLine)
+        if (
+            isinstance(speed, TargetSpeed)
+            and isinstance(line, StopAtLine)
+            and speed.speed_mps > 0
+        ):
+            yield (
+                "warning",
+                f"{shared} is asked to keep {speed.speed_mps:g} m/s and to stop at a "
+                "line; keep one of both.",
+            )
         if isinstance(goal, GoalPoint) and goal.agent_id in scenario.agents.row_of:
             (agent,) = _agents_of(goal, scenario)
             if isinstance(limit, SpeedLimit):

@@ -10,6 +10,7 @@ from pd_editor.geometry.frenet import FrenetFrames
 from pd_editor.geometry.oriented_box import box_corners
 from pd_editor.guidance.limits import (
     LIMIT_BRAKING_MPS2,
+    MAX_BRAKING_MPS2,
     OBEYED_ACCELERATION_MPS2,
     OBEYED_GOAL_M,
     OBEYED_OUTSIDE_M,
@@ -245,19 +246,26 @@ def _stop(term: StopAtLine, driven: Driven) -> Measured | None:
         np.array(term.line_m),
     )
     speed = float(driven.speed_mps()[row, -1])
+    stands = speed < 2 * STANDING_MPS
+    # An agent that has not come to the line yet can still stop before it, or cannot.
+    overrun = beyond if stands else beyond + speed**2 / (2 * MAX_BRAKING_MPS2)
+    stops = overrun <= (OBEYED_OVERRUN_M if stands else 0.0)
     if not np.isfinite(beyond):
         achieved = "passes beside the line"
     elif beyond > OBEYED_OVERRUN_M:
         achieved = f"crosses it by {beyond:.1f} m"
+        overrun = beyond
     else:
-        state = "stands" if speed < 2 * STANDING_MPS else f"rolls with {speed:.1f} m/s"
+        state = "stands" if stands else f"rolls with {speed:.1f} m/s"
         achieved = f"{state} {max(-beyond, 0.0):.1f} m before it"
+        if not stops:
+            achieved += ", too fast to stop there"
     return Measured(
         asked="stops before the line",
         achieved=achieved,
-        error=max(beyond, 0.0) if np.isfinite(beyond) else 0.0,
+        error=max(overrun, 0.0) if np.isfinite(beyond) else 0.0,
         unit="m",
-        is_obeyed=bool(beyond <= OBEYED_OVERRUN_M),
+        is_obeyed=bool(stops),
     )
 
 

@@ -164,3 +164,12 @@ def test_a_goal_beyond_a_stop_line_is_told():
     )
     assert "beyond" not in told(GoalPoint(agent_id="100", point_m=(35.0, 0.0)), line)
     assert "beyond" not in told(GoalPoint(agent_id="101", point_m=(0.0, 3.5)), line)
+
+
+def test_a_speed_to_keep_contradicts_a_stop_line():
+    line = StopAtLine(agent_id="100", line_m=((40.0, -2.0), (40.0, 2.0)))
+    words = "is asked to keep 8.5 m/s and to stop at a line"
+    assert words in told(TargetSpeed(agent_ids=("100",), speed_mps=8.5), line)
+    assert words in told(line, TargetSpeed(speed_mps=8.5))
+    assert words not in told(line, TargetSpeed(agent_ids=("101",), speed_mps=8.5))
+    assert words not in told(line, SpeedLimit(speed_mps=8.5))

@@ -83,6 +83,22 @@ def test_an_overrun_is_measured_at_the_front():
     assert "crosses it by" in found.achieved
 
 
+@pytest.mark.parametrize(
+    ("line_x_m", "is_obeyed"), [(62.0, False), (70.0, False), (75.0, True)]
+)
+def test_an_agent_that_is_too_fast_to_stop_before_the_line_does_not_obey(
+    line_x_m, is_obeyed
+):
+    """Agent 100 ends with 10 m/s, which takes 10 m to stop at 5 m/s2."""
+    line = StopAtLine(agent_id="100", line_m=((line_x_m, -2.0), (line_x_m, 2.0)))
+    (found,) = term_outcomes(SCENE, recorded(), (line,))
+    assert found.is_obeyed is is_obeyed
+    assert ("too fast to stop there" in found.achieved) is not is_obeyed
+    length = SCENE.agents.size_m[0, 0]
+    past = 59.0 + length / 2 + 10.0 - line_x_m
+    assert found.error == pytest.approx(max(past, 0.0), abs=0.1)
+
+
 def test_slowed_agents_and_absent_ones():
     goal = GoalPoint(agent_id="100", point_m=(59.0, 0.0))
     (found,) = term_outcomes(SCENE, recorded(), (goal,), (goal,), ("100",))
