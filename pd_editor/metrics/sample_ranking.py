@@ -1,7 +1,7 @@
 """Compares the samples of one run: numbers of each, rankings, and a diverse choice."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -30,7 +30,13 @@ USUAL_COLLIDING_SHARE: Final = 0.029
 USUAL_OFF_ROAD_SHARE: Final = 0.050
 USUAL_DEVIATION_M: Final = 2.57
 USUAL_HARSH_SHARE: Final = 0.055
-"""Means of the 35 recordings of ``train``; with all of them, realism is 50."""
+LEAST_MOVING_SHARE: Final = 0.35
+"""A quarter of the recordings of ``train`` have fewer agents that are under way."""
+USUAL_STANDSTILL: Final = 0.085
+"""Means of the 35 recordings of ``train``, the last one of the share by which fewer are
+under way than the least; with all of them, realism is 50."""
+_FEWEST_JUDGED: Final = 8
+"""How many of fewer agents are under way says nothing."""
 MOST_APART_M: Final = 30.0
 """Larger distances between two samples of an agent count as this one: it went elsewhere,
 or is in one of both samples only."""
@@ -55,18 +61,36 @@ class SampleNumbers:
     """Shortest one of any agent; None: no agents are on a collision course."""
     harsh_share: float
     """Share of time beyond comfortable acceleration, jerk or yaw rate."""
+    fullness: float = 1.0
+    """Number of agents over the median of the samples of the run, at most 1."""
 
     @property
     def realism(self) -> float:
-        """From 0 to 100: how near collisions, road, lanes and accelerations are to usual."""
+        """From 0 to 100: how near collisions, road, lanes and motion are to usual.
+
+        Agents that stand or are left out have no faults; so standstill counts as one,
+        and a sample with fewer agents than others in proportion to their number.
+        """
         agents = max(self.num_agents, 1)
+        standstill = max(0.0, 1.0 - self.moving_share / LEAST_MOVING_SHARE)
         excess = (
             self.num_collisions / agents / USUAL_COLLIDING_SHARE
             + self.off_road_share / USUAL_OFF_ROAD_SHARE
             + self.lateral_deviation_m / USUAL_DEVIATION_M
             + self.harsh_share / USUAL_HARSH_SHARE
+            + standstill * (agents >= _FEWEST_JUDGED) / USUAL_STANDSTILL
         )
-        return 100.0 / (1.0 + excess / 4)
+        return 100.0 * self.fullness / (1.0 + excess / 5)
+
+
+def sample_numbers(views: Iterable[TrafficView]) -> tuple[SampleNumbers, ...]:
+    """Numbers of all samples of a run."""
+    found = [numbers_of(view) for view in views]
+    usual = float(np.median([one.num_agents for one in found])) if found else 0.0
+    return tuple(
+        replace(one, fullness=min(1.0, one.num_agents / max(usual, 1.0)))
+        for one in found
+    )
 
 
 def numbers_of(view: TrafficView) -> SampleNumbers:

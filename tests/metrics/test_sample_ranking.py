@@ -11,6 +11,7 @@ from pd_editor.metrics.sample_ranking import (
     distances_m,
     numbers_of,
     ranked,
+    sample_numbers,
     spread_pick,
 )
 from tests.builders import scenario_with, straight_drivers
@@ -75,6 +76,24 @@ def test_rankings():
     assert ranked(samples, "movement")[0] == 2
     assert ranked(()) == ()
     assert PLAIN.realism > 90 > samples[2].realism > 0
+
+
+def test_scenes_that_are_empty_or_stand_are_not_the_most_realistic():
+    """Agents that stand have no faults, those that are left out neither."""
+    scenario = scenario_with(straight_drivers([(12.0 * i, 0, 0, 0) for i in range(16)]))
+    rows = [(12.0 * i, 0.0, 4.0 * (i % 2)) for i in range(16)]
+    stands = [(x, y, 0.0) for x, y, _ in rows]
+    drives = [(x, y, 5.0) for x, y, _ in rows]
+    full, still, few = sample_numbers(
+        generated(scenario, scenario.agents.ids[: len(one)], paths(*one))
+        for one in (drives, stands, stands[:2])
+    )
+    assert (full.fullness, still.fullness, few.fullness) == (1.0, 1.0, 0.125)
+    assert ranked((few, still, full)) == (2, 1, 0)
+    assert few.realism < 0.2 * full.realism
+    one_stands = replace(PLAIN, num_agents=1, moving_share=0.0)
+    assert one_stands.realism == PLAIN.realism
+    assert sample_numbers(()) == ()
 
 
 def test_a_sample_without_agents_is_the_last_one():

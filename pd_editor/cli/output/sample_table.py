@@ -11,8 +11,8 @@ from pd_editor.generation import TrafficSample
 from pd_editor.metrics.sample_ranking import (
     Ranking,
     SampleNumbers,
-    numbers_of,
     ranked,
+    sample_numbers,
     spread_pick,
 )
 from pd_editor.metrics.traffic_view import generated_traffic
@@ -51,9 +51,8 @@ class SampleTable:
         pick: int | None,
     ) -> "SampleTable":
         """Rank samples among a scenario's other agents; None picks all of them."""
-        numbers = tuple(
-            numbers_of(generated_traffic(scenario, one, with_later=True))
-            for one in samples
+        numbers = sample_numbers(
+            generated_traffic(scenario, one, with_later=True) for one in samples
         )
         order = ranked(numbers, ranking)
         count = len(samples) if pick is None else pick

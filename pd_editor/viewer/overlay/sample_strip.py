@@ -16,8 +16,8 @@ from pd_editor.metrics.sample_ranking import (
     RANKINGS,
     Ranking,
     SampleNumbers,
-    numbers_of,
     ranked,
+    sample_numbers,
     spread_pick,
 )
 from pd_editor.metrics.traffic_view import generated_traffic
@@ -69,8 +69,8 @@ class SampleCards:
         scenarios = tuple(
             apply_within_locks(command, samples.before) for command in samples.commands
         )
-        numbers = tuple(
-            numbers_of(generated_traffic(samples.scene, one, with_later=True))
+        numbers = sample_numbers(
+            generated_traffic(samples.scene, one, with_later=True)
             for one in samples.samples
         )
         there = [
