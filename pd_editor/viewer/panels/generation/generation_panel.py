@@ -52,6 +52,7 @@ AROUND_TRAFFIC: Final = "On the whole mapped road"
 AROUND_VIEW: Final = "In the middle of my view (125 m square)"
 IN_REGION: Final = "In the region I draw"
 DRAW_REGION: Final = "Draw a region"
+STOP_DRAWING: Final = "Stop drawing"
 ALL_KINDS: Final = "All kinds"
 KIND_LABELS: Final[Mapping[AgentKind, str]] = {
     AgentKind.VEHICLE: "Vehicles",
@@ -380,7 +381,7 @@ class GenerationPanel:
         drawing = self._drawing
         is_active = drawing.is_active
         set_property(
-            self._draw_region, "label", "Stop drawing" if is_active else DRAW_REGION
+            self._draw_region, "label", STOP_DRAWING if is_active else DRAW_REGION
         )
         set_property(self._draw_region, "color", "orange" if is_active else "gray")
         if is_active or drawing.region is not None:
