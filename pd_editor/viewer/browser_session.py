@@ -487,14 +487,18 @@ class BrowserSession:
         self._toolbar.show()
 
     def escape(self) -> None:
-        """Leave the active mode or gesture; without one, clear the selection."""
+        """Leave what is innermost: a gesture, a mode, a list; else clear the selection."""
         if self._ui.gesture is not None:
             self._ui.abort_gesture()
         elif self.modes.leave():
             return
         elif self.panels.candidates.shows_candidates:
             self.panels.candidates.hide_candidates()
-        elif not (self.picture.samples.close() or self.panels.agent.locks.withdraw()):
+        elif not (
+            self.chip.close_list()
+            or self.picture.samples.close()
+            or self.panels.agent.locks.withdraw()
+        ):
             self._workspace.session.select(())
 
     def _theme_asked(self, event: Mapping[str, Any]) -> None:

@@ -277,6 +277,33 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
     assert session.selection
 
 
+def test_escape_closes_the_list_with_the_focus_elsewhere(editor):
+    """A mode ends first; then the list closes; then the selection is cleared."""
+    page, session, tab = editor.page, editor.session, editor._tab()
+    bend(editor)
+    opened = page.locator(".pd-problems")
+    mode = page.get_by_role("status", name="Mode")
+    page.locator(".pd-chip-main").click()
+    rows(editor).nth(0).click()
+    editor.until(lambda: session.selection, "a selection")
+    editor.key("p")
+    expect(mode).to_contain_text("Placing")
+    editor.key("Escape")
+    expect(mode).to_be_hidden()
+    expect(opened).to_be_visible()
+    editor.key("Escape")
+    expect(opened).to_be_hidden()
+    assert session.selection
+    # It opens again, and closes again.
+    page.locator(".pd-chip-main").click()
+    expect(opened).to_be_visible()
+    editor.until(lambda: tab.chip._is_open, "the server to know")
+    editor.key("Escape")
+    expect(opened).to_be_hidden()
+    editor.key("Escape")
+    editor.until(lambda: not session.selection, "no selection")
+
+
 @pytest.mark.slow
 def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     """What a row leads to is in sight beside the list; keys walk, and nothing moves."""
