@@ -1,6 +1,7 @@
 """What the panel says of a guided run, and the unguided sample instead of it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from pd_editor.editor.commands import (
     RemoveGuidance,
     traffic_command,
 )
+from pd_editor.errors import GenerationError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.generation import (
     GeneratedTraffic,
@@ -223,13 +225,15 @@ def test_threats_are_checked_in_a_pause_and_stay_told_meanwhile(tab: FakeTab):
     speed = TargetSpeed(agent_ids=("100",), speed_mps=55.0)
     tab.run(lambda: tab.ui.apply(AddGuidance(term=speed)))
     tab.run(lambda: tab.ui.apply(AddGuidance(term=threat)))
-    until(lambda: panel(tab)["rows"][1]["notes"])
+    # Nothing told that it is checked, nor when that was over.
+    assert panel(tab)["rows"][1]["notes"] == [{"tone": "plain", "text": "Checking ..."}]
+    until(lambda: panel(tab)["rows"][1]["notes"][0]["tone"] == "bad")
     notes = [row["notes"] for row in panel(tab)["rows"]]
     assert "ask for less" in notes[0][0]["text"]
     assert "head-on" in notes[1][0]["text"]
     # The other term goes; the threat keeps what is said of it in its new place.
     tab.run(lambda: tab.ui.apply(RemoveGuidance(index=0)))
-    assert [row["notes"] for row in panel(tab)["rows"]] == [notes[1]]
+    until(lambda: [row["notes"] for row in panel(tab)["rows"]] == [notes[1]])
 
 
 def test_a_run_is_told_again_after_its_work_was_continued(tmp_path: Path):
@@ -267,3 +271,21 @@ def test_a_run_is_told_again_after_its_work_was_continued(tmp_path: Path):
         assert panel(tab)["report"] == []
         tab.run(tab.session.redo)
         assert panel(tab)["report"] == state["report"]
+
+
+def test_nothing_is_generated_that_could_obey_nothing(tab: FakeTab, monkeypatch):
+    """A run was made for a threat that cannot be, and its result looked obeyed."""
+    threat = Threaten(agent_id="100", other_id="101", approach="head-on")
+    tab.run(lambda: tab.ui.apply(AddGuidance(term=threat)))
+    generation, started = tab.tab.panels.generation, []
+    monkeypatch.setattr(generation._result, "start", lambda *_: started.append(1))
+    with pytest.raises(GenerationError, match=r"head-on.*switch it off to regenerate"):
+        tab.run(generation.regenerate)
+    assert not started
+    # With something else that can be met, or without the threat, there is a run.
+    tab.run(lambda: tab.ui.apply(AddGuidance(term=TERM)))
+    tab.run(generation.regenerate)
+    off = replace(threat, is_on=False)
+    tab.run(lambda: tab.ui.apply(ChangeGuidance(index=0, term=off)))
+    tab.run(generation.regenerate)
+    assert len(started) == 2

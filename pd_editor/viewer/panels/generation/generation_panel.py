@@ -449,13 +449,17 @@ class GenerationPanel:
             seed=int(self._seed.value),
         )
         task = GenerationInput(base=base, request=request, removed_ids=removed_ids)
-        self._tell_of_guidance(request)
+        self._check_guidance(request)
         self._result.start(self._model.value, offer.make, task)
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)
 
-    def _tell_of_guidance(self, request: GenerationRequest) -> None:
-        """Say before the run which guidance cannot be met, and what could be done."""
+    def _check_guidance(self, request: GenerationRequest) -> None:
+        """Say before the run which guidance cannot be met, and what could be done.
+
+        Raises:
+            GenerationError: nothing of what is asked could be met at all.
+        """
         scenario = request.scenario
         if (
             request.terms
@@ -471,6 +475,12 @@ class GenerationPanel:
         found = guidance_problems(scenario, scenario.guidance, ids)
         if not found:
             return
+        impossible = {one.term for one in found if one.severity == "error"}
+        if impossible.issuperset(request.terms) and not request.samples_states:
+            raise GenerationError(
+                f"{found[0].message} No other guidance could be met; switch it off to "
+                "regenerate without it."
+            )
         count = len(found)
         title = "A guidance problem" if count == 1 else f"{count} guidance problems"
         more = "" if count == 1 else " The tab Guide lists the others."
