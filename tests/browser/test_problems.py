@@ -141,7 +141,11 @@ def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
     num_edits = len(session.entries)
     page.get_by_role("button", name="to the limit").last.click()
     editor.until(lambda: len(session.entries) == num_edits + 1, "the cure")
-    assert session.entries[-1].label.startswith("Slow ")
+    assert session.entries[-1].label == "Road: agents slowed at friction 0.7"
+    editor.open_tab("Road")
+    setting = editor.row("Slow agents to the friction limit")
+    expect(setting.get_by_role("checkbox")).to_be_checked()
+    editor.screenshot("16_slowed")
     editor.until(
         lambda: not any(p.kind == "friction" for p in watch.new), "no agent too fast"
     )
