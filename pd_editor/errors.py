@@ -10,6 +10,7 @@ PdEditorError
 ├── RecipeError             a recipe or journal cannot be read or replayed
 ├── GenerationError         a generator refused a request, or its result is invalid
 ├── ExportError             a result cannot be written
+│   └── FolderInUseError    its folder holds the files of an earlier run
 ├── SynthesisError          synthetic traffic cannot be made
 ├── ModelError              weights are missing, damaged, or do not fit the model
 └── TrainingError           a training run cannot start or continue
@@ -67,6 +68,10 @@ class GenerationError(PdEditorError):
 
 class ExportError(PdEditorError):
     """A result cannot be written to the requested place."""
+
+
+class FolderInUseError(ExportError):
+    """The folder for the results of a run holds files already."""
 
 
 class SynthesisError(PdEditorError):

@@ -40,7 +40,8 @@ def cures(
     """Find cures of one of several problems; ``untouched`` agents move as recorded.
 
     Commands are tried on the scenario, which does not change: a command is offered if
-    the problem is gone after it and there are fewer problems than before. It is not
+    the problem is gone after it and there are fewer problems than before; of several
+    with one label the first. It is not
     known beforehand whether regenerated trajectories help, so they are offered if
     possible.
     """
@@ -50,7 +51,11 @@ def cures(
     tried = list(_tried(scenario, problem, problems))
     if tried:
         count = len(scene_problems(scenario))
-        offered += [cure for cure in tried if _helps(scenario, problem, cure, count)]
+        helping: dict[str, Cure] = {}
+        for cure in tried:
+            if cure.label not in helping and _helps(scenario, problem, cure, count):
+                helping[cure.label] = cure
+        offered += helping.values()
     offered += removals(scenario, problem.agent_ids)
     return tuple(offered)
 
@@ -78,19 +83,8 @@ def _tried(
     scenario: Scenario, problem: SceneProblem, problems: Collection[SceneProblem]
 ) -> Iterator[Cure]:
     applied = scenario.applied_warp
-    mu = friction_coefficient_of(scenario)
     if problem.kind == "friction":
-        (one,) = problem.agent_ids
-        yield Cure(
-            label=f"Slow {one} to the limit",
-            command=SlowToFrictionLimit(agent_ids=(one,), friction_coefficient=mu),
-        )
-        fast = tuple(p.agent_ids[0] for p in problems if p.kind == "friction")
-        if len(fast) > 1:
-            yield Cure(
-                label=f"Slow all {len(fast)} to the limit",
-                command=SlowToFrictionLimit(agent_ids=fast, friction_coefficient=mu),
-            )
+        yield from _slowing(scenario, problem, problems)
     elif not problem.agent_ids and applied is not None:
         weaker = weakened_to_radius(applied.warp)
         if weaker is not None:
@@ -113,6 +107,24 @@ def _tried(
                     label=f"Snap {name} to its lane",
                     command=SnapToLane(agent_ids=(name,)),
                 )
+
+
+def _slowing(
+    scenario: Scenario, problem: SceneProblem, problems: Collection[SceneProblem]
+) -> Iterator[Cure]:
+    """Offer that the agent of a problem, or all that are too fast, are slowed.
+
+    All are slowed by the setting of the bent road, if there is one, which stays in force.
+    """
+    applied, mu = scenario.applied_warp, friction_coefficient_of(scenario)
+    fast = tuple(p.agent_ids[0] for p in problems if p.kind == "friction")
+    for ids in dict.fromkeys((problem.agent_ids, fast)):
+        label = f"Slow {ids[0] if len(ids) == 1 else f'all {len(ids)}'} to the limit"
+        if ids == fast and applied is not None:
+            road = SetRoadWarp(warp=applied.warp, friction_coefficient=mu)
+            yield Cure(label=label, command=road)
+        slow = SlowToFrictionLimit(agent_ids=ids, friction_coefficient=mu)
+        yield Cure(label=label, command=slow)
 
 
 def yielding(agent_ids: tuple[str, ...]) -> Iterator[Cure]:

@@ -66,7 +66,8 @@ def tags_from_text(text: str) -> tuple[str, ...]:
 def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario) -> str:
     """Name that describes the edits, such as ``000c4929-double-turn-p6-s3``.
 
-    Empty without commands: the scenario keeps the base's id.
+    Their number is told if road and generated traffic do not say all. Empty without
+    commands: the scenario keeps the base's id.
     """
     if not commands:
         return ""
@@ -74,13 +75,13 @@ def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario)
     applied = scenario.applied_warp
     terms = () if applied is None else applied.warp.terms
     parts += [f"{term.kind}-{power_name(term.power)}" for term in terms]
-    commands = [part for command in commands for part in command.parts]
-    generated = [one for one in commands if isinstance(one, ReplaceTraffic)]
+    done = [part for command in commands for part in command.parts]
+    generated = [one for one in done if isinstance(one, ReplaceTraffic)]
     if generated:
         parts.append(f"s{generated[-1].seed}")
-    edits = sum(not isinstance(one, SetRoadWarp | ReplaceTraffic) for one in commands)
-    if edits:
-        parts.append(f"{edits}-edit{'s' if edits > 1 else ''}")
+    if not all(isinstance(one, SetRoadWarp | ReplaceTraffic) for one in done):
+        count = len(commands)
+        parts.append(f"{count}-edit{'s' if count > 1 else ''}")
     if len(parts) == 1:
         parts.append("edited")
     return name_from_text(" ".join(parts))

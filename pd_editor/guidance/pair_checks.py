@@ -1,6 +1,6 @@
 """Problems of terms on pairs of agents before a run."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Final, Literal, get_args
@@ -25,12 +25,22 @@ from pd_editor.scene.guidance_terms import (
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
-from pd_editor.threats.threat_feasibility import is_feasible
-from pd_editor.threats.threat_plans import ThreatAim
+from pd_editor.threats.threat_feasibility import threat_obstacle
+from pd_editor.threats.threat_plans import ThreatAim, ThreatObstacle
 
 _SAME_PLACE_M: Final = 2.5
 """Paths that come this close meet."""
 _STRIDE: Final = 2
+_FAR_BEYOND: Final = 10.0
+"""Times of the limits from which on the number tells nothing."""
+_COURSES: Final[Mapping[Approach, str]] = {
+    "rear": "none of the ways that it could take leads on behind {other}",
+    "cut-in": "it would have to come from beside the way of {other}, in the same "
+    "direction, and {other} would have to drive",
+    "side": "none of the ways that it could take crosses that of {other}",
+    "head-on": "none of the ways that it could take leads towards {other}",
+}
+"""What an approach needs and no candidate has."""
 
 Found = Iterator[tuple[Literal["error", "warning"], str]]
 
@@ -38,24 +48,16 @@ Found = Iterator[tuple[Literal["error", "warning"], str]]
 def threat_problems(
     term: Threaten, scenario: Scenario, agent_ids: Sequence[str] | None
 ) -> Found:
-    """Whether a threat can be carried out, and by which approach it could."""
+    """Why a threat cannot be carried out, and by which approach it could."""
     is_kept = agent_ids is not None and term.other_id not in agent_ids
-    if _can_threaten(scenario, term, is_kept):
+    obstacle = _obstacle(scenario, term, is_kept)
+    if obstacle is None:
         return
     others = [
         approach
         for approach in get_args(Approach)
         if approach != term.approach
-        and _can_threaten(
-            scenario,
-            Threaten(
-                agent_id=term.agent_id,
-                other_id=term.other_id,
-                severity=term.severity,
-                approach=approach,
-            ),
-            is_kept,
-        )
+        and _obstacle(scenario, replace(term, approach=approach), is_kept) is None
     ]
     aim = ThreatAim.of(term.approach, term.severity)
     goal = "contact" if aim.is_contact else f"a gap of {aim.gap_m:.1f} m"
@@ -65,18 +67,40 @@ def threat_problems(
         else "choose another agent"
     )
     axis = scenario.time_axis
+    why = _in_words(obstacle, term, axis.num_future_steps * axis.step_s)
     yield (
-        "warning",
+        "error",
         f"Agent {term.agent_id} cannot come to {goal} with agent {term.other_id} "
-        f"({term.approach}) within its limits of acceleration in "
-        f"{axis.num_future_steps * axis.step_s:.1f} s; {advice}.",
+        f"({term.approach}): {why}; {advice}.",
+    )
+
+
+def _in_words(obstacle: ThreatObstacle, term: Threaten, duration_s: float) -> str:
+    """Why a threat cannot be carried out, after the name of the agent."""
+    other, times = f"agent {term.other_id}", obstacle.times_limits
+    if obstacle.kind == "course":
+        return _COURSES[term.approach].format(other=other)
+    if obstacle.kind == "road":
+        return "each way to that leads off the road"
+    if obstacle.kind == "outcome":
+        return f"each of its ways passes {other} with another gap or hits it otherwise"
+    if np.isinf(times):
+        return "it would have to turn round or reverse"
+    hard = (
+        f"{np.ceil(10 * times) / 10:.1f}" if times < _FAR_BEYOND else "far more than 10"
+    )
+    return (
+        f"within {duration_s:.1f} s it would have to accelerate, brake or turn {hard} "
+        "times as hard as it can"
     )
 
 
 @lru_cache(maxsize=32)
-def _can_threaten(scenario: Scenario, term: Threaten, is_kept: bool) -> bool:
+def _obstacle(
+    scenario: Scenario, term: Threaten, is_kept: bool
+) -> ThreatObstacle | None:
     """Cached: each sample of a run asks again."""
-    return is_feasible(scenario, term, is_kept=is_kept)
+    return threat_obstacle(scenario, term, is_kept=is_kept)
 
 
 def gap_problems(term: KeepGap, scenario: Scenario) -> Found:

@@ -8,7 +8,7 @@ from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.guidance_terms import Threaten
 from pd_editor.scene.scenario import Scenario
 from pd_editor.threats.encounter import Track
-from pd_editor.threats.threat_plans import ThreatAim, threat_plans
+from pd_editor.threats.threat_plans import ThreatAim, ThreatObstacle, threat_plans
 
 _NUM_EXPECTED: Final = 3
 """Candidates that stand for a trajectory that is not known yet."""
@@ -51,18 +51,19 @@ def recorded_track(scenario: Scenario, row: int) -> Track:
     )
 
 
-def is_feasible(scenario: Scenario, term: Threaten, *, is_kept: bool = False) -> bool:
-    """Whether most expected trajectories of the threatened agent can be reached.
+def threat_obstacle(
+    scenario: Scenario, term: Threaten, *, is_kept: bool = False
+) -> ThreatObstacle | None:
+    """What is in the way of a threat; None if it is feasible.
 
-    Agents that are not there at the current step neither threaten nor are threatened.
+    It is if most expected trajectories of the threatened agent can be reached. Both
+    agents have to be there at the current step.
     """
-    agents, now = scenario.agents, scenario.current_step
-    row, other = agents.rows((term.agent_id, term.other_id)).tolist()
-    if not agents.is_valid[[row, other], now].all():
-        return False
+    row, other = scenario.agents.rows((term.agent_id, term.other_id)).tolist()
     aim = ThreatAim.of(term.approach, term.severity)
-    tracks = expected_tracks(scenario, other, is_kept=is_kept)
-    reached = [
-        len(threat_plans(scenario, row, track, aim, most=1)) > 0 for track in tracks
+    obstacles = [
+        threat_plans(scenario, row, track, aim, most=1).obstacle
+        for track in expected_tracks(scenario, other, is_kept=is_kept)
     ]
-    return sum(reached) * 2 > len(reached)
+    found = [one for one in obstacles if one is not None]
+    return found[0] if len(found) * 2 >= len(obstacles) else None

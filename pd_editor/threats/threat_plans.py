@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.metrics.road.off_road import is_off_road
@@ -74,6 +74,18 @@ class ThreatAim:
         return self.gap_m <= 0
 
 
+@dataclass(frozen=True, kw_only=True)
+class ThreatObstacle:
+    """Why there is no plan of a threat."""
+
+    kind: Literal["course", "limits", "road", "outcome"]
+    """No candidate has the course of the approach, all plans are beyond the limits, or
+    off the road, or lead to something else than asked."""
+    times_limits: float = 1.0
+    """How many times its limits the least demanding plan takes; infinite if the agent
+    would have to reverse."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThreatPlans:
     """N plans of an attacking agent, the best one first."""
@@ -83,6 +95,8 @@ class ThreatPlans:
     """Least distance to the threatened agent."""
     meeting_step: Int[np.ndarray, "N"]
     cost: Float[np.ndarray, "N"]
+    obstacle: ThreatObstacle | None
+    """Why there is none; None if there are plans."""
 
     def __len__(self) -> int:
         return len(self.cost)
@@ -169,7 +183,26 @@ def threat_plans(
         gap_m=least[kept],
         meeting_step=at[kept],
         cost=cost,
+        obstacle=None
+        if len(kept)
+        else _obstacle(meetings.least_demand, used.share, reaches, allowed),
     )
+
+
+def _obstacle(
+    least_demand: float,
+    share: Float[np.ndarray, "N"],
+    reaches: Bool[np.ndarray, "M"],
+    allowed: Bool[np.ndarray, "M"],
+) -> ThreatObstacle:
+    """What no plan gets past, of those within the limits M that were compared."""
+    if np.isinf(least_demand):
+        return ThreatObstacle(kind="course")
+    if not len(reaches):
+        least = share.min(initial=np.inf) if len(share) else least_demand
+        return ThreatObstacle(kind="limits", times_limits=least / _MOST_OF_LIMITS)
+    is_road = bool((reaches & ~allowed).any()) or not allowed.any()
+    return ThreatObstacle(kind="road" if is_road else "outcome")
 
 
 def _hits_on_the_way(
@@ -243,6 +276,9 @@ class _Meetings:
     offset_mps: Float[np.ndarray, "N 2"]
     waits: Float[np.ndarray, "N"]
     """Share of the time before the deviation to the side begins."""
+    least_demand: float
+    """Least share of the limits that leads to a meeting, such as are left out included;
+    infinite if no candidate has the course."""
 
     @property
     def deviation_m(self) -> Float[np.ndarray, "N"]:
@@ -272,11 +308,10 @@ def _meetings(attacker: _Attacker, other: Track, aim: ThreatAim) -> _Meetings:
     offset = position - attacker.candidate_m[:, step]
     deviation = velocity - attacker.candidate_mps[:, step]
     time = (at * attacker.step_s)[..., None]
-    reachable = (
-        np.linalg.norm(offset, axis=-1)
-        <= 0.5 * attacker.limits.braking_mps2 * time[..., 0] ** 2
-    )
-    reachable &= candidate & np.isfinite(offset).all(-1)
+    most = 0.5 * attacker.limits.braking_mps2 * time[..., 0] ** 2
+    demand = np.linalg.norm(offset, axis=-1) / most
+    demand = np.where(candidate & np.isfinite(offset).all(-1), demand, np.inf)
+    reachable = demand <= 1
     waits = _WAITS if aim.approach == "cut-in" else (0.0,)
     return _Meetings(
         candidate=np.tile(which[reachable], len(waits)),
@@ -284,6 +319,7 @@ def _meetings(attacker: _Attacker, other: Track, aim: ThreatAim) -> _Meetings:
         offset_m=np.tile(offset[reachable], (len(waits), 1)),
         offset_mps=np.tile(deviation[reachable], (len(waits), 1)),
         waits=np.repeat(np.array(waits), np.count_nonzero(reachable)),
+        least_demand=float(demand.min(initial=np.inf)),
     )
 
 

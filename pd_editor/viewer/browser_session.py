@@ -25,11 +25,17 @@ from pd_editor.viewer.overlay.banner import OFFER, Banner
 from pd_editor.viewer.overlay.hints import Hints
 from pd_editor.viewer.overlay.key_sheet import KeySheet
 from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.overlay.press_order import PressOrder
 from pd_editor.viewer.overlay.scorecard_drawer import ScorecardActions, ScorecardDrawer
 from pd_editor.viewer.overlay.side_panel import SidePanel
 from pd_editor.viewer.overlay.status_chip import ChipActions, StatusChip
 from pd_editor.viewer.overlay.timeline import Timeline
 from pd_editor.viewer.overlay.toolbar import Toolbar
+from pd_editor.viewer.panels.agent_panel import PLACE, STOP_PLACING
+from pd_editor.viewer.panels.generation.generation_panel import (
+    DRAW_REGION,
+    STOP_DRAWING,
+)
 from pd_editor.viewer.state.inbox import Inbox
 from pd_editor.viewer.state.problem_watch import ProblemWatch
 from pd_editor.viewer.state.ui_context import UiContext
@@ -257,6 +263,11 @@ class BrowserSession:
             escape=self.escape,
         )
         self._key_sheet.tell(ui.hotkeys)
+        PressOrder(
+            overlay,
+            keys=[one.key for one in ui.hotkeys if one.arms and one.key],
+            labels=(PLACE, STOP_PLACING, DRAW_REGION, STOP_DRAWING),
+        )
 
     def _build_status_chip(self) -> None:
         generation = self.panels.generation
@@ -476,14 +487,18 @@ class BrowserSession:
         self._toolbar.show()
 
     def escape(self) -> None:
-        """Leave the active mode or gesture; without one, clear the selection."""
+        """Leave what is innermost: a gesture, a mode, a list; else clear the selection."""
         if self._ui.gesture is not None:
             self._ui.abort_gesture()
         elif self.modes.leave():
             return
         elif self.panels.candidates.shows_candidates:
             self.panels.candidates.hide_candidates()
-        elif not (self.picture.samples.close() or self.panels.agent.locks.withdraw()):
+        elif not (
+            self.chip.close_list()
+            or self.picture.samples.close()
+            or self.panels.agent.locks.withdraw()
+        ):
             self._workspace.session.select(())
 
     def _theme_asked(self, event: Mapping[str, Any]) -> None:

@@ -119,6 +119,11 @@ class ViewerApp:
                     dataset=self._dataset,
                     journals=self._journals,
                     is_local=self._is_local,
+                    obeying={
+                        name
+                        for name, offer in self._generators.offers.items()
+                        if "guidance" in offer.supports
+                    },
                 )
             workspace = self._workspaces[key]
             tab = BrowserSession(

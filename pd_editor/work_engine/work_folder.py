@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from pd_editor.errors import ExportError, InputError
+from pd_editor.errors import ExportError, FolderInUseError, InputError
 from pd_editor.regular_file import unwritable, write_whole
 
 if TYPE_CHECKING:
@@ -27,12 +27,13 @@ class WorkFolder:
         """Raise if the folder is not empty.
 
         Raises:
-            ExportError: the folder holds files, or is no folder.
+            FolderInUseError: the folder holds files.
+            ExportError: it is no folder.
         """
         if self._holds_files():
-            raise ExportError(
+            raise FolderInUseError(
                 f"{self.path}: already holds files; choose a new folder, or resume "
-                "the earlier run (--resume on the shell)."
+                "the earlier run (--resume)."
             )
 
     def write(self, name: str, data: bytes) -> Path:

@@ -141,7 +141,11 @@ def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
     num_edits = len(session.entries)
     page.get_by_role("button", name="to the limit").last.click()
     editor.until(lambda: len(session.entries) == num_edits + 1, "the cure")
-    assert session.entries[-1].label.startswith("Slow ")
+    assert session.entries[-1].label == "Road: agents slowed at friction 0.7"
+    editor.open_tab("Road")
+    setting = editor.row("Slow agents to the friction limit")
+    expect(setting.get_by_role("checkbox")).to_be_checked()
+    editor.screenshot("16_slowed")
     editor.until(
         lambda: not any(p.kind == "friction" for p in watch.new), "no agent too fast"
     )
@@ -275,6 +279,33 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
     page.keyboard.press("Escape")
     page.locator(".pd-problems").wait_for(state="hidden")
     assert session.selection
+
+
+def test_escape_closes_the_list_with_the_focus_elsewhere(editor):
+    """A mode ends first; then the list closes; then the selection is cleared."""
+    page, session, tab = editor.page, editor.session, editor._tab()
+    bend(editor)
+    opened = page.locator(".pd-problems")
+    mode = page.get_by_role("status", name="Mode")
+    page.locator(".pd-chip-main").click()
+    rows(editor).nth(0).click()
+    editor.until(lambda: session.selection, "a selection")
+    editor.key("p")
+    expect(mode).to_contain_text("Placing")
+    editor.key("Escape")
+    expect(mode).to_be_hidden()
+    expect(opened).to_be_visible()
+    editor.key("Escape")
+    expect(opened).to_be_hidden()
+    assert session.selection
+    # It opens again, and closes again.
+    page.locator(".pd-chip-main").click()
+    expect(opened).to_be_visible()
+    editor.until(lambda: tab.chip._is_open, "the server to know")
+    editor.key("Escape")
+    expect(opened).to_be_hidden()
+    editor.key("Escape")
+    editor.until(lambda: not session.selection, "no selection")
 
 
 @pytest.mark.slow

@@ -62,6 +62,12 @@ def test_samples_are_previewed_adopted_and_undone(editor):
     regenerated(editor)
     first = session.scenario
     expect(card(editor, 1)).to_have_attribute("aria-selected", "true")
+    # The one in use kept its rank to itself.
+    ranks = cards(editor).locator(".pd-sample-rank").all_inner_texts()
+    assert sorted(one.split()[-1] for one in ranks) == ["1.", "2.", "3.", "4."]
+    assert [one for one in ranks if "in use" in one] == [
+        card(editor, 1).locator(".pd-sample-rank").inner_text()
+    ]
     shown = card(editor, 2).inner_text()
     assert "collision" in shown
     assert "off-road" in shown

@@ -51,7 +51,10 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.until(lambda: len(editor.session.entries) == 2, "the edits of the scene")
     # A folder in use is refused, and the settings stay.
     editor.press("Run the study")
-    editor.page.get_by_text("already holds files").wait_for()
+    refusal = editor.page.get_by_text("already holds files")
+    expect(refusal).to_contain_text("enter a new results folder, or press Resume")
+    expect(refusal).not_to_contain_text("--resume")
+    editor.screenshot("study_refused")
 
 
 @pytest.mark.slow

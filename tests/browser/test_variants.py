@@ -116,12 +116,12 @@ def test_an_export_is_never_replaced_silently_and_opens_again(open_editor, tmp_p
     bend(editor)
     slow_down(editor, 3.0)
     editor.press("Write to folder")
-    name = "signalised-junction-double-turn-p6-1-edit"
+    name = "signalised-junction-double-turn-p6-2-edits"
     editor.until(lambda: (out / name).is_dir(), "an export")
     check_with_official_loaders(out / name)
     first = {path.name: path.read_bytes() for path in (out / name).iterdir()}
     slow_down(editor, 5.0)
-    editor.until(lambda: value(editor, "Name").endswith("2-edits"), "a name")
+    editor.until(lambda: value(editor, "Name").endswith("3-edits"), "a name")
     editor.fill("Name", name)
     editor.until(lambda: editor.session.variant.name == name, "the name")
     editor.press("Write to folder")

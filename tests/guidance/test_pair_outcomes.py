@@ -198,6 +198,12 @@ def test_threats_that_cannot_be_carried_out_are_told_with_the_approaches_that_ca
     (message,) = problems(apart, replace(rear, severity=0.5))
     assert "a gap of 1.5 m" in message
     assert message.endswith("choose another agent.")
+    ahead = [(0, 0, 0, 10), (15, 0, 0, 10)]
+    (message,) = problems(ahead, replace(rear, approach="cut-in"))
+    assert "it would have to come from beside the way of agent 100" in message
+    (message,) = problems([(0, 0, 0, 10), (-150, 0, 0, 10)], rear)
+    assert "would have to accelerate, brake or turn" in message
+    assert "times as hard as it can" in message
 
 
 def test_infeasible_threats_are_infeasible_in_the_outcome() -> None:

@@ -14,12 +14,13 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.threats.encounter import Track, encounter
 from pd_editor.threats.motion_limits import exertion, limits_of
 from pd_editor.threats.threat_feasibility import (
-    is_feasible,
     recorded_track,
+    threat_obstacle,
 )
 from pd_editor.threats.threat_plans import (
     GAP_TOLERANCE_M,
     ThreatAim,
+    ThreatObstacle,
     ThreatPlans,
     threat_plans,
 )
@@ -178,14 +179,28 @@ def test_plans_that_hit_others_on_the_way_come_last() -> None:
 def test_agents_that_drive_apart_cannot_threaten_each_other() -> None:
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (-40, 0, np.pi, 10)]))
     term = Threaten(agent_id="101", other_id="100", approach="rear")
-    assert not is_feasible(scenario, term)
+    obstacle = threat_obstacle(scenario, term)
+    assert obstacle is not None
+    assert obstacle.kind == "limits"
+    assert obstacle.times_limits > 3.0
 
 
 def test_cut_in_needs_an_agent_beside_the_path() -> None:
     # Ahead in the same lane: braking would be no cut-in.
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (15, 0, 0, 10)]))
     term = Threaten(agent_id="101", other_id="100", approach="cut-in")
-    assert not is_feasible(scenario, term)
+    assert threat_obstacle(scenario, term) == ThreatObstacle(kind="course")
+
+
+def test_an_agent_too_far_behind_is_told_how_much_it_would_need() -> None:
+    """It was told to be infeasible, and not why."""
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (-150, 0, 0, 10)]))
+    term = Threaten(agent_id="101", other_id="100", approach="rear")
+    obstacle = threat_obstacle(scenario, term)
+    assert obstacle is not None
+    assert obstacle.kind == "limits"
+    # 145 m further in 5.9 s by one constant acceleration are 8 m/s2; it has 4.
+    assert 2.0 < obstacle.times_limits < 6.0
 
 
 def test_real_scenes_offer_threats_on_the_road(av2_root: Path) -> None:

@@ -23,6 +23,7 @@ from pd_editor.diffusion.trajectory.network.decoding import (
     Motion,
     TrajectoryDecoder,
     motion_of,
+    turned_as_vehicles,
 )
 from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.features.encoded_scene import packed
@@ -32,6 +33,7 @@ from pd_editor.features.scene_features import (
     SceneFeatures,
     scene_features,
 )
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
@@ -185,16 +187,17 @@ class TrajectoryTask:
         """Decode the motion of all A agents of the features."""
         agents, now = self.scenario.agents, self.scenario.current_step
         rows = self.features.agent_row
-        return self.kept.joined(
-            motion_of(
-                basis,
-                latent[:, 0].double().cpu().numpy(),
-                agents.position_m[rows, now],
-                agents.heading_rad[rows, now],
-                agents.velocity_mps[rows, now],
-                self.scenario.time_axis,
-            )
+        decoded = motion_of(
+            basis,
+            latent[:, 0].double().cpu().numpy(),
+            agents.position_m[rows, now],
+            agents.heading_rad[rows, now],
+            agents.velocity_mps[rows, now],
+            self.scenario.time_axis,
         )
+        is_vehicle = agents.kind_mask(LANE_FOLLOWER_KINDS)[rows]
+        step_s = self.scenario.time_axis.step_s
+        return self.kept.joined(turned_as_vehicles(decoded, is_vehicle, step_s))
 
     def keep(
         self, basis: TrajectoryBasis

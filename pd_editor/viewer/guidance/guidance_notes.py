@@ -40,6 +40,9 @@ class Line:
     text: str
 
 
+CHECKING: Final = Line(tone="plain", text="Checking ...")
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunReport:
     """What a run as a whole came to."""
@@ -62,12 +65,15 @@ class GuidanceNotes:
         self._is_partial = False
         """Whether some terms of the checked scenario were left for later."""
         self._terms: tuple[GuidanceTerm, ...] = ()
+        self._awaited: frozenset[GuidanceTerm] = frozenset()
+        """Terms that are checked in the next pause."""
 
     def refresh(self, *, is_pause: bool = False) -> bool:
         """Check the session's terms; returns whether what is said has changed.
 
         While an edit is being made, only terms that it changes are checked. Threats take
-        up to a second, so they wait for a pause; until then their former problems stay.
+        up to a second, so they wait for a pause; until then their former problems stay,
+        and after the edit a sign tells that they are checked.
         """
         state = self._ui.session.state
         scenario, terms = state.scenario, state.scenario.guidance
@@ -80,17 +86,21 @@ class GuidanceNotes:
                 checked = []
         if not is_pause:
             checked = [term for term in checked if not isinstance(term, Threaten)]
-        former = self._problems
+        former = self._problems, self._awaited
+        known = self._problems
         found = {
-            term: former[term]
-            for term in terms
-            if term in former and term not in checked
+            term: known[term] for term in terms if term in known and term not in checked
         }
         for problem in guidance_problems(scenario, tuple(checked)):
             found[problem.term] = (*found.get(problem.term, ()), problem)
         self._problems, self._terms, self._checked = found, terms, scenario
         self._is_partial = len(checked) < len(terms)
-        return found != former
+        self._awaited = frozenset(
+            term
+            for term in terms
+            if term.is_on and term not in checked and not state.is_previewing
+        )
+        return (found, self._awaited) != former
 
     def of_term(self, index: int) -> tuple[Line, ...]:
         """Lines beside a term: its problems, and what the last run achieved."""
@@ -104,6 +114,8 @@ class GuidanceNotes:
         ]
         run = self._ui.workspace.guided_runs.of(scenario.agents)
         term = scenario.guidance[index]
+        if term in self._awaited:
+            lines.append(CHECKING)
         if run is not None:
             lines += [
                 outcome_line(outcome)

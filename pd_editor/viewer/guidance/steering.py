@@ -81,6 +81,7 @@ class Steering:
                 lambda kind=kind: self.mode.toggle(kind),
                 keys.get(kind),
                 failure=f"{tool.title}: not set",
+                arms=True,
             )
 
     def show(self) -> None:

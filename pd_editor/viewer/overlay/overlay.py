@@ -14,7 +14,7 @@ from pd_editor.viewer.state.ui_context import UiContext
 
 _LOG = logging.getLogger(__name__)
 MAX_EVENT_CHARACTERS: Final = 65_536
-_SCRIPT_FIRST: Final = "base.js"
+_SCRIPTS_FIRST: Final = ("base.js", "order.js")
 
 State = Mapping[str, Any]
 Handler = Callable[[Mapping[str, Any]], None]
@@ -89,13 +89,11 @@ class Overlay:
 
 @cache
 def page_script() -> str:
-    """The script of all elements, the frame that holds them first."""
+    """The script of all elements, the frame that holds them, and what hears events first."""
     folder = files("pd_editor.viewer.overlay").joinpath("page")
     names = sorted(item.name for item in folder.iterdir() if item.name.endswith(".js"))
-    names.remove(_SCRIPT_FIRST)
-    parts = [
-        folder.joinpath(name).read_text("utf-8") for name in (_SCRIPT_FIRST, *names)
-    ]
+    names.sort(key=lambda name: name not in _SCRIPTS_FIRST)
+    parts = [folder.joinpath(name).read_text("utf-8") for name in names]
     styles = sorted(
         item.name for item in folder.iterdir() if item.name.endswith(".css")
     )

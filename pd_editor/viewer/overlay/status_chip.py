@@ -68,6 +68,8 @@ class StatusChip:
         self._cures: tuple[Cure, ...] | None = ()
         """What helps against the chosen problem; None until it is known."""
         self._free_share = 1.0
+        self._is_open = False
+        self._num_closed = 0
         overlay.on("status", self._heard)
         timeline.on_mark["problem"] = self._mark_chosen
 
@@ -106,8 +108,18 @@ class StatusChip:
                     for name, problems in groups.items()
                 ],
                 "active": self._active_state(),
+                "numClosed": self._num_closed,
             },
         )
+
+    def close_list(self) -> bool:
+        """Close the list of problems; returns whether it was open."""
+        if not self._is_open:
+            return False
+        self._is_open = False
+        self._num_closed += 1
+        self.show()
+        return True
 
     def after_check(self) -> None:
         """Update the cures of the chosen problem, and show all."""
@@ -196,6 +208,8 @@ class StatusChip:
         kind, value = event.get("kind"), event.get("value")
         if kind in ("list", "choose"):
             self._free_share = _share(event.get("free"))
+        if kind == "list":
+            self._is_open = event.get("isOpen") is True
         if kind == "choose":
             for name, problems in self._groups().items():
                 for problem in problems:

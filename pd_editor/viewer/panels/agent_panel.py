@@ -35,6 +35,8 @@ from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
 KINDS: Final = tuple(str(kind) for kind in AgentKind)
 MIXED: Final = "mixed"
+PLACE: Final = "Place on road"
+STOP_PLACING: Final = "Stop placing"
 ACTIVITIES: Final = {one.in_words: one for one in Activity}
 SIZE_NOTE: Final = "Size assumed (Argoverse 2 has none). Change it to record it."
 PLURAL: Final[dict[AgentKind, str]] = {
@@ -96,7 +98,7 @@ class AgentPanel:
                 hint="Driven along its lane at its speed; the export says so.",
             )
             self._place = gui.add_button(
-                "Place on road",
+                PLACE,
                 icon=viser.Icon.CROSSHAIR,
                 hint="P, then click the road",
             )
@@ -211,9 +213,7 @@ class AgentPanel:
 
     def _show_placing(self) -> None:
         is_active = self._placing.is_active
-        set_property(
-            self._place, "label", "Stop placing" if is_active else "Place on road"
-        )
+        set_property(self._place, "label", STOP_PLACING if is_active else PLACE)
         set_property(self._place, "color", "orange" if is_active else None)
         set_value(self._new_kind, str(self._placing.kind))
 

@@ -7,7 +7,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import viser
 
-from pd_editor.editor.commands import SetRoadWarp
+from pd_editor.editor.commands import SetRoadWarp, SlowToFrictionLimit
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.perturbation.anchor import pose_of_anchor
@@ -307,14 +307,26 @@ class RoadPanel:
     def _show_slowed(self, scenario: Scenario) -> None:
         """Show which agents the friction limit has slowed, and by how much."""
         applied = scenario.applied_warp
-        if applied is self._slowed_of and applied is not None:
+        if applied is None or applied.friction_coefficient is None:
+            self._slowed_of = None
+            self._slowed.show("", once_slowed_in_words(self._once_slowed(scenario)))
+            return
+        if applied is self._slowed_of:
             return
         self._slowed_of = applied
-        if applied is None or applied.friction_coefficient is None:
-            self._slowed.show("", NOT_SLOWED)
-            return
         slowed = slowed_agents(applied, scenario.time_axis)
         self._slowed.show(*slowed_in_words(slowed, most=MAX_SLOWED_NAMED))
+
+    def _once_slowed(self, scenario: Scenario) -> tuple[str, ...]:
+        """Agents that were slowed by an edit of its own, not by the road's setting."""
+        ids = {
+            agent_id
+            for command in self._ui.session.commands_in_force
+            for part in command.parts
+            if isinstance(part, SlowToFrictionLimit)
+            for agent_id in part.agent_ids
+        }
+        return tuple(one for one in scenario.agents.ids if one in ids)
 
     def _warp(self, anchor: RigidMotion) -> RoadWarp | None:
         terms = tuple(
@@ -538,6 +550,16 @@ def slowed_in_words(slowed: Sequence[SlowedAgent], *, most: int) -> tuple[str, s
         named.append(f"{len(slowed) - most} more")
     count = f"{len(slowed)} agent{'' if len(slowed) == 1 else 's'}"
     return f"{count} slowed:", "; ".join(named)
+
+
+def once_slowed_in_words(agent_ids: tuple[str, ...]) -> str:
+    """A sentence about the agents that edits have slowed while the setting is off."""
+    if not agent_ids:
+        return NOT_SLOWED
+    named = ", ".join(agent_ids[:MAX_SLOWED_NAMED])
+    more = len(agent_ids) - MAX_SLOWED_NAMED
+    others = f" and {more} more" if more > 0 else ""
+    return f"Off; a repair has slowed {named}{others} alone."
 
 
 def _choices(

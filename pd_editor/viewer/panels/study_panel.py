@@ -8,7 +8,7 @@ from typing import Final
 
 import viser
 
-from pd_editor.errors import InputError, PdEditorError
+from pd_editor.errors import FolderInUseError, InputError, PdEditorError
 from pd_editor.evaluation.evaluation import scenes_of
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
@@ -68,6 +68,17 @@ class _MadeBy:
 
     def __call__(self, _name: str) -> ScenarioGenerator:
         return self.make()
+
+
+def _study_folder(path: Path, plan: StudyPlan, *, resumes: bool) -> StudyFolder:
+    """The folder for the results; a refusal says what can be done in the panel."""
+    try:
+        return StudyFolder(path, plan.settings, resume=resumes)
+    except FolderInUseError as error:
+        raise FolderInUseError(
+            f"{path}: already holds files; enter a new results folder, or press Resume "
+            "to go on with the study in it."
+        ) from error
 
 
 class StudyPanel:
@@ -193,7 +204,7 @@ class StudyPanel:
             limit=int(self._limit.value),
         )
         found = scenes_of(plan.data, plan.limit)
-        folder = StudyFolder(Path(out).expanduser(), plan.settings, resume=resumes)
+        folder = _study_folder(Path(out).expanduser(), plan, resumes=resumes)
         trials = GRID_SIZE if self._searches.value else 0
         self._curves, self._began = (), time.monotonic()
         per_scene = plan.num_variants(1)

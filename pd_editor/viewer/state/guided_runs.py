@@ -1,11 +1,15 @@
 """Guided generations and their reports, by the traffic that they led to."""
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
-from pd_editor.editor.commands import Command, traffic_command
+from pd_editor.editor.commands import Command, ReplaceTraffic, traffic_command
+from pd_editor.editor.history import HistoryEntry
 from pd_editor.generation import GeneratedTraffic, GenerationRequest, GuidanceReport
+from pd_editor.guidance.report import guidance_reports
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import Scenario
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,15 +50,68 @@ class GuidedRuns:
     forgotten with their tracks.
     """
 
-    def __init__(self) -> None:
-        """Know no run."""
+    def __init__(self, obeying: Collection[str]) -> None:
+        """Know no run; ``obeying`` are the names of generators that take guidance."""
+        self._obeying = obeying
         self._runs: WeakKeyDictionary[AgentTracks, GuidedRun] = WeakKeyDictionary()
+        self._unjudged: WeakKeyDictionary[AgentTracks, _AppliedRun] = (
+            WeakKeyDictionary()
+        )
+        """Runs of a history that was read again, whose reports are not made yet."""
 
     def keep(self, agents: AgentTracks, run: GuidedRun) -> None:
         """Keep a run, if it was guided."""
         if run.traffic.guidance:
             self._runs[agents] = run
 
+    def read_again(self, entries: Iterable[HistoryEntry]) -> None:
+        """Know the runs of a history that was read from disk.
+
+        Their reports are made anew, without the comparison with an unguided sample.
+        """
+        for entry in entries:
+            command, before, after = entry.command, entry.before, entry.after
+            if (
+                isinstance(command, ReplaceTraffic)
+                and command.generator in self._obeying
+                and before is not None
+                and after is not None
+            ):
+                applied = _AppliedRun(before=before.scenario, command=command)
+                self._unjudged[after.scenario.agents] = applied
+
     def of(self, agents: AgentTracks) -> GuidedRun | None:
         """The run that led to these tracks."""
+        unjudged = self._unjudged.pop(agents, None)
+        if unjudged is not None and agents not in self._runs:
+            self.keep(agents, unjudged.judged())
         return self._runs.get(agents)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _AppliedRun:
+    """An edit that applied a run, and the scenario before it."""
+
+    before: Scenario
+    command: ReplaceTraffic
+
+    def judged(self) -> GuidedRun:
+        """The run with its report."""
+        command = self.command
+        request = command.request.request(self.before, command.seed)
+        samples, terms = (command.sample,), request.terms
+        traffic = GeneratedTraffic(
+            samples=samples,
+            generator=command.generator,
+            model_sha256=command.model_sha256,
+            seed=command.seed,
+            guidance=guidance_reports(request.scenario, samples, terms)
+            if terms
+            else (),
+        )
+        return GuidedRun(
+            request=request,
+            traffic=traffic,
+            index=0,
+            removed_ids=command.request.removed_ids,
+        )

@@ -47,6 +47,8 @@ class Hotkey:
     label: str
     key: str | None
     modifier: str | None
+    arms: bool = False
+    """Whether it may begin or end a mode in which clicks mean something else."""
 
 
 class UiContext:
@@ -152,10 +154,14 @@ class UiContext:
         modifier: Any = None,
         *,
         failure: str | None = None,
+        arms: bool = False,
     ) -> None:
-        """Offer an action in the command palette, with a hot key."""
+        """Offer an action in the command palette, with a hot key.
+
+        With ``arms``, a press on the picture that follows waits for its effect.
+        """
         command = self.client.gui.add_command(label, hotkey=key, modifier=modifier)
-        self.hotkeys.append(Hotkey(label=label, key=key, modifier=modifier))
+        self.hotkeys.append(Hotkey(label=label, key=key, modifier=modifier, arms=arms))
 
         @command.on_trigger
         async def _(_event: Any) -> None:

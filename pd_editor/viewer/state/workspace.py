@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -111,8 +111,12 @@ class Workspace:
         dataset: DatasetIndex | None,
         journals: Path,
         is_local: bool = True,
+        obeying: Collection[str] = (),
     ) -> None:
-        """Open a scenario; edits are journaled in the folder ``journals``."""
+        """Open a scenario; edits are journaled in the folder ``journals``.
+
+        ``obeying`` are the names of the generators that take guidance.
+        """
         self.is_local = is_local
         self._journals = journals
         self._exported: ExportedState | None = None
@@ -138,7 +142,7 @@ class Workspace:
             WeakKeyDictionary()
         )
         """Ignored problems by the base of a session."""
-        self.guided_runs = GuidedRuns()
+        self.guided_runs = GuidedRuns(obeying)
         self.dataset = dataset
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 
@@ -248,6 +252,7 @@ class Workspace:
         """Switch to a session; the open one is shelved."""
         left = ShelvedSession(session=taken.session, exported=self._exported)
         self._exported = taken.exported
+        self.guided_runs.read_again(taken.session.entries)
         self.session.exchange(taken.session)
         if left.session.entries:
             name = short_id(left.session.base.scenario_id)

@@ -1,17 +1,28 @@
 """What the panel says of a guided run, and the unguided sample instead of it."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pd_editor.editor.commands import AddGuidance, ChangeGuidance, RemoveGuidance
+from pd_editor.av2_io.write import scenario_files
+from pd_editor.editor.commands import (
+    AddGuidance,
+    ChangeGuidance,
+    RemoveGuidance,
+    traffic_command,
+)
+from pd_editor.errors import GenerationError
+from pd_editor.exporters.bundle import write_files
 from pd_editor.generation import (
     GeneratedTraffic,
     GenerationRequest,
     GuidanceReport,
     TrafficSample,
 )
+from pd_editor.generators.registry import SHIPPED_MODEL
 from pd_editor.scene.guidance_outcome import GuidanceCost, Realism, TermOutcome
 from pd_editor.scene.guidance_terms import (
     GoalPoint,
@@ -21,7 +32,8 @@ from pd_editor.scene.guidance_terms import (
 )
 from pd_editor.viewer.guidance.guidance_notes import CHANGED, TAKE_UNGUIDED
 from pd_editor.viewer.panels.generation.generation_run import GenerationInput
-from tests.viewer.fake_browser import FakeTab, until
+from tests.builders import two_agents_that_pass
+from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 
 TERM = TargetSpeed(agent_ids=("100",), speed_mps=5.0)
 
@@ -213,10 +225,67 @@ def test_threats_are_checked_in_a_pause_and_stay_told_meanwhile(tab: FakeTab):
     speed = TargetSpeed(agent_ids=("100",), speed_mps=55.0)
     tab.run(lambda: tab.ui.apply(AddGuidance(term=speed)))
     tab.run(lambda: tab.ui.apply(AddGuidance(term=threat)))
-    until(lambda: panel(tab)["rows"][1]["notes"])
+    # Nothing told that it is checked, nor when that was over.
+    assert panel(tab)["rows"][1]["notes"] == [{"tone": "plain", "text": "Checking ..."}]
+    until(lambda: panel(tab)["rows"][1]["notes"][0]["tone"] == "bad")
     notes = [row["notes"] for row in panel(tab)["rows"]]
     assert "ask for less" in notes[0][0]["text"]
     assert "head-on" in notes[1][0]["text"]
     # The other term goes; the threat keeps what is said of it in its new place.
     tab.run(lambda: tab.ui.apply(RemoveGuidance(index=0)))
-    assert [row["notes"] for row in panel(tab)["rows"]] == [notes[1]]
+    until(lambda: [row["notes"] for row in panel(tab)["rows"]] == [notes[1]])
+
+
+def test_a_run_is_told_again_after_its_work_was_continued(tmp_path: Path):
+    """Nothing was said of it: a report was kept no longer than the editor ran."""
+    write_files(scenario_files(two_agents_that_pass()), tmp_path / "s", forbidden=None)
+    library, reference = tmp_path / "library", str(tmp_path / "s")
+    with running_app(library, reference) as app, connected_tab(app) as tab:
+        tab.ui.live = None
+        scenario = tab.session.scenario
+        agent_id = scenario.agents.ids[0]
+        term = TargetSpeed(agent_ids=(agent_id,), speed_mps=5.0)
+        tab.run(lambda: tab.ui.apply(AddGuidance(term=term)))
+        request = GenerationRequest(
+            scenario=tab.session.scenario, agent_ids=(agent_id,)
+        )
+        for generator in ("lane-follower", SHIPPED_MODEL):
+            traffic = GeneratedTraffic(
+                samples=(sample_at(scenario, agent_id, 5.0),), generator=generator
+            )
+            command = traffic_command(request, traffic, 0)
+            tab.run(lambda command=command: tab.ui.apply(command))
+        assert panel(tab)["rows"][0]["notes"] == []
+    with running_app(library, reference) as app, connected_tab(app) as tab:
+        (work,) = tab.ui.workspace.unfinished_work()
+        tab.run(lambda: tab.ui.workspace.resume(work))
+        state = panel(tab)
+        (note,) = state["rows"][0]["notes"]
+        assert note["text"].startswith("Asked: 5.0 m/s")
+        assert [line["text"] for line in state["report"]] == ["Terms obeyed: 1 of 1"]
+        # Nothing is known of the unguided sample.
+        assert state["figures"] == []
+        assert state["action"] is None
+        # The rule-based generator takes no guidance.
+        tab.run(tab.session.undo)
+        assert panel(tab)["report"] == []
+        tab.run(tab.session.redo)
+        assert panel(tab)["report"] == state["report"]
+
+
+def test_nothing_is_generated_that_could_obey_nothing(tab: FakeTab, monkeypatch):
+    """A run was made for a threat that cannot be, and its result looked obeyed."""
+    threat = Threaten(agent_id="100", other_id="101", approach="head-on")
+    tab.run(lambda: tab.ui.apply(AddGuidance(term=threat)))
+    generation, started = tab.tab.panels.generation, []
+    monkeypatch.setattr(generation._result, "start", lambda *_: started.append(1))
+    with pytest.raises(GenerationError, match=r"head-on.*switch it off to regenerate"):
+        tab.run(generation.regenerate)
+    assert not started
+    # With something else that can be met, or without the threat, there is a run.
+    tab.run(lambda: tab.ui.apply(AddGuidance(term=TERM)))
+    tab.run(generation.regenerate)
+    off = replace(threat, is_on=False)
+    tab.run(lambda: tab.ui.apply(ChangeGuidance(index=0, term=off)))
+    tab.run(generation.regenerate)
+    assert len(started) == 2

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from pd_editor.editor.commands import SetAgentSpeed
+from pd_editor.editor.problem_cures import cures
 from pd_editor.perturbation.friction_slowdown import SlowedAgent
+from pd_editor.problems.check import scene_problems
 from pd_editor.scene.scenario import EGO_ID
 from pd_editor.viewer.panels.road_panel import (
     EGO,
@@ -191,6 +193,30 @@ def test_agents_that_friction_slows_are_named_with_their_speeds(tab: FakeTab, pa
     assert all(slowest[row] < 20.0 for row in named)
     tab.run(panel.reset)
     assert panel._slowed.text == NOT_SLOWED
+
+
+def test_a_repair_that_slows_agents_shows_in_the_setting(tab: FakeTab, panel):
+    """The setting said that speeds stay as they are."""
+    ids = tab.session.scenario.agents.ids
+    tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids, speed_mps=20.0)))
+    panel._power["smooth-turn"].value = 10.0
+    tab.run(panel._changed)
+    tab.run(tab.ui.commit_gesture)
+    problems = [p for p in scene_problems(tab.session.scenario) if p.kind == "friction"]
+    assert len(problems) == 2
+    offered = cures(tab.session.scenario, problems[0], problems)
+    one, every = (cure for cure in offered if cure.label.endswith("to the limit"))
+    assert every.label == "Slow all 2 to the limit"
+    (slowed_id,) = problems[0].agent_ids
+    tab.run(lambda: tab.ui.apply(one.command))
+    assert panel._slows.value is False
+    assert panel._slowed.text == f"Off; a repair has slowed {slowed_id} alone."
+    tab.run(tab.session.undo)
+    assert panel._slowed.text == NOT_SLOWED
+    tab.run(lambda: tab.ui.apply(every.command))
+    assert panel._slows.value is True
+    assert all(name in panel._slowed.text for name in ids)
+    assert not [p for p in scene_problems(tab.session.scenario) if p.kind == "friction"]
 
 
 def test_words_about_slowed_agents_have_their_plural():

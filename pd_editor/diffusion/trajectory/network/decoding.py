@@ -1,11 +1,11 @@
 """Decoding of latents to positions, headings and velocities."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from pd_editor.diffusion.inputs.trajectory_pca import (
@@ -15,12 +15,16 @@ from pd_editor.diffusion.inputs.trajectory_pca import (
     heading_along,
 )
 from pd_editor.features.encoded_scene import LATENT_SIZE
-from pd_editor.geometry.angles import left_of, unit_vector
+from pd_editor.geometry.angles import left_of, unit_vector, wrap_angle
+from pd_editor.metrics.motion.kinematics import MAX_CURVATURE_PER_M
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_axis import TimeAxis
 
 STAYS_M: Final = 0.5
 """A stationary agent that would move less than this stays exactly at its position."""
+_WALKING_MPS: Final = 1.5
+_CATCHES_UP_1PM: Final = 1.0
+"""Turn per metre of a vehicle that is faster, and whose heading is not its course yet."""
 
 
 class TrajectoryDecoder(nn.Module):
@@ -125,6 +129,29 @@ def motion_of(
         velocity = np.gradient(position, axis.step_s, axis=-2)
     velocity[..., 0, :] = velocity_mps
     return Motion(position_m=position, heading_rad=heading, velocity_mps=velocity)
+
+
+def turned_as_vehicles(
+    motion: Motion, is_vehicle: Bool[np.ndarray, "A"], step_s: float
+) -> Motion:
+    """Motion in which no vehicle slower than walking turns on the spot.
+
+    It turns no more than it can for the way that it covers. Where its path bends more
+    sharply, its heading follows later, the faster the sooner.
+    """
+    way = np.linalg.norm(np.diff(motion.position_m, axis=-2), axis=-1)
+    is_slow = way < _WALKING_MPS * step_s
+    most = np.where(is_slow, MAX_CURVATURE_PER_M, _CATCHES_UP_1PM) * way
+    most[:, ~is_vehicle] = np.pi
+    heading = motion.heading_rad.copy()
+    for step in range(way.shape[-1]):
+        turn = wrap_angle(heading[..., step + 1] - heading[..., step])
+        possible = np.clip(turn, -most[..., step], most[..., step])
+        later = wrap_angle(heading[..., step] + possible)
+        heading[..., step + 1] = np.where(
+            possible == turn, heading[..., step + 1], later
+        )
+    return replace(motion, heading_rad=heading)
 
 
 def _at_steps(

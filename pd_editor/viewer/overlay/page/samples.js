@@ -100,7 +100,8 @@
       const name = make("div", "pd-sample-name");
       name.append(
         make("span", "", {}, `Sample ${index + 1}`),
-        make("span", "pd-sample-rank", {}, isAdopted ? "in use" : `${rank}.`));
+        make("span", "pd-sample-rank", {},
+          isAdopted ? `in use \u00b7 ${rank}.` : `${rank}.`));
       card.append(picture, name, ...lines.map(({ text, tone }) =>
         make("div", tone ? `pd-sample-line pd-${tone}` : "pd-sample-line", {}, text)));
       card.addEventListener("pointerenter", () => point(index));

@@ -73,7 +73,7 @@ pdOverlay.define("status", (api) => {
     list.hidden = !isOpen;
     if (!wasOpen) mostLines = 0;
     fit();
-    if (isOpen !== wasOpen) api.send({ kind: "list", free: free() });
+    if (isOpen !== wasOpen) api.send({ kind: "list", isOpen, free: free() });
     // The hint has its place where the list opens.
     api.root.classList.toggle("pd-lists-problems", isOpen);
     main.setAttribute("aria-expanded", String(isOpen));
@@ -134,7 +134,8 @@ pdOverlay.define("status", (api) => {
         "aria-current", String(item.dataset.problem === state.active?.id));
   }
 
-  // Escape closes the list, also with the focus on the chip that opened it.
+  // Escape closes the list, also with the focus on the chip that opened it. With the focus
+  // elsewhere the server closes it, unless a mode or a gesture ends first.
   api.listen(api.box, "keydown", (event) => {
     if (event.key !== "Escape" || !isOpen) return;
     toggle(false);
@@ -165,7 +166,10 @@ pdOverlay.define("status", (api) => {
 
   toggle(false);
   let drawnCures = "";
+  let numClosed = 0;
   return (next) => {
+    if (next.numClosed > numClosed) toggle(false);
+    numClosed = next.numClosed;
     const isCuring = cures.contains(document.activeElement);
     const place = [...rows.querySelectorAll(".pd-problem-row")].findIndex(
       (item) => item.dataset.problem === state.active?.id);

@@ -52,6 +52,7 @@ AROUND_TRAFFIC: Final = "On the whole mapped road"
 AROUND_VIEW: Final = "In the middle of my view (125 m square)"
 IN_REGION: Final = "In the region I draw"
 DRAW_REGION: Final = "Draw a region"
+STOP_DRAWING: Final = "Stop drawing"
 ALL_KINDS: Final = "All kinds"
 KIND_LABELS: Final[Mapping[AgentKind, str]] = {
     AgentKind.VEHICLE: "Vehicles",
@@ -380,7 +381,7 @@ class GenerationPanel:
         drawing = self._drawing
         is_active = drawing.is_active
         set_property(
-            self._draw_region, "label", "Stop drawing" if is_active else DRAW_REGION
+            self._draw_region, "label", STOP_DRAWING if is_active else DRAW_REGION
         )
         set_property(self._draw_region, "color", "orange" if is_active else "gray")
         if is_active or drawing.region is not None:
@@ -448,13 +449,17 @@ class GenerationPanel:
             seed=int(self._seed.value),
         )
         task = GenerationInput(base=base, request=request, removed_ids=removed_ids)
-        self._tell_of_guidance(request)
+        self._check_guidance(request)
         self._result.start(self._model.value, offer.make, task)
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)
 
-    def _tell_of_guidance(self, request: GenerationRequest) -> None:
-        """Say before the run which guidance cannot be met, and what could be done."""
+    def _check_guidance(self, request: GenerationRequest) -> None:
+        """Say before the run which guidance cannot be met, and what could be done.
+
+        Raises:
+            GenerationError: nothing of what is asked could be met at all.
+        """
         scenario = request.scenario
         if (
             request.terms
@@ -470,6 +475,12 @@ class GenerationPanel:
         found = guidance_problems(scenario, scenario.guidance, ids)
         if not found:
             return
+        impossible = {one.term for one in found if one.severity == "error"}
+        if impossible.issuperset(request.terms) and not request.samples_states:
+            raise GenerationError(
+                f"{found[0].message} No other guidance could be met; switch it off to "
+                "regenerate without it."
+            )
         count = len(found)
         title = "A guidance problem" if count == 1 else f"{count} guidance problems"
         more = "" if count == 1 else " The tab Guide lists the others."

@@ -1,7 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pd_editor.diffusion.trajectory.network.decoding import motion_of
+from pd_editor.diffusion.trajectory.network.decoding import (
+    Motion,
+    motion_of,
+    turned_as_vehicles,
+)
 from pd_editor.scene.time_axis import TimeAxis
 from tests.diffusion.trajectory.scenes import arc_basis, futures
 
@@ -64,3 +70,27 @@ def test_other_time_axes_are_met_between_and_beyond_the_steps(
     expected = 8.0 * step_s * np.arange(steps + 1)
     assert np.abs(motion.position_m[0, 0, :, 0] - expected).max() < 0.2
     assert motion.position_m.shape == (1, 1, steps + 1, 2)
+
+
+def test_a_vehicle_slower_than_walking_does_not_turn_on_the_spot() -> None:
+    """A drawn corner turned a vehicle by 90 degrees within a few centimetres."""
+    way = np.concatenate([np.linspace(0, 1, 21), np.ones(20)])
+    left = np.concatenate([np.zeros(21), np.linspace(0, 1, 21)[1:]])
+    position = np.broadcast_to(np.stack([way, left], axis=-1), (1, 2, 41, 2))
+    heading = np.repeat([0.0, np.pi / 2], [21, 20])
+    sharp = Motion(
+        position_m=position,
+        heading_rad=np.broadcast_to(heading, (1, 2, 41)),
+        velocity_mps=np.gradient(position, 0.1, axis=-2),
+    )
+    turned = turned_as_vehicles(sharp, np.array([True, False]), 0.1)
+    vehicle, pedestrian = turned.heading_rad[0]
+    step_m = np.linalg.norm(np.diff(position[0, 0], axis=0), axis=-1)
+    assert (np.abs(np.diff(vehicle)) <= 0.3 * step_m + 1e-9).all()
+    assert vehicle[-1] == pytest.approx(0.3, abs=1e-6)
+    assert np.array_equal(pedestrian, heading)
+    # At eight times the pace the same corner is driven as it was.
+    fast = turned_as_vehicles(
+        replace(sharp, position_m=8 * position), np.array([True, True]), 0.1
+    )
+    assert fast.heading_rad[0, 0, -1] == np.pi / 2
