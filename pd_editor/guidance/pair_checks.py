@@ -84,6 +84,8 @@ def _in_words(obstacle: ThreatObstacle, term: Threaten, duration_s: float) -> st
         return "each way to that leads off the road"
     if obstacle.kind == "outcome":
         return f"each of its ways passes {other} with another gap or hits it otherwise"
+    if obstacle.kind == "traffic":
+        return "on each of its ways an agent stands that it would hit before"
     if np.isinf(times):
         return "it would have to turn round or reverse"
     hard = (

@@ -1,12 +1,13 @@
 """Outcomes of terms on pairs of agents: gaps, collisions, yielding, threats."""
 
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import left_of, unit_vector
-from pd_editor.geometry.oriented_box import BoxStates
+from pd_editor.geometry.oriented_box import Boxes, BoxStates
 from pd_editor.guidance.limits import MAX_BRAKING_MPS2, OBEYED_GAP_M, OPENING_MPS
 from pd_editor.guidance.measured import Driven, Measured, of_several
 from pd_editor.metrics.collisions.box_collision import box_overlap
@@ -156,13 +157,38 @@ def threat_measured(term: Threaten, driven: Driven) -> Measured | None:
     found = encounter(first, second, driven.step_s, term.approach)
     aim = ThreatAim.of(term.approach, term.severity)
     words = threat_in_words(aim, found)
+    until = round(found.at_s / driven.step_s)
+    hit = _first_hit(driven, first, {term.agent_id, term.other_id}, until)
     return Measured(
         asked=words.asked,
-        achieved=words.achieved,
+        achieved=words.achieved
+        if hit is None
+        else f"{words.achieved}, but hits {hit[0]} after {hit[1]:.1f} s",
         error=words.error_m,
         unit="m",
-        is_obeyed=words.is_met,
+        is_obeyed=words.is_met and hit is None,
     )
+
+
+def _first_hit(
+    driven: Driven, track: Track, but: Collection[str], until: int
+) -> tuple[str, float] | None:
+    """The first other agent that one hits up to a step, and when; none it overlaps now."""
+    everyone = generated_traffic(driven.scenario, driven.sample).everyone
+    names = [name for name in everyone.ids if name not in but]
+    rows = [everyone.ids.index(name) for name in names]
+    steps = slice(0, until + 1)
+    boxes = Boxes(
+        position_m=np.nan_to_num(everyone.position_m[rows, steps]),
+        heading_rad=np.nan_to_num(everyone.heading_rad[rows, steps]),
+        size_m=everyone.size_m[rows, None],
+    )
+    touches = boxes_touch(track.at(steps), boxes) & everyone.is_valid[rows, steps]
+    touches &= ~touches[:, :1]
+    if not touches.any():
+        return None
+    step = int(touches.any(axis=0).argmax())
+    return names[int(touches[:, step].argmax())], step * driven.step_s
 
 
 def track_of(driven: Driven, agent_id: str) -> Track | None:

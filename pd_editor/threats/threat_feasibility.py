@@ -1,5 +1,6 @@
 """Feasibility of threats before a run, from candidates and limits."""
 
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.guidance_terms import Threaten
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.threats.encounter import Track
 from pd_editor.threats.threat_plans import ThreatAim, ThreatObstacle, threat_plans
 
@@ -51,19 +53,39 @@ def recorded_track(scenario: Scenario, row: int) -> Track:
     )
 
 
+def standing_tracks(
+    scenario: Scenario, but: Collection[int], num_steps: int
+) -> tuple[Track, ...]:
+    """The other agents that stand now, as if they went on to do so."""
+    agents, now = scenario.agents, scenario.current_step
+    stands = agents.is_valid[:, now] & (agents.speed_mps()[:, now] < STANDING_MPS)
+    stands[list(but)] = False
+    return tuple(
+        Track(
+            position_m=np.broadcast_to(agents.position_m[row, now], (num_steps, 2)),
+            heading_rad=np.full(num_steps, agents.heading_rad[row, now]),
+            velocity_mps=np.zeros((num_steps, 2)),
+            size_m=agents.size_m[row],
+        )
+        for row in np.flatnonzero(stands)
+    )
+
+
 def threat_obstacle(
     scenario: Scenario, term: Threaten, *, is_kept: bool = False
 ) -> ThreatObstacle | None:
     """What is in the way of a threat; None if it is feasible.
 
-    It is if most expected trajectories of the threatened agent can be reached. Both
-    agents have to be there at the current step.
+    It is if most expected trajectories of the threatened agent can be reached, past
+    agents that stand now. Both agents have to be there at the current step.
     """
     row, other = scenario.agents.rows((term.agent_id, term.other_id)).tolist()
     aim = ThreatAim.of(term.approach, term.severity)
+    tracks = expected_tracks(scenario, other, is_kept=is_kept)
+    others = standing_tracks(scenario, (row, other), len(tracks[0].position_m))
     obstacles = [
-        threat_plans(scenario, row, track, aim, most=1).obstacle
-        for track in expected_tracks(scenario, other, is_kept=is_kept)
+        threat_plans(scenario, row, track, aim, others=others, most=1).obstacle
+        for track in tracks
     ]
     found = [one for one in obstacles if one is not None]
     return found[0] if len(found) * 2 >= len(obstacles) else None

@@ -49,6 +49,8 @@ _MOST_COMPARED: Final = 400
 """Plans with the least effort whose gaps are computed."""
 _MOST_ON_THE_WAY: Final = 24
 """Plans that are compared with other agents."""
+_STANDS_M: Final = 0.5
+"""An agent that moves less stands in the way."""
 _LATE_S: Final = 3.5
 """Meetings after this time cost more."""
 _GOES_MPS: Final = 1.0
@@ -78,9 +80,9 @@ class ThreatAim:
 class ThreatObstacle:
     """Why there is no plan of a threat."""
 
-    kind: Literal["course", "limits", "road", "outcome"]
+    kind: Literal["course", "limits", "road", "outcome", "traffic"]
     """No candidate has the course of the approach, all plans are beyond the limits, or
-    off the road, or lead to something else than asked."""
+    off the road, or lead to something else than asked, or hit an agent that stands."""
     times_limits: float = 1.0
     """How many times its limits the least demanding plan takes; infinite if the agent
     would have to reverse."""
@@ -122,7 +124,8 @@ def threat_plans(
     """Plans of the agent at ``row`` against a known trajectory; none if infeasible.
 
     Of equal plans, those closer to ``reference_m``, such as the unguided trajectory,
-    come first, and those that do not hit ``others`` on the way.
+    come first, and those that do not hit ``others`` on the way. None hits one that stands:
+    moving ones may make way.
 
     Args:
         scenario: the scene, with the attacker's current state.
@@ -174,6 +177,9 @@ def threat_plans(
         reaches = (np.abs(least - aim.gap_m) <= GAP_TOLERANCE_M) & ~touches
         cost = cost + 2.0 * ((least - aim.gap_m) / GAP_TOLERANCE_M) ** 2
     kept = np.flatnonzero(reaches & allowed)
+    is_blocked = len(kept) > 0
+    standing = [one for one in others if _stands(one)]
+    kept = kept[_hits_on_the_way(tracks.taken(kept), at[kept], standing) == 0]
     kept = kept[np.argsort(cost[kept], kind="stable")][:_MOST_ON_THE_WAY]
     cost = cost[kept] + _hits_on_the_way(tracks.taken(kept), at[kept], others)
     order = np.argsort(cost, kind="stable")[:most]
@@ -185,6 +191,8 @@ def threat_plans(
         cost=cost,
         obstacle=None
         if len(kept)
+        else ThreatObstacle(kind="traffic")
+        if is_blocked
         else _obstacle(meetings.least_demand, used.share, reaches, allowed),
     )
 
@@ -216,6 +224,11 @@ def _hits_on_the_way(
         touches = gap <= 0
         hits += (touches & on_the_way & ~touches[:, :1]).any(axis=1)
     return hits
+
+
+def _stands(other: Track) -> bool:
+    away = other.position_m - other.position_m[0]
+    return bool(np.hypot(away[:, 0], away[:, 1]).max() < _STANDS_M)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

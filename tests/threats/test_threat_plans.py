@@ -176,6 +176,20 @@ def test_plans_that_hit_others_on_the_way_come_last() -> None:
     assert len(kept) == len(free)
 
 
+def test_an_agent_that_stands_in_the_way_is_not_driven_through() -> None:
+    """Agent 101 would come to agent 100 from behind, through one that stands between."""
+    states = [(0, 0, 0, 10), (-25, 0, 0, 12)]
+    narrow = replace(two_lane_road(), lanes=(straight_lane(1, (-60, 0), (200, 0)),))
+    term = Threaten(agent_id="101", other_id="100", approach="rear")
+    free = scenario_with(straight_drivers(states), narrow)
+    assert threat_obstacle(free, term) is None
+    queue = [(-12, y, 0, 0) for y in (-4, -2, 0, 2, 4)]
+    blocked = scenario_with(straight_drivers([*states, *queue]), narrow)
+    assert threat_obstacle(blocked, term) == ThreatObstacle(kind="traffic")
+    aside = scenario_with(straight_drivers([*states, (-12, 9, 0, 0)]), narrow)
+    assert threat_obstacle(aside, term) is None
+
+
 def test_agents_that_drive_apart_cannot_threaten_each_other() -> None:
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (-40, 0, np.pi, 10)]))
     term = Threaten(agent_id="101", other_id="100", approach="rear")
