@@ -69,7 +69,7 @@ def test_a_cancelled_study_ends_at_once_and_is_resumed(open_editor, tmp_path: Pa
         editor.tick(kind)
     editor.press("Run the study")
     panel = editor._tab().panels.study
-    job = editor.until(lambda: panel._job, "a job")
+    job = editor.until(lambda: panel._study._job, "a job")
     editor.press("Cancel")
     editor.page.get_by_text("Cancelled.").wait_for()
     editor.until(lambda: not job.is_running, "the end of the workers")
@@ -83,3 +83,38 @@ def test_a_cancelled_study_ends_at_once_and_is_resumed(open_editor, tmp_path: Pa
     editor.press("Resume")
     editor.page.get_by_text("Done in").wait_for(timeout=300_000)
     assert (out / "report.html").exists()
+
+
+def test_a_study_and_its_settings_outlive_a_reload_of_the_page(
+    open_editor, tmp_path: Path
+):
+    """A reload stopped the study without a word, and forgot what it was of."""
+    data, out = write_dataset(tmp_path / "data"), tmp_path / "study"
+    editor = open_editor()
+    editor.open_tab("Study")
+    editor.fill("Data", data)
+    editor.fill("Results folder", out)
+    editor.choose("Method", "constant-velocity")
+    editor.choose("Compare with", "None")
+    for kind in ("Double turn", "Ripple road"):
+        editor.tick(kind)
+    editor.press("Run the study")
+    study = editor._tab().panels.study._study
+    editor.until(lambda: study.is_running, "a study that runs")
+    editor.reload()
+    editor.open_tab("Study")
+    assert editor._tab().panels.study._study is study
+    editor.page.get_by_text("Done in").wait_for(timeout=120_000)
+    assert (out / "report.html").exists()
+    expect(
+        editor.page.get_by_role("button", name="Download the report")
+    ).to_be_enabled()
+    editor.reload()
+    editor.open_tab("Study")
+    expect(editor.page.get_by_text("Done in")).to_be_visible()
+    expect(
+        editor.page.get_by_role("button", name="Download the report")
+    ).to_be_enabled()
+    # The same settings are there, so the folder is that of this study.
+    editor.press("Run the study")
+    expect(editor.page.get_by_text("already holds files")).to_contain_text(str(out))

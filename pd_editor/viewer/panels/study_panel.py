@@ -1,14 +1,14 @@
 """The study panel: perturbation studies on many scenes, with live curves."""
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import viser
 
-from pd_editor.errors import FolderInUseError, InputError, PdEditorError
+from pd_editor.errors import FolderInUseError, InputError
 from pd_editor.evaluation.evaluation import scenes_of
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
@@ -20,27 +20,18 @@ from pd_editor.evaluation.road_condition import (
 )
 from pd_editor.generation import GeneratorSpec, ScenarioGenerator
 from pd_editor.scene.road_warp import WARP_KINDS
-from pd_editor.studies.severity import SeverityCurve, severity_curves
 from pd_editor.studies.study_folder import StudyFolder
-from pd_editor.studies.study_job import StudyJob, StudyProgress
 from pd_editor.studies.study_plan import (
     GRID_POWERS,
     StudyPlan,
     grid_conditions,
-    study_items,
 )
 from pd_editor.studies.study_report import SHOWN
-from pd_editor.studies.whole_study import (
-    REPORT_PAGE,
-    WORK_ITEMS,
-    Study,
-    StudyExtras,
-)
+from pd_editor.studies.whole_study import REPORT_PAGE, Study, StudyExtras
 from pd_editor.studies.worst_case import GRID_SIZE, SearchSettings, WorstCase
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.panels.severity_chart import severity_svg
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
-from pd_editor.work_engine import LocalProcesses
 
 POWERS: Final[Mapping[str, tuple[float, ...]]] = {
     "\u00b13, \u00b16, \u00b19": (-9.0, -6.0, -3.0, 3.0, 6.0, 9.0),
@@ -57,7 +48,6 @@ NO_METHOD: Final[str] = "None"
 NOT_THERE: Final[str] = "-"
 _NO_SCENE: Final[list[str]] = [NOT_THERE]
 MAX_SCENES: Final = 10_000
-CURVE_REFRESH_S: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -88,11 +78,8 @@ class StudyPanel:
         """Build it into the current tab."""
         self._ui = ui
         self._generators = generators
-        self._job: StudyJob | None = None
-        self._curves: tuple[SeverityCurve, ...] = ()
-        self._curves_at = 0.0
-        self._began = 0.0
-        self._variants_per_item = 1.0
+        self._study = ui.workspace.study
+        self._shown: Study | None = None
         self._gallery: dict[str, Path] = {}
         self._report: Path | None = None
         gui = ui.client.gui
@@ -168,6 +155,30 @@ class StudyPanel:
         ui.on_click(self._open, self._open_chosen)
         for handle in (self._metric, self._kind):
             ui.on_change(handle, lambda _value: self._draw())
+        self._keep_settings()
+        self._study.on_change = self._listener = lambda: ui.post(self._show, "study")
+        self._show()
+
+    def _keep_settings(self) -> None:
+        """Give the fields the values of before the page was reloaded, and keep changes."""
+        settings = self._study.settings
+        fields: Mapping[str, Any] = {
+            "data": self._data,
+            "limit": self._limit,
+            "method": self._method,
+            "other": self._other,
+            "powers": self._powers,
+            "anchors": self._anchors,
+            "sums": self._sums,
+            "out": self._out,
+            "seed": self._seed,
+            "searches": self._searches,
+            **self._kinds,
+        }
+        for name, handle in fields.items():
+            if name in settings:
+                set_value(handle, settings[name])
+            self._ui.on_change(handle, partial(settings.__setitem__, name))
 
     def run(self) -> None:
         """Start a study with the settings of the panel in a new folder.
@@ -189,7 +200,7 @@ class StudyPanel:
 
     def _start(self, *, resumes: bool) -> None:
         """Start or resume a study."""
-        if self._job is not None and self._job.is_running:
+        if self._study.is_running:
             raise InputError("A study is running; cancel it first.")
         data, out = str(self._data.value).strip(), str(self._out.value).strip()
         if not data or not out:
@@ -204,48 +215,34 @@ class StudyPanel:
             limit=int(self._limit.value),
         )
         found = scenes_of(plan.data, plan.limit)
-        folder = _study_folder(Path(out).expanduser(), plan, resumes=resumes)
+        # The server's folder is not the user's: name it as a whole.
+        folder = _study_folder(Path(out).expanduser().resolve(), plan, resumes=resumes)
         trials = GRID_SIZE if self._searches.value else 0
-        self._curves, self._began = (), time.monotonic()
-        per_scene = plan.num_variants(1)
-        self._variants_per_item = per_scene / len(study_items(plan, found.scenes[:1]))
-        self._show_results(None)
-        self._job = StudyJob(
-            plan,
-            StudyExtras(search=SearchSettings(num_trials=trials)),
-            found,
-            folder,
-            LocalProcesses(),
-            on_progress=lambda one: self._post(lambda: self._progressed(one), "study"),
-            on_done=lambda study: self._post(lambda: self._finished(study)),
-            on_error=lambda error: self._post(lambda: self._failed(error)),
-        )
-        self._set_running(True)
-        count = plan.num_variants(len(found.scenes))
-        self._note.show("", f"{count} variants of {len(found.scenes)} scenes ...")
-        self._job.start()
+        search = SearchSettings(num_trials=trials)
+        self._study.start(plan, StudyExtras(search=search), found, folder)
 
     def cancel(self) -> None:
         """Cancel a running study; what is finished stays in its folder."""
-        if self._job is not None:
-            self._job.cancel()
-            self._job = None
-            self._set_running(False)
-            self._note.show("", "Cancelled. Finished items stay; Resume goes on.")
+        self._study.cancel()
 
     def close(self) -> None:
-        """Stop a running study when the page is left for good."""
-        if self._job is not None:
-            self._job.cancel()
+        """Leave a running study to the page that comes next."""
+        if self._study.on_change is self._listener:
+            self._study.on_change = None
 
-    def _post(self, action: Callable[[], None], merge_key: str | None = None) -> None:
-        job = self._job
-
-        def still() -> None:
-            if self._job is job and job is not None:
-                action()
-
-        self._ui.post(still, merge_key)
+    def _show(self) -> None:
+        """Show how far the study is, its curves, and its results once it is done."""
+        study = self._study
+        self._set_running(study.is_running)
+        set_property(self._bar, "value", round(100 * study.fraction, 1))
+        self._note.show("", *study.words)
+        self._draw()
+        if study.study is not self._shown:
+            self._shown = study.study
+            self._show_results(study.study)
+        error = study.take_error()
+        if error is not None:
+            self._ui.report(error)
 
     def _conditions(self) -> tuple[RoadCondition, ...]:
         """The grid of the ticked kinds at each anchor, and the sums."""
@@ -274,45 +271,11 @@ class StudyPanel:
         offer = self._generators.get(name, next(iter(self._generators.values())))
         return offer.make
 
-    def _progressed(self, progress: StudyProgress) -> None:
-        set_property(self._bar, "value", round(100 * progress.fraction, 1))
-        is_grid = progress.noun == WORK_ITEMS
-        text = progress.in_words(self._variants_per_item if is_grid else 0.0)
-        self._note.show("", f"{text}.")
-        now = time.monotonic()
-        if self._job is not None and now - self._curves_at > CURVE_REFRESH_S:
-            self._curves_at = now
-            self._curves = severity_curves(self._job.rows())
-            self._draw()
-
-    def _finished(self, study: Study) -> None:
-        self._job = None
-        self._set_running(False)
-        self._curves = tuple(study.findings.curves)
-        self._draw()
-        failed = study.record.num_failed_variants
-        words = f", {failed} variants failed" if failed else ""
-        took = time.monotonic() - self._began
-        self._note.show(
-            "",
-            f"Done in {took:.0f} s{words}.",
-            f"Results: {study.folder}",
-        )
-        self._show_results(study)
-
-    def _failed(self, error: PdEditorError) -> None:
-        self._job = None
-        self._set_running(False)
-        self._note.show("", "")
-        self._ui.report(error)
-
     def _set_running(self, is_running: bool) -> None:
         set_property(self._run, "disabled", is_running)
         set_property(self._resume, "disabled", is_running)
         set_property(self._cancel, "disabled", not is_running)
         set_property(self._bar, "visible", is_running)
-        if is_running:
-            set_property(self._bar, "value", 0.0)
 
     def _show_results(self, study: Study | None) -> None:
         """Offer the worst scenes and the report of a study that is done."""
@@ -351,12 +314,17 @@ class StudyPanel:
         names = {title: name for name, title in SHOWN}
         title = str(self._metric.value)
         self._offer_roads()
-        curves = [one for one in self._curves if one.road == self._kind.value]
+        curves = [one for one in self._study.curves if one.road == self._kind.value]
         set_property(self._chart, "content", severity_svg(curves, names[title], title))
 
     def _offer_roads(self) -> None:
-        """Offer the roads that have curves; the chosen one stays if it has one."""
-        roads = list(dict.fromkeys(one.road for one in self._curves)) or ROADS
+        """Offer the roads that have curves; the chosen one stays if it has one.
+
+        While a study runs, more roads follow, so that none is taken away.
+        """
+        found = [one.road for one in self._study.curves] or ROADS
+        offered = self._kind.options if self._study.is_running else ()
+        roads = list(dict.fromkeys((*offered, *found)))
         if list(self._kind.options) == roads:
             return
         chosen = self._kind.value

@@ -46,6 +46,7 @@ from pd_editor.viewer.state.session_shelf import (
     ShelvedSession,
     is_same_base,
 )
+from pd_editor.viewer.state.study_run import StudyRun
 from pd_editor.viewer.state.view_memory import ViewMemory
 
 SEARCH_STEP: Final = 4
@@ -138,6 +139,7 @@ class Workspace:
         """Whether no page has shown it yet."""
         self.is_dark = False
         self.view = ViewMemory()
+        self.study = StudyRun()
         self.ignored_problems: WeakKeyDictionary[Scenario, set[ProblemKey]] = (
             WeakKeyDictionary()
         )
@@ -489,6 +491,7 @@ class Workspace:
 
     def close(self) -> None:
         """Close the workspace; edits that were not exported stay in their journals."""
+        self.study.cancel()
         self.session.commit_gesture()
         self.session.close(discard=self._is_exported)
         self._shelf.close()
