@@ -29,6 +29,8 @@ RECIPE_FORMAT: Final = "pd-editor recipe"
 RECIPE_VERSION: Final = 1
 MAX_RECIPE_BYTES: Final = 64 * 2**20
 MAX_COMMANDS: Final = 10_000
+_FORMAT_WITHIN: Final = 200
+"""The format is the first of a recipe's fields."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,3 +280,8 @@ def _comparison(
         max_difference_m=float(gap.max(initial=0.0)),
         fresh=fresh,
     )
+
+
+def is_recipe(content: bytes) -> bool:
+    """Whether a file begins as recipes do, whatever its name is."""
+    return f'"{RECIPE_FORMAT}"'.encode() in content[:_FORMAT_WITHIN]

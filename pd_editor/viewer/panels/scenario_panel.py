@@ -7,6 +7,7 @@ from typing import Any, Final
 import viser
 
 from pd_editor.av2_io.upload import MAX_UPLOAD_BYTES
+from pd_editor.editor.recipe import is_recipe
 from pd_editor.errors import ArchiveError, InputError
 from pd_editor.installed_files import demo_names, demo_sentence
 from pd_editor.scenario_store import DEMO_PREFIX
@@ -130,6 +131,10 @@ class ScenarioPanel:
 
     def _uploaded(self, name: str, content: bytes) -> None:
         """Open an upload; a parquet and a map may come one after the other."""
+        if is_recipe(content):
+            self._ui.commit_gesture()
+            self._workspace.open_edits(content)
+            return
         if name.lower().endswith(".zip"):
             files = {name: content}
         else:

@@ -183,6 +183,34 @@ class Workspace:
         self._open(scenario, files)
         self._offer(recipe)
 
+    def open_edits(self, content: bytes) -> None:
+        """Open the base of a recipe, with the recipe's edits as its history.
+
+        Raises:
+            RecipeError: this is no recipe, or an edit does not apply.
+            InputError: the base is not available, or is open with edits of its own.
+        """
+        recipe = Recipe.from_text(content)
+        opened, source = self.session.base, self._base_source(recipe)
+        is_open = opened.scenario_id == recipe.base.scenario_id
+        if is_open and self.session.entries:
+            raise InputError(
+                f"{short_id(opened.scenario_id)} is open with edits of its own; export "
+                "them, take them back in the History tab, and upload the file again."
+            )
+        if source is None and not is_open:
+            raise InputError(
+                f"The edits are of scenario {recipe.base.scenario_id}, which is not "
+                "here; open that scenario, and upload the file again."
+            )
+        base = opened if source is None else open_scenario(source)
+        self.session.commit_gesture()
+        session = EditorSession.from_recipe(
+            recipe, base, journal=Journal(self._journals)
+        )
+        self.continuation = None
+        self._exchange(ShelvedSession(session=session, exported=None))
+
     def _offer(self, recipe: Recipe | None) -> None:
         """Offer to continue the edits of an opened export."""
         self.continuation = None

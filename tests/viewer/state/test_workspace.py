@@ -7,7 +7,9 @@ import pytest
 
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import TransformAgents
+from pd_editor.editor.recipe import is_recipe
 from pd_editor.editor.unfinished_work import find_unfinished
+from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scenario_store import open_scenario
 from pd_editor.viewer.state.session_shelf import MAX_LIVE
@@ -187,3 +189,37 @@ def test_a_session_that_is_nowhere_on_disk_stays_in_memory(
         workspace.open_reference(str(root / name))
         assert len(workspace.session.entries) == 1
     assert len(workspace._shelf.live) == MAX_LIVE
+
+
+def test_downloaded_edits_are_opened_as_a_history(workspace: Workspace, root: Path):
+    shift(workspace, 3.0)
+    shift(workspace, 4.0)
+    moved = position(workspace)
+    name, content = workspace.recipe_text()
+    assert name.endswith(".recipe.json")
+    assert is_recipe(content)
+    assert not is_recipe(scenario_files(workspace.session.base).popitem()[1])
+    # Its own edits are not given up for those of the file.
+    with pytest.raises(InputError, match="with edits of its own"):
+        workspace.open_edits(content)
+    workspace.open_reference(str(root / IDS[1]))
+    before = position(workspace)
+    workspace.open_edits(content)
+    assert len(workspace.session.entries) == 2
+    assert position(workspace) == moved
+    workspace.session.undo()
+    assert position(workspace) == moved - 4.0
+    assert position(workspace) != before
+
+
+def test_edits_of_a_scenario_that_is_not_here_name_it(workspace: Workspace, root: Path):
+    shift(workspace, 3.0)
+    _, content = workspace.recipe_text()
+    gone = content.replace(str(root / IDS[0]).encode(), b"/nowhere")
+    assert gone != content
+    workspace.open_reference(str(root / IDS[1]))
+    with pytest.raises(InputError, match="open that scenario, and upload"):
+        workspace.open_edits(gone)
+    assert workspace.session.base.scenario_id == IDS[1]
+    with pytest.raises(RecipeError):
+        workspace.open_edits(b'{"format": "pd-editor recipe", "version": 99}')
