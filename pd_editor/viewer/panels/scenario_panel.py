@@ -47,6 +47,7 @@ class ScenarioPanel:
                 mime_type=UPLOAD_TYPES,
                 color="gray",
                 icon=viser.Icon.UPLOAD,
+                hint="Also edits that were downloaded alone (.recipe.json)",
             )
         ui.on_change(self._demo, self._tell_demo)
         ui.on_click(open_demo, self._open_demo)

@@ -167,7 +167,11 @@ class GenerationRun:
             self._applied is not None and self._ui.session.scenario is self._applied
         )
         count = 0 if self._generated is None else len(self._generated[1].samples)
-        set_property(self._sample, "disabled", not (is_shown and count > 1))
+        has_choice = is_shown and count > 1
+        set_property(self._sample, "disabled", not has_choice)
+        # The number of an earlier run would be taken for that of this scene.
+        set_property(self._sample, "max", count if has_choice else 2)
+        set_value(self._sample, self._index + 1 if has_choice else 1)
         is_undone = (
             self._before is not None and self._ui.session.scenario is self._before
         )
@@ -307,9 +311,6 @@ class GenerationRun:
                 removed_ids=task.removed_ids,
             ),
         )
-        if len(traffic.samples) > 1:
-            set_property(self._sample, "max", len(traffic.samples))
-            set_value(self._sample, index + 1)
         count = len(traffic.samples[index].ids)
         self._say(
             f"{count} agent{'s' if count != 1 else ''} in {self._took_s:.1f} s, seed"

@@ -224,7 +224,10 @@ def test_another_sample_takes_the_place_of_the_first(tab, placing):
     tab.run(lambda: tab.ui.apply(RemoveAllAgents()))
     tab.run(lambda: panel._result._sample_chosen(2))
     assert chooser.disabled
+    assert chooser.value == 1
     assert labels(tab)[-1] == "Remove all agents"
+    tab.run(tab.session.undo)
+    assert (chooser.disabled, chooser.value, chooser.max) == (False, 3, 3)
 
 
 def test_models_of_a_users_own_are_offered_first(tmp_path):
