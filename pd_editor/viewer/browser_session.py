@@ -216,6 +216,7 @@ class BrowserSession:
             on_pointed=self.picture.point_at,
             on_opened=self._agent_list_opened,
             on_lock=self._toggle_lock,
+            picked=self.modes.steering.mode.pick,
         )
         self.panels = ControlPanel(
             ui,

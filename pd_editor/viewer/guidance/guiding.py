@@ -169,6 +169,23 @@ class Guiding:
         pair = YieldTo if kind == YieldTo.kind else Threaten
         self._put(pair(agent_id=agent_id, other_id=other_id))
 
+    def pick(self, agent_id: str) -> bool:
+        """Take an agent that was chosen elsewhere than in the picture, such as in a list.
+
+        False if the mode asks for none.
+        """
+        kind = self.tool
+        if kind is None or TOOLS[kind].gesture != "pick":
+            return False
+        self._finish(lambda: self._pair_with(agent_id))
+        return True
+
+    def _pair_with(self, other_id: str) -> GuidanceTerm:
+        if other_id == self.agent_id:
+            raise EditError(f"That is {other_id} itself; choose another agent.")
+        pair = YieldTo if self.tool == YieldTo.kind else Threaten
+        return pair(agent_id=self.agent_id, other_id=other_id)
+
     def _put(self, term: GuidanceTerm) -> None:
         """Add a term, or replace the agent's term of the same kind."""
         guidance = self._ui.session.scenario.guidance
@@ -254,8 +271,7 @@ class Guiding:
             other = self._picked(ray)
             if other is None:
                 raise EditError("No other agent is there; click one.")
-            pair = YieldTo if self.tool == YieldTo.kind else Threaten
-            return pair(agent_id=self.agent_id, other_id=other)
+            return self._pair_with(other)
         if point is None:
             raise EditError("That is the sky; click the road.")
         make = {

@@ -41,11 +41,13 @@ class AgentList:
         on_pointed: Callable[[str | None], None],
         on_opened: Callable[[], None],
         on_lock: Callable[[], None],
+        picked: Callable[[str], bool],
     ) -> None:
         """Start closed.
 
         ``problems`` are agents with a problem at any time, and those with one later;
-        ``on_pointed`` is called with the agent whose row is under the pointer, or None.
+        ``on_pointed`` is called with the agent whose row is under the pointer, or None;
+        ``picked`` takes a single chosen agent if a mode asks for one, and says so.
         """
         self._ui = ui
         self._overlay = overlay
@@ -53,6 +55,7 @@ class AgentList:
         self._on_pointed = on_pointed
         self._on_opened = on_opened
         self._on_lock = on_lock
+        self._picked = picked
         self._number = 0
         self._listed: tuple[Any, ...] = ()
         self._ids: tuple[str, ...] = ()
@@ -127,6 +130,8 @@ class AgentList:
             return
         elif kind == "select":
             ids = self._named(event.get("rows"))
+            if len(ids) == 1 and self._picked(ids[0]):
+                return
             self._ui.commit_gesture()
             self._ui.session.select(ids)
         elif kind == "lock":

@@ -331,3 +331,35 @@ def test_an_agent_is_guided_along_a_possible_trajectory(tab: FakeTab):
     assert isinstance(term, FollowPath)
     assert np.linalg.norm(np.array(term.points_m[0]) - place) < 1.0
     assert not candidates.shows_candidates
+
+
+def test_a_row_of_the_list_is_picked_like_an_agent_of_the_picture(tab: FakeTab):
+    """It was selected instead, and the mode stayed on."""
+    agent_id, _ = focal(tab)
+    scenario, mode = tab.session.scenario, tab.tab.modes.steering.mode
+    other = next(name for name in scenario.agents.ids if name != agent_id)
+    agents = tab.tab.agent_list
+    tab.run(lambda: tab.session.select((agent_id,)))
+    tab.run(agents.toggle)
+
+    def choose(name: str) -> None:
+        rows = [scenario.agents.row_of[name]]
+        tab.run(
+            lambda: agents._used(
+                {"kind": "select", "number": agents._number, "rows": rows}
+            )
+        )
+
+    tab.run(lambda: mode.toggle("threaten"))
+    choose(agent_id)
+    assert mode.is_active
+    assert not guidance(tab)
+    choose(other)
+    (term,) = guidance(tab)
+    assert (term.agent_id, term.other_id) == (agent_id, other)
+    assert not mode.is_active
+    assert tab.session.selection == (agent_id,)
+    # Modes that ask for a place leave the list as it is.
+    tab.run(lambda: mode.toggle("goal-point"))
+    choose(other)
+    assert tab.session.selection == (other,)
