@@ -57,11 +57,10 @@ def main() -> None:
                 budget=Budget(steps=10**6),
                 precision=precision,
             )
-            model = stage.fresh_model(config, prepared.basis, 0)
             loop = TrainLoop(
                 run,
-                model,
-                stage.loss(model, {}),
+                stage.fresh_model(config, prepared.basis, 0),
+                stage.loss({}),
                 data,
                 RunFolder(Path("/dev/null")),
                 Fabric(

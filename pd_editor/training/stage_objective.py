@@ -23,14 +23,12 @@ from pd_editor.diffusion.trajectory.loss import (
     trajectory_loss,
 )
 from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
-from pd_editor.errors import TrainingError
 from pd_editor.features.feature_store import FeatureStore
 from pd_editor.training.config.presets import LOSSES
 from pd_editor.training.config.settings import with_settings
-from pd_editor.training.loop.train_loop import Critic
+from pd_editor.training.loop.train_loop import Loss
 from pd_editor.training.own_samples.initial_states import initial_state_samples_loss
 from pd_editor.training.own_samples.settings import OwnSamplesConfig
-from pd_editor.training.own_samples.state_critic import StateCritic
 from pd_editor.training.own_samples.trajectories import trajectory_samples_loss
 
 
@@ -45,9 +43,10 @@ class Stage:
         [Any, Any, torch.Generator, float, Any],
         tuple[torch.Tensor, Mapping[str, torch.Tensor]],
     ]
-    samples_loss: Callable[..., tuple[torch.Tensor, Mapping[str, torch.Tensor]]]
-    """Loss of a network's own samples: of network, batch, generator, settings, and the
-    critic if there is one."""
+    samples_loss: Callable[
+        [Any, Any, torch.Generator, OwnSamplesConfig],
+        tuple[torch.Tensor, Mapping[str, torch.Tensor]],
+    ]
     with_basis: Callable[[Any, TrajectoryBasis], nn.Module]
     """Makes a new network for latents of a basis."""
 
@@ -56,35 +55,33 @@ class Stage:
     )
     """Stores statistics of the data in the network."""
 
-    new_critic: Callable[[Any, OwnSamplesConfig], Critic] | None = None
-    """Makes a critic of a network's samples; None for a stage without."""
-
     def loss(
-        self,
-        model: nn.Module,
-        settings: Mapping[str, Any],
-        own_samples: Mapping[str, Any] | None = None,
-    ) -> "StageLoss":
-        """Loss of a network with some settings; the others have their defaults.
+        self, settings: Mapping[str, Any], own_samples: Mapping[str, Any] | None = None
+    ) -> Loss:
+        """Loss with some settings; the others have their defaults.
 
         With a weight of the network's own samples, their loss is added.
 
         Raises:
             ModelError: a setting is unknown or invalid.
-            TrainingError: a critic is asked for, and the stage has none.
         """
         usual = asdict(self.loss_type())
         config = config_from_json(self.loss_type, usual | dict(settings), "loss")
         samples = with_settings(OwnSamplesConfig(), own_samples or {}, "own_samples")
-        critic = None
-        if samples.weight and samples.realism:
-            if self.new_critic is None:
-                raise TrainingError(
-                    f"own_samples.realism is {samples.realism:g}; expected 0, as only "
-                    "the stage 'init' has a critic."
-                )
-            critic = self.new_critic(model, samples)
-        return StageLoss(stage=self, config=config, samples=samples, critic=critic)
+
+        def loss(
+            model: Any, batch: Any, random: torch.Generator, progress: float
+        ) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
+            found, parts = self.configured_loss(model, batch, random, progress, config)
+            if not samples.weight:
+                return found, parts
+            added, further = self.samples_loss(model, batch, random, samples)
+            return found + samples.weight * added, {
+                **parts,
+                **{f"own_{name}": part for name, part in further.items()},
+            }
+
+        return loss
 
     def fresh_model(self, config: Any, basis: TrajectoryBasis, seed: int) -> nn.Module:
         """Randomly initialised network; the seed determines its weights."""
@@ -92,33 +89,6 @@ class Stage:
             self.kind, make_model=lambda given: self.with_basis(given, basis)
         )
         return made_model(kind, config, seed=seed)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StageLoss:
-    """Loss of denoising, with that of a network's own samples if it has a weight."""
-
-    stage: Stage
-    config: Any
-    samples: OwnSamplesConfig
-    critic: Critic | None
-
-    def __call__(
-        self, model: Any, batch: Any, random: torch.Generator, progress: float
-    ) -> tuple[torch.Tensor, Mapping[str, torch.Tensor]]:
-        """Loss on a batch, and its parts."""
-        stage, samples = self.stage, self.samples
-        found, parts = stage.configured_loss(
-            model, batch, random, progress, self.config
-        )
-        if not samples.weight:
-            return found, parts
-        judged = () if self.critic is None else (self.critic,)
-        added, further = stage.samples_loss(model, batch, random, samples, *judged)
-        return found + samples.weight * added, {
-            **parts,
-            **{f"own_{name}": part for name, part in further.items()},
-        }
 
 
 def _count_agents(model: nn.Module, store: FeatureStore) -> None:
@@ -147,7 +117,6 @@ STAGES: Final[Mapping[str, Stage]] = {
         samples_loss=initial_state_samples_loss,
         with_basis=lambda config, _: INITIAL_STATES.make_model(config),
         fit_statistics=_count_agents,
-        new_critic=StateCritic,
     ),
     "traj": Stage(
         kind=TRAJECTORIES,

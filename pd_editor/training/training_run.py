@@ -193,7 +193,7 @@ def _train(
     loop = TrainLoop(
         config if watch is None else _with_checkpoints(config, watch.minutes),
         model,
-        stage.loss(model, config.loss, config.own_samples),
+        stage.loss(config.loss, config.own_samples),
         training_data(
             prepared.data.store, config.budget, config.seed, prepared.validation
         ),

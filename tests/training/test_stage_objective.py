@@ -33,14 +33,7 @@ def prepared(tmp_path_factory):
 
 
 def loop_of(
-    name,
-    prepared,
-    folder,
-    *,
-    steps,
-    precision: Precision = "32",
-    optimisation=None,
-    own_samples=None,
+    name, prepared, folder, *, steps, precision: Precision = "32", optimisation=None
 ):
     preset = PRESETS[name]["tiny"]
     stage = STAGES[name]
@@ -53,12 +46,10 @@ def loop_of(
         budget=Budget(steps=steps, held_out_share=0.0),
     )
     folder.mkdir(exist_ok=True)
-    model_config = stage.kind.config_type(**preset.model)
-    model = stage.fresh_model(model_config, prepared.basis, 0)
     return TrainLoop(
         config,
-        model,
-        stage.loss(model, {}, own_samples),
+        stage.fresh_model(stage.kind.config_type(**preset.model), prepared.basis, 0),
+        stage.loss({}),
         training_data(prepared.store, config.budget, 0),
         RunFolder(folder),
         Fabric(
@@ -97,7 +88,7 @@ def test_own_samples_add_to_the_loss_of_denoising(name, prepared):
 
     def loss(**settings):
         random = torch.Generator().manual_seed(0)
-        return stage.loss(model, {}, settings)(model, scene, random, 1.0)
+        return stage.loss({}, settings)(model, scene, random, 1.0)
 
     alone, parts = loss()
     both, more = loss(weight=2.0, num_samples=1)
@@ -106,37 +97,6 @@ def test_own_samples_add_to_the_loss_of_denoising(name, prepared):
     assert float(both.detach()) == pytest.approx(float(alone.detach()) + added)
     with pytest.raises(TrainingError, match="own_samples has no field 'colision'"):
         loss(colision=1.0)
-
-
-def test_a_resumed_run_goes_on_with_its_critic(prepared, tmp_path):
-    critics = {"weight": 1.0, "realism": 1.0, "collision": 0.0, "num_samples": 1}
-    critics |= {"critic_warmup_steps": 1, "num_gradient_steps": 1}
-
-    def loop(folder):
-        return loop_of("init", prepared, folder, steps=4, own_samples=critics)
-
-    whole, first = loop(tmp_path / "whole"), loop(tmp_path / "parts")
-    list(whole.run())
-    list(first.run(is_stopped=lambda: first.train_state.step >= 2))
-    second = loop(tmp_path / "parts")
-    second.resume()
-    assert second._critic.is_warm
-    list(second.run())
-    for one, two in (
-        (whole.averaged_model, second.averaged_model),
-        (whole._critic, second._critic),
-    ):
-        for name, value in one.state_dict().items():
-            assert torch.equal(value, two.state_dict()[name]), name
-    assert int(second._critic.num_steps) == 4
-
-
-def test_trajectories_have_no_critic(prepared):
-    stage = STAGES["traj"]
-    config = stage.kind.config_type(**PRESETS["traj"]["tiny"].model)
-    model = stage.fresh_model(config, prepared.basis, 3)
-    with pytest.raises(TrainingError, match=r"realism is 0\.5; expected 0"):
-        stage.loss(model, {}, {"weight": 1.0, "realism": 0.5})
 
 
 @pytest.mark.parametrize("name", ["init", "traj"])
@@ -175,7 +135,7 @@ def test_shipped_weights_give_nearly_the_same_loss(name, prepared, tmp_path):
     scene = data.batch(data.training_rows[0])
     with torch.no_grad():
         first, second = (
-            stage.loss(one, {})(one, scene, torch.Generator().manual_seed(0), 1.0)[0]
+            stage.loss({})(one, scene, torch.Generator().manual_seed(0), 1.0)[0]
             for one in (model, loaded)
         )
     assert float(second) == pytest.approx(float(first), rel=5e-3)

@@ -17,12 +17,7 @@ from pd_editor.training.data.batch_sampler import BatchSampler
 from pd_editor.training.data.batched_scenes import Batch, TrainingData
 from pd_editor.training.data.prefetch import prefetched
 from pd_editor.training.loop.run_folder import RunFolder
-from pd_editor.training.loop.training_state import (
-    Trained,
-    TrainState,
-    read_state,
-    write_state,
-)
+from pd_editor.training.loop.training_state import TrainState, read_state, write_state
 from pd_editor.training.loop.weight_average import WeightAverage
 
 _STEPS_PER_LINE = 25
@@ -35,14 +30,7 @@ _AUGMENT, _NOISE, _HELD_OUT = 1, 2, 3
 
 Loss = Callable[[Any, Any, torch.Generator, float], tuple[Tensor, Mapping[str, Tensor]]]
 """Loss of a network on a batch, and its parts by name. The third argument is a generator
-on the CPU, the fourth the fraction of the training that is done. Its attribute ``critic``,
-if it has one, is a network that is trained with it."""
-
-
-class Critic(nn.Module):
-    """Network that a loss trains by itself, and the optimiser with which it does so."""
-
-    optimiser: torch.optim.Optimizer
+on the CPU, the fourth the fraction of the training that is done."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,9 +84,6 @@ class TrainLoop:
         self.train_state = TrainState()
         self._average = WeightAverage(model, config.optimisation.ema_decay)
         self._average.model.to(fabric.device)
-        self._critic: Critic | None = getattr(loss, "critic", None)
-        if self._critic is not None:
-            self._critic.to(fabric.device)
         module = _LossModule(model, loss)
         optimiser = adamw(model, config.optimisation)
         self._module, self._optimiser = fabric.setup(module, optimiser)
@@ -129,8 +114,9 @@ class TrainLoop:
         """
         self.train_state = read_state(
             self._folder.state_path,
+            model=self._model,
             average=self._average.model,
-            trained=self._trained(),
+            optimiser=self._optimiser.optimizer,
         )
         if self._fabric.is_global_zero:
             self._folder.forget_after(self.train_state.step)
@@ -231,14 +217,6 @@ class TrainLoop:
             left_s=left,
         )
 
-    def _trained(self) -> Trained:
-        trained: dict[str, tuple[nn.Module, torch.optim.Optimizer]] = {
-            "": (self._model, self._optimiser.optimizer)
-        }
-        if self._critic is not None:
-            trained["critic-"] = (self._critic, self._critic.optimiser)
-        return trained
-
     def _checkpoint(self, on_checkpoint: Callable[[], None], *, is_hasty: bool) -> None:
         """Write a checkpoint; validate as well unless ``is_hasty``."""
         if not is_hasty and len(self._data.held_out_rows):
@@ -250,8 +228,9 @@ class TrainLoop:
             write_state(
                 self._folder.state_path,
                 self.train_state,
+                model=self._model,
                 average=self._average.model,
-                trained=self._trained(),
+                optimiser=self._optimiser.optimizer,
             )
             paused = time.perf_counter()
             on_checkpoint()

@@ -19,10 +19,6 @@ from pd_editor.errors import ModelError
 _KIND: Final = "training-state"
 _MODEL, _AVERAGE, _OPTIMISER = "model/", "average/", "optimiser/"
 
-Trained = Mapping[str, tuple[nn.Module, Optimizer]]
-"""Networks that a run trains, with their optimisers; the keys are prefixes of their tensors'
-names in the file."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class TrainState:
@@ -35,7 +31,12 @@ class TrainState:
 
 
 def write_state(
-    path: Path, train_state: TrainState, *, average: nn.Module, trained: Trained
+    path: Path,
+    train_state: TrainState,
+    *,
+    model: nn.Module,
+    average: nn.Module,
+    optimiser: Optimizer,
 ) -> None:
     """Write a checkpoint.
 
@@ -44,40 +45,38 @@ def write_state(
     Raises:
         ModelError: the file cannot be written.
     """
-    tensors = {_AVERAGE + name: one for name, one in average.state_dict().items()}
-    for prefix, (module, optimiser) in trained.items():
-        for name, one in module.state_dict().items():
-            tensors[prefix + _MODEL + name] = one
-        for index, parameter in enumerate(_parameters(optimiser)):
-            for name, value in optimiser.state.get(parameter, {}).items():
-                key = f"{prefix}{_OPTIMISER}{index}/{name}"
-                tensors[key] = torch.as_tensor(value)
+    tensors = {_MODEL + name: one for name, one in model.state_dict().items()}
+    tensors |= {_AVERAGE + name: one for name, one in average.state_dict().items()}
+    for index, parameter in enumerate(_parameters(optimiser)):
+        for name, value in optimiser.state.get(parameter, {}).items():
+            tensors[f"{_OPTIMISER}{index}/{name}"] = torch.as_tensor(value)
     about = {"step": train_state.step, "trained_s": train_state.trained_s}
     write_tensors(path, _KIND, tensors, about)
 
 
-def read_state(path: Path, *, average: nn.Module, trained: Trained) -> TrainState:
+def read_state(
+    path: Path, *, model: nn.Module, average: nn.Module, optimiser: Optimizer
+) -> TrainState:
     """Restore a run from a checkpoint.
 
     Raises:
         ModelError: the file is missing, damaged, or of another network.
     """
     file = read_tensors(path, _KIND)
+    load_into(model, _below(file.tensors, _MODEL), path)
     load_into(average, _below(file.tensors, _AVERAGE), path)
-    for prefix, (module, optimiser) in trained.items():
-        load_into(module, _below(file.tensors, prefix + _MODEL), path)
-        kept = _below(file.tensors, prefix + _OPTIMISER)
-        for index, parameter in enumerate(_parameters(optimiser)):
-            state = {}
-            for name, value in _below(kept, f"{index}/").items():
-                if value.dim() and value.shape != parameter.shape:
-                    raise ModelError(
-                        f"{path}: the optimiser's {name} has the shape "
-                        f"{tuple(value.shape)}; expected {tuple(parameter.shape)}."
-                    )
-                state[name] = value.to(parameter.device)
-            if state:
-                optimiser.state[parameter] = state
+    kept = _below(file.tensors, _OPTIMISER)
+    for index, parameter in enumerate(_parameters(optimiser)):
+        state = {}
+        for name, value in _below(kept, f"{index}/").items():
+            if value.dim() and value.shape != parameter.shape:
+                raise ModelError(
+                    f"{path}: the optimiser's {name} has the shape "
+                    f"{tuple(value.shape)}; expected {tuple(parameter.shape)}."
+                )
+            state[name] = value.to(parameter.device)
+        if state:
+            optimiser.state[parameter] = state
     about = file.about
     return TrainState(step=int(about["step"]), trained_s=float(about["trained_s"]))
 

@@ -1,4 +1,4 @@
-"""Loss of sampled initial states: overlaps of boxes, and realism."""
+"""Loss of sampled initial states: overlaps of boxes."""
 
 from typing import Final
 
@@ -21,11 +21,6 @@ from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.guidance.box_conflicts import depth_m
 from pd_editor.features.scene_features import PEDESTRIAN
 from pd_editor.training.own_samples.settings import OwnSamplesConfig
-from pd_editor.training.own_samples.state_critic import (
-    ComparedStates,
-    StateCritic,
-    as_decoded,
-)
 
 _LEAST_NORM: Final = 1e-6
 
@@ -35,16 +30,11 @@ def initial_state_samples_loss(
     scene: SceneTensors,
     random: torch.Generator,
     config: OwnSamplesConfig,
-    critic: StateCritic | None = None,
 ) -> tuple[Float[Tensor, ""], dict[str, Float[Tensor, ""]]]:
-    """Loss of samples of the default number of steps, and its parts before weighting.
+    """Loss of samples of the default number of steps, and its part before weighting.
 
-    Given agents, attributes and squares are those of the loss of denoising. The critic
-    learns as well, where gradients are recorded.
+    Given agents, attributes and squares are those of the loss of denoising.
     """
-    learns = torch.is_grad_enabled()
-    judges = critic is not None and critic.is_warm
-    differentiates = learns and (judges or bool(config.collision))
     scene, task = training_task(
         scene,
         random,
@@ -58,52 +48,13 @@ def initial_state_samples_loss(
         samples=range(config.num_samples),
         seed=seed,
         task=task,
-        num_gradient_steps=config.num_gradient_steps if differentiates else 0,
+        num_gradient_steps=config.num_gradient_steps,
     )
-    # Samples without gradient were made in inference mode: only a copy can be learned from.
-    states = last.clean if differentiates else last.clean.clone()
+    depth = collision_depth_m(last.clean, scene, task, config.margin_m)
     is_sampled = scene.has_agent & ~task.is_given
-    parts: dict[str, Tensor] = {}
-    if config.collision:
-        depth = collision_depth_m(states, scene, task, config.margin_m)
-        count = config.num_samples * is_sampled.sum().clamp_min(1)
-        parts["collision"] = (depth.sum(dim=-1) * is_sampled).sum() / count
-    loss = states.new_zeros(()) + config.collision * parts.get("collision", 0.0)
-    if critic is not None:
-        compared = _compared(model, scene, task, states, random, config)
-        if learns:
-            parts["critic"] = critic.learn(compared)
-        if judges:
-            parts["realism"] = critic.realism_loss(compared)
-            loss = loss + config.realism * parts["realism"]
-    return loss, {name: part.detach() for name, part in parts.items()}
-
-
-def _compared(
-    model: InitialStateDenoiser,
-    scene: SceneTensors,
-    task: Conditioning,
-    states: Float[Tensor, "S B A P"],
-    random: torch.Generator,
-    config: OwnSamplesConfig,
-) -> ComparedStates:
-    """What the critic compares: sampled agents whose true activity is known."""
-    true = model.encode_states(scene)
-    level = config.critic_highest_level * torch.rand(states.shape[:2], generator=random)
-    noise = torch.randn((2, *states.shape), generator=random).to(true)
-    counts = scene.has_agent & ~task.is_given
-    if model.config.samples_activity:
-        counts = counts & (scene.agent_activity > 0)
-    return ComparedStates(
-        scene=scene,
-        task=task,
-        true=true,
-        sampled=as_decoded(states),
-        level=level.to(true),
-        true_noise=noise[0],
-        sampled_noise=noise[1],
-        counts=counts.to(true),
-    )
+    count = config.num_samples * is_sampled.sum().clamp_min(1)
+    collision = (depth.sum(dim=-1) * is_sampled).sum() / count
+    return config.collision * collision, {"collision": collision.detach()}
 
 
 def collision_depth_m(

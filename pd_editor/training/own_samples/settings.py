@@ -26,15 +26,6 @@ class OwnSamplesConfig:
     truth: float = 0.0
     """Weight of the energy score against the true trajectories, in metres. It is least
     for samples of the true distribution: narrow and wide ones are both worse."""
-    realism: float = 0.0
-    """Weight of the loss against a critic that learns to tell samples from the training
-    scenes (initial states)."""
-    critic_learning_rate: float = 2e-4
-    """Learning rate of the critic."""
-    critic_warmup_steps: int = 70
-    """First steps, in which the critic alone learns."""
-    critic_highest_level: float = 0.6
-    """Highest level of the noise with which samples and training scenes are compared."""
     margin_m: float = 0.1
     """Gap between boxes below which they count as colliding."""
 
