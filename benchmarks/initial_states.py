@@ -387,9 +387,7 @@ def main() -> None:
     model = load_pose_model(options.model)
     scenes = real_scenes(options.split, only_paper_agents=options.paper_agents)
     other = {"train": "val", "val": "train"}.get(options.split)
-    others = (
-        real_scenes(other, only_paper_agents=options.paper_agents) if other else []
-    )
+    others = real_scenes(other, only_paper_agents=options.paper_agents) if other else []
     configs = {
         f"{steps} steps": InitialStateSamplerConfig(num_steps=steps)
         for steps in options.steps
