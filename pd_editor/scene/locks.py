@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from jaxtyping import Bool
@@ -14,6 +14,7 @@ from pd_editor.scene.time_axis import TimeAxis
 
 MAX_KEPT_S: Final = 60.0
 """Longest locked beginning of a trajectory."""
+Kept = Literal["trajectory", "beginning", "state"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +34,13 @@ class Lock:
                 f"A lock keeps {kept:g} s of a trajectory; expected 0 (the state alone)"
                 f" to {MAX_KEPT_S:g} s."
             )
+
+    @property
+    def keeps(self) -> Kept:
+        """What of the motion is kept."""
+        if self.kept_s is None:
+            return "trajectory"
+        return "beginning" if self.kept_s else "state"
 
     @property
     def keeps_trajectory(self) -> bool:

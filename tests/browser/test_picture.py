@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from pd_editor.editor.commands import TransformAgents
+from pd_editor.editor.commands import SetLocks, SetRoadWarp, TransformAgents
+from pd_editor.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.locks import Lock
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.meshes.palette import DARK, LIGHT
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -208,6 +211,30 @@ def test_the_legend_has_the_colours_of_the_theme_and_stays_folded(editor):
     editor.reload()
     chip.wait_for()
     expect(chip).to_have_attribute("aria-expanded", "false")
+
+
+def test_the_legend_tells_of_padlocks_and_of_the_original_road_while_it_is_drawn(
+    editor,
+):
+    session, page, ui = editor.session, editor.page, editor._tab()._ui
+    legend = page.locator("#pd-legend-list")
+    expect(legend).not_to_contain_text("Original")
+    term = WarpTerm(kind="smooth-turn", power=5.0, length_m=30.0)
+    warp = RoadWarp(anchor=pose_of_anchor(session.scenario, "focal"), terms=(term,))
+    ui.post(lambda: ui.apply(SetRoadWarp(warp=warp)))
+    row = legend.get_by_role("listitem").filter(has_text="Original road")
+    expect(row.locator(".pd-legend-line")).to_be_visible()
+    editor.open_tab("Road")
+    editor.tick("Show the original road")
+    expect(row).to_have_count(0)
+    lock = SetLocks(agent_ids=(session.scenario.focal_id,), lock=Lock(kept_s=2.0))
+    ui.post(lambda: ui.apply(lock))
+    locked = legend.get_by_role("listitem").filter(has_text="First seconds locked")
+    expect(locked.locator("svg path")).to_be_visible()
+    hint = page.get_by_role("status", name="Hint")
+    box = page.locator(".pd-legend-box.pd-solid")
+    assert box_of(box)[2] < box_of(hint)[0]
+    editor.screenshot("legend")
 
 
 def test_hints_leave_one_by_one_and_do_not_come_back(editor):

@@ -1,8 +1,11 @@
 """Legend of the picture's colours and lines."""
 
-from typing import Final
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Final, Literal
 
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.locks import Kept
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.meshes.colors import Rgb
 from pd_editor.viewer.meshes.palette import Palette
@@ -15,7 +18,27 @@ _KIND_NAME: Final[dict[AgentKind, str]] = {
     AgentKind.CYCLIST: "Cyclist",
     AgentKind.PEDESTRIAN: "Pedestrian",
     AgentKind.CONSTRUCTION: "Construction",
+    AgentKind.RIDERLESS_BICYCLE: "Riderless bicycle",
+    AgentKind.STATIC: "Other object",
+    AgentKind.BACKGROUND: "Other object",
+    AgentKind.UNKNOWN: "Other object",
 }
+_LOCKED: Final[dict[Kept, str]] = {
+    "trajectory": "Trajectory locked",
+    "beginning": "First seconds locked",
+    "state": "State locked",
+}
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A line of the legend."""
+
+    text: str
+    glyph: Literal["fill", "shaded", "line", "dots", "ring", "lock"]
+    color: str
+    keeps: str = ""
+    """What the lock of a padlock keeps."""
 
 
 class Legend:
@@ -25,40 +48,56 @@ class Legend:
         """Show nothing yet."""
         self._overlay = overlay
 
-    def show(self, scenario: Scenario, palette: Palette, *, has_original: bool) -> None:
-        """List what is in the picture, if need be with a ghost of the original."""
+    def show(
+        self,
+        scenario: Scenario,
+        palette: Palette,
+        *,
+        has_original_road: bool,
+        has_original_agents: bool,
+    ) -> None:
+        """List what is in the picture, if need be with what is drawn of the original."""
         agents = scenario.agents
-        entries: list[tuple[str, str, Rgb]] = []
+        entries: list[_Entry] = []
         if scenario.focal_id in agents.row_of:
-            entries.append(("Focal agent", "fill", palette.focal))
+            entries.append(_Entry("Focal agent", "fill", _css(palette.focal)))
         if EGO_ID in agents.row_of:
-            entries.append(("Ego", "fill", palette.ego))
-        kinds = set(agents.kinds)
+            entries.append(_Entry("Ego", "fill", _css(palette.ego)))
+        entries += _kinds(scenario, palette)
+        vehicle = _css(palette.kinds[AgentKind.VEHICLE])
         entries += [
-            (name, "fill", palette.kinds[kind])
-            for kind, name in _KIND_NAME.items()
-            if kind in kinds
-        ]
-        vehicle = palette.kinds[AgentKind.VEHICLE]
-        entries += [
-            ("Past", "line", palette.past),
-            ("Trajectory ahead", "line", vehicle),
+            _Entry("Past", "line", _css(palette.past)),
+            _Entry("Trajectory ahead", "line", vehicle),
         ]
         is_there = agents.is_valid[:, scenario.current_step]
         if (~is_there).any():
-            entries.append(("Not there at t = 0", "dots", vehicle))
-        if has_original:
-            entries.append(("Original", "dots", palette.ghost))
+            entries.append(_Entry("Not there at t = 0", "dots", vehicle))
+        ghost = _css(palette.ghost)
+        if has_original_road:
+            entries.append(_Entry("Original road", "line", ghost))
+        if has_original_agents:
+            entries.append(_Entry("Original trajectory", "dots", ghost))
+        kept = {lock.keeps for lock in scenario.locks.values()}
         entries += [
-            ("Selected", "ring", palette.selection),
-            ("Problem", "ring", palette.warning),
+            _Entry(text, "lock", "", keeps)
+            for keeps, text in _LOCKED.items()
+            if keeps in kept
         ]
-        self._overlay.show(
-            "legend",
-            {
-                "entries": [
-                    {"text": text, "glyph": glyph, "color": f"rgb{color}"}
-                    for text, glyph, color in entries
-                ]
-            },
-        )
+        entries += [
+            _Entry("Selected", "ring", _css(palette.selection)),
+            _Entry("Problem", "ring", _css(palette.warning)),
+        ]
+        self._overlay.show("legend", {"entries": [asdict(one) for one in entries]})
+
+
+def _kinds(scenario: Scenario, palette: Palette) -> Iterator[_Entry]:
+    """The kinds that are there; kinds with one name have one colour."""
+    present = set(scenario.agents.kinds)
+    names = {name: kind for kind, name in _KIND_NAME.items() if kind in present}
+    for name, kind in names.items():
+        glyph = "shaded" if kind is AgentKind.BUS else "fill"
+        yield _Entry(name, glyph, _css(palette.kinds[kind]))
+
+
+def _css(color: Rgb) -> str:
+    return f"rgb{color}"

@@ -64,7 +64,7 @@ class ControlPanel:
                 ui,
                 style,
                 AnchorView(ui.client),
-                on_ghost=picture.map.set_ghost_wanted,
+                on_ghost=picture.set_original_road_shown,
                 on_frame=viewpoint.frame_pose,
             )
         with tabs.add_tab("Agents"):

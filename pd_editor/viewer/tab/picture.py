@@ -135,8 +135,17 @@ class Picture:
     def show_legend(self) -> None:
         """Explain the colours that the scenario uses."""
         scenario = self._ui.session.scenario
-        has_original = scenario.applied_warp is not None or self.comparison.is_on
-        self._legend.show(scenario, self._palette, has_original=has_original)
+        self._legend.show(
+            scenario,
+            self._palette,
+            has_original_road=self.map.shows_original,
+            has_original_agents=self.comparison.is_on,
+        )
+
+    def set_original_road_shown(self, is_shown: bool) -> None:
+        """Outline the original road while it is warped, or do not."""
+        self.map.set_ghost_wanted(is_shown)
+        self.show_legend()
 
     def point_at(self, agent_id: str | None) -> None:
         """Mark the agent that is pointed at in a list."""

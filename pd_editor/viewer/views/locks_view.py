@@ -1,7 +1,6 @@
 """Padlocks beside locked agents, over the picture."""
 
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
-from pd_editor.scene.locks import Lock
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.overlay import Overlay
@@ -32,7 +31,7 @@ class LocksView:
             point = [*poses.position_m[row], DEFAULT_HEIGHT_M[agents.kinds[row]] / 2]
             locks.append(
                 {
-                    "keeps": _kept(lock),
+                    "keeps": lock.keeps,
                     "seconds": f"{lock.kept_s:g} s" if lock.keeps_beginning else "",
                     "label": f"Locked: {lock.in_words} of agent {agent_id}",
                     "point": [round(float(value), 2) for value in point],
@@ -40,9 +39,3 @@ class LocksView:
                 }
             )
         self._overlay.show("locks", {"locks": locks})
-
-
-def _kept(lock: Lock) -> str:
-    if lock.keeps_trajectory:
-        return "trajectory"
-    return "beginning" if lock.keeps_beginning else "state"

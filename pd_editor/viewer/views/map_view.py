@@ -85,6 +85,12 @@ class MapView:
         if layer in self._handles:
             self._handles[layer].visible = is_visible
 
+    @property
+    def shows_original(self) -> bool:
+        """Whether the original road is outlined."""
+        is_wanted = self._wants_ghost or self._is_compared
+        return is_wanted and self._warp is not None
+
     def set_ghost_wanted(self, is_wanted: bool) -> None:
         """Whether the original road is outlined while it is warped."""
         self._wants_ghost = is_wanted
@@ -152,8 +158,7 @@ class MapView:
 
     def _update_ghost_visibility(self) -> None:
         if self._ghost is not None:
-            is_wanted = self._wants_ghost or self._is_compared
-            self._ghost.visible = is_wanted and self._warp is not None
+            self._ghost.visible = self.shows_original
 
     def _ground_glb(self) -> bytes:
         half = GROUND_SIZE_M / 2

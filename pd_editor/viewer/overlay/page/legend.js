@@ -23,10 +23,14 @@ pdOverlay.define("legend", (api) => {
   });
 
   return ({ entries }) => {
-    list.replaceChildren(...entries.map(({ text, glyph, color }) => {
+    list.replaceChildren(...entries.map(({ text, glyph, color, keeps }) => {
       const item = api.make("li");
       const mark = api.make("span", `pd-legend-mark pd-legend-${glyph}`);
       mark.style.color = color;
+      if (keeps) {
+        mark.classList.add(`pd-lock-${keeps}`);
+        mark.append(pdOverlay.padlock());
+      }
       item.append(mark, api.make("span", "", {}, text));
       return item;
     }));

@@ -1,28 +1,30 @@
 // Padlocks beside locked agents: as large on the screen at every zoom, and never one on
 // another. A closed padlock keeps the whole trajectory, one with a line its first seconds,
 // a hollow one the state alone.
+pdOverlay.padlock = () => {
+  const NAMESPACE = "http://www.w3.org/2000/svg";
+  const svg = document.createElementNS(NAMESPACE, "svg");
+  svg.setAttribute("viewBox", "0 0 16 16");
+  svg.setAttribute("aria-hidden", "true");
+  const path = document.createElementNS(NAMESPACE, "path");
+  path.setAttribute("d", "M3 7h10v7H3z M5 7V5a3 3 0 0 1 6 0v2");
+  svg.append(path);
+  return svg;
+};
+
 pdOverlay.define("locks", (api) => {
   const SIZE_PX = 18;
   const COMPACT_PX = 9; // half the width of an agent that is too narrow for seconds
-  const SHAPES = {
-    trajectory: ["M3 7h10v7H3z M5 7V5a3 3 0 0 1 6 0v2", "solid"],
-    beginning: ["M3 7h10v7H3z M5 7V5a3 3 0 0 1 6 0v2", "half"],
-    state: ["M3 7h10v7H3z M5 7V5a3 3 0 0 1 6 0v2", "hollow"],
-  };
   const plates = [];
   let locks = [];
 
   function plate(index) {
     while (plates.length <= index) {
       const box = api.make("div", "pd-lock", { role: "img" });
-      const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-      svg.setAttribute("viewBox", "0 0 16 16");
-      const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
-      svg.appendChild(path);
       const text = api.make("span", "pd-lock-seconds");
-      box.append(svg, text);
+      box.append(pdOverlay.padlock(), text);
       api.box.appendChild(box);
-      plates.push({ box, path, text });
+      plates.push({ box, text });
     }
     return plates[index];
   }
@@ -66,10 +68,8 @@ pdOverlay.define("locks", (api) => {
   return (state) => {
     locks = state.locks;
     locks.forEach(({ keeps, seconds, label }, index) => {
-      const { box, path, text } = plate(index);
-      const [shape, look] = SHAPES[keeps];
-      if (path.getAttribute("d") !== shape) path.setAttribute("d", shape);
-      box.className = `pd-lock pd-lock-${look}`;
+      const { box, text } = plate(index);
+      box.className = `pd-lock pd-lock-${keeps}`;
       box.setAttribute("aria-label", label);
       if (text.textContent !== seconds) text.textContent = seconds;
     });
