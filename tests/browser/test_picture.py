@@ -229,7 +229,7 @@ def test_the_legend_tells_of_padlocks_and_of_the_original_road_while_it_is_drawn
     expect(row).to_have_count(0)
     lock = SetLocks(agent_ids=(session.scenario.focal_id,), lock=Lock(kept_s=2.0))
     ui.post(lambda: ui.apply(lock))
-    locked = legend.get_by_role("listitem").filter(has_text="First seconds locked")
+    locked = legend.get_by_role("listitem").filter(has_text="Locked beginning")
     expect(locked.locator("svg path")).to_be_visible()
     hint = page.get_by_role("status", name="Hint")
     box = page.locator(".pd-legend-box.pd-solid")

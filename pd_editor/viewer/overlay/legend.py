@@ -24,9 +24,9 @@ _KIND_NAME: Final[dict[AgentKind, str]] = {
     AgentKind.UNKNOWN: "Other object",
 }
 _LOCKED: Final[dict[Kept, str]] = {
-    "trajectory": "Trajectory locked",
-    "beginning": "First seconds locked",
-    "state": "State locked",
+    "trajectory": "Locked trajectory",
+    "beginning": "Locked beginning",
+    "state": "Locked state",
 }
 
 

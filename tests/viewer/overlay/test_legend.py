@@ -68,4 +68,4 @@ def test_the_legend_tells_of_locks_boxes_and_the_original_road():
         "beginning",
         "state",
     ]
-    assert entries["First seconds locked"]["keeps"] == "beginning"
+    assert entries["Locked beginning"]["keeps"] == "beginning"
