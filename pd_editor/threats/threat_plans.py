@@ -177,7 +177,6 @@ def threat_plans(
         reaches = (np.abs(least - aim.gap_m) <= GAP_TOLERANCE_M) & ~touches
         cost = cost + 2.0 * ((least - aim.gap_m) / GAP_TOLERANCE_M) ** 2
     kept = np.flatnonzero(reaches & allowed)
-    is_blocked = len(kept) > 0
     standing = [one for one in others if _stands(one)]
     kept = kept[_hits_on_the_way(tracks.taken(kept), at[kept], standing) == 0]
     kept = kept[np.argsort(cost[kept], kind="stable")][:_MOST_ON_THE_WAY]
@@ -191,8 +190,6 @@ def threat_plans(
         cost=cost,
         obstacle=None
         if len(kept)
-        else ThreatObstacle(kind="traffic")
-        if is_blocked
         else _obstacle(meetings.least_demand, used.share, reaches, allowed),
     )
 
@@ -209,6 +206,8 @@ def _obstacle(
     if not len(reaches):
         least = share.min(initial=np.inf) if len(share) else least_demand
         return ThreatObstacle(kind="limits", times_limits=least / _MOST_OF_LIMITS)
+    if (reaches & allowed).any():
+        return ThreatObstacle(kind="traffic")
     is_road = bool((reaches & ~allowed).any()) or not allowed.any()
     return ThreatObstacle(kind="road" if is_road else "outcome")
 

@@ -5,9 +5,22 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
+from tests.browser.editor_page import EditorPage
 from tests.evaluation.small_dataset import write_dataset
 
 pytestmark = pytest.mark.browser
+
+
+def small_study(open_editor, tmp_path: Path) -> tuple[EditorPage, Path]:
+    """An editor with a study of one kind of warp set up, and its results folder."""
+    editor, out = open_editor(), tmp_path / "study"
+    editor.open_tab("Study")
+    editor.fill("Data", write_dataset(tmp_path / "data"))
+    editor.fill("Results folder", out)
+    editor.choose("Method", "constant-velocity")
+    for kind in ("Double turn", "Ripple road"):
+        editor.tick(kind)
+    return editor, out
 
 
 def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path: Path):
@@ -59,14 +72,7 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
 
 @pytest.mark.slow
 def test_a_cancelled_study_ends_at_once_and_is_resumed(open_editor, tmp_path: Path):
-    data, out = write_dataset(tmp_path / "data"), tmp_path / "study"
-    editor = open_editor()
-    editor.open_tab("Study")
-    editor.fill("Data", data)
-    editor.fill("Results folder", out)
-    editor.choose("Method", "constant-velocity")
-    for kind in ("Double turn", "Ripple road"):
-        editor.tick(kind)
+    editor, out = small_study(open_editor, tmp_path)
     editor.press("Run the study")
     panel = editor._tab().panels.study
     job = editor.until(lambda: panel._study._job, "a job")
@@ -89,15 +95,8 @@ def test_a_study_and_its_settings_outlive_a_reload_of_the_page(
     open_editor, tmp_path: Path
 ):
     """A reload stopped the study without a word, and forgot what it was of."""
-    data, out = write_dataset(tmp_path / "data"), tmp_path / "study"
-    editor = open_editor()
-    editor.open_tab("Study")
-    editor.fill("Data", data)
-    editor.fill("Results folder", out)
-    editor.choose("Method", "constant-velocity")
+    editor, out = small_study(open_editor, tmp_path)
     editor.choose("Compare with", "None")
-    for kind in ("Double turn", "Ripple road"):
-        editor.tick(kind)
     editor.press("Run the study")
     study = editor._tab().panels.study._study
     editor.until(lambda: study.is_running, "a study that runs")
