@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
+from pd_editor.metrics.collisions.box_tests import boxes_touch
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.paths.driving_paths import velocity_of
 from pd_editor.paths.motion_primitives import candidate_positions
@@ -219,9 +220,12 @@ def _hits_on_the_way(
     hits = np.zeros(len(meeting_step))
     on_the_way = np.arange(tracks.position_m.shape[1]) <= meeting_step[:, None]
     for other in others:
-        gap = gaps_m(tracks, other)
-        touches = gap <= 0
-        hits += (touches & on_the_way & ~touches[:, :1]).any(axis=1)
+        away = np.linalg.norm(other.position_m - tracks.position_m, axis=-1)
+        reach = (np.hypot(*tracks.size_m) + np.hypot(*other.size_m)) / 2
+        plan, step = np.nonzero((away <= reach) & on_the_way)
+        touches = np.zeros(on_the_way.shape, bool)
+        touches[plan, step] = boxes_touch(tracks.at(plan, step), other.at(step))
+        hits += (touches & ~touches[:, :1]).any(axis=1)
     return hits
 
 
