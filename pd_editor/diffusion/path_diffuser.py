@@ -26,15 +26,19 @@ from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
     attribute_notes,
 )
+from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
 from pd_editor.diffusion.initial_state.fitting import (
     colliding_with_kept,
     limited,
-    placed_again,
     without_overlapping,
 )
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.pipeline import SquarePlacement, place_in_squares
+from pd_editor.diffusion.initial_state.pipeline import (
+    SquarePlacement,
+    place_in_squares,
+    placed_again,
+)
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.initial_state.squares import Placement, placings_of
 from pd_editor.diffusion.request_check import (
@@ -211,6 +215,7 @@ class PathDiffuser:
                 seed=request.seed,
                 sampler=_state_sampler(request, stage),
                 guidance=_state_guidance(request, stage),
+                resampling=_conflict_resampling(request, stage),
                 progress=partial(_placing_progress, batch, request.num_samples),
             )
             for number, (index, scenario) in enumerate(zip(batch, scenes, strict=True)):
@@ -271,6 +276,7 @@ class PathDiffuser:
                     seed=(request.seed + attempt * _SEED_STEP) % MAX_SEED,
                     sampler=_state_sampler(request, stage),
                     guidance=_state_guidance(request, stage),
+                    resampling=_conflict_resampling(request, stage),
                     progress=lambda _share: progress(1.0, tuple),
                 )
             new_ids = tuple(n for n in wanted if n in scenario.agents.row_of)
@@ -493,6 +499,12 @@ def _state_guidance(
 ) -> InitialStateGuidance:
     guidance = stage.sampling["guidance"]
     return guidance if request.refines_states else guidance.at_no_level()
+
+
+def _conflict_resampling(
+    request: GenerationRequest, stage: TrainedStage
+) -> ConflictResampling | None:
+    return stage.sampling["conflicts"] if request.refines_states else None
 
 
 def _fit_notes(fits: Sequence[tuple[int, int]]) -> list[str]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from pd_editor.diffusion.checkpoints.model_folder import StageKind
+from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
@@ -28,6 +29,7 @@ INITIAL_STATES: Final = StageKind(
     sampling_types={
         "sampler": InitialStateSamplerConfig,
         "guidance": InitialStateGuidance,
+        "conflicts": ConflictResampling,
     },
     upgraded_tensors=initial_state_version_1.upgraded_tensors,
 )

@@ -46,7 +46,7 @@ def slow_for_gaps(
     agents, step = scenario.agents, scenario.current_step
     velocity = agents.velocity_mps[:, step]
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
-    gap = _gaps_ahead_m(agents, step)
+    gap = gaps_ahead_m(agents, step)
     slowed = _slowed(gap, agents.heading_rad[:, step], velocity, may_change)
     rows = np.flatnonzero(speed - slowed > _LEAST_CHANGE_MPS)
     if not len(rows):
@@ -84,7 +84,7 @@ def _slowed(
     return speed
 
 
-def _gaps_ahead_m(agents: AgentTracks, step: int) -> Float[np.ndarray, "A A"]:
+def gaps_ahead_m(agents: AgentTracks, step: int) -> Float[np.ndarray, "A A"]:
     """Gap of each agent to each agent in its strip; infinite to all others."""
     position, heading = agents.position_m[:, step], agents.heading_rad[:, step]
     length, width = agents.size_m.T

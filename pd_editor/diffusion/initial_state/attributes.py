@@ -21,6 +21,7 @@ from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.errors import GenerationError
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 
@@ -86,6 +87,29 @@ def with_attributes(
         )
         codes[:, index, counted] = np.where(
             [sampled.moves, sampled.on_road], CONDITIONED_YES, CONDITIONED_NO
+        )
+    moves, on_road = torch.from_numpy(codes).to(task.moves.device)
+    return replace(task, moves=moves, on_road=on_road * follows_lanes(scene))
+
+
+def with_attributes_of(
+    task: Conditioning,
+    scene: SceneTensors,
+    placed: Sequence[tuple[Scenario, AgentTracks]],
+) -> Conditioning:
+    """Condition the sampled agents of each scene on the attributes that they have now.
+
+    Agents that are sampled again stay moving or not, and on the road or not; so the shares
+    that were requested are kept. ``placed`` are each scene's sampled agents, in order.
+    """
+    is_sampled = (scene.has_agent & ~task.is_given).cpu().numpy()
+    codes = np.zeros((2, *is_sampled.shape), int)
+    for index, (scenario, agents) in enumerate(placed):
+        step = scenario.current_step
+        speed = np.linalg.norm(agents.velocity_mps[:, step], axis=-1)
+        is_on_road = ~is_off_road(scenario, agents.position_m[:, step])
+        codes[:, index, is_sampled[index]] = np.where(
+            [speed >= MOVING_MPS, is_on_road], CONDITIONED_YES, CONDITIONED_NO
         )
     moves, on_road = torch.from_numpy(codes).to(task.moves.device)
     return replace(task, moves=moves, on_road=on_road * follows_lanes(scene))

@@ -65,22 +65,6 @@ def without_overlapping(
     return kept, tuple(name for name in new_ids if name not in names)
 
 
-def placed_again(
-    placings: Sequence[SquarePlacement], agent_ids: Sequence[str]
-) -> tuple[SquarePlacement, ...]:
-    """Placements of some agents that were placed before, each in its square."""
-    again = [
-        replace(
-            one,
-            resampled_ids=tuple(name for name in one.ids if name in agent_ids),
-            new_ids=(),
-            new_kinds=(),
-        )
-        for one in placings
-    ]
-    return tuple(one for one in again if one.ids)
-
-
 def colliding_with_kept(
     scenario: Scenario, sample: TrafficSample, placed_ids: Sequence[str]
 ) -> tuple[str, ...]:

@@ -1,6 +1,13 @@
 """Pipeline of the first stage: samples initial states on a scenario and repairs them."""
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import (
+    Callable,
+    Collection,
+    Generator,
+    Iterator,
+    Mapping,
+    Sequence,
+)
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final, TypeVar
@@ -12,7 +19,9 @@ from jaxtyping import Float, Int
 from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
     with_attributes,
+    with_attributes_of,
 )
+from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.network.agent_count_prior import (
     cells_of,
@@ -45,7 +54,8 @@ from pd_editor.features.scene_features import (
     SceneFeatures,
     scene_features,
 )
-from pd_editor.generation import Region
+from pd_editor.generation import MAX_SEED, Region
+from pd_editor.geometry.angles import unit_vector
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.scene.agent_kind import (
@@ -67,6 +77,14 @@ _MOST_GPU_PAIRS: Final = 1_000_000
 _Progress = TypeVar("_Progress")
 _ATTRIBUTES_KEY: Final = 1
 """Key of the random numbers of attributes, different from those of agent counts."""
+_CONFLICTS_KEY: Final = 2
+"""Key of the random numbers that choose among agents in conflict."""
+_PLACE_DIGITS: Final = 2
+_HEADING_DIGITS: Final = 3
+_SPEED_DIGITS: Final = 2
+"""Sampled states are rounded to a centimetre, a milliradian and a centimetre a second."""
+_ROUND_SEED_STEP: Final = 1_000_033
+"""Difference of the seeds of rounds; each round has random numbers of its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +102,9 @@ class SquarePlacement:
     """Whether sampled agents are snapped to lanes and separated afterwards."""
     square: int = 0
     """Index of the square in the scene; each has separate random numbers."""
+    is_again: bool = False
+    """Whether the agents were placed before; they keep the attributes that ``traits``
+    gave them."""
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -230,24 +251,76 @@ def place_in_squares(
     seed: int,
     sampler: InitialStateSamplerConfig | None = None,
     guidance: InitialStateGuidance | None = None,
+    resampling: ConflictResampling | None = None,
     progress: Callable[[float], _Progress] = lambda share: share,
 ) -> Generator[_Progress, None, list[Scenario]]:
     """Sample initial states square by square; returns each sample's scenario.
 
     All samples of a square are denoised in one batch. Each square is conditioned on the
-    agents of the sample that were placed before. Placed agents exist at the current
-    step only. Yields ``progress`` of the share that is done.
+    agents of the sample that were placed before. Then agents that conflict with a
+    neighbour are sampled again, given all others; ``resampling`` None leaves them. Placed
+    agents exist at the current step only. Yields ``progress`` of the share that is done.
 
     Raises:
         GenerationError: there is no road where agents are to be placed.
     """
-    bare: dict[tuple[str, ...], Scenario] = {}
+    found: dict[int, Scenario] = dict.fromkeys(placings, scenario)
+    sampler = InitialStateSamplerConfig() if sampler is None else sampler
+    num_rounds = 0 if resampling is None else resampling.num_rounds
+    # The number of rounds is not known ahead, so each counts half of what remains.
+    ends = 1 - 0.5 ** np.arange(1, num_rounds + 2)
+    ends[-1] = 1.0
+    remaining = dict(placings)
+    for index, end in enumerate(ends):
+        begin = ends[index - 1] if index else 0.0
+        found |= yield from _place_once(
+            model,
+            found,
+            remaining,
+            seed=(seed + index * _ROUND_SEED_STEP) % MAX_SEED,
+            sampler=sampler,
+            guidance=guidance,
+            progress=lambda part, low=begin, high=end: progress(
+                low + (high - low) * part
+            ),
+        )
+        if resampling is None:
+            break
+        sampler = replace(
+            sampler, num_steps=min(sampler.num_steps, resampling.num_steps)
+        )
+        remaining = {}
+        for sample, squares in placings.items():
+            ids = [name for one in squares for name in one.ids]
+            random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, index])
+            again = resampling.conflicting(found[sample], ids, random)
+            if again:
+                remaining[sample] = placed_again(squares, again)
+        if not remaining:
+            break
+    return [found[sample] for sample in placings]
+
+
+def _place_once(
+    model: InitialStateDenoiser,
+    scenes: Mapping[int, Scenario],
+    placings: Mapping[int, Sequence[SquarePlacement]],
+    *,
+    seed: int,
+    sampler: InitialStateSamplerConfig,
+    guidance: InitialStateGuidance | None,
+    progress: Callable[[float], _Progress],
+) -> Generator[_Progress, None, dict[int, Scenario]]:
+    """Scenes of some samples with their agents placed in each square, one after another."""
+    bare: dict[tuple[int, tuple[str, ...]], Scenario] = {}
     found: dict[int, Scenario] = {}
     for sample, squares in placings.items():
         resampled = tuple(name for one in squares for name in one.resampled_ids)
-        if resampled not in bare:
-            bare[resampled] = scenario.without_agents(resampled)
-        found[sample] = bare[resampled]
+        # Samples of one scene share the scenario without these agents, and its features.
+        key = id(scenes[sample]), resampled
+        if key not in bare:
+            bare[key] = scenes[sample].without_agents(resampled)
+        found[sample] = bare[key]
     by_square: dict[int, list[tuple[int, SquarePlacement]]] = {}
     for sample, squares in placings.items():
         for placing in squares:
@@ -255,12 +328,12 @@ def place_in_squares(
     total, done = sum(map(len, by_square.values())), 0
     for square in sorted(by_square):
         tasks = [
-            SquareTask.of(scenario, found[sample], sample, placing)
+            SquareTask.of(scenes[sample], found[sample], sample, placing)
             for sample, placing in by_square[square]
         ]
         for batch in _batches(tasks, model.get_buffer("counted").device):
             share = partial(_share_of, done, len(batch), total)
-            scenes = yield from place_agents(
+            placed = yield from place_agents(
                 model,
                 batch,
                 seed=seed,
@@ -268,9 +341,26 @@ def place_in_squares(
                 guidance=guidance,
                 progress=lambda part, share=share: progress(share(part)),
             )
-            found.update(zip((one.sample for one in batch), scenes, strict=True))
+            found.update(zip((one.sample for one in batch), placed, strict=True))
             done += len(batch)
-    return list(found.values())
+    return found
+
+
+def placed_again(
+    placings: Sequence[SquarePlacement], agent_ids: Collection[str]
+) -> tuple[SquarePlacement, ...]:
+    """Placements of some agents that were placed before, each in its square."""
+    again = [
+        replace(
+            one,
+            resampled_ids=tuple(name for name in one.ids if name in agent_ids),
+            new_ids=(),
+            new_kinds=(),
+            is_again=True,
+        )
+        for one in placings
+    ]
+    return tuple(one for one in again if one.ids)
 
 
 def _share_of(done: int, count: int, total: int, part: float) -> float:
@@ -333,7 +423,13 @@ def place_agents(
         for one in tasks
     ]
     if placing.traits != AttributeRequest():
-        task = with_attributes(task, scene, model.agent_counts, randoms, placing.traits)
+        task = (
+            with_attributes_of(task, scene, [(one.kept, one.placed) for one in tasks])
+            if placing.is_again
+            else with_attributes(
+                task, scene, model.agent_counts, randoms, placing.traits
+            )
+        )
     guidance = InitialStateGuidance() if guidance is None else guidance
     if placing.traits.only_on_road:
         guidance = guidance.within_lanes()
@@ -519,7 +615,10 @@ def _with_states(
 ) -> AgentTracks:
     steps = placed.num_steps
     now = np.arange(steps) == step
-    direction = states[:, 2:4]
+    # Rounding errors of a batch would grow from round to round; so they mostly vanish.
+    place = np.round(states[:, :2], _PLACE_DIGITS) + center_m
+    heading = np.round(np.arctan2(states[:, 3], states[:, 2]), _HEADING_DIGITS)
+    speed = np.round(states[:, 4:], _SPEED_DIGITS)
 
     def at_step(values: np.ndarray) -> np.ndarray:
         table = np.zeros((len(placed), steps, *values.shape[1:]), values.dtype)
@@ -528,9 +627,9 @@ def _with_states(
 
     return replace(
         placed,
-        position_m=at_step(states[:, :2] + center_m),
-        heading_rad=at_step(np.arctan2(direction[:, 1], direction[:, 0])),
-        velocity_mps=at_step(direction * states[:, 4:]),
+        position_m=at_step(place),
+        heading_rad=at_step(heading),
+        velocity_mps=at_step(unit_vector(heading) * speed),
         is_valid=np.broadcast_to(now, (len(placed), steps)).copy(),
         observed=placed.observed & now,
         activity=activity.astype(placed.activity.dtype),

@@ -1,5 +1,7 @@
 """Small made-up scenes for the tests of the first stage."""
 
+from typing import Any
+
 import numpy as np
 import torch
 
@@ -7,11 +9,13 @@ from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
+from pd_editor.diffusion.initial_state.pipeline import place_in_squares
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.features.boundary_tokens import BOUNDARY_SHAPE
 from pd_editor.features.encoded_scene import PackedScene
 from pd_editor.features.lane_tokens import PIECE_SHAPE
 from pd_editor.scene.activity import Activity
+from pd_editor.scene.scenario import Scenario
 
 torch.set_num_threads(1)
 
@@ -94,3 +98,13 @@ def small_model(
         is_differential=is_differential,
     )
     return InitialStateDenoiser(config).eval()
+
+
+def placed_states(*given: Any, **more: Any) -> list[Scenario]:
+    """What ``place_in_squares`` returns."""
+    steps = place_in_squares(*given, **more)
+    try:
+        while True:
+            next(steps)
+    except StopIteration as stop:
+        return stop.value

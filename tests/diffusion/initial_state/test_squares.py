@@ -9,7 +9,7 @@ import pytest
 
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
 from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.pipeline import SquarePlacement, place_in_squares
+from pd_editor.diffusion.initial_state.pipeline import SquarePlacement
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.initial_state.squares import (
     Placement,
@@ -25,6 +25,7 @@ from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers, straight_lane
 from tests.diffusion.generated_traffic import SINGLE, generated
+from tests.diffusion.initial_state.scenes import placed_states
 
 CENTER = (0.0, 0.0)
 FAR = ((-110.0, 0.0, 0.0, 0.0), (100.0, 0.0, 0.0, 0.0), (118.0, 3.5, 0.0, 0.0))
@@ -222,8 +223,8 @@ def test_each_square_has_random_numbers_of_its_own(
     (sample,) = generated(
         diffuser, alike, ids, resampled_state_ids=ids, guidance=(SINGLE,)
     ).samples
-    heading = dict(zip(sample.ids, sample.heading_rad[:, 0], strict=True))
-    assert len({round(float(one), 3) for one in heading.values()}) == 3
+    along = np.sort(sample.position_m[:, 0, 0]) - [-124.0, 0.0, 124.0]
+    assert len(set(along.round(1))) == 3
 
 
 def test_high_quality_takes_more_steps(
@@ -241,7 +242,14 @@ def test_high_quality_takes_more_steps(
     ids = scenario.agents.ids
     for quality in ("fast", "high"):
         steps.clear()
-        generated(diffuser, scenario, ids, resampled_state_ids=ids, quality=quality)
+        generated(
+            diffuser,
+            scenario,
+            ids,
+            resampled_state_ids=ids,
+            quality=quality,
+            refines_states=False,
+        )
         found[quality] = len(steps)
     config = InitialStateSamplerConfig()
     assert found == {
@@ -259,12 +267,8 @@ def test_placed_agents_are_parked_wait_or_drive(
     ids, found = wide.agents.ids[2:], set()
     for seed in range(4):
         placings = placed(model, scenario, resampled_ids=ids)
-        steps = place_in_squares(model, scenario, {0: placings}, seed=seed)
-        try:
-            while True:
-                next(steps)
-        except StopIteration as stop:
-            agents = stop.value[0].agents
+        (scene,) = placed_states(model, scenario, {0: placings}, seed=seed)
+        agents = scene.agents
         rows = agents.rows(ids)
         speed = np.hypot(*agents.velocity_mps[rows, scenario.current_step].T)
         assert ((agents.activity[rows] == Activity.DRIVING) == (speed > 0)).all()

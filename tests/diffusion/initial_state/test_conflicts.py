@@ -1,0 +1,193 @@
+"""Placed agents that conflict with a neighbour are sampled again; all others stay."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+import torch
+from hypothesis import given, settings
+
+from pd_editor.diffusion.initial_state import pipeline
+from pd_editor.diffusion.initial_state.attributes import with_attributes_of
+from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
+from pd_editor.diffusion.initial_state.network.conditioning import (
+    CONDITIONED_NO,
+    CONDITIONED_YES,
+    UNCONDITIONED,
+    sampling_conditioning,
+)
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.pipeline import (
+    SquarePlacement,
+    placed_again,
+)
+from pd_editor.diffusion.path_diffuser import PathDiffuser
+from pd_editor.diffusion.stages import INITIAL_STATES
+from pd_editor.generation import Region
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
+from pd_editor.scene.scenario import Scenario
+from tests.builders import scenario_with, straight_drivers
+from tests.diffusion.initial_state.scenes import placed_states, scene_batch
+from tests.repair.scenes import Crowd, boxes, crowds
+
+RESAMPLING = ConflictResampling()
+
+
+def in_conflict(states: list[tuple[float, float, float, float]]) -> bool:
+    agents = straight_drivers(states)
+    pairs = RESAMPLING.pairs(agents, scenario_with(agents).current_step)
+    assert (pairs == pairs.T).all()
+    return bool(pairs[0, 1])
+
+
+@pytest.mark.parametrize(
+    ("states", "expected"),
+    [
+        pytest.param(
+            [(0, 0, 0, 8), (12, 0, 0, 0)], True, id="fast behind one standing"
+        ),
+        pytest.param(
+            [(0, 0, 0, 8), (30, 0, 0, 0)], False, id="far behind one standing"
+        ),
+        pytest.param([(0, 0, 0, 8), (12, 0, 0, 8)], False, id="as fast as the leader"),
+        pytest.param([(0, 0, 0, 0), (12, 0, 0, 6)], True, id="stands behind a leader"),
+        pytest.param([(0, 0, 0, 0), (12, 0, 0, 2)], False, id="leader that starts"),
+        pytest.param([(0, 0, 0, 8), (12, 3.5, 0, 0)], False, id="next lane"),
+        pytest.param([(0, 0, 0, 0), (0, 2.3, 0, 0)], True, id="0.3 m beside"),
+        pytest.param([(0, 0, 0, 0), (0, 2.6, 0, 0)], False, id="0.6 m beside"),
+        pytest.param([(0, 0, 0, 8), (12, 0, np.pi / 2, 8)], False, id="crosses"),
+        pytest.param([(0, 0, 0, 8), (12, 0, np.pi, 8)], True, id="head on"),
+    ],
+)
+def test_which_neighbours_conflict(
+    states: list[tuple[float, float, float, float]], expected: bool
+):
+    assert in_conflict(states) is expected
+    assert in_conflict(states[::-1]) is expected
+
+
+@settings(max_examples=60, deadline=None)
+@given(crowd=crowds())
+def test_boxes_nearer_than_the_gap_conflict(crowd: Crowd):
+    """Oracle: distances of polygons by shapely."""
+    states, _ = crowd
+    agents = straight_drivers([(x, y, turn, 0.0) for x, y, turn, _ in states])
+    scenario = scenario_with(agents)
+    step = scenario.current_step
+    pairs = RESAMPLING.pairs(agents, step)
+    shapes = np.array(boxes(scenario, step))
+    apart = shapely.distance(shapes[:, None], shapes[None])
+    np.fill_diagonal(apart, np.inf)
+    # A box that grows on all sides has corners, so it reaches a little further.
+    assert pairs[apart < RESAMPLING.gap_m - 1e-9].all()
+    assert not pairs[apart > RESAMPLING.gap_m * 2**0.5 + 1e-9].any()
+
+
+@settings(max_examples=60, deadline=None)
+@given(crowd=crowds())
+def test_without_the_chosen_agents_no_placed_one_conflicts(crowd: Crowd):
+    states, kinds = crowd
+    scenario = scenario_with(straight_drivers(states, kinds=kinds))
+    placed = scenario.agents.ids[1::2]
+    random = np.random.default_rng(0)
+    chosen = RESAMPLING.conflicting(scenario, placed, random)
+    assert set(chosen) <= set(placed)
+    assert len(set(chosen)) == len(chosen)
+    rest = scenario.without_agents(chosen)
+    assert not RESAMPLING.conflicting(
+        rest, [name for name in placed if name not in chosen], random
+    )
+    kind_of = dict(zip(scenario.agents.ids, scenario.agents.kinds, strict=True))
+    assert all(kind_of[name] in LANE_FOLLOWER_KINDS for name in chosen)
+
+
+@pytest.fixture
+def placer(diffuser: PathDiffuser) -> InitialStateDenoiser:
+    model = diffuser.model().stage(INITIAL_STATES.name).model
+    assert isinstance(model, InitialStateDenoiser)
+    return model
+
+
+def placed(
+    model: InitialStateDenoiser, scenario: Scenario, count: int
+) -> tuple[Scenario, Scenario]:
+    """The same sample without and with agents in conflict sampled again."""
+    placing = SquarePlacement(
+        resampled_ids=(),
+        new_kinds=(AgentKind.VEHICLE,) * count,
+        new_ids=tuple(f"new-{index}" for index in range(count)),
+        region=Region(center_m=(0.0, 0.0), half_side_m=62.0),
+    )
+    (once,), (again,) = (
+        placed_states(model, scenario, {0: [placing]}, seed=0, resampling=resampling)
+        for resampling in (None, RESAMPLING)
+    )
+    return once, again
+
+
+def test_only_agents_in_conflict_are_sampled_again(
+    placer: InitialStateDenoiser, scenario: Scenario
+):
+    once, again = placed(placer, scenario, 12)
+    step = scenario.current_step
+    ids = [name for name in once.agents.ids if name.startswith("new")]
+    random = np.random.default_rng(0)
+    first = RESAMPLING.conflicting(once, ids, random)
+    assert first, "a network with random weights places agents in conflict"
+    at = {
+        name: scene.agents.position_m[scene.agents.rows(ids), step]
+        for name, scene in (("once", once), ("again", again))
+    }
+    stayed = (at["once"] == at["again"]).all(axis=1)
+    assert stayed.any()
+    assert not stayed.all()
+    fewer = RESAMPLING.pairs(again.agents, step).sum()
+    assert fewer < RESAMPLING.pairs(once.agents, step).sum()
+    assert set(again.agents.ids) == set(once.agents.ids)
+
+
+def test_without_conflicts_nothing_is_sampled_again(
+    placer: InitialStateDenoiser, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+):
+    batches: list[int] = []
+    place = pipeline.place_agents
+
+    def counted(*given: object, **more: object) -> object:
+        batches.append(1)
+        return place(*given, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(pipeline, "place_agents", counted)
+    bare = scenario.without_agents(scenario.agents.ids)
+    once, again = placed(placer, bare, 1)
+    assert len(batches) == 2
+    assert (once.agents.position_m == again.agents.position_m).all()
+
+
+def test_agents_that_are_sampled_again_keep_requested_attributes():
+    scene = scene_batch(6)
+    is_given = torch.zeros_like(scene.has_agent)
+    is_given[:, :4] = True
+    task = sampling_conditioning(scene, is_given)
+    agents = straight_drivers([(0, 0, 0, 5), (0, 40, 0, 0)])
+    now = scenario_with(agents)
+    found = with_attributes_of(task, scene, [(now, agents)] * len(scene.has_agent))
+    assert (found.moves[:, :4] == UNCONDITIONED).all()
+    assert (found.moves[:, 4] == CONDITIONED_YES).all()
+    assert (found.moves[:, 5] == CONDITIONED_NO).all()
+
+
+def test_agents_are_placed_again_in_their_squares():
+    placing = SquarePlacement(
+        resampled_ids=("1", "2"),
+        new_kinds=(AgentKind.VEHICLE,),
+        new_ids=("new-1",),
+        region=Region(center_m=(0.0, 0.0), half_side_m=62.0),
+        square=3,
+    )
+    (again,) = placed_again(
+        [placing, replace(placing, resampled_ids=("7",), new_ids=())], ["2", "new-1"]
+    )
+    assert again.resampled_ids == ("2", "new-1")
+    assert (again.new_ids, again.new_kinds, again.square) == ((), (), 3)
+    assert again.is_again
