@@ -20,6 +20,7 @@ from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.guidance_outcome import GuidanceCost, Realism
 from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
 
 _REVERSES_M: Final = 1.0
 """Way backwards from which on an agent counts as reversing."""
@@ -94,7 +95,8 @@ class AgentRealism:
     drives: Bool[np.ndarray, "G"]
     """Motor vehicles and cyclists."""
     off_road: Float[np.ndarray, "G"]
-    """Share of steps with the centre outside the drivable area; 0 of others."""
+    """Share of steps with the centre outside the drivable area; NaN of others, and of
+    vehicles that stand all the time."""
     collides: Bool[np.ndarray, "G"]
     lateral_m: Float[np.ndarray, "G S"]
     """Distance to the nearest reachable lane; NaN where there is none."""
@@ -108,16 +110,21 @@ class AgentRealism:
         sample: TrafficSample,
         collide_ids: Collection[str] = (),
     ) -> "AgentRealism":
-        """Measure a sample; collisions with ``collide_ids`` do not count."""
-        view = generated_traffic(scenario, sample)
+        """Measure a sample; collisions with ``collide_ids`` do not count.
+
+        Collisions and steps off the road are counted as in ``SampleNumbers``.
+        """
+        view = generated_traffic(scenario, sample, with_later=True)
         drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in sample.kinds], bool)
         overlap = box_overlap(view)
         hits = (overlap.is_new & overlap.is_valid)[:, 1:].any(axis=1)
         hits &= np.array([name not in collide_ids for name in sample.ids], bool)
         deviation, motion = lane_deviation(view), kinematics(view)
         total = np.hypot(motion.longitudinal_mps2, motion.lateral_mps2)
-        off_road = np.zeros(len(drives))
-        off_road[drives] = is_off_road(scenario, sample.position_m[drives]).mean(axis=1)
+        speed = np.linalg.norm(sample.velocity_mps, axis=-1)
+        moves = drives & (speed >= MOVING_MPS).any(axis=1)
+        off_road = np.full(len(drives), np.nan)
+        off_road[moves] = is_off_road(scenario, sample.position_m[moves]).mean(axis=1)
         return cls(
             ids=sample.ids,
             drives=drives,

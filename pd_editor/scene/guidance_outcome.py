@@ -31,7 +31,7 @@ class Realism:
     """Figures of one sample, over its motor vehicles and cyclists."""
 
     off_road: float
-    """Share of agent steps with the centre outside the drivable area."""
+    """Share of the steps of those that move with the centre outside the drivable area."""
     num_collisions: int
     """Agents that newly collide with another one after t = 0."""
     lateral_deviation_m: float
@@ -57,7 +57,7 @@ class GuidanceCost:
             )
         if mine.off_road - other.off_road > MAX_WORSE_OFF_ROAD:
             found.append(
-                f"agents are off the road for {mine.off_road:.0%} instead of "
+                f"moving agents are off the road for {mine.off_road:.0%} instead of "
                 f"{other.off_road:.0%} of the time"
             )
         further = mine.lateral_deviation_m - other.lateral_deviation_m

@@ -69,7 +69,7 @@ def test_samples_are_previewed_adopted_and_undone(editor):
         card(editor, 1).locator(".pd-sample-rank").inner_text()
     ]
     shown = card(editor, 2).inner_text()
-    assert "collision" in shown
+    assert "collide" in shown
     assert "off-road" in shown
     editor.seek(3.0)
     before = drawn_end(editor).copy()

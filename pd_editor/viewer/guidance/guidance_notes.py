@@ -20,10 +20,14 @@ TAKE_UNGUIDED: Final = "Take the unguided sample"
 CHANGED: Final = "Terms have changed since this run:"
 FIGURES: Final = (
     (
-        "Agents in collisions after t = 0",
-        "Agents whose boxes overlap at t = 0 already count only if they hit another one",
+        "Agents that collide",
+        "After t = 0; whose boxes overlap at t = 0 already, count if they hit another one",
     ),
-    ("Time off the road", "While the centre is outside the drivable area"),
+    (
+        "Time off the road",
+        "Share of the time of moving vehicles and cyclists, as on the cards of samples; "
+        "the scorecard has the share of vehicles that are ever off the road",
+    ),
     ("Distance to lanes", "Mean distance to the nearest reachable lane"),
     ("Mean acceleration", "Of its absolute value"),
 )

@@ -354,7 +354,7 @@ def card_lines(numbers: SampleNumbers, ranking: Ranking) -> Sequence[Mapping[str
     off = round(100 * numbers.off_road_share)
     lines = [
         {
-            "text": f"{collisions or 'No'} collision{'s' if collisions != 1 else ''}",
+            "text": f"{collisions or 'No'} agent{'s collide' if collisions > 1 else ' collides'}",
             "tone": "bad" if collisions else "",
         },
         {"text": f"{off} % off-road", "tone": ""},

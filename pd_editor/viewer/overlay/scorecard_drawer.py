@@ -13,6 +13,7 @@ from pd_editor.editor.finding_cures import finding_cures
 from pd_editor.editor.problem_cures import Cure
 from pd_editor.metrics.agent_profile import agent_profile
 from pd_editor.metrics.findings import MILD_FAULTS, Finding
+from pd_editor.metrics.metric_table import METRICS
 from pd_editor.metrics.scorecard import Level, ScoreRow, scorecard
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.overlay import Overlay
@@ -280,7 +281,9 @@ def _time_of(scenario: Scenario, finding: Finding) -> str:
 
 
 def _row(scenario: Scenario, row: ScoreRow) -> dict[str, Any]:
-    scale, unit = (100.0, "%") if row.unit == "share" else (1.0, row.unit)
+    is_share = row.unit == "share"
+    scale, unit = (100.0, "%") if is_share else (1.0, row.unit)
+    of_all = f"{'Share' if is_share else 'Mean'} of motor vehicles"
     usual = row.usual
     low, high = (f"{scale * value:.3g}" for value in (usual.low, usual.high))
     value = "\u2013" if math.isnan(row.value) else f"{scale * row.value:.3g} {unit}"
@@ -290,6 +293,7 @@ def _row(scenario: Scenario, row: ScoreRow) -> dict[str, Any]:
     return {
         "name": row.name,
         "title": row.title,
+        "meaning": f"{of_all}. {METRICS[row.name].definition}",
         "tone": _TONE[row.level],
         "level": row.level,
         "value": value,

@@ -257,9 +257,12 @@ def test_the_strip_hides_and_comes_back_with_the_state(strip, page):
 
 def test_three_numbers():
     texts = [line["text"] for line in card_lines(PLAIN, "realism")]
-    assert texts == ["No collisions", "0 % off-road", "50 % move, 8.0 m/s"]
+    assert texts == ["No agent collides", "0 % off-road", "50 % move, 8.0 m/s"]
     one = replace(PLAIN, num_collisions=1)
-    assert card_lines(one, "interaction")[0] == {"text": "1 collision", "tone": "bad"}
+    assert card_lines(one, "interaction")[0] == {
+        "text": "1 agent collides",
+        "tone": "bad",
+    }
     assert card_lines(one, "interaction")[2]["text"] == "2.0 s to collision"
     never = replace(PLAIN, time_to_collision_s=None)
     assert card_lines(never, "interaction")[2]["text"] == "no collision course"

@@ -138,8 +138,8 @@
     function rowOf(row) {
       const item = make("button", "pd-score-row", {
         type: "button",
-        title: row.where ? `${row.title}. The worst: ${row.where}` :
-          `${row.title}. No agent stands out`,
+        title: row.where ? `${row.meaning} The worst: ${row.where}` :
+          `${row.meaning} No agent stands out`,
         "aria-label": `${row.title}: ${row.value}, ${row.level}; usual ${row.usual}`,
         "aria-expanded": String(Boolean(row.findings)),
       });
