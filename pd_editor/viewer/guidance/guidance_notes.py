@@ -20,8 +20,8 @@ TAKE_UNGUIDED: Final = "Take the unguided sample"
 CHANGED: Final = "Terms have changed since this run:"
 FIGURES: Final = (
     (
-        "Agents that collide",
-        "After t = 0; whose boxes overlap at t = 0 already, count if they hit another one",
+        "Agents that collide after t = 0",
+        "Agents whose boxes overlap at t = 0 already count only if they hit another one",
     ),
     (
         "Time off the road",

@@ -136,7 +136,7 @@ def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
     assert "2 instead of 0 agents collide" in worse
     (collisions,) = (row for row in state["figures"] if "collide" in row[0])
     # It said "new collisions", and nowhere what is new.
-    assert collisions[:3] == ["Agents in collisions after t = 0", "2", "0"]
+    assert collisions[:3] == ["Agents that collide after t = 0", "2", "0"]
     assert "overlap at t = 0 already" in collisions[3]
     assert state["action"] == TAKE_UNGUIDED
 
