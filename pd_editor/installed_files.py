@@ -6,6 +6,8 @@ from typing import Final
 
 from pd_editor.errors import InputError
 
+DEMO_PREFIX: Final = "demo:"
+"""May precede the name of a demo."""
 SENTENCES_NAME: Final = "sentences.json"
 """File beside the demos with a description of each."""
 _PACKAGE = Path(__file__).resolve().parent
@@ -36,6 +38,19 @@ def demo_folder(name: str) -> Path:
             f"There is no demo {name!r}; choose one of {', '.join(demo_names())}."
         )
     return _folder("assets") / "demos" / name
+
+
+def data_root(reference: Path) -> Path:
+    """Folder to search for scenarios: of all demos for "demos", of one for its name.
+
+    Other references, and names of folders that exist, are returned as they are.
+    """
+    if reference.is_dir():
+        return reference
+    name = str(reference).removeprefix(DEMO_PREFIX)
+    if name == "demos":
+        return _folder("assets") / "demos"
+    return demo_folder(name) if name in demo_names() else reference
 
 
 def demo_sentence(name: str) -> str:

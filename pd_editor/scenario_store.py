@@ -14,12 +14,11 @@ from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.recipe import Recipe
 from pd_editor.errors import ExportError, InputError, PdEditorError, RecipeError
 from pd_editor.exporters.bundle import RECIPE_NAME, check_place, write_files
-from pd_editor.installed_files import demo_folder, demo_names
+from pd_editor.installed_files import DEMO_PREFIX, demo_folder, demo_names
 from pd_editor.regular_file import check_path, read_regular
 from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
 
-DEMO_PREFIX: Final = "demo:"
 MAX_RECIPE_BYTES: Final = 256 * 2**20
 MAX_LABELS: Final = 8
 """Number of edits that a note names; further ones are counted."""

@@ -79,7 +79,7 @@ def study(
     """Study how methods fare on perturbed roads: kinds, powers, anchors, seeds, scenes.
 
     Args:
-        data: Roots of Argoverse 2 datasets; folders below them are searched.
+        data: Roots of Argoverse 2 datasets; folders below them are searched. Also names of demos, or demos for all.
         out: New folder for finished items, variants.parquet, report.md, report.html and gallery.
         methods: Reference methods, generators and predictors, as for evaluate.
         kinds: Kinds of warps of the grid.

@@ -19,6 +19,7 @@ from pd_editor.evaluation.scene_rows import (
     SceneItem,
     evaluate_scene,
 )
+from pd_editor.installed_files import data_root
 from pd_editor.regular_file import unwritable
 from pd_editor.work_engine import WorkEngine, run_items
 from pd_editor.work_engine.work_engine import WorkProgress
@@ -103,12 +104,14 @@ class FoundScenes:
 def scenes_of(data: Sequence[Path], limit: int | None = None) -> FoundScenes:
     """Find the scenarios below the roots; ``limit`` takes the first ones.
 
+    A root may also be the name of a demo, or "demos" for all of them.
+
     Raises:
         InputError: a root is no folder, there is no scenario, or one occurs twice.
     """
     found: dict[str, Scene] = {}
     num_skipped = 0
-    for root in data:
+    for root in map(data_root, data):
         index = DatasetIndex(root)
         for card in index.filter():
             if limit is not None and len(found) >= limit:

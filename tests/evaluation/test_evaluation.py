@@ -7,6 +7,7 @@ import pytest
 from pd_editor.errors import InputError
 from pd_editor.evaluation.evaluation import ROWS_NAME, run_evaluation, scenes_of
 from pd_editor.evaluation.results_folder import EvaluationFolder
+from pd_editor.installed_files import demo_folder, demo_names
 from pd_editor.work_engine import LocalProcesses
 from tests.builders import scenario_with, straight_drivers
 from tests.evaluation.small_dataset import (
@@ -119,6 +120,18 @@ def test_roots_name_the_splits(root, tmp_path):
     ]
     part = scenes_of([root / "train"]).scenes
     assert part == whole[:2]
+
+
+def test_demos_are_found_by_name(tmp_path, monkeypatch):
+    names = [one.folder.name for one in scenes_of([Path("demos")]).scenes]
+    assert names == list(demo_names())
+    for name in ("roundabout", "demo:roundabout"):
+        (one,) = scenes_of([Path(name)]).scenes
+        assert one.folder == demo_folder("roundabout")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "demos").mkdir()
+    with pytest.raises(InputError, match="demos"):
+        scenes_of([Path("demos")])
 
 
 def test_roots_that_cannot_be_used(root, tmp_path):

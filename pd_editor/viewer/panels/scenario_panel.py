@@ -9,8 +9,7 @@ import viser
 from pd_editor.av2_io.upload import MAX_UPLOAD_BYTES
 from pd_editor.editor.recipe import is_recipe
 from pd_editor.errors import ArchiveError, InputError
-from pd_editor.installed_files import demo_names, demo_sentence
-from pd_editor.scenario_store import DEMO_PREFIX
+from pd_editor.installed_files import DEMO_PREFIX, demo_names, demo_sentence
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.server.server_guard import limit_uploads

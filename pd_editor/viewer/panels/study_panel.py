@@ -88,8 +88,8 @@ class StudyPanel:
         with gui.add_folder("Perturbation study"):
             self._data = gui.add_text(
                 "Data",
-                "" if dataset is None else str(dataset.root),
-                hint="Folder of Argoverse 2 scenarios",
+                "demos" if dataset is None else str(dataset.root),
+                hint="Folder of Argoverse 2 scenarios, name of a demo, or demos for all",
             )
             self._limit = gui.add_number(
                 "Scenes", 12, min=1, max=MAX_SCENES, step=1, hint="The first so many"

@@ -24,10 +24,9 @@ from pd_editor.editor.unfinished_work import (
 from pd_editor.editor.variant import free_name, name_from_text, short_id
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import zip_files
-from pd_editor.installed_files import demo_names
+from pd_editor.installed_files import DEMO_PREFIX, demo_names
 from pd_editor.problems.scene_problem import ProblemKey
 from pd_editor.scenario_store import (
-    DEMO_PREFIX,
     MAX_RECIPE_BYTES,
     RECIPE_NAME,
     export_into,
