@@ -10,9 +10,11 @@ import os
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 import pd_editor
 from pd_editor.av2_io.read import read_scenario
+from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
 from pd_editor.features.scene_features import scene_center
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.metrics.road.surroundings import askew
@@ -30,6 +32,9 @@ COLUMNS = (
     "path, m",
     "askew to lane, %",
     "askew to nearest, %",
+    "gap < 1 m, %",
+    "3 within 4 m, %",
+    "in conflict, %",
 )
 
 
@@ -67,14 +72,26 @@ def vehicle_rows(scenario: Scenario) -> np.ndarray:
         np.where(agents.is_valid.all(axis=1), path, np.nan),
         *(np.where(one.is_valid, one.value, np.nan) for one in askew(view)),
     ]
-    is_vehicle = [kind == AgentKind.VEHICLE for kind in agents.kinds]
-    return np.column_stack(columns)[is_vehicle]
+    is_vehicle = np.array([kind == AgentKind.VEHICLE for kind in agents.kinds], bool)
+    now = agents.taken(is_vehicle).at_steps(np.array([0])).boxes
+    shapes = shapely.polygons(now.corners_m()[:, 0])
+    gap = shapely.distance(shapes[:, None], shapes[None])
+    np.fill_diagonal(gap, np.inf)
+    tracks = scenario.agents.taken(scenario.agents.rows(agents.ids))
+    pairs = ConflictResampling().pairs(tracks, scenario.current_step)
+    near = [
+        (gap < 1.0).any(axis=1),
+        (gap < 4.0).sum(axis=1) >= 3,
+        pairs[is_vehicle][:, is_vehicle].any(axis=1),
+    ]
+    return np.column_stack([np.column_stack(columns)[is_vehicle], *near])
 
 
 def line(folders: list[Path]) -> str:
     """Means over all vehicles of some scenes."""
     tables = [vehicle_rows(read_scenario(folder)) for folder in folders]
-    means = np.nanmean(np.concatenate(tables), axis=0) * [1, 100, 100, 1, 100, 100]
+    scale = [100 if name.endswith("%") else 1 for name in COLUMNS]
+    means = np.nanmean(np.concatenate(tables), axis=0) * scale
     count = sum(map(len, tables)) / len(tables)
     return f"{count:12.1f}" + "".join(f"{value:20.2f}" for value in means)
 
