@@ -121,7 +121,7 @@ def train(
         start: Start from the weights of this model, or run, instead of random ones; its trajectory basis is kept.
         windows: Number of current steps at which each scenario of Argoverse 2 is used; 1 unless given, av2 5.
         copies: Number of randomly augmented copies of each scenario; 1 unless given.
-        config: TOML files with values of single fields, in the sections [model], [loss], [optimisation], [augmentation], [sampler], [guidance] and [own_samples]; [init.model] or [traj.model] for one of the stages. They are read in the order given: a field that is in several files has the value of the last one. --fields lists what can be set.
+        config: TOML files with values of single fields, in the sections [model], [loss], [optimisation], [augmentation], [sampler], [guidance], [own_samples], [init.conflicts] and [traj.terms]; [init.model] or [traj.model] for one of the stages. They are read in the order given: a field that is in several files has the value of the last one. --fields lists what can be set.
         settings: Values of single fields, such as model.is_differential=false augmentation.warp_share=0; they are read after the files and replace their values.
         fields: List all fields that --config and --set can set, with defaults and meanings, and do nothing else.
         evaluate_every: Evaluate samples on scenes of --validate about every MIN minutes of training, into log.jsonl: scene test, collisions, off-drivable and askew shares of initial states; minADE6, collisions and lane deviation of trajectories. The time that it takes does not count as training.

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
+from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.loss import InitialStateLossConfig
 from pd_editor.diffusion.initial_state.network.denoiser import InitialStateConfig
@@ -45,7 +46,11 @@ SAMPLING: Final[Mapping[str, Mapping[str, type[Any]]]] = {
         "guidance": TrajectoryGuidance,
         "terms": TermGuidance,
     },
-    "init": {"sampler": InitialStateSamplerConfig, "guidance": InitialStateGuidance},
+    "init": {
+        "sampler": InitialStateSamplerConfig,
+        "guidance": InitialStateGuidance,
+        "conflicts": ConflictResampling,
+    },
 }
 """Types of each stage's settings of the sampling, stored beside the weights."""
 _GO_ON: Final = Optimisation(batch_size=64, learning_rate=5e-4, ema_decay=0.9995)

@@ -26,8 +26,7 @@ SECTIONS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
         "loss": LOSSES[stage],
         "optimisation": Optimisation,
         "augmentation": Augmentation,
-        "sampler": SAMPLING[stage]["sampler"],
-        "guidance": SAMPLING[stage]["guidance"],
+        **SAMPLING[stage],
         "own_samples": OwnSamplesConfig,
     }
     for stage in STAGES
@@ -71,6 +70,7 @@ def settings_of(files: Sequence[Path], texts: Sequence[str], stage: str) -> Sett
     """
     found: dict[str, dict[str, Any]] = {}
     places: dict[str, tuple[str, ...]] = {}
+    other = _other_than(stage)
     given = [(str(file), _read(file)) for file in files]
     given += [(f"--set {text}", _parsed(text)) for text in texts]
     for place, tree in given:
@@ -79,6 +79,11 @@ def settings_of(files: Sequence[Path], texts: Sequence[str], stage: str) -> Sett
             if not isinstance(part, Mapping):
                 raise TrainingError(f"{place}: {stage} is no table of sections.")
             for section, values in part.items():
+                if section in SECTIONS[other] and section not in SECTIONS[stage]:
+                    raise TrainingError(
+                        f"{place}: only the stage {other} has a section {section!r}; "
+                        f"expected [{other}.{section}], or {other}.{section}.NAME=VALUE."
+                    )
                 if section not in SECTIONS[stage]:
                     raise TrainingError(
                         f"{place}: there is no section {section!r}; "
@@ -101,8 +106,9 @@ def _check_fields(
     """Raise for fields that the stage does not have, and for values of another type."""
     place = f"{place}: [{stage}.{section}]"
     kinds = get_type_hints(SECTIONS[stage][section])
-    other = next(one for one in STAGES if one != stage)
-    theirs = get_type_hints(SECTIONS[other][section])
+    other = _other_than(stage)
+    is_shared = section in SECTIONS[other]
+    theirs = get_type_hints(SECTIONS[other][section]) if is_shared else {}
     for name, value in values.items():
         if name in theirs and name not in kinds:
             raise TrainingError(
@@ -116,6 +122,10 @@ def _check_fields(
             raise TrainingError(
                 f"{place} {name} is {_as_text(value)}; expected {in_words(kinds[name])}."
             ) from error
+
+
+def _other_than(stage: str) -> str:
+    return next(one for one in STAGES if one != stage)
 
 
 def _as_text(value: Any) -> str:

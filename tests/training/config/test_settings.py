@@ -94,6 +94,12 @@ def test_a_run_goes_on_with_its_own_settings_only(file: Path):
             "model.num_blocks=3",
             r"\[init.model\] has no field 'num_blocks'; \[traj.model\] has it",
         ),
+        (
+            "terms.goal_m=1",
+            r"only the stage traj has a section 'terms'; expected \[traj.terms\], or "
+            r"traj.terms.NAME=VALUE",
+        ),
+        ("conflicts.gap_m=-1", r"\[init.conflicts\] gap_m is -1; expected a finite"),
         ("guidance.push=-1", r"\[init.guidance\] push is -1; expected a finite number"),
         (
             "model.sees_relations=false",
