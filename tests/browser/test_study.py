@@ -27,6 +27,9 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     data, out = write_dataset(tmp_path / "data"), tmp_path / "study"
     editor = open_editor()
     editor.open_tab("Study")
+    # Demos are the scenarios unless a folder is named.
+    expect(editor.row("Data").locator("input").first).to_have_value("demos")
+    editor.fill("Data", "")
     editor.press("Run the study")
     editor.page.get_by_text("Name the folder of the scenarios").wait_for()
     editor.close_notifications()
