@@ -58,11 +58,14 @@ def edit(
         models=several(models),
         debug=debug,
     )
-    sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")
-    sys.stdout.flush()
-    # Interrupting is the normal end, not a failure.
+    # Interrupting is the normal end, not a failure, from the moment it serves.
     with contextlib.suppress(KeyboardInterrupt):
-        app.run_forever()
+        try:
+            sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")
+            sys.stdout.flush()
+            app.run_forever()
+        finally:
+            app.stop()
 
 
 def _check_address(host: str, port: int) -> None:

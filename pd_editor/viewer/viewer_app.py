@@ -76,11 +76,8 @@ class ViewerApp:
         self.server.on_client_disconnect(self._disconnected)
 
     def run_forever(self) -> None:
-        """Serve until interrupted."""
-        try:
-            threading.Event().wait()
-        finally:
-            self.stop()
+        """Wait until interrupted; the caller stops the server then."""
+        threading.Event().wait()
 
     def stop(self) -> None:
         """Stop serving; journals of unfinished work stay on disk."""

@@ -22,8 +22,30 @@ class FakeApp:
     def __init__(self, **options: object) -> None:
         FakeApp.made = options
 
+    stopped = False
+
     def run_forever(self) -> None:
         raise KeyboardInterrupt
+
+    def stop(self) -> None:
+        FakeApp.stopped = True
+
+
+class EarlyInterruptedApp(FakeApp):
+    """Is interrupted while its address is printed, before it waits."""
+
+    @property
+    def address(self) -> str:
+        raise KeyboardInterrupt
+
+
+def test_interrupting_it_while_its_address_is_printed_is_no_failure(
+    shell: Shell, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(viewer_app, "ViewerApp", EarlyInterruptedApp)
+    monkeypatch.setattr(FakeApp, "stopped", False)
+    result = shell.run("edit")
+    assert (result.code, result.err, FakeApp.stopped) == (0, "", True)
 
 
 def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyPatch):
