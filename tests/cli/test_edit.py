@@ -18,11 +18,10 @@ class FakeApp:
 
     address = "http://127.0.0.1:1"
     made: dict[str, object] | None = None
+    stopped = False
 
     def __init__(self, **options: object) -> None:
         FakeApp.made = options
-
-    stopped = False
 
     def run_forever(self) -> None:
         raise KeyboardInterrupt
