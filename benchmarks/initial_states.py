@@ -9,7 +9,6 @@ other split, which is how far real traffic is from other real traffic. ``python 
 import argparse
 import os
 import time
-import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,7 +39,7 @@ from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS
 from pd_editor.evaluation.report.distances import STATE_METRICS
 from pd_editor.features.encoded_scene import LATENT_SIZE, packed
 from pd_editor.features.scene_features import scene_center, scene_features
-from pd_editor.generation import TrafficSample
+from pd_editor.generation import TrafficSample, scene_seed
 from pd_editor.generators import SHIPPED_MODEL
 from pd_editor.installed_files import models_folder
 from pd_editor.metrics.collisions.box_collision import box_overlap
@@ -174,7 +173,7 @@ def _sampled_states(
 ) -> tuple[np.ndarray, list[int]]:
     """States, and what was told of being on the road."""
     scene = real.tensors
-    key = zlib.crc32(real.scenario.scenario_id.encode())
+    key = scene_seed(0, real.scenario.scenario_id)
     random = np.random.default_rng([key, sample])
     task = with_attributes(
         sampling_conditioning(scene), scene, model.agent_counts, [random], attributes
@@ -183,7 +182,7 @@ def _sampled_states(
         model,
         scene,
         samples=[sample],
-        seed=0,
+        seed=key,
         task=task,
         config=config,
         guide=None if guidance is None else guidance.of(scene, model.schedule, task),

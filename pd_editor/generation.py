@@ -4,6 +4,7 @@
 caller can show progress and cancel.
 """
 
+import hashlib
 import math
 import re
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -101,6 +102,16 @@ class Region:
         return tuple(agents.ids[row] for row in rows[is_inside])
 
 
+def scene_seed(seed: int, scenario_id: str) -> int:
+    """Seed of the random numbers of one scenario.
+
+    With equal numbers, scenarios are alike: one seed made 75 % of the vehicles of 35
+    scenes stand, another one 53 %. An edited scenario keeps its id and so its numbers.
+    """
+    digest = hashlib.sha256(f"{seed}/{scenario_id}".encode()).digest()
+    return int.from_bytes(digest[:4])
+
+
 @dataclass(frozen=True, kw_only=True)
 class GenerationRequest:
     """Request for traffic on a scenario."""
@@ -134,6 +145,7 @@ class GenerationRequest:
     """Whether an unguided sample is made to compare with, if there are terms. Takes about
     as long again as the sample itself."""
     seed: int = 0
+    """Seed of the user; generators make their random numbers from ``scene_seed``."""
     before_edit: Scenario | None = None
     """Scenario before an edit that agents react to: their trajectories there are deformed
     where the edit concerns them. None: trajectories are sampled from random noise only."""
@@ -187,6 +199,11 @@ class GenerationRequest:
                     f"The state of agent {name} is locked, so it cannot be resampled; "
                     "unlock the agent or leave it out."
                 )
+
+    @property
+    def scene_seed(self) -> int:
+        """Seed of the random numbers of this scenario: see ``scene_seed``."""
+        return scene_seed(self.seed, self.scenario.scenario_id)
 
     @property
     def settings(self) -> tuple[GuidanceSetting, ...]:

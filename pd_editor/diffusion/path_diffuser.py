@@ -212,7 +212,7 @@ class PathDiffuser:
                 model,
                 request.scenario,
                 {index: placings[index] for index in batch},
-                seed=request.seed,
+                seed=request.scene_seed,
                 sampler=_state_sampler(request, stage),
                 guidance=_state_guidance(request, stage),
                 resampling=_conflict_resampling(request, stage),
@@ -273,7 +273,7 @@ class PathDiffuser:
                     model,
                     best.scenario,
                     {index: placed_again(squares, best.in_the_way)},
-                    seed=(request.seed + attempt * _SEED_STEP) % MAX_SEED,
+                    seed=(request.scene_seed + attempt * _SEED_STEP) % MAX_SEED,
                     sampler=_state_sampler(request, stage),
                     guidance=_state_guidance(request, stage),
                     resampling=_conflict_resampling(request, stage),
@@ -481,7 +481,7 @@ def _placings(
         region=request.region,
         attributes=_attribute_request(request),
     )
-    random = np.random.default_rng([request.seed, sample])
+    random = np.random.default_rng([request.scene_seed, sample])
     placings = placings_of(stage.model, request.scenario, placement, random)
     number = sum(len(one.new_ids) for one in placings)
     room = min(
@@ -572,7 +572,7 @@ def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptio
         avoids=all(one.weight > 0 for one in request.settings if one.name == AVOIDANCE),
         samples_unguided=request.reports_cost,
         num_tries=max(_num_tries(request), 1),
-        seed=request.seed,
+        seed=request.scene_seed,
     )
 
 

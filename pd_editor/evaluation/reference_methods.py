@@ -51,7 +51,7 @@ def _random_candidate(request: GenerationRequest) -> tuple[TrafficView, ...]:
     count = found.is_valid.sum(axis=1)
     views = []
     for sample in range(request.num_samples):
-        random = np.random.default_rng([request.seed, sample])
+        random = np.random.default_rng([request.scene_seed, sample])
         # Sampled for all agents, so that it does not depend on the requested agents.
         pick = random.random(len(scenario.agents))[rows]
         views.append(_chosen(request, found, (pick * count).astype(int)))

@@ -1,6 +1,5 @@
 """Evaluation of one scene under one road condition: rows of metrics, and failures."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -112,7 +111,7 @@ def evaluate_scene(item: SceneItem) -> SceneRows:
         recorded,
         item.condition.applied_to(recorded),
         num_samples=item.num_samples,
-        seed=scene_seed(item.seed, recorded.scenario_id),
+        seed=item.seed,
     )
     log = None
     if not item.task.samples_states:
@@ -132,15 +131,6 @@ def evaluate_scene(item: SceneItem) -> SceneRows:
     return SceneRows(
         table=pa.concat_tables(tables), failures=failures, model_sha256=hashes
     )
-
-
-def scene_seed(seed: int, scenario_id: str) -> int:
-    """Seed of one scene, independent of the order of scenes.
-
-    All road conditions of a scene share it, so that differences are due to the roads.
-    """
-    digest = hashlib.sha256(f"{seed}/{scenario_id}".encode()).digest()
-    return int.from_bytes(digest[:4])
 
 
 def is_on_its_way(view: TrafficView) -> Bool[np.ndarray, "A"]:

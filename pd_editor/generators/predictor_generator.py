@@ -56,7 +56,7 @@ class PredictorGenerator:
             scenario,
             request.agent_ids,
             num_modes=request.num_samples,
-            seed=request.seed,
+            seed=request.scene_seed,
         )
         if not asked.num_steps:
             raise GenerationError(

@@ -56,7 +56,7 @@ class LaneFollower:
         initial = initial_traffic(scenario, asked)
         samples: list[TrafficSample] = []
         for index in range(request.num_samples):
-            random = np.random.default_rng([request.seed, index])
+            random = np.random.default_rng([request.scene_seed, index])
             wants = sample_intentions(drivers, len(scenario.agents), random)
             traffic = initial.copy()
             steps = simulate(traffic, drivers, wants, scenario.time_axis)

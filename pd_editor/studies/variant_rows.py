@@ -15,7 +15,7 @@ from pd_editor.errors import PdEditorError
 from pd_editor.evaluation.evaluation_task import DRIVING
 from pd_editor.evaluation.method import EvaluatedTraffic, Method
 from pd_editor.evaluation.road_condition import RoadCondition
-from pd_editor.evaluation.scene_rows import is_on_its_way, scene_seed
+from pd_editor.evaluation.scene_rows import is_on_its_way
 from pd_editor.generation import GenerationRequest
 from pd_editor.metrics.collisions.box_collision import box_overlap
 from pd_editor.metrics.motion.displacement import ade, best_of_samples
@@ -99,7 +99,7 @@ class StudyItem:
             recorded,
             condition.applied_to(recorded, self.friction_coefficient),
             num_samples=self.num_samples,
-            seed=scene_seed(self.seed, recorded.scenario_id),
+            seed=self.seed,
         )
 
 

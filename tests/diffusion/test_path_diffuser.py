@@ -62,6 +62,22 @@ def test_the_same_request_gives_the_same_traffic(
     assert not same(first.samples[0], other.samples[0])
 
 
+def test_scenarios_of_one_seed_get_different_random_numbers(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    """Else one seed would make many agents of all scenes of a data set stand."""
+    other = replace(scenario, scenario_id="another")
+    edited = scenario.with_agents(scenario.agents)
+    ids = scenario.agents.ids
+
+    def found(scene: Scenario, **more: Any) -> TrafficSample:
+        return generated(diffuser, scene, ids, seed=3, **more).samples[0]
+
+    for more in ({}, {"resampled_state_ids": ids}):
+        assert same(found(scenario, **more), found(edited, **more))
+        assert not same(found(scenario, **more), found(other, **more))
+
+
 def test_progress_is_told_after_each_step_with_what_is_believed_in(
     diffuser: PathDiffuser, scenario: Scenario
 ) -> None:
