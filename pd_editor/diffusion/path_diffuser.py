@@ -504,7 +504,13 @@ def _state_guidance(
 def _conflict_resampling(
     request: GenerationRequest, stage: TrainedStage
 ) -> ConflictResampling | None:
-    return stage.sampling["conflicts"] if request.refines_states else None
+    if not request.refines_states:
+        return None
+    resampling = stage.sampling["conflicts"]
+    if request.quality == "high":
+        versions = resampling.num_high_quality_versions
+        return replace(resampling, num_versions=versions)
+    return resampling
 
 
 def _fit_notes(fits: Sequence[tuple[int, int]]) -> list[str]:

@@ -1,7 +1,7 @@
 """Which placed agents conflict with a neighbour, and are therefore sampled again."""
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool
@@ -25,10 +25,15 @@ class ConflictResampling:
     states. The defaults were chosen on ``train``.
     """
 
-    num_rounds: int = 2
+    num_rounds: int = 1
     """Number of times that agents in conflict are sampled again, at most."""
-    num_steps: int = 5
+    num_steps: int = 4
     """Denoising steps of a round, at most as many as the sampler has."""
+    num_versions: int = 2
+    """Number of versions of these agents that a round samples, in one batch. Each agent
+    gets its state of one of them: see ``best_of``."""
+    num_high_quality_versions: int = 4
+    """The same for quality "high"."""
     gap_m: float = 0.45
     """Vehicles and cyclists nearer than this to each other conflict. Guidance pushes boxes
     0.4 m apart, and a repair 0.5: rounding must not decide which agents conflict."""
@@ -69,6 +74,42 @@ class ConflictResampling:
             row = int(random.choice(np.flatnonzero(number == number.max())))
             chosen.append(agents.ids[row])
             remains[row], remains[:, row] = False, False
+
+    def best_of(
+        self, versions: Sequence[Scenario], agent_ids: Collection[str]
+    ) -> Scenario:
+        """Scenario in which each of some agents has its state of one version.
+
+        Versions differ in the states of these agents only. First comes the version with
+        fewest conflicts; an agent in conflict then gets its state of another version if
+        that has fewer.
+        """
+        if len(versions) == 1:
+            return versions[0]
+        agents, step = versions[0].agents, versions[0].current_step
+        own = agents.rows(tuple(agent_ids))
+        states = agents
+        for number, version in enumerate(versions):
+            again = version.agents.taken(version.agents.rows(tuple(agent_ids)))
+            names = tuple(f"{number}/{name}" for name in again.ids)
+            states = states.joined(replace(again, ids=names))
+        found = self.pairs(states, step)
+        counts = states.is_valid[:, step] & states.kind_mask(LANE_FOLLOWER_KINDS)
+        found &= counts & counts[:, None]
+        # Row of each agent's state in each version; other agents have one state only.
+        table = len(agents) + np.arange(len(versions) * len(own)).reshape(-1, len(own))
+        rows = np.arange(len(agents))
+        totals: list[int] = []
+        for candidates in table:
+            rows[own] = candidates
+            totals.append(int(found[np.ix_(candidates, rows)].sum()))
+        rows[own] = table[np.argmin(totals)]
+        for row, candidates in zip(own, table.T, strict=True):
+            others = np.delete(rows, row)
+            number = found[np.ix_(candidates, others)].sum(axis=1)
+            if number.min() < found[rows[row], others].sum():
+                rows[row] = candidates[number.argmin()]
+        return versions[0].with_agents(replace(states.taken(rows), ids=agents.ids))
 
     def pairs(self, agents: AgentTracks, step: int) -> Bool[np.ndarray, "A A"]:
         """Which pairs of agents conflict at a step; symmetric."""

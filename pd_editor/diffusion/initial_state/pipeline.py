@@ -10,12 +10,14 @@ from collections.abc import (
 )
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import pairwise
 from typing import Final, TypeVar
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
 
+from pd_editor.diffusion.core.sampler import sampling_mode
 from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
     with_attributes,
@@ -33,6 +35,7 @@ from pd_editor.diffusion.initial_state.network.conditioning import (
     only_agents,
     sampling_conditioning,
 )
+from pd_editor.diffusion.initial_state.network.context import EncodedMap
 from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.initial_state.sampler import (
@@ -83,6 +86,8 @@ _PLACE_DIGITS: Final = 2
 _HEADING_DIGITS: Final = 3
 _SPEED_DIGITS: Final = 2
 """Sampled states are rounded to a centimetre, a milliradian and a centimetre a second."""
+_VERSION_STEP: Final = 1_000_003
+"""Difference of the sample indices of the versions of a sample."""
 _ROUND_SEED_STEP: Final = 1_000_033
 """Difference of the seeds of rounds; each round has random numbers of its own."""
 
@@ -264,41 +269,50 @@ def place_in_squares(
     Raises:
         GenerationError: there is no road where agents are to be placed.
     """
-    found: dict[int, Scenario] = dict.fromkeys(placings, scenario)
     sampler = InitialStateSamplerConfig() if sampler is None else sampler
     num_rounds = 0 if resampling is None else resampling.num_rounds
     # The number of rounds is not known ahead, so each counts half of what remains.
     ends = 1 - 0.5 ** np.arange(1, num_rounds + 2)
     ends[-1] = 1.0
-    remaining = dict(placings)
-    for index, end in enumerate(ends):
-        begin = ends[index - 1] if index else 0.0
-        found |= yield from _place_once(
-            model,
-            found,
-            remaining,
-            seed=(seed + index * _ROUND_SEED_STEP) % MAX_SEED,
-            sampler=sampler,
-            guidance=guidance,
+    place = partial(_place_once, model, maps={}, guidance=guidance)
+    found = yield from place(
+        dict.fromkeys(placings, scenario),
+        placings,
+        seed=seed,
+        sampler=sampler,
+        progress=lambda part: progress(ends[0] * part),
+    )
+    for index, (begin, end) in enumerate(pairwise(ends)):
+        assert resampling is not None, "without it there are no rounds"
+        again: dict[int, tuple[str, ...]] = {}
+        for sample, squares in placings.items():
+            ids = [name for one in squares for name in one.ids]
+            random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, index])
+            again[sample] = resampling.conflicting(found[sample], ids, random)
+        versions = {
+            sample: [sample + n * _VERSION_STEP for n in range(resampling.num_versions)]
+            for sample, ids in again.items()
+            if ids
+        }
+        if not versions:
+            break
+        tasks = {one: placed_again(placings[one], again[one]) for one in versions}
+        placed = yield from place(
+            {key: found[sample] for sample, keys in versions.items() for key in keys},
+            {key: tasks[sample] for sample, keys in versions.items() for key in keys},
+            seed=(seed + (index + 1) * _ROUND_SEED_STEP) % MAX_SEED,
+            sampler=replace(
+                sampler, num_steps=min(sampler.num_steps, resampling.num_steps)
+            ),
             progress=lambda part, low=begin, high=end: progress(
                 low + (high - low) * part
             ),
         )
-        if resampling is None:
-            break
-        sampler = replace(
-            sampler, num_steps=min(sampler.num_steps, resampling.num_steps)
-        )
-        remaining = {}
-        for sample, squares in placings.items():
-            ids = [name for one in squares for name in one.ids]
-            random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, index])
-            again = resampling.conflicting(found[sample], ids, random)
-            if again:
-                remaining[sample] = placed_again(squares, again)
-        if not remaining:
-            break
-    return [found[sample] for sample in placings]
+        for sample, keys in versions.items():
+            found[sample] = resampling.best_of(
+                [placed[key] for key in keys], again[sample]
+            )
+    return [_slowed(found[sample], squares) for sample, squares in placings.items()]
 
 
 def _place_once(
@@ -307,6 +321,7 @@ def _place_once(
     placings: Mapping[int, Sequence[SquarePlacement]],
     *,
     seed: int,
+    maps: dict[int, EncodedMap],
     sampler: InitialStateSamplerConfig,
     guidance: InitialStateGuidance | None,
     progress: Callable[[float], _Progress],
@@ -327,16 +342,22 @@ def _place_once(
             by_square.setdefault(placing.square, []).append((sample, placing))
     total, done = sum(map(len, by_square.values())), 0
     for square in sorted(by_square):
-        tasks = [
-            SquareTask.of(scenes[sample], found[sample], sample, placing)
-            for sample, placing in by_square[square]
-        ]
+        alike: dict[tuple[int, SquarePlacement], SquareTask] = {}
+        tasks: list[SquareTask] = []
+        for sample, placing in by_square[square]:
+            key = id(found[sample]), placing
+            if key not in alike:
+                alike[key] = SquareTask.of(
+                    scenes[sample], found[sample], sample, placing
+                )
+            tasks.append(replace(alike[key], sample=sample))
         for batch in _batches(tasks, model.get_buffer("counted").device):
             share = partial(_share_of, done, len(batch), total)
             placed = yield from place_agents(
                 model,
                 batch,
                 seed=seed,
+                maps=maps,
                 sampler=sampler,
                 guidance=guidance,
                 progress=lambda part, share=share: progress(share(part)),
@@ -391,6 +412,7 @@ def place_agents(
     tasks: Sequence[SquareTask],
     *,
     seed: int,
+    maps: dict[int, EncodedMap] | None = None,
     sampler: InitialStateSamplerConfig | None = None,
     guidance: InitialStateGuidance | None = None,
     progress: Callable[[float], _Progress] = lambda share: share,
@@ -398,7 +420,8 @@ def place_agents(
     """Sample the initial states of one square of several samples, in one batch.
 
     Returns each sample's scenario with the agents. A sample does not depend on the
-    others, apart from rounding.
+    others, apart from rounding. ``maps`` are encoded maps by square; that of a new
+    square is added.
 
     Raises:
         GenerationError: there is no road where agents are to be placed.
@@ -430,6 +453,10 @@ def place_agents(
                 task, scene, model.agent_counts, randoms, placing.traits
             )
         )
+    maps = {} if maps is None else maps
+    if placing.square not in maps:
+        with sampling_mode(scene.has_agent.numel()):
+            maps[placing.square] = model.encode_map(scene)
     guidance = InitialStateGuidance() if guidance is None else guidance
     if placing.traits.only_on_road:
         guidance = guidance.within_lanes()
@@ -449,6 +476,7 @@ def place_agents(
         ),
         square=placing.square,
         rows=[(one.num_agents, one.rows) for one in tasks],
+        road_map=maps[placing.square],
     )
     clean = None
     for step in steps:
@@ -497,6 +525,13 @@ def _repaired(
     if placing.traits.only_on_road:
         scenario = _back_on_road(scenario, placing, keep)
     return slow_for_gaps(scenario, placing.ids, keep_ids=keep)
+
+
+def _slowed(scenario: Scenario, placings: Sequence[SquarePlacement]) -> Scenario:
+    """Limit speeds to gaps to agents that were placed later, in other squares or again."""
+    repaired = {name for one in placings if one.repairs for name in one.ids}
+    keep = [name for name in scenario.agents.ids if name not in repaired]
+    return slow_for_gaps(scenario, repaired, keep_ids=keep)
 
 
 def _back_on_road(

@@ -22,6 +22,7 @@ from pd_editor.diffusion.initial_state.network.conditioning import (
     Conditioning,
     sampling_conditioning,
 )
+from pd_editor.diffusion.initial_state.network.context import EncodedMap
 from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.network.state_encoding import (
     NUM_MOTION_PARTS,
@@ -81,6 +82,7 @@ def sample_initial_states(
     guide: InitialStateGuide | None = None,
     square: int = 0,
     rows: Sequence[tuple[int, Int[np.ndarray, "_"]]] | None = None,
+    road_map: EncodedMap | None = None,
     num_gradient_steps: int = 0,
 ) -> Iterator[SamplerStep]:
     """Sample initial states of all agents of B scenes that are not given.
@@ -102,6 +104,7 @@ def sample_initial_states(
         rows: number of agents of each whole scene, and which of them ``scene`` keeps.
             Each of the B scenes then has one of the samples (S = B), and the result is
             [1, B, A, P]; None: all samples of all scenes.
+        road_map: the encoded map of the scenes, if it is known already.
         num_gradient_steps: number of last steps that are differentiable.
     """
     config = InitialStateSamplerConfig() if config is None else config
@@ -119,7 +122,7 @@ def sample_initial_states(
     num_rows = num_versions * scene.has_agent.numel()
     has_gradient = True if num_gradient_steps else None
     with sampling_mode(num_rows, has_gradient=has_gradient):
-        context = model.encode_context(scene, task)
+        context = model.encode_context(scene, task, road_map)
         levels = centered_levels(config.num_steps, config.level_emphasis)
         encoded = model.encode_level(
             scene.agent_pose.new_tensor(levels)[:, None, None], context

@@ -15,6 +15,7 @@ from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.features.scene_features import PEDESTRIAN
 
 _PLACES: Final = (-1.0, 0.0, 1.0)
+_NUDGE_M: Final = 1e-3
 
 
 def overlap_depth_m(
@@ -42,6 +43,8 @@ class OverlapVectors:
     """Position of each disc along the heading, relative to the centre."""
     least_m: Float[Tensor, "B A A"]
     """Least distance between discs; below 0 for pairs that may overlap."""
+    far_m: Float[Tensor, "B A A"]
+    """Distance of centres from which on boxes do not overlap."""
     nudge_m: Float[Tensor, "A A"]
     """Displacement of agents at the same position: the first one moves ahead."""
 
@@ -51,10 +54,13 @@ class OverlapVectors:
         places = torch.tensor(_PLACES, device=scene.agent_size.device)
         radii = _radii_m(scene)
         nudge = torch.ones_like(radii[0]).triu() * 2 - 1
+        reach, counts = _reach_m(scene), _counts(scene)
+        far_m = radii + gap_m + reach[..., None] + reach[..., None, :]
         return cls(
-            reach_m=_reach_m(scene)[..., None] * places,
-            least_m=torch.where(_counts(scene), radii + gap_m, -1.0),
-            nudge_m=1e-3 * nudge,
+            reach_m=reach[..., None] * places,
+            least_m=torch.where(counts, radii + gap_m, -1.0),
+            far_m=torch.where(counts, far_m + 2 * _NUDGE_M, -1.0),
+            nudge_m=_NUDGE_M * nudge,
         )
 
     def __call__(
@@ -64,14 +70,23 @@ class OverlapVectors:
 
         Positions and axes (headings of length one) are complex numbers.
         """
+        between = place_m[..., :, None] - place_m[..., None, :]
+        found = torch.zeros_like(between)
+        near = (between.abs() < self.far_m).nonzero(as_tuple=True)
+        *scene, one, other = near
+        if not len(one):
+            return found
         discs = place_m[..., None] + axis[..., None] * self.reach_m
-        offset = discs[..., :, None, :, None] - discs[..., None, :, None, :]
+        offset = discs[*scene, one, :, None] - discs[*scene, other, None]
         offset = offset.flatten(-2)
         nearest = offset.abs().argmin(dim=-1, keepdim=True)
-        offset = offset.gather(-1, nearest)[..., 0] + self.nudge_m * axis[..., None]
+        ahead = self.nudge_m[one, other] * axis[*scene, one]
+        offset = offset.gather(-1, nearest)[..., 0] + ahead
         distance = offset.abs()
-        depth = (self.least_m - distance).clamp_min_(0)
-        return offset * (depth / distance.clamp_min_(1e-6))
+        least_m = self.least_m.expand(between.shape)[near]
+        depth = (least_m - distance).clamp_min_(0)
+        found[near] = offset * (depth / distance.clamp_min_(1e-6))
+        return found
 
 
 def _offsets_m(

@@ -7,6 +7,7 @@ import pytest
 import shapely
 import torch
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pd_editor.diffusion.initial_state import pipeline
 from pd_editor.diffusion.initial_state.attributes import with_attributes_of
@@ -100,6 +101,48 @@ def test_without_the_chosen_agents_no_placed_one_conflicts(crowd: Crowd):
     )
     kind_of = dict(zip(scenario.agents.ids, scenario.agents.kinds, strict=True))
     assert all(kind_of[name] in LANE_FOLLOWER_KINDS for name in chosen)
+
+
+@settings(max_examples=60, deadline=None)
+@given(crowd=crowds(), turn=st.integers(1, 5), number=st.integers(2, 4))
+def test_the_best_of_some_versions_has_no_more_conflicts_than_each(
+    crowd: Crowd, turn: int, number: int
+):
+    states, kinds = crowd
+    base = scenario_with(straight_drivers(states, kinds=kinds))
+    ids, step = base.agents.ids[::2], base.current_step
+    rows = base.agents.rows(ids)
+    versions = []
+    for version in range(number):
+        place = base.agents.position_m[rows] + (0.0, 3.0 * version * turn)
+        versions.append(base.with_agents(base.agents.with_rows(rows, position_m=place)))
+    best = RESAMPLING.best_of(versions, ids)
+
+    def conflicts(scenario: Scenario) -> int:
+        agents = scenario.agents
+        counts = agents.is_valid[:, step] & agents.kind_mask(LANE_FOLLOWER_KINDS)
+        pairs = RESAMPLING.pairs(agents, step) & counts & counts[:, None]
+        return int(pairs[rows].sum())
+
+    assert conflicts(best) <= min(map(conflicts, versions))
+    assert best.agents.ids == base.agents.ids
+    position = best.agents.position_m
+    for row in range(len(base.agents)):
+        same = [
+            np.array_equal(position[row], v.agents.position_m[row]) for v in versions
+        ]
+        assert any(same) if row in rows else all(same)
+
+
+def test_an_agent_gets_its_state_of_the_version_without_a_conflict():
+    """The first agent is free in the first version only, the second in the second."""
+    stands = [(0.0, 0.0, 0.0, 0.0), (60.0, 0.0, 0.0, 0.0)]
+    free = [(20.0, 0.0, 0.0, 0.0), (80.0, 0.0, 0.0, 0.0)]
+    one = scenario_with(straight_drivers([*stands, free[0], stands[1]]))
+    two = scenario_with(straight_drivers([*stands, stands[0], free[1]]))
+    best = RESAMPLING.best_of([one, two], one.agents.ids[2:])
+    found = best.agents.position_m[:, best.current_step, 0]
+    assert found.tolist() == [0.0, 60.0, 20.0, 80.0]
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import pytest
 from pd_editor.diffusion import path_diffuser
 from pd_editor.diffusion.initial_state import pipeline
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
+from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
 from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
@@ -109,6 +110,25 @@ def test_a_batch_of_samples_is_cancelled_between_steps(
     steps.close()
     assert shares == sorted(set(shares))
     assert shares[-1] < 0.4
+
+
+def test_high_quality_samples_more_versions_of_agents_in_conflict(
+    diffuser: PathDiffuser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numbers: list[int] = []
+    best_of = ConflictResampling.best_of
+
+    def counted(self: ConflictResampling, versions: list, ids: tuple) -> Scenario:
+        numbers.append(len(versions))
+        return best_of(self, versions, ids)
+
+    monkeypatch.setattr(ConflictResampling, "best_of", counted)
+    crowd = [(8.0 * k, 3.5 * lane, 0.0, 9.0) for k in range(9) for lane in range(2)]
+    scenario = scenario_with(straight_drivers(crowd))
+    ids = scenario.agents.ids
+    for quality in ("fast", "high"):
+        generated(diffuser, scenario, ids, resampled_state_ids=ids, quality=quality)
+    assert set(numbers) == {2, 4}
 
 
 def test_whoever_is_placed_can_brake_behind_those_ahead(diffuser: PathDiffuser) -> None:

@@ -54,6 +54,16 @@ def test_pushing_by_the_vectors_takes_the_overlap_away():
     assert after < 0.02 * before
 
 
+def test_vectors_are_as_long_as_the_overlap_is_deep():
+    random = torch.Generator().manual_seed(0)
+    poses = torch.rand((40, 3), generator=random) * torch.tensor([40.0, 40.0, 6.3])
+    scene = cars_at(*[(x, y, turn) for x, y, turn in poses.tolist()])
+    depth = overlap_depth_m(codes_of(scene), scene)
+    assert 20 < (depth > 0).sum() < 1000
+    # Vectors are nudged by a millimetre.
+    torch.testing.assert_close(vectors_of(scene).norm(dim=-1), depth, rtol=0, atol=5e-3)
+
+
 def test_cars_in_one_place_part():
     scene = cars_at((3, 4, 0.7), (3, 4, 0.7))
     vectors = vectors_of(scene)[0]

@@ -32,7 +32,7 @@ def sampled(diffuser: PathDiffuser, scenario: Scenario, **asked) -> TrafficSampl
 def driven(diffuser: PathDiffuser, scenario: Scenario) -> Scenario:
     """The scenario with generated trajectories of both agents."""
     request = GenerationRequest(
-        scenario=scenario, agent_ids=scenario.agents.ids, guidance=(RAW,), seed=5
+        scenario=scenario, agent_ids=scenario.agents.ids, guidance=(RAW,), seed=6
     )
     traffic = run_to_end(diffuser.generate(request))
     return traffic_command(request, traffic).apply(scenario)

@@ -11,6 +11,15 @@ from pd_editor.diffusion.initial_state.network.features import BoxPairs, NoiseFa
 from pd_editor.diffusion.initial_state.network.map_tokens import MapTokens
 
 
+class EncodedMap(NamedTuple):
+    """Values that depend on the map tokens of B scenes only."""
+
+    keys_values: tuple[KeysValues, ...]
+    """Keys and values of all tokens, by layer."""
+    near: MapTokens | None
+    """Tokens for the search of those near an agent; None without relations."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InitialStateContext:
     """Values that do not depend on noisy states, for B scenes of A agents."""

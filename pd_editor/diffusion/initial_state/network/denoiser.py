@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -34,6 +34,7 @@ from pd_editor.diffusion.initial_state.network.conditioning import (
     pieces_within,
 )
 from pd_editor.diffusion.initial_state.network.context import (
+    EncodedMap,
     EncodedStateLevel,
     InitialStateContext,
 )
@@ -262,13 +263,17 @@ class InitialStateDenoiser(nn.Module):
         self.get_buffer("counted").copy_(counts.as_tensor())
 
     def encode_context(
-        self, scene: SceneTensors, task: Conditioning
+        self,
+        scene: SceneTensors,
+        task: Conditioning,
+        road_map: EncodedMap | None = None,
     ) -> InitialStateContext:
-        """Compute the values that do not depend on noisy states."""
-        scene = pieces_within(scene, REACH_M)
+        """Compute the values that do not depend on noisy states.
+
+        ``road_map`` is the encoded map of the scene, if it is known already.
+        """
+        road_map = self.encode_map(scene) if road_map is None else road_map
         has_agent = _agents_that_count(scene, task)
-        tokens = self._map_tokens(scene)
-        is_token = Mask.of(scene.has_piece[:, None, None])
         num_agents = scene.agent_size.shape[1]
         size = scene.agent_size / 5
         pairs = torch.cat(
@@ -279,11 +284,12 @@ class InitialStateDenoiser(nn.Module):
             dim=-1,
         )
         return InitialStateContext(
-            map_keys_values=tuple(
-                layer.map_attention.encode(tokens.of_lanes, is_token)
-                for layer in self._layers()
+            map_keys_values=road_map.keys_values,
+            map_tokens=(
+                None
+                if road_map.near is None
+                else road_map.near.seen_by(scene.agent_kind)
             ),
-            map_tokens=tokens.near,
             agent=self._agent_token(scene, task, has_agent),
             pairs=self.pair_sizes_in(pairs)[:, None],
             boxes=BoxPairs.of(scene.agent_size) if self.config.sees_box_gaps else None,
@@ -297,8 +303,23 @@ class InitialStateDenoiser(nn.Module):
         activity = scene.agent_activity if self.config.samples_activity else None
         return encode_states(scene.agent_pose, scene.agent_speed, activity)
 
-    def _map_tokens(self, scene: SceneTensors) -> "_EncodedMap":
-        """Embed all map tokens, including their context."""
+    def encode_map(self, scene: SceneTensors) -> EncodedMap:
+        """Compute the values that depend on the map only, within reach of the square."""
+        scene = pieces_within(scene, REACH_M)
+        of_lanes, near = self._map_tokens(scene)
+        is_token = Mask.of(scene.has_piece[:, None, None])
+        return EncodedMap(
+            tuple(
+                layer.map_attention.encode(of_lanes, is_token)
+                for layer in self._layers()
+            ),
+            near,
+        )
+
+    def _map_tokens(
+        self, scene: SceneTensors
+    ) -> tuple[Float[Tensor, "B P D"], MapTokens | None]:
+        """Embed lanes, and all map tokens for the search of near ones, with context."""
         relates = self.config.sees_relations
         kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
         features = torch.cat([scene.piece_shape, kinds], dim=-1)
@@ -319,11 +340,11 @@ class InitialStateDenoiser(nn.Module):
                 aware = self.near_context_in(found).split(sizes, dim=1)
                 near = [one + more for one, more in zip(near, aware, strict=True)]
         if not relates:
-            return _EncodedMap(tokens[0], None)
+            return tokens[0], None
         groups = [TokenGroup.of_lanes(scene, near[0])]
         if self.config.sees_boundary:
             groups.append(TokenGroup.of_boundary(scene, near[1]))
-        return _EncodedMap(tokens[0], MapTokens.of(*groups))
+        return tokens[0], MapTokens.of(*groups)
 
     def encode_level(
         self, level: Float[Tensor, "*l #S #B"], context: InitialStateContext
@@ -505,14 +526,6 @@ class InitialStateDenoiser(nn.Module):
 
     def _layers(self) -> list["InitialStateLayer"]:
         return [layer for layer in self.layers if isinstance(layer, InitialStateLayer)]
-
-
-class _EncodedMap(NamedTuple):
-    """Embedded map tokens."""
-
-    of_lanes: Float[Tensor, "B P D"]
-    near: MapTokens | None
-    """Map tokens for the search of those near an agent; None without relations."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,7 +1,7 @@
 """Search of the map tokens near noisy poses at each step."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
@@ -32,6 +32,8 @@ class TokenGroup(NamedTuple):
     """Embeddings, which do not depend on poses."""
     exists: Bool[Tensor, "B P"] | None
     """Mask of tokens; None if there is no padding."""
+    is_crossing: Bool[Tensor, "B P"] | None = None
+    """Crosswalks; None if there are none."""
     factors: Float[Tensor, "_ 1 A P"] | None = None
     """Factors of distances between agents and tokens; None if all are 1."""
 
@@ -41,18 +43,17 @@ class TokenGroup(NamedTuple):
     ) -> "TokenGroup":
         """Tokens of lanes and crosswalks."""
         is_crossing = scene.piece_kind == CROSSWALK_KIND
-        factors = None
-        if bool(is_crossing.any()):
-            is_walking = scene.agent_kind == PEDESTRIAN
-            factors = crossing_factors(is_walking, is_crossing)[:, None]
-        return cls._of(scene.piece_pose, scene.has_piece, encoded, factors)
+        group = cls._of(scene.piece_pose, scene.has_piece, encoded)
+        return group._replace(
+            is_crossing=is_crossing if bool(is_crossing.any()) else None
+        )
 
     @classmethod
     def of_boundary(
         cls, scene: SceneTensors, encoded: Float[Tensor, "B E C"]
     ) -> "TokenGroup":
         """Tokens of the drivable area's boundary."""
-        return cls._of(scene.boundary_pose, scene.has_boundary, encoded, None)
+        return cls._of(scene.boundary_pose, scene.has_boundary, encoded)
 
     @classmethod
     def _of(
@@ -60,15 +61,21 @@ class TokenGroup(NamedTuple):
         pose: Float[Tensor, "B P 3"],
         exists: Bool[Tensor, "B P"],
         encoded: Float[Tensor, "B P C"],
-        factors: Float[Tensor, "_ 1 A P"] | None,
     ) -> "TokenGroup":
         return cls(
             middle_m=pose[..., :2].contiguous(),
             axis=torch.complex(pose[..., 2].cos(), pose[..., 2].sin()),
             encoded=encoded,
             exists=None if bool(exists.all()) else exists,
-            factors=factors,
         )
+
+    def seen_by(self, agent_kind: Int[Tensor, "B A"]) -> "TokenGroup":
+        """The tokens with the distances of agents of some kinds."""
+        if self.is_crossing is None:
+            return self
+        is_walking = agent_kind == PEDESTRIAN
+        factors = crossing_factors(is_walking, self.is_crossing)[:, None]
+        return self._replace(factors=factors)
 
     def nearest(
         self, poses: NoisyPoses, number: int
@@ -125,6 +132,11 @@ class MapTokens:
         ]
         encoded = [one.encoded.flatten(0, 1) for one in groups]
         return cls(groups=groups, pose=torch.cat(pose), encoded=torch.cat(encoded))
+
+    def seen_by(self, agent_kind: Int[Tensor, "B A"]) -> "MapTokens":
+        """The tokens with the distances of agents of some kinds."""
+        groups = tuple(one.seen_by(agent_kind) for one in self.groups)
+        return replace(self, groups=groups)
 
     def near(
         self,

@@ -14,6 +14,8 @@ from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateDenoiser,
 )
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
+from pd_editor.features.lane_tokens import CROSSWALK_KIND
+from pd_editor.features.scene_features import PEDESTRIAN
 from tests.diffusion.initial_state.scenes import (
     scene_batch,
     small_model,
@@ -48,6 +50,23 @@ def denoised(
 def only_scene(scene: SceneTensors, row: int) -> SceneTensors:
     fields = {name: getattr(scene, name)[row : row + 1] for name in vars(scene)}
     return SceneTensors(**fields)
+
+
+def test_an_encoded_map_serves_other_agents():
+    """Pedestrians and vehicles see crosswalks at different distances."""
+    scene, model = scene_batch(6), small_model()
+    kinds = scene.piece_kind.clone()
+    kinds[:, ::2] = CROSSWALK_KIND
+    scene = replace(scene, piece_kind=kinds)
+    walking = replace(scene, agent_kind=torch.full_like(scene.agent_kind, PEDESTRIAN))
+    noisy = noisy_states(scene)
+    task = sampling_conditioning(walking)
+    with torch.no_grad():
+        for known in (scene, walking):
+            context = model.encode_context(walking, task, model.encode_map(known))
+            levels = model.encode_level(torch.full(noisy.shape[:2], 0.4), context)
+            found = model.denoise(noisy, levels, context)
+            assert torch.equal(found, denoised(model, walking, noisy))
 
 
 def test_padding_has_no_influence():

@@ -22,7 +22,7 @@ def near(scene: SceneTensors, position_m: torch.Tensor, number: int) -> NearToke
     poses = NoisyPoses(position_m[:, None], torch.ones_like(position_m)[:, None])
     noise = noise_factors(torch.tensor(1.0), torch.tensor(1.0), num_offsets=2)
     tokens = MapTokens.of(TokenGroup.of_lanes(scene, encoded))
-    return tokens.near(poses, noise, number)
+    return tokens.seen_by(scene.agent_kind).near(poses, noise, number)
 
 
 def test_nearest_tokens_by_brute_force():

@@ -50,10 +50,10 @@ def scenario() -> Scenario:
 
 
 def guided(
-    diffuser: PathDiffuser, scenario: Scenario, *terms: GuidanceTerm
+    diffuser: PathDiffuser, scenario: Scenario, *terms: GuidanceTerm, seed: int = 3
 ) -> TrafficSample:
     found = generated(
-        diffuser, scenario, scenario.agents.ids, guidance=(SINGLE, *terms), seed=3
+        diffuser, scenario, scenario.agents.ids, guidance=(SINGLE, *terms), seed=seed
     )
     return found.samples[0]
 
@@ -92,9 +92,10 @@ def test_an_agent_stops_in_front_of_a_line(diffuser: PathDiffuser, scenario: Sce
     line = StopAtLine(agent_id="100", line_m=((40.0, -2.0), (40.0, 2.0)))
     fast = TargetSpeed(agent_ids=("100",), speed_mps=10.0)
     assert guided(diffuser, scenario, fast).position_m[0, -1, 0] > 45
-    sample = guided(diffuser, scenario, line)
-    front = sample.position_m[0, :, 0] + sample.size_m[0, 0] / 2
-    assert front.max() < 40.3
+    samples = [guided(diffuser, scenario, line, seed=seed) for seed in range(7)]
+    fronts = [one.position_m[0, :, 0] + one.size_m[0, 0] / 2 for one in samples]
+    # The weights are random: with some seeds the agent passes beside the line.
+    assert np.median([front.max() for front in fronts]) < 40.0
 
 
 def test_an_agent_does_not_turn_aside_while_it_stops():
