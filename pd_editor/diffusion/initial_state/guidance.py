@@ -1,5 +1,6 @@
 """Guidance of predicted clean states: separates boxes, pulls agents to lanes."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -61,6 +62,10 @@ class InitialStateGuidance:
     """So far beyond the border of the junction: half of a vehicle and a little."""
     farthest_out_m: float = 20.0
     """To a lane outside; a vehicle with a longer way stays."""
+    most_askew_deg: float = 10.0
+    """Agents that stand on a lane outside junctions, turned further from its direction,
+    are aligned with it in the last step: of recorded ones (``train``) 0.8 % stand askew by
+    more than 15 degrees, of sampled ones 5 %."""
     first_noise_m: float = 12.0
     """There is no guidance above this noise on positions."""
     num_pushes: int = 2
@@ -101,6 +106,7 @@ class InitialStateGuidance:
         overlaps = OverlapVectors.of(scene, gap_m=self.gap_m)
         lines, pulled = CenterLines.of(scene), _Pulled.of(scene, task, self)
         leaves, outside = None, lines.outside_junctions()
+        is_aligned = pulled.share > 0
         if may_stop is not None:
             leaves = follows_lanes(scene) & ~given & ~may_stop
 
@@ -117,16 +123,35 @@ class InitialStateGuidance:
                 if bool(stands.any()):
                     stuck = stands & lines.in_junction(place)
                     place = place + stuck * self._out(place, outside, pulled)
-            axis = as_complex(unit_vectors(clean[..., 2:4]))
+            own_axis = axis = as_complex(unit_vectors(clean[..., 2:4]))
+            if level == 0:
+                aligned = lines.direction(place)
+                aligned = torch.where(is_aligned & is_standing(clean), aligned, 0)
+                axis = self._aligned(axis, aligned)
             for _ in range(self.num_pushes if level > 0 else self.num_last_pushes):
                 push = self._push(place, axis, overlaps, given)
                 if not bool(push.any()):
                     break
                 place = place + push
             moved = torch.view_as_real(place - start) / POSITION_UNIT_M
-            return torch.cat([clean[..., :2] + moved, clean[..., 2:]], dim=-1)
+            is_turned = (axis != own_axis)[..., None]
+            heading = torch.where(is_turned, torch.view_as_real(axis), clean[..., 2:4])
+            return torch.cat([clean[..., :2] + moved, heading, clean[..., 4:]], dim=-1)
 
         return guide
+
+    def _aligned(
+        self, axis: Complex[Tensor, "S B A"], lane_axis: Complex[Tensor, "S B A"]
+    ) -> Complex[Tensor, "S B A"]:
+        """Axes that are too far from a lane's, turned to it or its opposite.
+
+        ``lane_axis`` is 0 for agents that are not turned.
+        """
+        own = axis * lane_axis.conj_physical()
+        is_askew = own.imag.abs() > math.sin(math.radians(self.most_askew_deg))
+        return torch.where(
+            is_askew, torch.where(own.real < 0, -lane_axis, lane_axis), axis
+        )
 
     def _push(
         self,

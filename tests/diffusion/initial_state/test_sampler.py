@@ -1,3 +1,4 @@
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -31,6 +32,7 @@ from pd_editor.diffusion.initial_state.sampler import (
 from pd_editor.diffusion.initial_state.state_overlap import overlap_depth_m
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.features.lane_tokens import PIECE_SHAPE
+from pd_editor.features.scene_features import PEDESTRIAN
 from pd_editor.scene.activity import Activity
 from tests.diffusion.initial_state.scenes import scene_batch, small_model
 
@@ -257,9 +259,9 @@ def test_guidance_keeps_all_within_lanes_where_nobody_is_wished_off_the_road():
     assert (offset >= 1.3).all()
 
 
-def junction_scene() -> SceneTensors:
-    """A road along x of ten pieces, the middle four in a junction; four agents."""
-    scene = scene_batch(4)
+def junction_scene(num_agents: int) -> SceneTensors:
+    """A road along x of ten pieces, the middle four in a junction."""
+    scene = scene_batch(num_agents)
     pieces = scene.piece_pose.shape[1]
     assert pieces >= 10
     pose = torch.zeros_like(scene.piece_pose)
@@ -279,7 +281,7 @@ def junction_scene() -> SceneTensors:
 
 
 def test_vehicles_that_stand_in_a_junction_are_moved_out_of_it():
-    scene = junction_scene()
+    scene = junction_scene(4)
     pose = torch.tensor([[12.0, 0, 0], [-13.0, 0, 0], [2.0, 0, 0], [33.0, 0, 0]])
     speed = torch.tensor([0.0, 0.0, 5.0, 0.0])
     clean = encode_states(pose, speed, torch.full((4,), 2))[None, None]
@@ -292,3 +294,27 @@ def test_vehicles_that_stand_in_a_junction_are_moved_out_of_it():
     unguided = InitialStateGuidance().of(scene, SCHEDULE)
     same = decode_states(unguided(clean, 0.0))[0, 0, :, 0]
     assert same.tolist() == pytest.approx(pose[:, 0].tolist(), abs=0.1)
+
+
+def test_agents_that_stand_askew_on_a_lane_are_aligned_in_the_last_step():
+    kinds = torch.tensor([[0, 0, 0, 0, PEDESTRIAN, 0]])
+    scene = replace(junction_scene(6), agent_kind=kinds)
+    turns = [0.5, math.pi - 0.5, 0.5, 0.5, 0.5, 0.1]
+    x = [40.0, 44.0, 2.0, 50.0, 36.0, 30.0]
+    y = [0.5, 0.0, 0.0, 4.0, 0.0, 0.0]
+    pose = torch.tensor([x, y, turns]).T
+    clean = encode_states(pose, torch.zeros(6), torch.full((6,), 2))[None, None]
+    guide = InitialStateGuidance().of(scene, SCHEDULE)
+    found = decode_states(guide(clean, 0.0))[0, 0]
+    heading = torch.atan2(found[:, 3], found[:, 2])
+    # One keeps facing against its lane. In the junction, beside the lane, on foot and
+    # with a small angle, agents keep their headings.
+    expected = [0.0, math.pi, *turns[2:]]
+    assert heading.abs().tolist() == pytest.approx(expected, abs=1e-3)
+    earlier = decode_states(guide(clean, 0.05))[0, 0]
+    same = torch.atan2(earlier[:, 3], earlier[:, 2])
+    assert same.tolist() == pytest.approx(turns, abs=1e-3)
+    drives = encode_states(pose, torch.full((6,), 5.0), torch.full((6,), 3))
+    moving = decode_states(guide(drives[None, None], 0.0))[0, 0]
+    same = torch.atan2(moving[:, 3], moving[:, 2])
+    assert same.tolist() == pytest.approx(turns, abs=1e-3)

@@ -77,6 +77,16 @@ class CenterLines:
         is_junction = self.is_junction.expand(gap.shape).gather(-1, nearest)
         return (is_junction & (nearest_m <= _HALF_LANE_M))[..., 0]
 
+    def direction(
+        self, place_m: Complex[Tensor, "*s B A"]
+    ) -> Complex[Tensor, "*s B A"]:
+        """Direction of the nearest lane; 0 beside lanes and in junctions."""
+        gap, length_m = self._gaps_m(place_m)
+        nearest_m, nearest = length_m.min(dim=-1, keepdim=True)
+        axis = torch.where(self.is_junction, 0, self.axis).expand(gap.shape)
+        axis = axis.gather(-1, nearest)
+        return torch.where(nearest_m <= _HALF_LANE_M, axis, 0)[..., 0]
+
     def offset_m(
         self, place_m: Complex[Tensor, "*s B A"]
     ) -> tuple[Complex[Tensor, "*s B A"], Float[Tensor, "*s B A"]]:
