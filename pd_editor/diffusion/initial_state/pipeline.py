@@ -264,7 +264,8 @@ def place_in_squares(
     All samples of a square are denoised in one batch. Each square is conditioned on the
     agents of the sample that were placed before. Then agents that conflict with a
     neighbour are sampled again, in several versions of which the best is taken, given all
-    others; ``resampling`` None leaves them. Placed agents exist at the current step only. Yields ``progress`` of the share that is done.
+    others; ``resampling`` None leaves them. Placed agents exist at the current step only.
+    Yields ``progress`` of the share that is done.
 
     Raises:
         GenerationError: there is no road where agents are to be placed.
