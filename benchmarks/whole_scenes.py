@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float
 
 import pd_editor
 from pd_editor.av2_io.read import read_scenario
@@ -59,17 +60,33 @@ def generate(folder: Path, placement: str, model: str, seed: int, out: Path) -> 
     )
 
 
+def path_m(
+    position_m: Float[np.ndarray, "A T 2"], is_valid: Bool[np.ndarray, "A T"]
+) -> Float[np.ndarray, "A"]:
+    """Path length over all steps, at the mean speed of the observed ones.
+
+    Fast vehicles leave the observed area first: the mean over those that are observed to
+    the end would be too short. NaN for agents that are observed at one step only.
+    """
+    is_observed = is_valid[:, 1:] & is_valid[:, :-1]
+    step_m = np.linalg.norm(np.diff(position_m, axis=1), axis=-1)
+    count = is_observed.sum(axis=1)
+    total_m = np.where(is_observed, step_m, 0.0).sum(axis=1)
+    mean_m = total_m / np.where(count > 0, count, np.nan)
+    return mean_m * is_observed.shape[1]
+
+
 def vehicle_rows(scenario: Scenario) -> np.ndarray:
     """A row for each vehicle at the current step; NaN where a column says nothing."""
     view = recorded_traffic(scenario)
     agents = view.agents
     speed = np.hypot(*agents.velocity_mps[:, 0].T)
-    path = np.linalg.norm(np.diff(agents.position_m, axis=1), axis=-1).sum(axis=1)
+    path = path_m(agents.position_m, agents.is_valid)
     columns = [
         speed,
         speed < MOVING_MPS,
         is_off_road(scenario, agents.position_m[:, 0]),
-        np.where(agents.is_valid.all(axis=1), path, np.nan),
+        path,
         *(np.where(one.is_valid, one.value, np.nan) for one in askew(view)),
     ]
     is_vehicle = np.array([kind == AgentKind.VEHICLE for kind in agents.kinds], bool)
