@@ -56,8 +56,18 @@ def in_conflict(states: list[tuple[float, float, float, float]]) -> bool:
         pytest.param([(0, 0, 0, 0), (12, 0, 0, 2)], False, id="leader that starts"),
         pytest.param([(0, 0, 0, 8), (12, 3.5, 0, 0)], False, id="next lane"),
         pytest.param([(0, 0, 0, 0), (0, 2.3, 0, 0)], True, id="0.3 m beside"),
-        pytest.param([(0, 0, 0, 0), (0, 2.6, 0, 0)], False, id="0.6 m beside"),
-        pytest.param([(0, 0, 0, 8), (12, 0, np.pi / 2, 8)], False, id="crosses"),
+        pytest.param([(0, 0, 0, 0), (0, 2.5, 0, 0)], True, id="0.6 m beside"),
+        pytest.param([(0, 0, 0, 9), (3, 2.5, np.pi, 9)], True, id="passes at 0.6 m"),
+        pytest.param([(0, 0, 0, 0), (0, 2.8, 0, 0)], False, id="0.8 m beside"),
+        pytest.param([(0, 0, 0, 0), (6, 2.5, 0, 0)], False, id="ahead in a next lane"),
+        pytest.param([(0, 0, 0, 8), (12, 0, np.pi / 2, 8)], False, id="has crossed"),
+        pytest.param(
+            [(0, 0, 0, 8), (12, -12, np.pi / 2, 8)], True, id="meets in 1.5 s"
+        ),
+        pytest.param([(0, 0, 0, 8), (32, -32, np.pi / 2, 8)], False, id="meets in 4 s"),
+        pytest.param(
+            [(0, 0, 0, 8), (12, -12, np.pi / 2, 0)], False, id="waits to cross"
+        ),
         pytest.param([(0, 0, 0, 8), (12, 0, np.pi, 8)], True, id="head on"),
     ],
 )
@@ -76,13 +86,41 @@ def test_boxes_nearer_than_the_gap_conflict(crowd: Crowd):
     agents = straight_drivers([(x, y, turn, 0.0) for x, y, turn, _ in states])
     scenario = scenario_with(agents)
     step = scenario.current_step
-    pairs = RESAMPLING.pairs(agents, step)
+    pairs = replace(RESAMPLING, side_gap_m=0.0).pairs(agents, step)
     shapes = np.array(boxes(scenario, step))
     apart = shapely.distance(shapes[:, None], shapes[None])
     np.fill_diagonal(apart, np.inf)
     # A box that grows on all sides has corners, so it reaches a little further.
     assert pairs[apart < RESAMPLING.gap_m - 1e-9].all()
     assert not pairs[apart > RESAMPLING.gap_m * 2**0.5 + 1e-9].any()
+
+
+@pytest.mark.parametrize(
+    ("state", "expected"),
+    [
+        pytest.param((20, 0, np.pi, 8), True, id="drives the wrong way"),
+        pytest.param((20, 0.5, np.pi, 0), True, id="stands the wrong way"),
+        pytest.param((20, -1.5, np.pi, 0), False, id="parks on the left"),
+        pytest.param((20, 0, 0, 8), False, id="drives along the lane"),
+    ],
+)
+def test_agents_in_a_lane_that_leads_the_other_way_conflict_with_the_road(
+    state: tuple[float, float, float, float], expected: bool
+):
+    away = (90.0, 60.0, 0.0, 0.0)
+    scenario = scenario_with(straight_drivers([state, away]))
+    ids, step = scenario.agents.ids, scenario.current_step
+    found = RESAMPLING.wrong_way(scenario.agents, scenario.road_map, step)
+    assert found.tolist() == [expected, False]
+    chosen = RESAMPLING.conflicting(scenario, ids, np.random.default_rng(0))
+    assert chosen == (ids[:1] if expected else ())
+
+
+def test_an_agent_gets_its_state_of_the_version_along_the_lane():
+    ahead, back = (20.0, 0.0, 0.0, 8.0), (20.0, 0.0, np.pi, 8.0)
+    versions = [scenario_with(straight_drivers([one])) for one in (back, ahead)]
+    best = RESAMPLING.best_of(versions, versions[0].agents.ids)
+    assert best.agents.heading_rad[0, best.current_step] == 0.0
 
 
 @settings(max_examples=60, deadline=None)
@@ -121,8 +159,8 @@ def test_the_best_of_some_versions_has_no_more_conflicts_than_each(
     def conflicts(scenario: Scenario) -> int:
         agents = scenario.agents
         counts = agents.is_valid[:, step] & agents.kind_mask(LANE_FOLLOWER_KINDS)
-        pairs = RESAMPLING.pairs(agents, step) & counts & counts[:, None]
-        return int(pairs[rows].sum())
+        found = RESAMPLING.conflicts(agents, scenario.road_map, step)
+        return int((found & counts & counts[:, None])[rows].sum())
 
     assert conflicts(best) <= min(map(conflicts, versions))
     assert best.agents.ids == base.agents.ids
