@@ -28,6 +28,8 @@ from pd_editor.scene.thresholds import MOVING_MPS
 HALF_SIDE_M = 70.0
 AHEAD_STEPS = 30
 """Trajectories are drawn so far: later many recorded ones have ended."""
+SHIFT_M = 20.0
+"""Pictures to sort are shifted by up to this, both of a scene alike."""
 FINER = 3
 """Drawn so many times larger, then reduced: smooth edges."""
 GROUND, ROAD, LANE, CROSSING = "#f4f5f7", "#d5d9de", "#aab2bb", "#bcc4cc"
@@ -158,6 +160,10 @@ def write_blind(
     """Two pictures a sheet, in random order; which is which is in ``key.json``."""
     out.mkdir(parents=True, exist_ok=True)
     random = np.random.default_rng(seed)
+    # Around its centre, the focal agent, only the recording has an agent exactly there.
+    centers = [
+        center + random.uniform(-SHIFT_M, SHIFT_M, center.shape) for center in centers
+    ]
     entries = [(scene, index) for scene in range(len(rows)) for index in (0, 1)]
     order = random.permutation(len(entries))
     pictures = []
