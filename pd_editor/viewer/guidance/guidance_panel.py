@@ -261,7 +261,7 @@ class GuidancePanel:
         command: Command = ChangeGuidance(
             index=index, term=replace(term, weight=WEIGHTS[stop])
         )
-        self._ui.preview(owner, command, has_end=True)
+        self._ui.preview(owner, command)
         if event.get("isEnd") is True and self._ui.gesture == owner:
             self._ui.end_gesture()
 

@@ -352,9 +352,10 @@ class RoadPanel:
         self._own_pose, self._own_warp = anchor, (warp, friction)
         return command
 
-    def _preview(self, owner: str, command: SetRoadWarp, *, has_end: bool) -> None:
+    def _preview(self, anchor: RigidMotion) -> None:
+        """Show the warp of the inputs at an anchor."""
         try:
-            self._ui.preview(owner, command, has_end=has_end)
+            self._ui.preview_value("warp", lambda: self._command(anchor))
         except EditError:
             self._own_warp = _NOT_OWN
             raise
@@ -363,13 +364,13 @@ class RoadPanel:
         scenario = self._ui.session.scenario
         applied = scenario.applied_warp
         anchor = applied.warp.anchor if applied is not None else self._anchor_pose()
-        self._preview("warp", self._command(anchor), has_end=False)
+        self._preview(anchor)
         self._show_resets(self._ui.session.scenario)
 
     def _friction_changed(self) -> None:
         applied = self._ui.session.scenario.applied_warp
         if applied is not None:
-            self._preview("warp", self._command(applied.warp.anchor), has_end=False)
+            self._preview(applied.warp.anchor)
             self._show_readout(self._ui.session.scenario)
         self._show_resets(self._ui.session.scenario)
 
@@ -417,7 +418,7 @@ class RoadPanel:
         self._own_pose, self._marks_anchor = pose, True
         self._gizmo.place(pose)
         if self._ui.session.scenario.applied_warp is not None:
-            self._preview("warp", self._command(pose), has_end=False)
+            self._preview(pose)
         self._show_pose(self._ui.session.scenario)
 
     def _anchor_pose(self) -> RigidMotion:
@@ -450,7 +451,11 @@ class RoadPanel:
             return
         command = self._command(pose)
         if command.warp is not None:
-            self._preview("anchor", command, has_end=True)
+            try:
+                self._ui.preview("anchor", command)
+            except EditError:
+                self._own_warp = _NOT_OWN
+                raise
         if phase == "end":
             self._ui.end_gesture()
 
