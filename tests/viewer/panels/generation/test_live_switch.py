@@ -180,6 +180,28 @@ def test_the_next_value_of_a_slider_is_shown_while_the_reaction_is_awaited(
     gate.set()
 
 
+def test_the_next_number_is_shown_while_the_reaction_is_awaited(
+    tab: FakeTab, drift: DriftGenerator
+):
+    generate(tab)
+    panel = tab.tab.panels.agent
+    tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids[:1]))
+    gate = threading.Event()
+    drift.on_step = lambda _step: gate.wait(10) and None
+
+    def typed(speed_mps: float) -> None:
+        panel._speed.value = speed_mps
+        panel._set_speed(speed_mps)
+
+    tab.run(lambda: typed(4.0))
+    tab.run(tab.ui.end_gesture)
+    assert tab.ui.gesture == "refining"
+    tab.run(lambda: typed(6.0))
+    assert panel._speed.value == 6.0
+    assert tab.session.entries[-1].label.endswith("4.0 m/s")
+    gate.set()
+
+
 def test_switched_off_nothing_reacts_and_the_workspace_remembers_it(tab: FakeTab):
     generate(tab)
     first, _ = tab.session.scenario.agents.ids
