@@ -186,16 +186,37 @@ def _speed_limit(term: SpeedLimit, driven: Driven) -> Measured | None:
     if not len(rows):
         return None
     speed = driven.speed_mps()[rows]
-    excess = speed - allowed_mps(term.speed_mps, speed, driven.step_s)
+    allowed = allowed_mps(term.speed_mps, speed, driven.step_s)
+    excess = speed - allowed
     worst = float(excess.max())
-    top = float(speed[np.unravel_index(excess.argmax(), excess.shape)])
+    is_obeyed = worst <= OBEYED_SPEED_MPS
+    row, step = np.unravel_index(excess.argmax(), excess.shape)
+    achieved, start = f"at most {speed[row, step]:.1f} m/s", speed[row, 0]
+    if is_obeyed:
+        achieved = _slowed_to(term.speed_mps, speed, allowed)
+    elif start > term.speed_mps:
+        achieved += f", {worst:.1f} more than braking from {start:.1f} m/s allows"
     return Measured(
         asked=f"at most {term.speed_mps:.1f} m/s",
-        achieved=of_several(len(rows), f"at most {top:.1f} m/s"),
+        achieved=of_several(len(rows), achieved),
         error=max(worst, 0.0),
         unit="m/s",
-        is_obeyed=worst <= OBEYED_SPEED_MPS,
+        is_obeyed=is_obeyed,
     )
+
+
+def _slowed_to(
+    limit_mps: float,
+    speed_mps: Float[np.ndarray, "G S"],
+    allowed_mps: Float[np.ndarray, "G S"],
+) -> str:
+    """The highest speed where no time to brake is allowed, and what was braked from."""
+    bound = speed_mps[allowed_mps <= limit_mps]
+    fastest = float(speed_mps[:, 0].max())
+    if not bound.size:
+        return f"still braking from {fastest:.1f} m/s at the end"
+    top = f"at most {bound.max():.1f} m/s"
+    return top if fastest <= limit_mps else f"{top} once braked from {fastest:.1f} m/s"
 
 
 def allowed_mps(

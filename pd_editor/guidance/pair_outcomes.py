@@ -38,22 +38,32 @@ def gap_outcome(term: KeepGap, driven: Driven) -> Measured | None:
     gap, first = gaps_ahead(view.everyone, rows)
     time_s = driven.step_s * np.arange(gap.shape[1])
     asked = np.minimum(np.minimum(first, term.gap_m) + OPENING_MPS * time_s, term.gap_m)
-    short = np.where(np.isfinite(gap), asked - gap, -np.inf)
-    short = np.minimum(short, _could_wait_m(view.everyone, rows, time_s))[:, 1:]
+    missing = np.where(np.isfinite(gap), asked - gap, -np.inf)
+    short = np.minimum(missing, _could_wait_m(view.everyone, rows, time_s))[:, 1:]
     words = f"at least {term.gap_m:.1f} m to the agent ahead"
     if not np.isfinite(short).any():
         return Measured(
             asked=words, achieved="no agent ahead", error=0.0, unit="m", is_obeyed=True
         )
     worst = max(float(short.max()), 0.0)
-    least = gap[:, 1:].ravel()[short.argmax()]
+    is_obeyed = worst <= OBEYED_GAP_M
+    row, step = np.unravel_index(short.argmax(), short.shape)
+    least = gap[row, step + 1]
+    achieved = f"{least:.1f} m"
+    if is_obeyed and least < term.gap_m - OBEYED_GAP_M:
+        opens = missing[row, 1:].max() <= OBEYED_GAP_M
+        achieved += (
+            f", opening from {first[row, step + 1]:.1f} m"
+            if opens
+            else ", and could not leave more"
+        )
     follows = int(np.isfinite(gap).any(axis=1).sum())
     return Measured(
         asked=words,
-        achieved=of_several(follows, f"{least:.1f} m"),
+        achieved=of_several(follows, achieved),
         error=worst,
         unit="m",
-        is_obeyed=worst <= OBEYED_GAP_M,
+        is_obeyed=is_obeyed,
     )
 
 

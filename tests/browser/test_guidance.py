@@ -218,8 +218,8 @@ def test_terms_are_switched_weighed_changed_and_deleted_in_the_list(steered):
     editor.until(lambda: steered.guidance[0].is_on, "a term switched on")
     count = steered.num_edits()
     slider = row.get_by_role("slider")
-    # The row is made anew once the page has heard of the switch.
-    box = editor.until(slider.bounding_box, "the slider")
+    box = slider.bounding_box()
+    assert box is not None
     y = box["y"] + box["height"] / 2
     page.mouse.move(box["x"] + box["width"] / 2, y)
     page.mouse.down()
@@ -239,6 +239,49 @@ def test_terms_are_switched_weighed_changed_and_deleted_in_the_list(steered):
     editor.until(lambda: steered.guidance, "the term is back")
     row.wait_for()
     assert steered.guidance[0].weight > 2.0
+
+
+def test_a_number_is_typed_while_the_one_before_it_is_answered(steered):
+    editor, page = steered.editor, steered.page
+    steered.tool("Comfort")
+    editor.until(lambda: len(steered.guidance) == 1, "comfort limits")
+    fields = page.get_by_role("listitem", name="Comfort limits").get_by_role(
+        "spinbutton"
+    )
+    first, second = fields.nth(0), fields.nth(1)
+    (former,) = steered.guidance
+    first.fill("2")
+    first.press("Tab")
+    expect(second).to_be_focused()
+    page.keyboard.type("5")
+    # The reply to the first number comes while the second one is typed.
+    editor.until(lambda: steered.guidance != (former,), "the first number")
+    editor.settle()
+    page.keyboard.type(".5")
+    page.keyboard.press("Tab")
+    editor.until(lambda: steered.num_edits() == 3, "the second number")
+    (term,) = steered.guidance
+    assert (term.max_acceleration_mps2, term.max_braking_mps2) == (2.0, 5.5)
+    expect(first).to_have_value("2")
+    expect(second).to_have_value("5.5")
+
+
+def test_a_refused_number_does_not_stay_while_the_strength_has_the_focus(steered):
+    editor, page = steered.editor, steered.page
+    steered.tool("Speed")
+    editor.until(lambda: len(steered.guidance) == 1, "a target speed")
+    row = page.get_by_role("listitem", name="Target speed of vehicle car-0009")
+    speed = row.get_by_role("spinbutton", name="Speed")
+    in_force = speed.input_value()
+    speed.fill("99999999")
+    speed.press("Tab")
+    expect(row.get_by_role("slider")).to_be_focused()
+    page.get_by_text("expected 0 to 60").first.wait_for()
+    expect(speed).to_have_value(in_force)
+    # A strength that is set by keys counts on from where it is.
+    for _ in range(3):
+        page.keyboard.press("ArrowRight")
+    editor.until(lambda: steered.guidance[0].weight == 3.0, "a strength")
 
 
 def test_the_menu_of_the_road_drives_the_selected_agent_there(steered):

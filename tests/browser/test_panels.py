@@ -179,6 +179,42 @@ def test_several_agents_show_empty_fields_that_apply_to_all(editor):
     assert top_of(place) == pytest.approx(before, abs=0.5)
 
 
+def test_a_number_is_finished_by_enter_and_then_undone_by_its_key(editor):
+    """The browser took back the typing, which made a new edit."""
+    session, page = editor.session, editor.page
+    select(editor, session.scenario.focal_id)
+    editor.open_tab("Agents")
+    speed = editor.row("Speed (m/s)").locator("input").first
+    for count, value in enumerate(("4", "5"), start=1):
+        speed.click()
+        page.keyboard.press("Control+a")
+        page.keyboard.type(value)
+        page.keyboard.press("Enter")
+        editor.until(lambda count=count: len(session.entries) == count, "an edit")
+    page.keyboard.press("Control+z")
+    editor.until(lambda: session.state.position == 1, "an undo")
+    expect(speed).to_have_value("4")
+    assert len(session.entries) == 2
+
+
+def test_a_field_that_is_emptied_shows_its_number_again(editor):
+    session, page = editor.session, editor.page
+    select(editor, session.scenario.focal_id)
+    for tab, label in (("Agents", "Speed (m/s)"), ("Road", "Bend")):
+        editor.open_tab(tab)
+        field = editor.row(label).locator("input:not([type=hidden])").first
+        shown = field.input_value()
+        assert shown
+        for left in ("Delete", "-"):
+            field.click()
+            page.keyboard.press("Control+a")
+            page.keyboard.press(left)
+            expect(field).not_to_have_value(shown)
+            page.keyboard.press("Tab")
+            expect(field).to_have_value(shown)
+    assert not session.entries
+
+
 def test_shape_and_anchors_of_the_road_panel(editor):
     """(D27, D29) Undo takes the shape back, anchors that cannot be are not offered."""
     session = editor.session

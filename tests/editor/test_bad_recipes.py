@@ -145,7 +145,7 @@ def test_new_ids_must_be_printable_and_short(name):
 
 def test_an_absurd_heading_is_refused():
     """Finite, and yet no heading (fault 9)."""
-    with pytest.raises(EditError, match=r"heading_rad is 1e\+300; expected"):
+    with pytest.raises(EditError, match=r"Heading is 5.7\d*e\+301 deg; expected"):
         placed("a", heading_rad=1e300)
 
 

@@ -55,7 +55,21 @@ CROSSES = [(0.0, 0.0, 0.0, 8.0), (24.0, -45.0, np.pi / 2, 8.0)]
         ([(0, 0, 0, 10), (12.6, 0, 0, 9)], KeepGap(gap_m=8.0), "2.1 m", 5.9, False),
         ([(0, 0, 0, 10)], KeepGap(gap_m=8.0), "no agent ahead", 0, True),
         # Agents cannot reverse, and agents beside are not ahead.
-        ([(0, 0, 0, 0), (6.6, 0, 0, 0)], KeepGap(gap_m=8.0), "2.0 m", 0, True),
+        (
+            [(0, 0, 0, 0), (6.6, 0, 0, 0)],
+            KeepGap(gap_m=8.0),
+            "2.0 m, and could not leave more",
+            0,
+            True,
+        ),
+        # A gap that is too short now opens.
+        (
+            [(0, 0, 0, 8), (10.6, 0, 0, 10)],
+            KeepGap(gap_m=10.0),
+            "6.2 m, opening from 6.0 m",
+            0,
+            True,
+        ),
         ([(0, 0, 0, 9), (2.6, 2.1, 0.3, 9)], KeepGap(gap_m=8.0), "no agent", 0, True),
         (
             [(0, 0, 0, 10), (9, 0, 0, 5)],

@@ -75,6 +75,36 @@ def test_errors_are_those_of_the_motion(term: GuidanceTerm, error, is_obeyed):
     assert found.achieved
 
 
+@pytest.mark.parametrize(
+    ("start_mps", "braking_mps2", "achieved", "is_obeyed"),
+    [
+        (10.0, 2.0, "at most 8.0 m/s once braked from 10.0 m/s", True),
+        (25.0, 2.0, "still braking from 25.0 m/s at the end", True),
+        (
+            10.0,
+            0.5,
+            "at most 9.5 m/s, 1.5 more than braking from 10.0 m/s allows",
+            False,
+        ),
+        (7.0, -0.5, "at most 9.9 m/s", False),
+        (7.0, 0.0, "at most 7.0 m/s", True),
+    ],
+)
+def test_a_limit_below_a_speed_of_now_tells_what_was_braked_from(
+    start_mps, braking_mps2, achieved, is_obeyed
+):
+    """The speed before the braking was told as what an obeyed limit had achieved."""
+    sample = recorded()
+    velocity = sample.velocity_mps.copy()
+    time = 0.1 * np.arange(velocity.shape[1])
+    least = min(start_mps, 8.0)
+    velocity[0, :, 0] = np.maximum(start_mps - braking_mps2 * time, least)
+    term = SpeedLimit(agent_ids=("100",), speed_mps=8.0)
+    (found,) = term_outcomes(SCENE, replace(sample, velocity_mps=velocity), (term,))
+    assert found.achieved == achieved
+    assert found.is_obeyed is is_obeyed
+
+
 def test_an_overrun_is_measured_at_the_front():
     line = StopAtLine(agent_id="100", line_m=((50.0, -2.0), (50.0, 2.0)))
     (found,) = term_outcomes(SCENE, recorded(), (line,))

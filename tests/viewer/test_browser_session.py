@@ -54,7 +54,7 @@ def test_reactions_to_edits_run_no_network_here(tab):
     goal = AddGuidance(term=GoalPoint(agent_id=first, point_m=(0.0, 0.0)))
     tab.run(lambda: tab.ui.apply(goal))
     move = TransformAgents(agent_ids=(second,), dx_m=1.0)
-    tab.run(lambda: tab.ui.preview("drag 1", move, has_end=True))
+    tab.run(lambda: tab.ui.preview("drag 1", move))
     tab.run(tab.ui.end_gesture)
     until(lambda: len(labels(tab)) == 2 and tab.ui.gesture is None)
     tab.run(lambda: None)
@@ -340,6 +340,35 @@ def test_inputs_of_a_refused_edit_return_to_the_agents_values(tab, monkeypatch):
     with pytest.raises(EditError, match="Size"):
         tab.run(lambda: panel._set_size((-4.0, 2.0)))
     until(lambda: panel._size.value == shown)
+    assert not labels(tab)
+
+
+def test_nothing_of_a_refused_number_stays(tab, monkeypatch):
+    """Of 45 m, which is too long for a car, 4 m stayed as an edit."""
+    monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 60.0)
+    panel, before = tab.tab.panels.agent, tab.session.scenario
+    tab.run(lambda: tab.session.select((before.focal_id,)))
+    shown = panel._size.value
+
+    def typed(length: float) -> None:
+        panel._size.value = (length, 1.9)
+        panel._set_size((length, 1.9))
+
+    tab.run(lambda: typed(4.0))
+    with pytest.raises(EditError, match="Size"):
+        tab.run(lambda: typed(45.0))
+    # The field is left alone while the number may go on.
+    assert panel._size.value == (45.0, 1.9)
+    assert tab.session.scenario is before
+    tab.run(lambda: typed(4.5))
+    assert tab.session.scenario.agents.size_m[0, 0] == 4.5
+    with pytest.raises(EditError, match="Size"):
+        tab.run(lambda: typed(450.0))
+    monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 0.0)
+    with pytest.raises(EditError, match="Size"):
+        tab.run(lambda: typed(4500.0))
+    until(lambda: panel._size.value == shown)
+    assert tab.session.scenario is before
     assert not labels(tab)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pd_editor.errors import EditError
+from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
@@ -15,25 +16,30 @@ from pd_editor.scene.scene_limits import MAX_SPEED_MPS as SCENE_MAX_SPEED_MPS
 MAX_SPEED_MPS: Final = 60.0
 MIN_SIZE_M: Final = 0.2
 MAX_SIZE_M: Final = 30.0
+MIN_FRICTION: Final = 0.01
+MAX_FRICTION: Final = 2.0
 _MAX_NUMBER: Final = 1e6
-"""Upper bound of all coordinates, angles and speeds."""
+"""Upper bound of coordinates in metres and angles in degrees."""
 
 
-def check_finite(**values: float) -> None:
-    """Raise for NaN, infinity and numbers out of range; names are those of the fields."""
-    for name, value in values.items():
-        if not math.isfinite(value):
-            raise EditError(f"{name} is {value}, but must be a finite number.")
-        if abs(value) > _MAX_NUMBER:
-            raise EditError(
-                f"{name} is {value:g}; expected a number between -{_MAX_NUMBER:g} and"
-                f" {_MAX_NUMBER:g}."
-            )
+def check_number(title: str, value: float, unit: str) -> None:
+    """Raise for NaN, infinity and numbers out of range; the title is the panel's."""
+    _check_finite(title, value)
+    if abs(value) > _MAX_NUMBER:
+        raise EditError(
+            f"{title} is {value:g} {unit}; expected a number between -{_MAX_NUMBER:g}"
+            f" and {_MAX_NUMBER:g}."
+        )
+
+
+def check_angle(title: str, angle_rad: float) -> None:
+    """Raise for angles that are not finite or out of range."""
+    check_number(title, math.degrees(angle_rad), "deg")
 
 
 def check_speed(speed_mps: float) -> None:
     """Raise for impossible speeds; negative ones mean driving backwards."""
-    check_finite(speed_mps=speed_mps)
+    _check_finite("Speed", speed_mps)
     if abs(speed_mps) > MAX_SPEED_MPS:
         raise EditError(
             f"Speed {speed_mps:g} m/s is outside"
@@ -43,7 +49,8 @@ def check_speed(speed_mps: float) -> None:
 
 def check_size(length_m: float, width_m: float) -> None:
     """Raise for impossible sizes."""
-    check_finite(length_m=length_m, width_m=width_m)
+    _check_finite("Length", length_m)
+    _check_finite("Width", width_m)
     if not all(MIN_SIZE_M <= value <= MAX_SIZE_M for value in (length_m, width_m)):
         raise EditError(
             f"Size {length_m:g} x {width_m:g} m is outside"
@@ -53,12 +60,35 @@ def check_size(length_m: float, width_m: float) -> None:
 
 def check_position(x_m: float, y_m: float) -> None:
     """Raise for positions far outside any scene."""
-    check_finite(x_m=x_m, y_m=y_m)
+    _check_finite("Position x", x_m)
+    _check_finite("Position y", y_m)
     if max(abs(x_m), abs(y_m)) > MAX_POSITION_M:
         raise EditError(
             f"Position ({x_m:.1f}, {y_m:.1f}) m is more than"
             f" {MAX_POSITION_M:g} m from the scene's origin."
         )
+
+
+def check_friction(coefficient: float) -> None:
+    """Raise for friction coefficients that no road has."""
+    _check_finite("Friction coefficient", coefficient)
+    if not MIN_FRICTION <= coefficient <= MAX_FRICTION:
+        raise EditError(
+            f"Friction coefficient {coefficient:g} is outside"
+            f" {MIN_FRICTION:g}..{MAX_FRICTION:g}."
+        )
+
+
+def check_anchor(anchor: RigidMotion) -> None:
+    """Raise for anchors of a warp that are not finite or out of range."""
+    check_number("Anchor x", anchor.x_m, "m")
+    check_number("Anchor y", anchor.y_m, "m")
+    check_angle("Anchor heading", anchor.rotation_rad)
+
+
+def _check_finite(title: str, value: float) -> None:
+    if not math.isfinite(value):
+        raise EditError(f"{title} is {value}, but must be a finite number.")
 
 
 def check_positions(position_m: Float[np.ndarray, "*shape 2"]) -> None:

@@ -8,7 +8,7 @@ from jaxtyping import Float, Float32
 
 from pd_editor.editor.commands.command import Command, agents_in_words, names_after
 from pd_editor.editor.commands.edit_limits import (
-    check_finite,
+    check_friction,
     check_positions,
     check_speed,
     check_velocities,
@@ -80,10 +80,7 @@ class SlowToFrictionLimit(Command):
     friction_coefficient: float = DRY_ROAD_FRICTION
 
     def __post_init__(self) -> None:
-        mu = self.friction_coefficient
-        check_finite(friction_coefficient=mu)
-        if not 0.01 <= mu <= 2.0:
-            raise EditError(f"Friction coefficient {mu:g} is outside 0.01..2.")
+        check_friction(self.friction_coefficient)
 
     @property
     def label(self) -> str:

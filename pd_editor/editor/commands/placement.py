@@ -6,7 +6,7 @@ import numpy as np
 
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.edit_limits import (
-    check_finite,
+    check_angle,
     check_new_id,
     check_number_of_agents,
     check_position,
@@ -41,7 +41,7 @@ class PlaceAgent(Command):
 
     def __post_init__(self) -> None:
         check_position(self.x_m, self.y_m)
-        check_finite(heading_rad=self.heading_rad)
+        check_angle("Heading", self.heading_rad)
         check_speed(self.speed_mps)
 
     @property

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from pd_editor.editor.commands.command import Command, agents_in_words, names_after
 from pd_editor.editor.commands.edit_limits import (
-    check_finite,
+    check_angle,
     check_position,
     check_positions,
     present_rows,
@@ -34,7 +34,7 @@ class TransformAgents(Command):
     rotation_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        check_finite(rotation_rad=self.rotation_rad)
+        check_angle("Rotation", self.rotation_rad)
         check_position(self.dx_m, self.dy_m)
 
     @property
@@ -114,7 +114,7 @@ class SetAgentHeading(Command):
     heading_rad: float
 
     def __post_init__(self) -> None:
-        check_finite(heading_rad=self.heading_rad)
+        check_angle("Heading", self.heading_rad)
 
     @property
     def edits_current_state(self) -> bool:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pd_editor.editor.commands.command import Command
-from pd_editor.editor.commands.edit_limits import check_finite
-from pd_editor.errors import EditError
+from pd_editor.editor.commands.edit_limits import check_anchor, check_friction
 from pd_editor.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import RoadWarp, WarpKind, WarpTerm
 from pd_editor.scene.scenario import Scenario
@@ -29,18 +28,10 @@ class SetRoadWarp(Command):
     """Friction coefficient mu that agents are slowed to; None leaves their speeds."""
 
     def __post_init__(self) -> None:
-        mu = self.friction_coefficient
-        if mu is not None:
-            check_finite(friction_coefficient=mu)
-            if not 0.01 <= mu <= 2.0:
-                raise EditError(f"Friction coefficient {mu:g} is outside 0.01..2.")
+        if self.friction_coefficient is not None:
+            check_friction(self.friction_coefficient)
         if self.warp is not None:
-            anchor = self.warp.anchor
-            check_finite(
-                anchor_x_m=anchor.x_m,
-                anchor_y_m=anchor.y_m,
-                anchor_rotation_rad=anchor.rotation_rad,
-            )
+            check_anchor(self.warp.anchor)
 
     @property
     def moves_road(self) -> bool:

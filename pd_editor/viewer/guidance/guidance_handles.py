@@ -146,7 +146,7 @@ class GuidanceHandles:
         try:
             command = _command(grab, point_m)
             if command is not None:
-                self._ui.preview(grab.owner, command, has_end=True)
+                self._ui.preview(grab.owner, command)
                 grab.has_moved = True
             grab.refusal = ""
         except PdEditorError as error:

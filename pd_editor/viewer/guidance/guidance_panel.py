@@ -96,7 +96,8 @@ class GuidancePanel:
         self._on_chosen = on_chosen
         self._chosen: int | None = None
         self._version = 0
-        self._refusals = 0
+        self._answered = 0
+        """Number of the page's newest event, to which what is shown is the reply."""
         self._kinds: tuple[Any, ...] = ()
         ui.client.gui.add_html(HOST)
         overlay.on("guidance_panel", self._heard)
@@ -126,7 +127,7 @@ class GuidancePanel:
             "guidance_panel",
             {
                 "version": self._version,
-                "refusals": self._refusals,
+                "answered": self._answered,
                 "about": about_in_words(scenario, selection),
                 "weights": list(WEIGHTS),
                 "tools": [*self._tools(selection)],
@@ -182,6 +183,16 @@ class GuidancePanel:
         }
 
     def _heard(self, event: Mapping[str, Any]) -> None:
+        """Act on an event of the list, and answer it even if it changes nothing."""
+        count = event.get("count")
+        if isinstance(count, int):
+            self._answered = count
+        try:
+            self._act(event)
+        finally:
+            self.show()
+
+    def _act(self, event: Mapping[str, Any]) -> None:
         """Act on an input of the list; one that was drawn for other terms is ignored."""
         kind = event.get("kind")
         if kind == "tool":
@@ -250,7 +261,7 @@ class GuidancePanel:
         command: Command = ChangeGuidance(
             index=index, term=replace(term, weight=WEIGHTS[stop])
         )
-        self._ui.preview(owner, command, has_end=True)
+        self._ui.preview(owner, command)
         if event.get("isEnd") is True and self._ui.gesture == owner:
             self._ui.end_gesture()
 
@@ -263,13 +274,11 @@ class GuidancePanel:
             session.select(ids)
 
     def _report_refused(self, title: str, act: Callable[[], None]) -> None:
-        """Do something; a refusal is told, and the list shows what is in force."""
+        """Do something; a refusal is told."""
         try:
             act()
         except PdEditorError as error:
-            self._refusals += 1
             self._ui.notify(f"{title}: not set", str(error), "error")
-            self.show()
 
 
 def listed(guidance: tuple[GuidanceTerm, ...], selection: tuple[str, ...]) -> list[int]:

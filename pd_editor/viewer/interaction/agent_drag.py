@@ -148,7 +148,7 @@ class AgentDrag:
         point = ground_point(event.camera.position, direction, grab.start_m[2])
         if point is not None:
             try:
-                self._ui.preview(grab.owner, _command_of(grab, point), has_end=True)
+                self._ui.preview(grab.owner, _command_of(grab, point))
             except LockedAgentError:
                 # Said once; the rest of the drag would say it again at each event.
                 self._grab = None

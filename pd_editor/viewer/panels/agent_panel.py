@@ -266,15 +266,17 @@ class AgentPanel:
 
     def _set_position(self, position: tuple[float, float]) -> None:
         (agent_id,) = self._selection()[:1]
-        command = SetAgentPosition(
-            agent_id=agent_id, x_m=float(position[0]), y_m=float(position[1])
+        x, y = map(float, position)
+        self._ui.preview_value(
+            f"{_OWN_GESTURE} position of {agent_id}",
+            lambda: SetAgentPosition(agent_id=agent_id, x_m=x, y_m=y),
         )
-        self._ui.preview(f"{_OWN_GESTURE} position of {agent_id}", command)
 
     def _preview(self, make: Callable[..., Command], what: str, **fields: Any) -> None:
         selection = self._selection()
-        self._ui.preview(
-            f"{_OWN_GESTURE} {what} of {selection}", make(agent_ids=selection, **fields)
+        self._ui.preview_value(
+            f"{_OWN_GESTURE} {what} of {selection}",
+            lambda: make(agent_ids=selection, **fields),
         )
 
 

@@ -28,6 +28,7 @@ class ExportPanel:
         self._workspace = ui.workspace
         self._num_problems = num_problems
         self._typed: str | None = None
+        self._base = ui.session.base
         self._dialog: Any = None
         gui = ui.client.gui
         with gui.add_folder("Export"):
@@ -69,8 +70,10 @@ class ExportPanel:
         """Show name, tags, note, and what the result lacks."""
         session = self._ui.session
         variant = session.variant
-        if self._typed is None or name_from_text(self._typed) != variant.name:
+        is_other_base, self._base = session.base is not self._base, session.base
+        if is_other_base or name_from_text(self._typed or "") != variant.name:
             self._typed = None
+        if self._typed is None:
             set_value(self._name, session.name)
         if tags_from_text(str(self._tags.value)) != variant.tags:
             set_value(self._tags, ", ".join(variant.tags))

@@ -8,6 +8,11 @@ import numpy as np
 import viser
 
 from pd_editor.editor.commands import SetRoadWarp, SlowToFrictionLimit
+from pd_editor.editor.commands.edit_limits import (
+    MAX_FRICTION,
+    MIN_FRICTION,
+    check_anchor,
+)
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.perturbation.anchor import pose_of_anchor
@@ -293,7 +298,7 @@ class RoadPanel:
                 "Move a slider to bend it.",
             )
             return
-        mu = float(self._friction.value)
+        mu = self._coefficient
         summary = summarise(applied.warp, friction_coefficient=mu)
         speed = summary.speed_limit_mps
         self._readout.show(
@@ -328,6 +333,12 @@ class RoadPanel:
         }
         return tuple(one for one in scenario.agents.ids if one in ids)
 
+    @property
+    def _coefficient(self) -> float:
+        """Friction coefficient of the input; a number that is being typed may have none."""
+        value = float(self._friction.value)
+        return min(max(value, MIN_FRICTION), MAX_FRICTION)
+
     def _warp(self, anchor: RigidMotion) -> RoadWarp | None:
         terms = tuple(
             WarpTerm(
@@ -347,14 +358,15 @@ class RoadPanel:
         warp = self._warp(anchor)
         friction = None
         if self._slows.value and warp is not None:
-            friction = float(self._friction.value)
+            friction = self._coefficient
         command = SetRoadWarp(warp=warp, friction_coefficient=friction)
         self._own_pose, self._own_warp = anchor, (warp, friction)
         return command
 
-    def _preview(self, owner: str, command: SetRoadWarp, *, has_end: bool) -> None:
+    def _preview(self, anchor: RigidMotion) -> None:
+        """Show the warp of the inputs at an anchor."""
         try:
-            self._ui.preview(owner, command, has_end=has_end)
+            self._ui.preview_value("warp", lambda: self._command(anchor))
         except EditError:
             self._own_warp = _NOT_OWN
             raise
@@ -363,13 +375,13 @@ class RoadPanel:
         scenario = self._ui.session.scenario
         applied = scenario.applied_warp
         anchor = applied.warp.anchor if applied is not None else self._anchor_pose()
-        self._preview("warp", self._command(anchor), has_end=False)
+        self._preview(anchor)
         self._show_resets(self._ui.session.scenario)
 
     def _friction_changed(self) -> None:
         applied = self._ui.session.scenario.applied_warp
         if applied is not None:
-            self._preview("warp", self._command(applied.warp.anchor), has_end=False)
+            self._preview(applied.warp.anchor)
             self._show_readout(self._ui.session.scenario)
         self._show_resets(self._ui.session.scenario)
 
@@ -411,13 +423,15 @@ class RoadPanel:
         pose = RigidMotion(
             x_m=float(x), y_m=float(y), rotation_rad=float(np.radians(heading))
         )
+        if self._ui.session.scenario.applied_warp is not None:
+            self._preview(pose)
+        else:
+            check_anchor(pose)
         self._offer((*self._anchor.options, POINT))
         set_value(self._anchor, POINT)
         self._anchor_taken = POINT
         self._own_pose, self._marks_anchor = pose, True
         self._gizmo.place(pose)
-        if self._ui.session.scenario.applied_warp is not None:
-            self._preview("warp", self._command(pose), has_end=False)
         self._show_pose(self._ui.session.scenario)
 
     def _anchor_pose(self) -> RigidMotion:
@@ -450,7 +464,11 @@ class RoadPanel:
             return
         command = self._command(pose)
         if command.warp is not None:
-            self._preview("anchor", command, has_end=True)
+            try:
+                self._ui.preview("anchor", command)
+            except EditError:
+                self._own_warp = _NOT_OWN
+                raise
         if phase == "end":
             self._ui.end_gesture()
 

@@ -201,17 +201,49 @@ class UiContext:
         self.on_playhead_moved()
         return True
 
-    def preview(self, owner: str, command: Command, *, has_end: bool = False) -> None:
-        """Show a command, applied to the state at the start of its owner's gesture.
+    def preview(self, owner: str, command: Command) -> None:
+        """Show a command of a drag, applied to the state at the start of the drag.
 
-        Another owner's gesture is committed first. Without ``has_end`` a pause ends it.
+        Another owner's gesture is committed first. The owner tells the end.
+
+        Raises:
+            EditError: the command is not valid; what was shown before stays.
         """
-        if self._gesture != owner:
-            self.commit_gesture()
-            self.session.begin_gesture()
-            self._gesture = owner
+        self._hold(owner, None)
+        self._show_preview(command)
+
+    def preview_value(self, owner: str, make: Callable[[], Command]) -> None:
+        """Show the command of an input's value; a pause ends the gesture.
+
+        Nothing of a refused value stays, for the values before it may be the beginnings
+        of a number that was typed.
+
+        Raises:
+            EditError: the command is not valid; the state is that at the gesture's start.
+        """
         pause_s = LONGEST_REST_S if self._is_slider_held else GESTURE_PAUSE_S
-        self._gesture_deadline = None if has_end else time.monotonic() + pause_s
+        self._hold(owner, time.monotonic() + pause_s)
+        try:
+            self._show_preview(make())
+        except PdEditorError:
+            if self.live is not None:
+                self.live.drop()
+            self.session.abort_gesture()
+            self.session.begin_gesture()
+            raise
+
+    def _hold(self, owner: str, deadline: float | None) -> None:
+        """Go on with the owner's gesture until a time, or begin it."""
+        if self._gesture != owner:
+            if self.live is not None:
+                self.live.drop()
+            # Before the former gesture is committed, for panels are shown then, and the
+            # owner's inputs have the values of the new one already.
+            self._gesture = owner
+            self.session.begin_gesture()
+        self._gesture_deadline = deadline
+
+    def _show_preview(self, command: Command) -> None:
         if command.edits_current_state:
             self.show_current_step()
         if self.live is None:
@@ -263,7 +295,13 @@ class UiContext:
         self._gesture, self._gesture_deadline = None, None
 
     def abort_gesture(self) -> None:
-        """Abort the active gesture and restore the state at its start."""
+        """Abort the active gesture and restore the state at its start.
+
+        An edit whose final trajectories are awaited is over: it is committed without them.
+        """
+        if self._gesture == _REFINING:
+            self.commit_gesture()
+            return
         self._gesture, self._gesture_deadline = None, None
         if self.live is not None:
             self.live.drop()

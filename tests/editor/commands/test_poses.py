@@ -153,7 +153,7 @@ def test_an_agent_without_state_cannot_be_moved(command):
     [
         (lambda: TransformAgents(agent_ids=(), dx_m=1).apply(BASE), "No agent is sel"),
         (lambda: TransformAgents(agent_ids=("9",), dx_m=1).apply(BASE), "no agent '9'"),
-        (lambda: TransformAgents(agent_ids=("100",), dx_m=math.nan), "x_m is nan"),
+        (lambda: TransformAgents(agent_ids=("100",), dx_m=math.nan), "x is nan"),
         (lambda: TransformAgents(agent_ids=("100",), dx_m=6000), "more than 5000 m"),
         (lambda: SetAgentPosition(agent_id="1", x_m=0, y_m=-5001), "more than 5000 m"),
         (lambda: SetAgentHeading(agent_ids=("1",), heading_rad=math.inf), "is inf"),

@@ -210,7 +210,7 @@ def test_a_goal_that_is_dragged_too_far_is_told_during_the_drag(tab: FakeTab):
     tab.run(lambda: tab.ui.apply(AddGuidance(term=near)))
     assert panel(tab)["rows"][0]["notes"] == []
     command = ChangeGuidance(index=0, term=far)
-    tab.run(lambda: tab.ui.preview("a drag", command, has_end=True))
+    tab.run(lambda: tab.ui.preview("a drag", command))
     (note,) = panel(tab)["rows"][0]["notes"]
     assert "move it" in note["text"]
     (mark,) = json.loads(tab.tab.overlay._shown["guidance_marks"])["marks"]

@@ -55,6 +55,25 @@ def test_an_ego_and_a_focal_agent_that_are_missing_are_told(tmp_path: Path):
         assert "no focal agent" in text.text
 
 
+def test_a_name_that_was_cleared_is_proposed_for_the_next_scenario(tmp_path: Path):
+    with (
+        running_app(tmp_path / "library", "signalised-junction") as app,
+        connected_tab(app) as tab,
+    ):
+        panel = tab.tab.panels.export
+
+        def cleared() -> None:
+            panel._name.value = ""
+            panel._name_typed("")
+            panel.show(tab.session.scenario)
+
+        tab.run(cleared)
+        # Not filled at once: the user may be about to type another name.
+        assert panel._name.value == ""
+        tab.run(lambda: tab.tab._workspace.open_reference("crosswalk"))
+        assert panel._name.value == "crosswalk"
+
+
 def test_what_is_typed_while_the_panel_is_shown_again_is_not_lost(tmp_path: Path):
     """An edit's refresh, just after the user typed, put the proposed name over it."""
     with (

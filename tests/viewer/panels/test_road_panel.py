@@ -7,6 +7,7 @@ import pytest
 
 from pd_editor.editor.commands import SetAgentSpeed
 from pd_editor.editor.problem_cures import cures
+from pd_editor.errors import EditError
 from pd_editor.perturbation.friction_slowdown import SlowedAgent
 from pd_editor.problems.check import scene_problems
 from pd_editor.scene.scenario import EGO_ID
@@ -157,6 +158,40 @@ def test_the_mark_of_the_anchor_goes_with_the_bend(tab: FakeTab, panel):
     assert panel._view._drawn is not None
     tab.run(tab.session.undo)
     assert panel._view._drawn is None
+
+
+@pytest.mark.parametrize("is_bent", [False, True])
+def test_an_absurd_anchor_is_refused_in_the_words_of_the_panel(
+    tab: FakeTab, panel, is_bent
+):
+    if is_bent:
+        bend(tab, panel)
+    shown = panel._anchor_at.value
+    panel._anchor_at.value = (1e9, 3.0)
+    with pytest.raises(EditError, match=r"^Anchor x is 1e\+09 m; expected"):
+        tab.run(panel._pose_typed)
+    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    assert panel._anchor_at.value == shown
+    # The heading is not refused for it.
+    panel._anchor_heading.value = 30.0
+    tab.run(panel._pose_typed)
+    assert panel._anchor_at.value == shown
+    panel._anchor_heading.value = 1e9
+    with pytest.raises(EditError, match=r"^Anchor heading is 1e\+09 deg; expected"):
+        tab.run(panel._pose_typed)
+
+
+def test_a_friction_that_no_road_has_leaves_a_speed(tab: FakeTab, panel):
+    """A number below zero, or the 0 that 0.4 begins with."""
+    bend(tab, panel)
+    for value in (-1.0, 0.0):
+        panel._friction.value = value
+        tab.run(panel._friction_changed)
+        assert "at friction 0.01" in panel._readout.text
+        assert "nan" not in panel._readout.text
+    panel._slows.value = True
+    tab.run(panel._friction_changed)
+    assert tab.session.scenario.applied_warp.friction_coefficient == 0.01
 
 
 def test_the_anchor_can_be_typed(tab: FakeTab, panel):

@@ -13,8 +13,11 @@ pdOverlay.define("guidance_panel", (api) => {
   const run = api.make("button", "pd-guidance-run", { type: "button" });
   run.addEventListener("click", () => send({ kind: "run" }));
   box.append(about, tools, run, foot, list);
-  let state = { tools: [], rows: [], weights: [], report: [], figures: [] };
+  let state = {
+    tools: [], rows: [], weights: [], report: [], figures: [], answered: 0,
+  };
   let version = null;
+  let count = 0;
   const rows = new Map();
 
   // viser draws the panel anew when tabs are dragged; the list follows its place.
@@ -29,7 +32,39 @@ pdOverlay.define("guidance_panel", (api) => {
     box.remove();
   });
 
-  const send = (event) => api.send({ ...event, version });
+  // Returns the number of the event, which the reply to it names.
+  function send(event) {
+    count += 1;
+    api.send({ ...event, version, count });
+    return count;
+  }
+
+  // An input of a row shows what is in force, but keeps what the user is giving it: until
+  // that is complete, and then until it is answered. ``show(row)`` sets the input, and
+  // ``give()`` sends its value.
+  function control(field, row, show, give) {
+    let shown = row;
+    let awaited = 0;
+    const follow = (next) => {
+      shown = next;
+      if (awaited <= state.answered) show(next);
+    };
+    field.addEventListener("input", () => { awaited = Infinity; });
+    field.addEventListener("change", () => { awaited = give(); });
+    field.addEventListener("blur", () => {
+      if (awaited < Infinity) return;
+      // It was changed back, which is no change.
+      awaited = 0;
+      show(shown);
+    });
+    show(row);
+    return follow;
+  }
+
+  // A field that is set loses its caret and its selection.
+  function setText(field, text) {
+    if (field.value !== text || field.validity.badInput) field.value = text;
+  }
 
   function showTools() {
     tools.replaceChildren(...state.tools.map((tool) => {
@@ -43,41 +78,48 @@ pdOverlay.define("guidance_panel", (api) => {
     }));
   }
 
-  function number(row, input) {
+  function number(row, place) {
+    const input = row.inputs[place];
     const field = api.make("input", "", {
       type: "number", min: input.least, max: input.most, step: input.step,
       "aria-label": `${input.label} of ${row.name}`, placeholder: input.empty,
     });
-    field.value = input.value ?? "";
-    field.addEventListener("change", () => {
-      const value = field.value === "" ? null : Number(field.value);
-      send({ kind: "input", index: row.index, name: input.name, value });
-    });
-    return field;
+    return [field, control(
+      field, row,
+      (next) => setText(field, String(next.inputs[place].value ?? "")),
+      () => {
+        const value = field.value === "" ? null : Number(field.value);
+        return send({ kind: "input", index: row.index, name: input.name, value });
+      })];
   }
 
-  function choice(row, input) {
+  function choice(row, place) {
+    const input = row.inputs[place];
     const field = api.make("select", "", { "aria-label": `${input.label} of ${row.name}` });
     for (const option of input.options)
       field.append(api.make("option", "", { value: option }, option));
-    field.value = input.value;
-    field.addEventListener("change", () =>
-      send({ kind: "input", index: row.index, name: input.name, value: field.value }));
-    return field;
+    return [field, control(
+      field, row,
+      (next) => { field.value = next.inputs[place].value; },
+      () => send({
+        kind: "input", index: row.index, name: input.name, value: field.value,
+      }))];
   }
 
-  function inputs(row) {
+  function inputs(row, controls) {
     const line = api.make("div", "pd-guidance-inputs");
-    for (const input of row.inputs) {
+    for (const [place, input] of row.inputs.entries()) {
       const label = api.make("label", "", {}, input.label);
-      label.append(input.options.length ? choice(row, input) : number(row, input));
+      const [field, follow] = (input.options.length ? choice : number)(row, place);
+      controls.push(follow);
+      label.append(field);
       if (input.unit) label.append(api.make("span", "", {}, input.unit));
       line.append(label);
     }
     return line;
   }
 
-  function strength(row) {
+  function strength(row, controls) {
     const label = api.make("label", "pd-guidance-strength", {}, "Strength");
     const slider = api.make("input", "", {
       type: "range", min: 0, max: state.weights.length - 1, step: 1,
@@ -85,20 +127,25 @@ pdOverlay.define("guidance_panel", (api) => {
     });
     const told = api.make("output", "");
     const tell = () => { told.textContent = `\u00d7${state.weights[slider.value]}`; };
-    slider.value = row.stop;
-    tell();
     const weigh = (isEnd) =>
       send({ kind: "weight", index: row.index, stop: Number(slider.value), isEnd });
     slider.addEventListener("input", () => {
       tell();
       weigh(false);
     });
-    slider.addEventListener("change", () => weigh(true));
+    controls.push(control(
+      slider, row,
+      (next) => {
+        slider.value = next.stop;
+        tell();
+      },
+      () => weigh(true)));
     label.append(slider, told);
     return label;
   }
 
   function build(row) {
+    const controls = [];
     const item = api.make("li", "pd-guidance-row", { "aria-label": row.name });
     const head = api.make("div", "pd-guidance-head");
     const choose = api.make("button", "pd-guidance-title", {
@@ -113,16 +160,19 @@ pdOverlay.define("guidance_panel", (api) => {
       type: "checkbox", role: "switch", title: "On or off",
       "aria-label": `${row.name} is on`,
     });
-    isOn.checked = row.isOn;
-    isOn.addEventListener("change", () =>
-      send({ kind: "switch", index: row.index, isOn: isOn.checked }));
+    controls.push(control(
+      isOn, row,
+      (next) => { isOn.checked = next.isOn; },
+      () => send({ kind: "switch", index: row.index, isOn: isOn.checked })));
     const remove = api.make("button", "pd-guidance-remove", {
       type: "button", title: "Delete", "aria-label": `Delete ${row.name}`,
     }, "\u00d7");
     remove.addEventListener("click", () => send({ kind: "remove", index: row.index }));
     head.append(choose, isOn, remove);
-    item.append(head, inputs(row), strength(row), api.make("div", "pd-guidance-notes"));
-    return item;
+    item.append(
+      head, inputs(row, controls), strength(row, controls),
+      api.make("div", "pd-guidance-notes"));
+    return { item, controls };
   }
 
   function showNotes(item, row) {
@@ -131,21 +181,25 @@ pdOverlay.define("guidance_panel", (api) => {
       api.make("div", `pd-guidance-note pd-tone-${tone}`, {}, text)));
   }
 
-  // A row that is only told something new keeps its inputs, and with them the focus and
-  // a slider that is being dragged.
+  // What a row is built of; the rest of it can be shown by a row that is there.
+  function makeOf(row) {
+    const { notes, isChosen, isOn, stop, ...made } = row;
+    const inputs = row.inputs.map(({ value, ...input }) => input);
+    return JSON.stringify({ ...made, inputs });
+  }
+
+  // A row stays as long as it can, and with it the focus and what is typed or dragged.
   function showRows() {
     const former = new Map(rows);
     rows.clear();
     const items = state.rows.map((row) => {
-      const { notes, isChosen, ...made } = row;
-      const key = JSON.stringify([made, state.refusals]);
+      const make = makeOf(row);
       const known = former.get(row.index);
-      const isHeld = known?.item.contains(document.activeElement) &&
-        document.activeElement.type === "range" && known.name === row.name;
-      const item = known && (known.key === key || isHeld) ? known.item : build(row);
-      rows.set(row.index, { key, item, name: row.name });
+      const { item, controls } = known?.make === make ? known : build(row);
+      rows.set(row.index, { make, item, controls });
+      for (const follow of controls) follow(row);
       item.classList.toggle("pd-guidance-off", !row.isOn);
-      item.classList.toggle("pd-guidance-chosen", isChosen);
+      item.classList.toggle("pd-guidance-chosen", row.isChosen);
       showNotes(item, row);
       return item;
     });

@@ -1,5 +1,6 @@
 // viser's own panel: which of its tabs is open, when the pointer holds one of its
-// sliders, whether its settings are offered, and how its dialogs are left.
+// sliders, how its fields are left, whether its settings are offered, and how its dialogs
+// are left.
 pdOverlay.define("panel", (api) => {
   const PATIENCE_MS = 8000;
   const RETRY_MS = 250;
@@ -66,6 +67,41 @@ pdOverlay.define("panel", (api) => {
     api.listen(window, type, release, { capture: true });
   // Not in the capture phase: there every element that loses the focus would tell.
   api.listen(window, "blur", release);
+
+  // Enter finishes what is typed: keys are the editor's again, such as Ctrl+Z, by which the
+  // browser would else take back the typing.
+  const isField = (target) =>
+    target?.matches?.("input:not([type=checkbox]):not([type=range])") &&
+    target.closest(
+      ".mantine-NumberInput-root, .mantine-TextInput-root, .pd-guidance-inputs") &&
+    !target.closest("[role=dialog]");
+  api.listen(window, "keydown", (event) => {
+    if (event.key === "Enter" && !event.isComposing && isField(event.target))
+      event.target.blur();
+  });
+
+  // viser sends no number of a field that is emptied, so that the number before it stays
+  // in force: the field shows it again once it is left.
+  const numbers = new WeakMap();
+  const isNumber = (text) => text.trim() !== "" && Number.isFinite(Number(text));
+  const numberField = (event) => event.target?.closest?.("input.mantine-NumberInput-input");
+  api.listen(document, "beforeinput", (event) => {
+    const field = numberField(event);
+    if (field && isNumber(field.value)) numbers.set(field, field.value);
+  }, { capture: true });
+  api.listen(document, "focusout", (event) => {
+    const field = numberField(event);
+    // After viser's own handling, which clears what is no number.
+    if (field) setTimeout(() => restoreNumber(field));
+  }, { capture: true });
+  function restoreNumber(field) {
+    if (isNumber(field.value) || !numbers.has(field)) return;
+    // As if it were typed, for React keeps the text. The server has this number already,
+    // so that nothing is edited.
+    const { set } = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value");
+    set.call(field, numbers.get(field));
+    field.dispatchEvent(new Event("input", { bubbles: true }));
+  }
 
   // Escape and a press beside a dialog choose its last button, which changes nothing;
   // viser leaves both without an effect.

@@ -57,7 +57,7 @@ def choose(tab: FakeTab, scope: str) -> None:
 
 def move(tab: FakeTab, agent_id: str, dx_m: float) -> None:
     command = TransformAgents(agent_ids=(agent_id,), dx_m=dx_m)
-    tab.run(lambda: tab.ui.preview("drag 1", command, has_end=True))
+    tab.run(lambda: tab.ui.preview("drag 1", command))
 
 
 def generate(tab: FakeTab) -> None:
@@ -123,16 +123,6 @@ def test_while_the_reaction_is_awaited_another_edit_commits_what_is_shown(
     assert len(tab.session.entries) == 2
     assert not tab.session.state.is_previewing
 
-    # Escape while the reaction is awaited takes the whole edit back.
-    gate.clear()
-    before = tab.session.scenario
-    move(tab, first, 3.0)
-    tab.run(tab.ui.end_gesture)
-    tab.run(tab.tab.escape)
-    assert tab.session.scenario is before
-    gate.set()
-    assert len(tab.session.entries) == 2
-
     # A new selection commits it, and Escape then clears the selection.
     gate.clear()
     move(tab, first, 3.0)
@@ -143,6 +133,72 @@ def test_while_the_reaction_is_awaited_another_edit_commits_what_is_shown(
     tab.run(tab.tab.escape)
     assert tab.session.selection == ()
     assert len(tab.session.entries) == 3
+    gate.set()
+
+
+def test_escape_while_the_reaction_is_awaited_leaves_the_edit(
+    tab: FakeTab, drift: DriftGenerator
+):
+    generate(tab)
+    first, _ = tab.session.scenario.agents.ids
+    gate = threading.Event()
+    drift.on_step = lambda _step: gate.wait(10) and None
+    before = tab.session.scenario
+    move(tab, first, 3.0)
+    tab.run(tab.ui.end_gesture)
+    tab.run(tab.tab.escape)
+    gate.set()
+    assert tab.session.entries[-1].command == TransformAgents(
+        agent_ids=(first,), dx_m=3.0
+    )
+    assert tab.ui.gesture is None
+    assert tab.tab.panels.generation.run_state is None
+    tab.run(tab.tab.panels.history.undo)
+    assert tab.session.scenario is before
+
+
+def test_the_next_value_of_a_slider_is_shown_while_the_reaction_is_awaited(
+    tab: FakeTab, drift: DriftGenerator
+):
+    generate(tab)
+    panel = tab.tab.panels.road
+    bend = panel._power["smooth-turn"]
+    gate = threading.Event()
+    drift.on_step = lambda _step: gate.wait(10) and None
+
+    def typed(value: float) -> None:
+        bend.value = value
+        panel._changed()
+
+    tab.run(lambda: typed(4.0))
+    tab.run(tab.ui.end_gesture)
+    assert tab.ui.gesture == "refining"
+    tab.run(lambda: typed(-6.0))
+    assert bend.value == -6.0
+    assert tab.session.scenario.applied_warp.warp.terms[0].power == -6.0
+    assert tab.session.entries[-1].label == "Bend the road: bend +4"
+    gate.set()
+
+
+def test_the_next_number_is_shown_while_the_reaction_is_awaited(
+    tab: FakeTab, drift: DriftGenerator
+):
+    generate(tab)
+    panel = tab.tab.panels.agent
+    tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids[:1]))
+    gate = threading.Event()
+    drift.on_step = lambda _step: gate.wait(10) and None
+
+    def typed(speed_mps: float) -> None:
+        panel._speed.value = speed_mps
+        panel._set_speed(speed_mps)
+
+    tab.run(lambda: typed(4.0))
+    tab.run(tab.ui.end_gesture)
+    assert tab.ui.gesture == "refining"
+    tab.run(lambda: typed(6.0))
+    assert panel._speed.value == 6.0
+    assert tab.session.entries[-1].label.endswith("4.0 m/s")
     gate.set()
 
 
