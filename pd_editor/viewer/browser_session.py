@@ -52,6 +52,8 @@ SEARCH_PAUSE_S: Final = 0.02
 FUTURE_CHECK_DELAY_S: Final = 0.4
 """Pause after an edit before the future is checked for problems."""
 SEND_PAUSE_S: Final = 1e-3
+BASKET_FOLLOW_S: Final = 1.0
+"""Interval at which the basket is compared with what other tabs made of it."""
 JOURNAL_RETRY_S: Final = 3.0
 """Interval of attempts to write edits that could not be stored on disk."""
 
@@ -81,6 +83,7 @@ class BrowserSession:
         self._checks_future_at: float | None = None
         self._timeline_shown_at = 0.0
         self._retries_journal_at = 0.0
+        self._follows_basket_at = 0.0
         self._is_built = False
         self._is_closed = False
         self._closing = threading.Lock()
@@ -421,6 +424,9 @@ class BrowserSession:
             self._retries_journal_at = now + JOURNAL_RETRY_S
             self._workspace.retry_journals()
             self.chip.show()
+        if now >= self._follows_basket_at:
+            self._follows_basket_at = now + BASKET_FOLLOW_S
+            self.panels.basket.follow()
         is_searching = self._workspace.search_on()
         if is_searching:
             self.panels.dataset.show()

@@ -126,8 +126,12 @@ class Workspace:
         self._shelf = SessionShelf(journals, self.basket, self._restored)
         self._given: dict[str, Scenario] = {}
         """Exported or starred states by their names."""
+        self._starred: dict[str, BasketEntry] = {}
+        """Entries of the basket that were starred here."""
         self.unticked: set[str] = set()
         """Scenarios of the basket that are not selected for download."""
+        self.removed: tuple[str, ...] = ()
+        """Scenarios that were removed last from the basket, and can be put back."""
         self.continuation: OpenedEdits | None = None
         """Edits that can be continued, if the open scenario is an export of the editor."""
         self.session = EditorSession(scenario, journal=Journal(journals))
@@ -388,34 +392,61 @@ class Workspace:
         self._exported = ExportedState(scenario=self.session.scenario)
 
     def star(self) -> BasketEntry:
-        """Add the current state to the basket.
+        """Add the current state to the basket; one that is there is described anew.
 
         Raises:
             ExportError: the state cannot be written.
         """
-        recipe = self._named_recipe(
-            lambda name: self.basket.has(name) or self._is_given(name)
-        )
+        self.session.commit_gesture()
+        former = self.starred_entry()
+        recipe = self._recipe_to_star(former)
         session = self.session
         entry = self.basket.add(
             index_row(session.scenario, session.base, recipe),
             exported_files(session.scenario, recipe),
-            starred_at=time.time(),
+            starred_at=time.time() if former is None else former.starred_at,
             thumbnail=thumbnail(session.scenario),
+            replaces=None if former is None else former.name,
         )
-        self._given[recipe.result_id] = session.scenario
+        self._given[entry.name] = session.scenario
+        self._starred[entry.name] = entry
+        if former is not None and former.name in self.unticked:
+            self.unticked.add(entry.name)
         if not self._is_exported:
             self._exported = ExportedState(
-                scenario=session.scenario, starred_as=recipe.result_id
+                scenario=session.scenario, starred_as=entry.name
             )
         return entry
 
     def is_starred(self) -> bool:
-        """Whether the current state is in the basket, under any name."""
-        scenario = self.session.scenario
-        return any(
-            given is scenario and self.basket.has(name)
-            for name, given in self._given.items()
+        """Whether the basket holds the current state with its name, tags and note."""
+        former = self.starred_entry()
+        if former is None:
+            return False
+        recipe = self._recipe_to_star(former)
+        is_renamed = recipe.result_id != former.name
+        return not is_renamed and (recipe.variant.tags, recipe.variant.note) == (
+            former.row.tags,
+            former.row.note,
+        )
+
+    def starred_entry(self) -> BasketEntry | None:
+        """Entry of the current state in the basket; those of other tabs do not count."""
+        for name, given in self._given.items():
+            starred = self._starred.get(name)
+            if given is self.session.scenario and starred is not None:
+                entry = self.basket.entry(name)
+                if entry == starred:
+                    return entry
+        return None
+
+    def _recipe_to_star(self, former: BasketEntry | None) -> Recipe:
+        """Recipe with a name that is unused, or that the former entry of the state has."""
+        kept = "" if former is None else former.name
+        return self._named_recipe(
+            lambda name: (
+                name != kept and (self.basket.has(name) or self._is_given(name))
+            )
         )
 
     def _restored(self, exported: Scenario, again: Scenario) -> None:
