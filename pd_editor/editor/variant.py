@@ -30,6 +30,8 @@ class Variant:
     """Id of the exported scenario: letters, digits and hyphens. Empty: proposed."""
     tags: tuple[str, ...] = ()
     note: str = ""
+    is_proposed: bool = False
+    """Whether the program chose the name of a result, so that edits change it."""
 
     def __post_init__(self) -> None:
         if self.name and _NAME.fullmatch(self.name) is None:
