@@ -137,9 +137,10 @@ class EditorSession:
             session.close(discard=True)
             raise
         variant = recipe.variant
+        if variant.is_proposed:
+            session._replayed = (variant.name, session.commands_in_force)
         if variant.is_proposed or variant.name == session.name:
             # It goes on following the edits.
-            session._replayed = (variant.name, session.commands_in_force)
             variant = replace(variant, name="", is_proposed=False)
         session.describe(variant)
         return session
@@ -382,7 +383,8 @@ class EditorSession:
         moment = datetime.fromtimestamp(self._clock(), UTC)
         variant, proposed = self._variant, self._proposed_name
         if proposed and not variant.name:
-            variant = replace(variant, name=proposed, is_proposed=True)
+            given = self._replayed[0]
+            variant = replace(variant, name=proposed, is_proposed=proposed == given)
         return Recipe(
             base=self._base.reference,
             commands=self.commands_in_force,

@@ -31,7 +31,8 @@ class Variant:
     tags: tuple[str, ...] = ()
     note: str = ""
     is_proposed: bool = False
-    """Whether the program chose the name of a result, so that edits change it."""
+    """Whether the program chose a name of another kind than ``proposed_name`` for a
+    result; it holds until the next edit."""
 
     def __post_init__(self) -> None:
         if self.name and _NAME.fullmatch(self.name) is None:

@@ -469,7 +469,9 @@ class Workspace:
         if not is_taken(recipe.result_id):
             return recipe
         name = free_name(name_from_text(recipe.result_id), is_taken)
-        return replace(recipe, variant=replace(recipe.variant, name=name))
+        is_proposed = not self.session.variant.name
+        variant = replace(recipe.variant, name=name, is_proposed=is_proposed)
+        return replace(recipe, variant=variant)
 
     def unfinished_work(self) -> list[KeptWork]:
         """Edited scenarios that are not open and not exported, the newest first."""
