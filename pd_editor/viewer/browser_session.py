@@ -339,12 +339,13 @@ class BrowserSession:
                 self._tell_of_focal(before.scenario, after.scenario)
 
     def _tell_of_focal(self, before: Scenario, after: Scenario) -> None:
-        """Notify the user of the new focal agent if the former one was removed."""
+        """Notify the user of the new focal agent if the former one is not there."""
         if before.focal_id == after.focal_id or before.focal_id in after.agents.row_of:
             return
         if after.focal_id:
             title = f"Agent {after.focal_id} is the focal agent now"
-            self._ui.notify(title, f"Agent {before.focal_id or '-'} was removed.")
+            former = before.focal_id
+            self._ui.notify(title, f"Agent {former} was removed." if former else "")
         else:
             self._ui.notify(
                 "No focal agent",
