@@ -78,6 +78,10 @@ class DatasetSearch:
         """Cities found so far."""
         return self._dataset.cities()
 
+    def splits(self) -> tuple[str, ...]:
+        """Splits found so far."""
+        return self._dataset.splits()
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeptWork:
