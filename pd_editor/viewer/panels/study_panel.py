@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,6 +28,7 @@ from pd_editor.studies.study_plan import (
 from pd_editor.studies.study_report import SHOWN
 from pd_editor.studies.whole_study import REPORT_PAGE, Study, StudyExtras
 from pd_editor.studies.worst_case import GRID_SIZE, SearchSettings, WorstCase
+from pd_editor.viewer.panels.kept_settings import KeptSettings
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.panels.severity_chart import severity_svg
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
@@ -155,14 +155,13 @@ class StudyPanel:
         ui.on_click(self._open, self._open_chosen)
         for handle in (self._metric, self._kind):
             ui.on_change(handle, lambda _value: self._draw())
-        self._keep_settings()
+        self._settings = self._kept_settings()
+        self._settings.restore()
         self._study.on_change = self._listener = lambda: ui.post(self._show, "study")
         self._show()
 
-    def _keep_settings(self) -> None:
-        """Give the fields the values of before the page was reloaded, and keep changes."""
-        settings = self._study.settings
-        fields: Mapping[str, Any] = {
+    def _kept_settings(self) -> KeptSettings:
+        inputs: Mapping[str, Any] = {
             "data": self._data,
             "limit": self._limit,
             "method": self._method,
@@ -175,10 +174,7 @@ class StudyPanel:
             "searches": self._searches,
             **self._kinds,
         }
-        for name, handle in fields.items():
-            if name in settings:
-                set_value(handle, settings[name])
-            self._ui.on_change(handle, partial(settings.__setitem__, name))
+        return KeptSettings(self._study.settings, inputs)
 
     def run(self) -> None:
         """Start a study with the settings of the panel in a new folder.
@@ -226,7 +222,8 @@ class StudyPanel:
         self._study.cancel()
 
     def close(self) -> None:
-        """Leave a running study to the page that comes next."""
+        """Leave a running study and the settings to the page that comes next."""
+        self._settings.keep()
         if self._study.on_change is self._listener:
             self._study.on_change = None
 

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 from pd_editor.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
@@ -147,6 +147,10 @@ class Workspace:
         self.is_dark = False
         self.view = ViewMemory()
         self.study = StudyRun()
+        self.drive_settings: dict[str, Any] = {}
+        """Values of the generation panel's inputs, for the page that comes next."""
+        self.has_lost_run = False
+        """Whether a generation was cancelled because its page had gone."""
         self.ignored_problems: WeakKeyDictionary[Scenario, set[ProblemKey]] = (
             WeakKeyDictionary()
         )
