@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import viser
 
+from pd_editor.editor.commands.road import WARP_NAME
 from pd_editor.errors import FolderInUseError, InputError
 from pd_editor.evaluation.evaluation import scenes_of
 from pd_editor.evaluation.method import Method
@@ -18,7 +19,7 @@ from pd_editor.evaluation.road_condition import (
     road_conditions,
 )
 from pd_editor.generation import GeneratorSpec, ScenarioGenerator
-from pd_editor.scene.road_warp import WARP_KINDS
+from pd_editor.scene.road_warp import WARP_KINDS, WarpKind
 from pd_editor.studies.study_folder import StudyFolder
 from pd_editor.studies.study_plan import (
     GRID_POWERS,
@@ -71,6 +72,12 @@ def _study_folder(path: Path, plan: StudyPlan, *, resumes: bool) -> StudyFolder:
         ) from error
 
 
+def _title(kind: WarpKind) -> str:
+    """Name of a warp in the Road tab, and that of Scene-Attack."""
+    name = WARP_NAME[kind]
+    return f"{name[0].upper()}{name[1:]} ({kind.replace('-', ' ')})"
+
+
 class StudyPanel:
     """Set up, run and cancel a study; curves while it runs; its worst scenes."""
 
@@ -99,8 +106,7 @@ class StudyPanel:
                 "Compare with", (NO_METHOD, *names), initial_value="constant-velocity"
             )
             self._kinds = {
-                kind: gui.add_checkbox(kind.replace("-", " ").capitalize(), True)
-                for kind in WARP_KINDS
+                kind: gui.add_checkbox(_title(kind), True) for kind in WARP_KINDS
             }
             self._powers = gui.add_dropdown("Powers", tuple(POWERS))
             self._anchors = gui.add_dropdown(
@@ -134,8 +140,15 @@ class StudyPanel:
             self._bar = gui.add_progress_bar(0.0, visible=False)
             self._note = FixedText(gui, 2)
         with gui.add_folder("Severity curves"):
-            self._metric = gui.add_dropdown("Metric", tuple(t for _, t in SHOWN))
-            self._kind: viser.GuiDropdownHandle[str] = gui.add_dropdown("Warp", ROADS)
+            self._metric = gui.add_dropdown(
+                "Metric",
+                tuple(t for _, t in SHOWN),
+                hint="SOR, soft off-road rate: share of steps off the drivable area. "
+                "HOR, hard off-road rate: share of agents that are off it at any step",
+            )
+            self._kind: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+                "Warp", ROADS, hint="; ".join(map(_title, WARP_KINDS))
+            )
             self._chart = gui.add_html(severity_svg((), *SHOWN[0]))
         with gui.add_folder("Results"):
             self._worst: viser.GuiDropdownHandle[str] = gui.add_dropdown(
