@@ -17,11 +17,20 @@ from pd_editor.av2_io.file_names import (
     is_tracks_name,
 )
 from pd_editor.av2_io.track_table import open_track_table
+from pd_editor.av2_io.tracks_file import current_step_of
 from pd_editor.errors import InputError, ScenarioFileError
 from pd_editor.regular_file import check_path
 
 MAX_DEPTH: Final = 4
 """Levels of folders below the root that are searched."""
+_CARD_COLUMNS: Final = (
+    "track_id",
+    "city",
+    "timestep",
+    "num_timestamps",
+    "observed",
+    "current_step",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +41,10 @@ class ScenarioCard:
     folder: Path
     city: str
     num_agents: int
+    split: str = ""
+    """Folder below the root that holds the scenario's folder; empty for the root."""
+    has_future: bool = True
+    """Whether there are states after the current step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +56,9 @@ class CardFilter:
     """Part of the id, in any case."""
     min_agents: int | None = None
     max_agents: int | None = None
+    split: str | None = None
+    with_future: bool = False
+    """Whether scenarios without a logged future are left out."""
 
     def accepts_id(self, scenario_id: str) -> bool:
         """Whether an id passes the filter; reads no file."""
@@ -53,6 +69,8 @@ class CardFilter:
         return (
             self.accepts_id(card.scenario_id)
             and (not self.city or self.city == card.city)
+            and (self.split is None or self.split == card.split)
+            and (card.has_future or not self.with_future)
             and (self.min_agents is None or card.num_agents >= self.min_agents)
             and (self.max_agents is None or card.num_agents <= self.max_agents)
         )
@@ -119,6 +137,12 @@ class DatasetIndex:
         with self._lock:
             cards = list(self._cards.values())
         return tuple(sorted({card.city for card in cards if card is not None}))
+
+    def splits(self) -> tuple[str, ...]:
+        """Splits of the scenarios read so far, sorted."""
+        with self._lock:
+            cards = list(self._cards.values())
+        return tuple(sorted({card.split for card in cards if card is not None}))
 
     def scan(self, limit: int | None = None) -> int:
         """List up to ``limit`` more scenario folders; 0 when there are no more."""
@@ -214,7 +238,7 @@ class DatasetIndex:
         if not wanted.accepts_id(found.scenario_id):
             return None
         if position not in self._cards:
-            card = _read_card(found)
+            card = _read_card(found, self.root)
             with self._lock:
                 self._cards[position] = card
         card = self._cards[position]
@@ -259,13 +283,15 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
             yield from _scenario_folders(folder / name, depth + 1)
 
 
-def _read_card(found: _Found) -> ScenarioCard | None:
+def _read_card(found: _Found, root: Path) -> ScenarioCard | None:
     name = f"{TRACKS_PREFIX}{found.scenario_id}.parquet"
     try:
-        columns = ("track_id", "city")
-        table = open_track_table(found.folder / name, name, columns)
+        table = open_track_table(found.folder / name, name, _CARD_COLUMNS)
         _, ids = table.texts("track_id")
         city = table.one_text("city")
+        step = table.integers("timestep")
+        num_steps = int(table.one_number("num_timestamps"))
+        current = current_step_of(table, step, num_steps)
     except ScenarioFileError:
         return None
     return ScenarioCard(
@@ -273,4 +299,11 @@ def _read_card(found: _Found) -> ScenarioCard | None:
         folder=found.folder,
         city=city,
         num_agents=len(ids),
+        split=_split_of(found.folder, root),
+        has_future=bool((step > current).any()),
     )
+
+
+def _split_of(folder: Path, root: Path) -> str:
+    """The folders between the root and a scenario's folder."""
+    return "/".join(folder.relative_to(root).parts[:-1])

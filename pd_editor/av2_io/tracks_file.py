@@ -140,7 +140,7 @@ def _time_axis(table: TrackTable) -> tuple[TimeAxis, Int[np.ndarray, "R"]]:
             step_s = NOMINAL_STEP_S
     axis = TimeAxis(
         num_steps=int(num_steps),
-        current_step=_current_step(table, step, int(num_steps)),
+        current_step=current_step_of(table, step, int(num_steps)),
         step_s=step_s,
         start_timestamp_ns=start,
         end_timestamp_ns=end,
@@ -148,7 +148,14 @@ def _time_axis(table: TrackTable) -> tuple[TimeAxis, Int[np.ndarray, "R"]]:
     return axis, step
 
 
-def _current_step(table: TrackTable, step: Int[np.ndarray, "R"], num_steps: int) -> int:
+def current_step_of(
+    table: TrackTable, step: Int[np.ndarray, "R"], num_steps: int
+) -> int:
+    """Current step of a table: its own column says it, or the first predicted step.
+
+    Raises:
+        ScenarioFileError: the column says a step that is not there.
+    """
     if "current_step" not in table.table.column_names:
         return default_current_step(step, table.flags("observed"))
     current = table.one_number("current_step")

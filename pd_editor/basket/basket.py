@@ -6,6 +6,7 @@ import os
 import secrets
 import shutil
 import threading
+import time
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,9 @@ from pd_editor.exporters.bundle import write_files, zip_folders
 
 ENTRY_NAME: Final = "entry.json"
 """File with an entry's summary for lists; not part of the scenario."""
+KEPT_S: Final = 86_400.0
+"""Time for which a removed scenario can be put back."""
+_REMOVED: Final = ".removed"
 _logger: Final = logging.getLogger(__name__)
 
 
@@ -38,7 +42,7 @@ class BasketEntry:
 
 
 class Basket:
-    """A folder with one folder per starred scenario; entries are never replaced.
+    """A folder with one folder per starred scenario; a name is never taken twice.
 
     Tabs and processes may share it: entries are added and removed atomically.
     """
@@ -47,10 +51,30 @@ class Basket:
         """Use a folder, which is created when needed."""
         self._folder = folder
         self._adding = threading.Lock()
+        self._forget_removed()
 
     def has(self, name: str) -> bool:
         """Whether the name is taken."""
         return (self._folder / name).exists()
+
+    def entry(self, name: str) -> BasketEntry | None:
+        """A starred scenario; None if it is not in the basket, or cannot be read."""
+        try:
+            content = json.loads((self._folder / name / ENTRY_NAME).read_bytes())
+            entry = from_json(BasketEntry, content, "The entry")
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, RecipeError) as error:
+            _logger.warning("%s in the basket cannot be read: %s", name, error)
+            return None
+        return entry if entry.name == name else None
+
+    def stamp(self) -> int:
+        """A number that changes when another tab or process changes the basket."""
+        try:
+            return self._folder.stat().st_mtime_ns
+        except OSError:
+            return 0
 
     def add(
         self,
@@ -59,8 +83,9 @@ class Basket:
         *,
         starred_at: float,
         thumbnail: str = "",
+        replaces: str | None = None,
     ) -> BasketEntry:
-        """Add an exported scenario.
+        """Add an exported scenario, in place of the one named ``replaces`` if any.
 
         Raises:
             ExportError: the name is taken, or the files cannot be written.
@@ -69,8 +94,13 @@ class Basket:
         about = json.dumps(to_json(entry)).encode()
         with self._adding:
             write_files(
-                {**files, ENTRY_NAME: about}, self._folder / entry.name, forbidden=None
+                {**files, ENTRY_NAME: about},
+                self._folder / entry.name,
+                forbidden=None,
+                overwrite=entry.name == replaces,
             )
+        if replaces not in (None, entry.name):
+            shutil.rmtree(self._set_aside(replaces), ignore_errors=True)
         return entry
 
     def entries(self) -> list[BasketEntry]:
@@ -81,34 +111,62 @@ class Basket:
         except OSError:
             return []
         for name in names:
-            if name.startswith("."):
-                continue
-            try:
-                content = json.loads((self._folder / name / ENTRY_NAME).read_bytes())
-                entry = from_json(BasketEntry, content, "The entry")
-            except (OSError, ValueError, RecipeError) as error:
-                _logger.warning("%s in the basket cannot be read: %s", name, error)
-                continue
-            if entry.name == name:
+            entry = None if name.startswith(".") else self.entry(name)
+            if entry is not None:
                 found.append(entry)
         return sorted(found, key=lambda entry: (entry.starred_at, entry.name))
 
     def remove(self, name: str) -> None:
-        """Remove a scenario permanently and atomically.
+        """Remove a scenario atomically; ``put_back`` restores it for a day.
 
         Raises:
             ExportError: the folder cannot be removed.
         """
-        if name not in {entry.name for entry in self.entries()}:
-            return
-        gone = self._folder / f".{name}.{secrets.token_hex(4)}.old"
+        self._forget_removed()
+        if self.entry(name) is not None:
+            self._set_aside(name)
+
+    def put_back(self, name: str) -> None:
+        """Restore the scenario that was removed last under a name.
+
+        Raises:
+            ExportError: it is gone, its name is taken by now, or it cannot be moved.
+        """
+        aside = [one for one in self._removed() if one.name.startswith(f".{name}.")]
+        if not aside:
+            raise ExportError(f"{name}: was removed for good.")
+        with self._adding:
+            if self.has(name):
+                raise ExportError(
+                    f"{name}: another scenario of the basket has this name by now."
+                )
+            try:
+                max(aside, key=_moment).rename(self._folder / name)
+            except OSError as error:
+                raise ExportError(
+                    f"{name}: cannot be put back ({error.strerror})."
+                ) from error
+
+    def _set_aside(self, name: str) -> Path:
+        """Move an entry to a hidden folder, whose time is the moment of removal."""
+        gone = self._folder / f".{name}.{secrets.token_hex(4)}{_REMOVED}"
         try:
+            os.utime(self._folder / name)
             (self._folder / name).rename(gone)
         except OSError as error:
             raise ExportError(
                 f"{name}: cannot be removed ({error.strerror})."
             ) from error
-        shutil.rmtree(gone, ignore_errors=True)
+        return gone
+
+    def _removed(self) -> list[Path]:
+        return list(self._folder.glob(f".*{_REMOVED}"))
+
+    def _forget_removed(self) -> None:
+        """Delete what was removed more than a day ago."""
+        for folder in self._removed():
+            if time.time() - _moment(folder) > KEPT_S:
+                shutil.rmtree(folder, ignore_errors=True)
 
     def zipped(self, names: Collection[str]) -> bytes:
         """Pack the folders of scenarios and a table of them into one zip.
@@ -132,3 +190,11 @@ class Basket:
             }
         except OSError as error:
             raise InputError(f"{name}: cannot be read ({error.strerror}).") from error
+
+
+def _moment(folder: Path) -> float:
+    """Time of a folder; that of one that is just being deleted is long ago."""
+    try:
+        return folder.stat().st_mtime
+    except OSError:
+        return 0.0

@@ -8,9 +8,10 @@ from pd_editor.editor.commands.agents import DeleteAgents
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.motion import SlowToFrictionLimit, YieldToOthers
-from pd_editor.editor.commands.poses import SnapToLane
+from pd_editor.editor.commands.poses import SetAgentPosition, SnapToLane
 from pd_editor.editor.commands.road import SetRoadWarp
 from pd_editor.errors import PdEditorError
+from pd_editor.metrics.road.off_road import nearest_on_road
 from pd_editor.problems.check import scene_problems
 from pd_editor.problems.friction import friction_coefficient_of
 from pd_editor.problems.road_shape import weakened_to_radius
@@ -19,6 +20,8 @@ from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
+_INSIDE_M: Final = 0.3
+"""How far within the road's edge the centre of an agent is moved."""
 _LATER: Final = frozenset({"later-collision", "later-off-road"})
 
 
@@ -107,6 +110,21 @@ def _tried(
                     label=f"Snap {name} to its lane",
                     command=SnapToLane(agent_ids=(name,)),
                 )
+                if problem.kind == "off-road":
+                    yield from _returns(scenario, name)
+
+
+def _returns(scenario: Scenario, agent_id: str) -> Iterator[Cure]:
+    """Offer to move an agent just onto the road, such as a parked one far from lanes."""
+    agents, now = scenario.agents, scenario.current_step
+    here = agents.position_m[agents.row_of[agent_id], now]
+    place = nearest_on_road(scenario, here, _INSIDE_M)
+    if place is not None:
+        x, y = place.tolist()
+        yield Cure(
+            label=f"Move {agent_id} onto the road",
+            command=SetAgentPosition(agent_id=agent_id, x_m=x, y_m=y),
+        )
 
 
 def _slowing(

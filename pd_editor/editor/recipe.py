@@ -73,13 +73,17 @@ class Recipe:
 
     def to_text(self) -> str:
         """Recipe as JSON, one command per line."""
+        variant = to_json(self.variant)
+        if not self.variant.is_proposed:
+            # Of no meaning to most recipes, and unknown to earlier versions.
+            del variant["is_proposed"]
         head = {
             "format": RECIPE_FORMAT,
             "version": RECIPE_VERSION,
             "created_at": self.created_at,
             "base": to_json(self.base),
             "notes": list(self.notes),
-            "variant": to_json(self.variant),
+            "variant": variant,
         }
         lines = [json.dumps(command_to_json(command)) for command in self.commands]
         text = json.dumps(head, indent=1)[:-2]

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from operator import is_
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -108,6 +109,8 @@ class EditorSession:
         self._gesture_start: Snapshot | None = None
         self._previewed: Command | None = None
         self._variant = Variant()
+        self._replayed: tuple[str, tuple[Command, ...]] = ("", ())
+        """Name that the program gave to the result of a recipe, with its commands."""
         if journal is not None:
             journal.start(scenario, base_files)
 
@@ -134,9 +137,11 @@ class EditorSession:
             session.close(discard=True)
             raise
         variant = recipe.variant
-        if variant.name == session.name:
-            # A proposed name continues to follow the edits.
-            variant = replace(variant, name="")
+        if variant.is_proposed:
+            session._replayed = (variant.name, session.commands_in_force)
+        if variant.is_proposed or variant.name == session.name:
+            # It goes on following the edits.
+            variant = replace(variant, name="", is_proposed=False)
         session.describe(variant)
         return session
 
@@ -250,7 +255,8 @@ class EditorSession:
         self.commit_gesture()
         other.commit_gesture()
         before = self.state
-        for name in ("_base", "_now", "_history", "_journal", "_variant", "_clock"):
+        parts = ("_base", "_now", "_history", "_journal", "_variant", "_clock")
+        for name in (*parts, "_replayed"):
             mine, theirs = getattr(self, name), getattr(other, name)
             setattr(self, name, theirs)
             setattr(other, name, mine)
@@ -366,23 +372,25 @@ class EditorSession:
 
     @property
     def _proposed_name(self) -> str:
-        return proposed_name(
-            self._base.scenario_id,
-            self.commands_in_force,
-            self.committed_scenario,
-        )
+        commands = self.commands_in_force
+        name, replayed = self._replayed
+        if len(commands) == len(replayed) and all(map(is_, commands, replayed)):
+            return name
+        return proposed_name(self._base.scenario_id, commands, self.committed_scenario)
 
     def recipe(self) -> Recipe:
         """Recipe of the base and the commands in force, without an unfinished gesture."""
         moment = datetime.fromtimestamp(self._clock(), UTC)
+        variant, proposed = self._variant, self._proposed_name
+        if proposed and not variant.name:
+            given = self._replayed[0]
+            variant = replace(variant, name=proposed, is_proposed=proposed == given)
         return Recipe(
             base=self._base.reference,
             commands=self.commands_in_force,
             created_at=moment.isoformat(timespec="seconds"),
             notes=self.committed_scenario.provenance.notes,
-            variant=replace(
-                self._variant, name=self._variant.name or self._proposed_name
-            ),
+            variant=variant,
         )
 
     def close(self, *, discard: bool = False) -> None:

@@ -30,6 +30,9 @@ class Variant:
     """Id of the exported scenario: letters, digits and hyphens. Empty: proposed."""
     tags: tuple[str, ...] = ()
     note: str = ""
+    is_proposed: bool = False
+    """Whether the program chose a name of another kind than ``proposed_name`` for a
+    result; it holds until the next edit."""
 
     def __post_init__(self) -> None:
         if self.name and _NAME.fullmatch(self.name) is None:

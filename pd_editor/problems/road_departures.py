@@ -22,6 +22,7 @@ from pd_editor.scene.scenario import Scenario
 _MEASURED_STEPS: Final = 5
 """Steps of each agent at which its distance from the road is measured."""
 _MUCH_FURTHER_M: Final = 0.5
+_LEAST_TOLD_M: Final = 0.1
 _EXIT_BEHIND_M: Final = 6.0
 _EXIT_AHEAD_M: Final = 60.0
 """Drivable areas often extend past the last lane by up to this length."""
@@ -54,16 +55,18 @@ def road_departures(
             continue
         worst, distance, at_first = _distances(scenario, one, off)
         name = capitalised(agent_name(agents, one))
-        headline = f"{agents.ids[one]} off the road, {distance:.1f} m"
+        furthest = _in_metres(distance)
+        headline = f"{agents.ids[one]} off the road, {furthest}"
         if first == now:
-            headline = f"{agents.ids[one]} off the road, {at_first:.1f} m"
-            message = f"{name} is {at_first:.1f} m off the road."
+            present = _in_metres(at_first)
+            headline = f"{agents.ids[one]} off the road, {present}"
+            message = f"{name} is {present} off the road."
             if distance > at_first + _MUCH_FURTHER_M:
-                message = f"{message[:-1]}, later up to {distance:.1f} m."
+                message = f"{message[:-1]}, later up to {furthest}."
         else:
             message = (
                 f"{name} leaves the road {at_time(scenario, first)},"
-                f" by up to {distance:.1f} m."
+                f" by up to {furthest}."
             )
         place = agents.position_m[one, first]
         found.append(
@@ -79,6 +82,11 @@ def road_departures(
             )
         )
     return found
+
+
+def _in_metres(distance_m: float) -> str:
+    """A distance from the road; 0.0 m would read as if the agent were on it."""
+    return f"{max(distance_m, _LEAST_TOLD_M):.1f} m"
 
 
 def _leaves_the_map(scenario: Scenario, row: int, first: int) -> bool:

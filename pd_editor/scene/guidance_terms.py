@@ -40,6 +40,8 @@ class GuidanceBase:
 
     kind: ClassVar[str] = ""
     """Name of the kind in JSON and on the shell."""
+    noun: ClassVar[str] = ""
+    """Name of the kind in sentences; empty: that of the shell, without hyphens."""
 
     weight: float = 1.0
     """Strength relative to the default, 0 to 10."""
@@ -61,7 +63,7 @@ class GuidanceBase:
     @property
     def name(self) -> str:
         """Name of the kind in words, such as "goal point"."""
-        return self.kind.replace("-", " ")
+        return self.noun or self.kind.replace("-", " ")
 
     @property
     def in_words(self) -> str:
@@ -176,6 +178,7 @@ class FollowPath(AgentGuidance):
     """Drive along a path, at a speed that the model chooses."""
 
     kind: ClassVar[str] = "follow-path"
+    noun: ClassVar[str] = "path"
 
     points_m: tuple[Point, ...]
 
@@ -200,6 +203,7 @@ class FollowLane(AgentGuidance):
     """Drive along the centre lines of lanes, one after another."""
 
     kind: ClassVar[str] = "follow-lane"
+    noun: ClassVar[str] = "lane route"
 
     lane_ids: tuple[int, ...]
 
@@ -238,6 +242,7 @@ class StopAtLine(AgentGuidance):
     """Stop in front of a line that is given by its two ends."""
 
     kind: ClassVar[str] = "stop-at-line"
+    noun: ClassVar[str] = "stop line"
 
     line_m: tuple[Point, Point]
 
@@ -249,11 +254,6 @@ class StopAtLine(AgentGuidance):
                 f"A stop line is {_length_m(self.line_m):g} m long; expected 0.5 to "
                 "100 m."
             )
-
-    @property
-    def name(self) -> str:
-        """Name of the kind in words."""
-        return "stop line"
 
     def moved(self, motion: Motion) -> "StopAtLine":
         """The term with moved ends."""
@@ -292,6 +292,7 @@ class ComfortLimits(AgentsGuidance):
     """Do not exceed accelerations forwards, backwards and to the sides."""
 
     kind: ClassVar[str] = "comfort-limits"
+    noun: ClassVar[str] = "comfort limit"
 
     max_acceleration_mps2: float = 2.5
     max_braking_mps2: float = 3.5
@@ -317,6 +318,7 @@ class StayOnRoad(AgentsGuidance):
     """Keep boxes on the drivable area."""
 
     kind: ClassVar[str] = "stay-on-road"
+    noun: ClassVar[str] = "stay on the road"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -324,12 +326,13 @@ class KeepGap(AgentsGuidance):
     """Keep a distance between bumpers to the agent ahead."""
 
     kind: ClassVar[str] = "keep-gap"
+    noun: ClassVar[str] = "gap"
 
     gap_m: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check("gap", self.gap_m, 0.5, 200.0)
+        self._check("distance", self.gap_m, 0.5, 200.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -337,6 +340,7 @@ class AvoidCollisions(AgentsGuidance):
     """Keep boxes apart, by swerves to a side if one is given."""
 
     kind: ClassVar[str] = "avoid-collisions"
+    noun: ClassVar[str] = "collision avoidance"
 
     side: Side | None = None
 
@@ -353,6 +357,7 @@ class YieldTo(PairGuidance):
     """Let another agent pass first."""
 
     kind: ClassVar[str] = "yield-to"
+    noun: ClassVar[str] = "yielding"
 
     @property
     def in_words(self) -> str:
@@ -365,6 +370,7 @@ class Threaten(PairGuidance):
     """Come dangerously close to another agent, which is left unchanged."""
 
     kind: ClassVar[str] = "threaten"
+    noun: ClassVar[str] = "threat"
 
     severity: float = 1.0
     """0: a tight gap, 1: contact."""

@@ -63,7 +63,6 @@ def export_case(case: WorstCase, item: StudyItem, out: Path) -> GalleryEntry:
     road = [f"{kind}-{power_name(power)}" for kind, power in condition.terms]
     at = () if condition.anchor == DEFAULT_ANCHOR else (condition.anchor,)
     name = " ".join((short_id(case.scenario), case.method, *road, *at, f"s{case.seed}"))
-    session.describe(Variant(name=name_from_text(name)))
     request = item.request(session.scenario, condition)
     traffic = item.method.traffic(request)
     if not condition.is_plain:
@@ -78,8 +77,7 @@ def export_case(case: WorstCase, item: StudyItem, out: Path) -> GalleryEntry:
         )
         asked = replace(request, scenario=session.scenario, num_samples=1)
         session.apply(traffic_command(asked, generated))
-    recipe = replace(session.recipe(), created_at="")
-    folder = export_into(out, session.scenario, recipe, overwrite=True)
+    folder = _export(session, Variant(name=name_from_text(name)), out)
     return GalleryEntry(case=case, folder=folder, thumbnail=thumbnail(session.scenario))
 
 
@@ -111,13 +109,19 @@ def export_danger(danger: AvoidableDanger, source: Path, out: Path) -> GalleryEn
     escape = (
         f"{danger.num_avoiding} trajectories of {danger.ego_id} avoid the collision."
     )
-    session.describe(Variant(name=name_from_text(name), note=escape))
     session.apply(danger.behaviour)
-    recipe = replace(session.recipe(), created_at="")
-    folder = export_into(out, session.scenario, recipe, overwrite=True)
+    folder = _export(session, Variant(name=name_from_text(name), note=escape), out)
     return GalleryEntry(
         case=danger, folder=folder, thumbnail=thumbnail(session.scenario)
     )
+
+
+def _export(session: EditorSession, variant: Variant, out: Path) -> Path:
+    """Export with a name that does not stay when a user goes on with the edits."""
+    recipe = replace(
+        session.recipe(), created_at="", variant=replace(variant, is_proposed=True)
+    )
+    return export_into(out, session.scenario, recipe, overwrite=True)
 
 
 def _warp_command(

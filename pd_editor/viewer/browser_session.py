@@ -52,6 +52,8 @@ SEARCH_PAUSE_S: Final = 0.02
 FUTURE_CHECK_DELAY_S: Final = 0.4
 """Pause after an edit before the future is checked for problems."""
 SEND_PAUSE_S: Final = 1e-3
+BASKET_FOLLOW_S: Final = 1.0
+"""Interval at which the basket is compared with what other tabs made of it."""
 JOURNAL_RETRY_S: Final = 3.0
 """Interval of attempts to write edits that could not be stored on disk."""
 
@@ -81,6 +83,7 @@ class BrowserSession:
         self._checks_future_at: float | None = None
         self._timeline_shown_at = 0.0
         self._retries_journal_at = 0.0
+        self._follows_basket_at = 0.0
         self._is_built = False
         self._is_closed = False
         self._closing = threading.Lock()
@@ -336,12 +339,13 @@ class BrowserSession:
                 self._tell_of_focal(before.scenario, after.scenario)
 
     def _tell_of_focal(self, before: Scenario, after: Scenario) -> None:
-        """Notify the user of the new focal agent if the former one was removed."""
+        """Notify the user of the new focal agent if the former one is not there."""
         if before.focal_id == after.focal_id or before.focal_id in after.agents.row_of:
             return
         if after.focal_id:
             title = f"Agent {after.focal_id} is the focal agent now"
-            self._ui.notify(title, f"Agent {before.focal_id or '-'} was removed.")
+            former = before.focal_id
+            self._ui.notify(title, f"Agent {former} was removed." if former else "")
         else:
             self._ui.notify(
                 "No focal agent",
@@ -421,6 +425,9 @@ class BrowserSession:
             self._retries_journal_at = now + JOURNAL_RETRY_S
             self._workspace.retry_journals()
             self.chip.show()
+        if now >= self._follows_basket_at:
+            self._follows_basket_at = now + BASKET_FOLLOW_S
+            self.panels.basket.follow()
         is_searching = self._workspace.search_on()
         if is_searching:
             self.panels.dataset.show()

@@ -53,6 +53,16 @@ def test_cards_say_what_the_scenario_says(root: Path) -> None:
         assert card.scenario_id == scenario.scenario_id
         assert card.city == scenario.city
         assert card.num_agents == len(scenario.agents)
+        assert card.split == card.folder.parent.name
+        assert card.has_future
+
+
+def test_scenarios_of_the_root_are_of_no_split(root: Path) -> None:
+    assert DatasetIndex(root / "val").splits() == ()
+    index = DatasetIndex(root / "val")
+    assert {card.split for card in index.filter()} == {""}
+    assert index.splits() == ("",)
+    assert {c.split for c in DatasetIndex(root / "val" / "a8").filter()} == {""}
 
 
 def test_filters(root: Path) -> None:
@@ -149,4 +159,7 @@ def test_threads_share_an_index(root: Path) -> None:
 
 def test_the_real_dataset(av2_root: Path, av2_scenario_folders: list[Path]) -> None:
     index = DatasetIndex(av2_root)
-    assert {card.folder for card in index.filter()} == set(av2_scenario_folders)
+    cards = list(index.filter())
+    assert {card.folder for card in cards} == set(av2_scenario_folders)
+    for card in cards:
+        assert card.has_future == (not card.split.startswith("test"))

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import os
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -66,7 +67,32 @@ def test_nothing_is_replaced_and_what_is_removed_is_gone(tmp_path: Path):
         starred(basket, "one", 2.0)
     basket.remove("one")
     basket.remove("../elsewhere")
-    assert list(tmp_path.iterdir()) == []
+    assert basket.entries() == []
+    with pytest.raises(InputError, match="holds none of these"):
+        basket.zipped(["one"])
+
+
+def test_what_is_removed_can_be_put_back_for_a_day(tmp_path: Path):
+    basket = Basket(tmp_path)
+    starred(basket, "one", 1.0)
+    (entry,) = basket.entries()
+    basket.remove("one")
+    starred(basket, "one", 2.0)
+    with pytest.raises(ExportError, match="has this name by now"):
+        basket.put_back("one")
+    basket.remove("one")
+    # The one that was removed last.
+    basket.put_back("one")
+    assert [again.starred_at for again in basket.entries()] == [2.0]
+    (aside,) = (path for path in tmp_path.iterdir() if path.name.startswith("."))
+    basket.remove("one")
+    os.utime(aside, (0.0, 0.0))
+    again = Basket(tmp_path)
+    assert not aside.exists()
+    again.put_back("one")
+    assert again.entries() == [replace(entry, starred_at=2.0)]
+    with pytest.raises(ExportError, match="removed for good"):
+        again.put_back("one")
 
 
 def test_what_is_half_written_or_damaged_is_not_listed(tmp_path: Path, caplog):

@@ -59,3 +59,18 @@ def test_the_theme_is_the_browsers_until_one_is_chosen_and_kept(browser, open_ed
         editor.workspace.is_dark = True  # as in a session of another day
         editor.reload()
         editor.until(lambda: not editor.workspace.is_dark, "the theme that was kept")
+
+
+@pytest.mark.slow
+def test_all_commands_can_be_searched_from_a_text_field(open_editor):
+    """Ctrl+K did nothing there, and what was typed next went into the field."""
+    editor = open_editor()
+    editor.key("Control+f")
+    search = editor.page.get_by_placeholder("Search by id, kind, focal, ego")
+    expect(search).to_be_focused()
+    editor.page.keyboard.press("Control+k")
+    commands = editor.page.get_by_placeholder("Search commands...")
+    expect(commands).to_be_focused()
+    editor.page.keyboard.type("resam")
+    expect(commands).to_have_value("resam")
+    expect(search).to_have_value("")

@@ -18,7 +18,7 @@ def small_study(open_editor, tmp_path: Path) -> tuple[EditorPage, Path]:
     editor.fill("Data", write_dataset(tmp_path / "data"))
     editor.fill("Results folder", out)
     editor.choose("Method", "constant-velocity")
-    for kind in ("Double turn", "Ripple road"):
+    for kind in ("S-bend (double turn)", "Waves (ripple road)"):
         editor.tick(kind)
     return editor, out
 

@@ -144,3 +144,9 @@ def test_a_wrong_choice_is_told_the_right_ones(shell: Shell):
     words = ["warp", "x", "--out", "o", "--kind", "bend", "--power", "1"]
     told = shell.refused(*words).replace(",", "").replace(";", "").split()
     assert {"double-turn", "smooth-turn", "ripple-road"} < set(told)
+
+
+def test_a_single_choice_is_told_without_brackets(shell: Shell):
+    """It was told as "one of ('av2',)"."""
+    told = shell.refused("export", "crosswalk", "--out", "o", "--format", "csv")
+    assert told.startswith("--format: 'csv' is no choice; expected one of av2;")

@@ -1,8 +1,11 @@
 """Names, tags and notes of edited scenarios (D6)."""
 
+from dataclasses import replace
+
 import pytest
 
 from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
+from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import (
     Variant,
@@ -34,6 +37,27 @@ def test_a_name_says_what_was_done():
     assert session.recipe().result_id == "mine"
     again = EditorSession.from_recipe(session.recipe(), session.base)
     assert (again.name, len(again.entries)) == ("mine", 2)
+    again.apply(SetAgentSpeed(agent_ids=("100",), speed_mps=5.0))
+    assert again.name == "mine"
+
+
+def test_a_name_that_a_user_did_not_type_holds_until_the_next_edit():
+    """Scenarios that were made of one of a study's gallery kept its id."""
+    session = EditorSession(two_agents_that_pass())
+    session.apply(SetAgentSpeed(agent_ids=("100",), speed_mps=3.0))
+    recipe = session.recipe()
+    given = replace(recipe.variant, name="constant-velocity", is_proposed=True)
+    text = replace(recipe, variant=given).to_text()
+    opened = EditorSession(two_agents_that_pass())
+    opened.exchange(EditorSession.from_recipe(Recipe.from_text(text), session.base))
+    assert opened.name == "constant-velocity"
+    assert opened.recipe().variant == given
+    opened.apply(SetAgentSpeed(agent_ids=("100",), speed_mps=4.0))
+    assert opened.name == "two-lane-road-2-edits"
+    opened.undo()
+    assert opened.name == "constant-velocity"
+    opened.undo()
+    assert opened.name == "two-lane-road"
 
 
 def test_texts_of_users_become_names_and_tags():

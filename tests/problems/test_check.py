@@ -75,6 +75,13 @@ def test_an_agent_that_is_off_the_road_is_told_with_its_present_distance():
     assert problem.headline == "100 off the road, 2.2 m"
 
 
+def test_an_agent_at_the_edge_is_not_told_to_be_nought_metres_away():
+    agents = straight_drivers([(0, -1.77, 0, 0)])
+    (problem,) = scene_problems(scenario_with(agents))
+    assert problem.message == "Vehicle 100 is 0.1 m off the road."
+    assert problem.headline == "100 off the road, 0.1 m"
+
+
 def hook_shaped_road():
     """The two-lane road with an arm to the north, so that its hull is wide."""
     road_map = two_lane_road()

@@ -32,6 +32,19 @@ def test_each_kind_has_a_name_of_its_own():
     assert all(name == kind.kind for name, kind in GUIDANCE_KINDS.items())
 
 
+def test_names_are_nouns_that_sentences_can_hold():
+    """Messages told of "its yield to" and of "the gap of a keep gap"."""
+    assert YieldTo(agent_id="7", other_id="8").name == "yielding"
+    assert PATH.in_words == "path of agent 7"
+    with pytest.raises(EditError, match="The distance of a gap is 0; expected"):
+        KeepGap(gap_m=0.0)
+    verbs = {"follow", "stop", "keep", "avoid", "threaten"}
+    for kind in GUIDANCE_KINDS.values():
+        words = (kind.noun or kind.kind.replace("-", " ")).split()
+        assert verbs.isdisjoint(words) or words == ["stop", "line"]
+        assert words[-1] != "to"
+
+
 @pytest.mark.parametrize(
     ("make", "said"),
     [

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pd_editor.av2_io.read import read_scenario
+from pd_editor.editor.recipe import Recipe
 from pd_editor.errors import InputError
 from pd_editor.evaluation.evaluation import scenes_of
 from pd_editor.evaluation.road_condition import RoadCondition, road_conditions
@@ -250,6 +251,9 @@ def test_worst_cases_are_exported_for_the_editor(root, tmp_path):
         scenario = open_scenario(entry.folder)
         assert scenario.provenance.is_bent == (entry.case.condition != "none")
         assert entry.thumbnail.startswith("<svg")
+        recipe = Recipe.from_text((entry.folder / "recipe.json").read_bytes())
+        assert recipe.variant.is_proposed
+        assert recipe.result_id == scenario.scenario_id == entry.folder.name
         (condition,) = road_conditions([entry.case.condition])
         item = next(
             one for one in items.values() if one.folder.name == entry.case.scenario

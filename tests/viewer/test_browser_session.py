@@ -9,7 +9,9 @@ from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import (
     AddGuidance,
     DeleteAgents,
+    PlaceAgent,
     RegeneratedEdit,
+    RemoveAllAgents,
     SetAgentSpeed,
     SetFocalAgent,
     TransformAgents,
@@ -175,6 +177,27 @@ def test_deleting_the_focal_agent_is_refused_in_words_and_changes_nothing(tab):
     with pytest.raises(EditError, match="focal"):
         tab.run(tab.tab.panels.agent.delete)
     assert tab.session.scenario is opened
+
+
+def test_a_new_focal_agent_is_told_with_what_became_of_the_former_one(tab, monkeypatch):
+    """On a cleared road there is no former one: "Agent - was removed." was told."""
+    told = []
+    monkeypatch.setattr(tab.ui, "notify", lambda *notice: told.append(notice))
+    cleared = RemoveAllAgents()
+    tab.run(lambda: tab.ui.apply(cleared))
+    assert told[-1][0] == "No focal agent"
+    told.clear()
+    place = PlaceAgent(
+        agent_id="new",
+        kind=AgentKind.VEHICLE,
+        x_m=0.0,
+        y_m=0.0,
+        heading_rad=0.0,
+        speed_mps=5.0,
+    )
+    tab.run(lambda: tab.ui.apply(place))
+    assert tab.session.scenario.focal_id == "new"
+    assert ("Agent new is the focal agent now", "") in told
 
 
 def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):

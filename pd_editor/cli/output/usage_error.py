@@ -14,9 +14,9 @@ _REWORDED: Final = (
     (r"Error parsing (\S+?): ", r"\1: "),
     (
         r"invalid choice (.*) for argument '(\S+)'\. Expected",
-        r"\2: \1 is not expected;",
+        r"\2: \1 is no choice; expected",
     ),
-    (r"(?<=one of )\('(.*)'\)", r"\1"),
+    (r"(?<=one of )\('(.*)',?\)", r"\1"),
     (r"(?<=\w)', '(?=\w)", ", "),
     (r"Missing value for argument '(\S+)'\. Expected.*", r"\1 lacks its value"),
     (r"Unrecognized options: ", "unknown arguments: "),

@@ -15,15 +15,16 @@ ROW_PX = 72
 class BasketPanel:
     """Buttons on top, which stay in place; below them the list, which grows."""
 
-    def __init__(self, ui: UiContext, on_removed: Callable[[], None]) -> None:
+    def __init__(self, ui: UiContext, on_changed: Callable[[], None]) -> None:
         """Build it into the current container, as the last thing in it.
 
-        ``on_removed`` is called when scenarios were removed.
+        ``on_changed`` is called when scenarios were removed or put back.
         """
-        self._on_removed = on_removed
+        self._on_changed = on_changed
         self._ui = ui
         self._workspace = ui.workspace
         self._entries: list[BasketEntry] = []
+        self._stamp = 0
         self._rows: dict[str, viser.GuiButtonHandle] = {}
         gui = ui.client.gui
         self._folder = gui.add_folder("Basket")
@@ -37,34 +38,50 @@ class BasketPanel:
             self._remove = gui.add_button(
                 "Remove the ticked", color="gray", disabled=True
             )
+            self._put_back = gui.add_button(
+                "Put back", color="gray", hint="What was removed last", visible=False
+            )
             self._hint = gui.add_markdown("")
             self._style = gui.add_html("")
         ui.on_click(self._download, self.download)
         ui.on_click(self._remove, self._remove_ticked)
+        ui.on_click(self._put_back, self._put_removed_back)
         self.refresh()
 
     def star(self) -> None:
-        """Add the current state to the basket, unless it is there already."""
+        """Add the current state to the basket, or tell that it is there already.
+
+        One whose name, tags or note were changed since is described anew.
+        """
         self._ui.commit_gesture()
         if self._workspace.is_starred():
             self._ui.notify("This state is in the basket already")
             return
+        is_update = self._workspace.starred_entry() is not None
         entry = self._workspace.star()
         self.refresh()
         self._ui.notify(
-            f"Starred: {entry.name}",
+            f"{'Updated in the basket' if is_update else 'Starred'}: {entry.name}",
             f"With {entry.row.num_problems or 'no'} open problem"
             f"{'s' if entry.row.num_problems != 1 else ''}.",
             "success",
         )
 
+    def follow(self) -> None:
+        """Show what other tabs have changed in the basket."""
+        if self._workspace.basket.stamp() != self._stamp:
+            self.refresh()
+
     def refresh(self) -> None:
         """Show what is in the basket by now."""
+        # Read first: a change in between then counts as one that follows.
+        self._stamp = self._workspace.basket.stamp()
+        former = {entry.name: entry for entry in self._entries}
         self._entries = self._workspace.basket.entries()
-        names = {entry.name for entry in self._entries}
-        for name in [one for one in self._rows if one not in names]:
+        now = {entry.name: entry for entry in self._entries}
+        for name in [one for one in self._rows if former.get(one) != now.get(one)]:
             self._rows.pop(name).remove()
-        self._workspace.unticked &= names
+        self._workspace.unticked &= set(now)
         with self._folder:
             for entry in self._entries:
                 if entry.name not in self._rows:
@@ -82,8 +99,18 @@ class BasketPanel:
         Raises:
             InputError: none is ticked, or one cannot be read.
         """
-        content = self._workspace.basket.zipped(self._ticked())
+        shown = set(self._ticked())
+        self.refresh()
+        there = set(self._ticked()) & shown
+        content = self._workspace.basket.zipped(there)
         self._ui.client.send_file_download(ZIP_NAME, content, save_immediately=True)
+        gone = sorted(shown - there)
+        if gone:
+            self._ui.notify(
+                f"{_scenarios(len(gone))} not in the zip",
+                f"Another tab has removed {', '.join(gone)} from the basket.",
+                "warning",
+            )
 
     def _add_row(self, entry: BasketEntry) -> None:
         count = entry.row.num_problems
@@ -92,6 +119,8 @@ class BasketPanel:
             f"{entry.name}{problems}",
             color="gray",
             hint="; ".join(entry.row.edits)[:500] or "without edits",
+            # One that is shown anew keeps its place.
+            order=entry.starred_at,
         )
         self._rows[entry.name] = row
         self._ui.on_click(row, lambda: self._toggle(entry.name))
@@ -102,10 +131,27 @@ class BasketPanel:
         self._show_count()
 
     def _remove_ticked(self) -> None:
-        for name in self._ticked():
+        names = self._ticked()
+        for name in names:
             self._workspace.basket.remove(name)
+        self._workspace.removed = tuple(names)
+        self._changed()
+        self._ui.notify(
+            f"{_scenarios(len(names))} removed",
+            f"{self._put_back.label}, in the basket, brings back what was removed.",
+        )
+
+    def _put_removed_back(self) -> None:
+        names, self._workspace.removed = self._workspace.removed, ()
+        try:
+            for name in names:
+                self._workspace.basket.put_back(name)
+        finally:
+            self._changed()
+
+    def _changed(self) -> None:
         self.refresh()
-        self._on_removed()
+        self._on_changed()
 
     def _ticked(self) -> list[str]:
         unticked = self._workspace.unticked
@@ -117,12 +163,18 @@ class BasketPanel:
             icon = viser.Icon.SQUARE_CHECK if is_ticked else viser.Icon.SQUARE
             set_property(row, "icon", icon)
         count = len(self._ticked())
-        label = f"Download {count} scenario{'s' if count != 1 else ''}"
-        set_property(self._download, "label", label)
+        set_property(self._download, "label", f"Download {_scenarios(count)}")
+        removed = self._workspace.removed
+        set_property(self._put_back, "label", f"Put back {_scenarios(len(removed))}")
+        set_property(self._put_back, "visible", bool(removed))
         for button in (self._download, self._remove):
             set_property(button, "disabled", count == 0)
         hint = "" if self._entries else "*Empty: S puts the scenario at hand in here.*"
         set_property(self._hint, "content", hint)
+
+
+def _scenarios(count: int) -> str:
+    return f"{count} scenario{'s' if count != 1 else ''}"
 
 
 def _look(uuid: str, thumbnail: str) -> str:

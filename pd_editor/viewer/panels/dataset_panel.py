@@ -4,12 +4,15 @@ from typing import Any, Final
 
 import viser
 
-from pd_editor.av2_io.dataset import CardFilter
+from pd_editor.av2_io.dataset import CardFilter, ScenarioCard
 from pd_editor.errors import InputError
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 from pd_editor.viewer.state.workspace import DatasetSearch
 
 ANY_CITY: Final[str] = "Any city"
+ANY_SPLIT: Final[str] = "Any split"
+ROOT: Final[str] = "(not in a folder)"
+"""Name of the split of scenarios that are in the root itself."""
 MAX_LISTED: Final = 200
 MAX_AGENTS: Final = 200
 NONE_FOUND: Final[str] = "-"
@@ -28,6 +31,14 @@ class DatasetPanel:
         with self._folder:
             self._count = gui.add_markdown("")
             self._city: Any = gui.add_dropdown("City", (ANY_CITY,))
+            self._split: Any = gui.add_dropdown(
+                "Split", (ANY_SPLIT,), hint="Folder of the dataset, such as val"
+            )
+            self._with_future = gui.add_checkbox(
+                "Logged future only",
+                False,
+                hint="Test splits end at t = 0: what happens later is not in their files",
+            )
             self._text = gui.add_text("Id contains", "")
             self._agents = gui.add_multi_slider(
                 "Number of agents",
@@ -44,7 +55,8 @@ class DatasetPanel:
             self._next = gui.add_button(
                 "Next", icon=viser.Icon.CHEVRON_RIGHT, color="gray", hint="Page down"
             )
-        for handle in (self._city, self._text, self._agents):
+        filters = self._city, self._split, self._with_future, self._text, self._agents
+        for handle in filters:
             ui.on_change(handle, lambda _value: self._filter(), merge_key="filter")
         ui.on_click(self._open, self._open_chosen)
         ui.on_click(self._previous, lambda: self.go(-1))
@@ -68,16 +80,10 @@ class DatasetPanel:
         if shown == self._shown:
             return
         self._shown = shown
-        cities = (ANY_CITY, *search.cities())
-        if tuple(self._city.options) != cities:
-            chosen = self._city.value
-            self._city.options = cities
-            set_value(self._city, chosen)
+        _offer(self._city, (ANY_CITY, *search.cities()))
+        _offer(self._split, (ANY_SPLIT, *(one or ROOT for one in search.splits())))
         found = search.cards
-        labels = tuple(
-            f"{card.city} · {card.num_agents} agents · {card.scenario_id}"
-            for card in found[:MAX_LISTED]
-        )
+        labels = tuple(_label(card) for card in found[:MAX_LISTED])
         if tuple(self._list.options) != (labels or (NONE_FOUND,)):
             self._list.options = labels or (NONE_FOUND,)
         if search.is_complete:
@@ -95,12 +101,15 @@ class DatasetPanel:
 
     def _filter(self) -> None:
         low, high = self._agents.value
+        split = "" if self._split.value == ROOT else str(self._split.value)
         self._workspace.search_for(
             CardFilter(
                 city=None if self._city.value == ANY_CITY else str(self._city.value),
                 text=str(self._text.value).strip() or None,
                 min_agents=int(low),
                 max_agents=None if high >= MAX_AGENTS else int(high),
+                split=None if split == ANY_SPLIT else split,
+                with_future=bool(self._with_future.value),
             )
         )
 
@@ -110,6 +119,23 @@ class DatasetPanel:
             raise InputError("No scenario passes the filter; widen it.")
         self._ui.commit_gesture()
         self._workspace.open_from_dataset(_id_of(chosen))
+
+
+def _offer(dropdown: Any, options: tuple[str, ...]) -> None:
+    """Offer other options; what is chosen stays."""
+    if tuple(dropdown.options) != options:
+        chosen = dropdown.value
+        dropdown.options = options
+        set_value(dropdown, chosen)
+
+
+def _label(card: ScenarioCard) -> str:
+    """What tells scenarios apart comes first, since ids are as long as the list is wide."""
+    about = [card.split] if card.split else []
+    if not card.has_future:
+        about.append("no logged future")
+    parts = (card.city, f"{card.num_agents} agents", *about, card.scenario_id)
+    return " · ".join(parts)
 
 
 def _id_of(label: str) -> str:

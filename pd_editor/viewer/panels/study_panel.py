@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import viser
 
+from pd_editor.editor.commands.road import WARP_NAME
 from pd_editor.errors import FolderInUseError, InputError
 from pd_editor.evaluation.evaluation import scenes_of
 from pd_editor.evaluation.method import Method
@@ -19,7 +19,7 @@ from pd_editor.evaluation.road_condition import (
     road_conditions,
 )
 from pd_editor.generation import GeneratorSpec, ScenarioGenerator
-from pd_editor.scene.road_warp import WARP_KINDS
+from pd_editor.scene.road_warp import WARP_KINDS, WarpKind
 from pd_editor.studies.study_folder import StudyFolder
 from pd_editor.studies.study_plan import (
     GRID_POWERS,
@@ -29,6 +29,7 @@ from pd_editor.studies.study_plan import (
 from pd_editor.studies.study_report import SHOWN
 from pd_editor.studies.whole_study import REPORT_PAGE, Study, StudyExtras
 from pd_editor.studies.worst_case import GRID_SIZE, SearchSettings, WorstCase
+from pd_editor.viewer.panels.kept_settings import KeptSettings
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.panels.severity_chart import severity_svg
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
@@ -71,6 +72,12 @@ def _study_folder(path: Path, plan: StudyPlan, *, resumes: bool) -> StudyFolder:
         ) from error
 
 
+def _title(kind: WarpKind) -> str:
+    """Name of a warp in the Road tab, and that of Scene-Attack."""
+    name = WARP_NAME[kind]
+    return f"{name[0].upper()}{name[1:]} ({kind.replace('-', ' ')})"
+
+
 class StudyPanel:
     """Set up, run and cancel a study; curves while it runs; its worst scenes."""
 
@@ -99,8 +106,7 @@ class StudyPanel:
                 "Compare with", (NO_METHOD, *names), initial_value="constant-velocity"
             )
             self._kinds = {
-                kind: gui.add_checkbox(kind.replace("-", " ").capitalize(), True)
-                for kind in WARP_KINDS
+                kind: gui.add_checkbox(_title(kind), True) for kind in WARP_KINDS
             }
             self._powers = gui.add_dropdown("Powers", tuple(POWERS))
             self._anchors = gui.add_dropdown(
@@ -134,8 +140,15 @@ class StudyPanel:
             self._bar = gui.add_progress_bar(0.0, visible=False)
             self._note = FixedText(gui, 2)
         with gui.add_folder("Severity curves"):
-            self._metric = gui.add_dropdown("Metric", tuple(t for _, t in SHOWN))
-            self._kind: viser.GuiDropdownHandle[str] = gui.add_dropdown("Warp", ROADS)
+            self._metric = gui.add_dropdown(
+                "Metric",
+                tuple(t for _, t in SHOWN),
+                hint="SOR, soft off-road rate: share of steps off the drivable area. "
+                "HOR, hard off-road rate: share of agents that are off it at any step",
+            )
+            self._kind: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+                "Warp", ROADS, hint="; ".join(map(_title, WARP_KINDS))
+            )
             self._chart = gui.add_html(severity_svg((), *SHOWN[0]))
         with gui.add_folder("Results"):
             self._worst: viser.GuiDropdownHandle[str] = gui.add_dropdown(
@@ -155,14 +168,13 @@ class StudyPanel:
         ui.on_click(self._open, self._open_chosen)
         for handle in (self._metric, self._kind):
             ui.on_change(handle, lambda _value: self._draw())
-        self._keep_settings()
+        self._settings = self._kept_settings()
+        self._settings.restore()
         self._study.on_change = self._listener = lambda: ui.post(self._show, "study")
         self._show()
 
-    def _keep_settings(self) -> None:
-        """Give the fields the values of before the page was reloaded, and keep changes."""
-        settings = self._study.settings
-        fields: Mapping[str, Any] = {
+    def _kept_settings(self) -> KeptSettings:
+        inputs: Mapping[str, Any] = {
             "data": self._data,
             "limit": self._limit,
             "method": self._method,
@@ -175,10 +187,7 @@ class StudyPanel:
             "searches": self._searches,
             **self._kinds,
         }
-        for name, handle in fields.items():
-            if name in settings:
-                set_value(handle, settings[name])
-            self._ui.on_change(handle, partial(settings.__setitem__, name))
+        return KeptSettings(self._study.settings, inputs)
 
     def run(self) -> None:
         """Start a study with the settings of the panel in a new folder.
@@ -226,7 +235,8 @@ class StudyPanel:
         self._study.cancel()
 
     def close(self) -> None:
-        """Leave a running study to the page that comes next."""
+        """Leave a running study and the settings to the page that comes next."""
+        self._settings.keep()
         if self._study.on_change is self._listener:
             self._study.on_change = None
 

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 from pd_editor.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
@@ -78,6 +78,10 @@ class DatasetSearch:
         """Cities found so far."""
         return self._dataset.cities()
 
+    def splits(self) -> tuple[str, ...]:
+        """Splits found so far."""
+        return self._dataset.splits()
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeptWork:
@@ -126,8 +130,12 @@ class Workspace:
         self._shelf = SessionShelf(journals, self.basket, self._restored)
         self._given: dict[str, Scenario] = {}
         """Exported or starred states by their names."""
+        self._starred: dict[str, BasketEntry] = {}
+        """Entries of the basket that were starred here."""
         self.unticked: set[str] = set()
         """Scenarios of the basket that are not selected for download."""
+        self.removed: tuple[str, ...] = ()
+        """Scenarios that were removed last from the basket, and can be put back."""
         self.continuation: OpenedEdits | None = None
         """Edits that can be continued, if the open scenario is an export of the editor."""
         self.session = EditorSession(scenario, journal=Journal(journals))
@@ -139,6 +147,10 @@ class Workspace:
         self.is_dark = False
         self.view = ViewMemory()
         self.study = StudyRun()
+        self.drive_settings: dict[str, Any] = {}
+        """Values of the generation panel's inputs, for the page that comes next."""
+        self.has_lost_run = False
+        """Whether a generation was cancelled because its page had gone."""
         self.ignored_problems: WeakKeyDictionary[Scenario, set[ProblemKey]] = (
             WeakKeyDictionary()
         )
@@ -388,34 +400,61 @@ class Workspace:
         self._exported = ExportedState(scenario=self.session.scenario)
 
     def star(self) -> BasketEntry:
-        """Add the current state to the basket.
+        """Add the current state to the basket; one that is there is described anew.
 
         Raises:
             ExportError: the state cannot be written.
         """
-        recipe = self._named_recipe(
-            lambda name: self.basket.has(name) or self._is_given(name)
-        )
+        self.session.commit_gesture()
+        former = self.starred_entry()
+        recipe = self._recipe_to_star(former)
         session = self.session
         entry = self.basket.add(
             index_row(session.scenario, session.base, recipe),
             exported_files(session.scenario, recipe),
-            starred_at=time.time(),
+            starred_at=time.time() if former is None else former.starred_at,
             thumbnail=thumbnail(session.scenario),
+            replaces=None if former is None else former.name,
         )
-        self._given[recipe.result_id] = session.scenario
+        self._given[entry.name] = session.scenario
+        self._starred[entry.name] = entry
+        if former is not None and former.name in self.unticked:
+            self.unticked.add(entry.name)
         if not self._is_exported:
             self._exported = ExportedState(
-                scenario=session.scenario, starred_as=recipe.result_id
+                scenario=session.scenario, starred_as=entry.name
             )
         return entry
 
     def is_starred(self) -> bool:
-        """Whether the current state is in the basket, under any name."""
-        scenario = self.session.scenario
-        return any(
-            given is scenario and self.basket.has(name)
-            for name, given in self._given.items()
+        """Whether the basket holds the current state with its name, tags and note."""
+        former = self.starred_entry()
+        if former is None:
+            return False
+        recipe = self._recipe_to_star(former)
+        is_renamed = recipe.result_id != former.name
+        return not is_renamed and (recipe.variant.tags, recipe.variant.note) == (
+            former.row.tags,
+            former.row.note,
+        )
+
+    def starred_entry(self) -> BasketEntry | None:
+        """Entry of the current state in the basket; those of other tabs do not count."""
+        for name, given in self._given.items():
+            starred = self._starred.get(name)
+            if given is self.session.scenario and starred is not None:
+                entry = self.basket.entry(name)
+                if entry == starred:
+                    return entry
+        return None
+
+    def _recipe_to_star(self, former: BasketEntry | None) -> Recipe:
+        """Recipe with a name that is unused, or that the former entry of the state has."""
+        kept = "" if former is None else former.name
+        return self._named_recipe(
+            lambda name: (
+                name != kept and (self.basket.has(name) or self._is_given(name))
+            )
         )
 
     def _restored(self, exported: Scenario, again: Scenario) -> None:
@@ -438,7 +477,9 @@ class Workspace:
         if not is_taken(recipe.result_id):
             return recipe
         name = free_name(name_from_text(recipe.result_id), is_taken)
-        return replace(recipe, variant=replace(recipe.variant, name=name))
+        is_proposed = not self.session.variant.name
+        variant = replace(recipe.variant, name=name, is_proposed=is_proposed)
+        return replace(recipe, variant=variant)
 
     def unfinished_work(self) -> list[KeptWork]:
         """Edited scenarios that are not open and not exported, the newest first."""

@@ -9,6 +9,7 @@ from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import TransformAgents
 from pd_editor.editor.recipe import is_recipe
 from pd_editor.editor.unfinished_work import find_unfinished
+from pd_editor.editor.variant import Variant
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scenario_store import open_scenario
@@ -210,6 +211,24 @@ def test_downloaded_edits_are_opened_as_a_history(workspace: Workspace, root: Pa
     workspace.session.undo()
     assert position(workspace) == moved - 4.0
     assert position(workspace) != before
+
+
+@pytest.mark.parametrize("typed", ["", "mine"])
+def test_a_number_that_made_a_name_unique_does_not_stay(
+    workspace: Workspace, root: Path, typed: str
+):
+    """Of a name that was proposed; one that the user typed stays as it was written."""
+    shift(workspace, 1.0)
+    workspace.session.describe(Variant(name=typed))
+    first = workspace.export_into(root / "out")
+    second = workspace.export_into(root / "out")
+    assert second.name == f"{first.name}-2"
+    workspace.session.undo()
+    workspace.open_reference(str(second))
+    workspace.continue_export()
+    shift(workspace, 2.0)
+    proposed = "scene-0-2-edits"
+    assert workspace.session.name == ("mine-2" if typed else proposed)
 
 
 def test_edits_of_a_scenario_that_is_not_here_name_it(workspace: Workspace, root: Path):

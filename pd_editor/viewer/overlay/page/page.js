@@ -7,6 +7,21 @@ pdOverlay.define("page", (api) => {
     if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "a")
       event.preventDefault();
   });
+  // viser opens its list of commands by Ctrl+K unless a text field has the focus: what is
+  // typed next would go into that field. So the field gives the focus away first.
+  api.listen(window, "keydown", (event) => {
+    const { target, ctrlKey, metaKey } = event;
+    const isAsked = (ctrlKey || metaKey) && !event.shiftKey && !event.altKey &&
+      event.key.toLowerCase() === "k";
+    if (!isAsked || !event.isTrusted || !/^(INPUT|TEXTAREA|SELECT)$/.test(target?.tagName ?? ""))
+      return;
+    if (target.closest("[role=dialog]")) return;
+    api.take(event);
+    target.blur();
+    document.body.dispatchEvent(new KeyboardEvent("keydown", {
+      key: "k", code: "KeyK", ctrlKey, metaKey, bubbles: true, cancelable: true,
+    }));
+  }, true);
   // viser calls preventDefault for a press on an agent in a passive listener, where it has
   // no effect but an error in the console.
   api.listen(document, "pointerdown", (event) => {

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import viser
@@ -39,6 +39,7 @@ from pd_editor.viewer.panels.generation.generation_run import (
     LazyGenerator,
 )
 from pd_editor.viewer.panels.generation.live_switch import LiveSwitch
+from pd_editor.viewer.panels.kept_settings import KeptSettings
 from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.run_state import RunState
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
@@ -175,7 +176,8 @@ class GenerationPanel:
         )
         ui.live = self._live
         self._on_run = on_run
-        self._show_options()
+        self._settings = self._kept_settings()
+        self._restore()
 
     def _build_resample(self, gui: viser.GuiApi) -> None:
         self._resample_folder = gui.add_folder("Resample agents")
@@ -226,6 +228,46 @@ class GenerationPanel:
         for handle in (self._fits, self._keeps_focal, self._keeps_ego):
             self._ui.on_change(handle, lambda _value: self._show_counts())
 
+    def _kept_settings(self) -> KeptSettings:
+        inputs: Mapping[str, Any] = {
+            "model": self._model,
+            "seed": self._seed,
+            "renews": self._renews,
+            "samples": self._samples,
+            "steps": self._steps,
+            "guidance": self._guidance,
+            "tries": self._tries,
+            "yields": self._yields,
+            "scope": self._scope,
+            "kinds": self._kinds,
+            "which": self._which,
+            "fits": self._fits,
+            "moving": self._moving,
+            "only_on_road": self._only_on_road,
+            "keeps_focal": self._keeps_focal,
+            "keeps_ego": self._keeps_ego,
+            "where": self._where,
+            "quality": self._quality,
+            **{kind.value: count for kind, count in self._counts.items()},
+        }
+        return KeptSettings(self._ui.workspace.drive_settings, inputs)
+
+    def _restore(self) -> None:
+        """Give the inputs the values that they had before the page was loaded again."""
+        # Before the others: a choice of the model, and of what is replaced, sets them.
+        self._settings.restore(["model", "which"])
+        self._show_options()
+        self._settings.restore()
+        # A region belongs to the page that is gone.
+        if self._scope.value == IN_REGION:
+            set_value(self._scope, SCOPE_ALL)
+        had_region = self._where.value == IN_REGION
+        if had_region:
+            set_value(self._where, AROUND_TRAFFIC)
+        self._show_counts()
+        if not had_region:
+            self._settings.restore(kind.value for kind in self._counts)
+
     def show(self, scenario: Scenario) -> None:
         """Follow the session."""
         self._result.show()
@@ -237,7 +279,8 @@ class GenerationPanel:
             set_property(button, "label", label if kept else name)
 
     def close(self) -> None:
-        """Stop a running generation."""
+        """Stop a running generation, and keep the settings for the page that comes."""
+        self._settings.keep()
         self._result.close()
         self._live.close()
 

@@ -112,6 +112,10 @@ class GenerationRun:
         ui.on_click(self._cancel, self.cancel)
         ui.on_click(self._take, self.use_result)
         ui.on_change(self._sample, self._sample_chosen, merge_key="sample")
+        if ui.workspace.has_lost_run:
+            ui.workspace.has_lost_run = False
+            self._say(_LOST)
+            ui.notify("Generation cancelled", _LOST, "warning", stays=True)
 
     @property
     def is_running(self) -> bool:
@@ -189,6 +193,7 @@ class GenerationRun:
     def close(self) -> None:
         """Stop a running generation, because its page is gone."""
         if self._job is not None:
+            self._ui.workspace.has_lost_run = True
             self._job.cancel()
             # A thread that is ended inside torch aborts the process at its exit.
             self._job.wait(CLOSE_WAIT_S)
@@ -375,6 +380,7 @@ class GenerationRun:
         self._on_running(is_running)
 
 
+_LOST: Final = "Its page was closed or loaded again while it ran."
 _WORDS_OF_USE: Final[Mapping[str | None, str]] = {
     "here": "The scenario was edited during the run, and the result still fits: "
     '"Use the result" applies it.',

@@ -1,8 +1,11 @@
 """Regenerating and resampling in the whole tab, without a browser."""
 
+import contextlib
 import shutil
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -15,19 +18,25 @@ from pd_editor.exporters.bundle import write_files
 from pd_editor.generation import (
     CAPABILITIES,
     LANE_GUIDANCE,
+    GenerationProgress,
     GeneratorSpec,
     GuidanceSetting,
 )
 from pd_editor.generators import registry
 from pd_editor.installed_files import models_folder
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.viewer import viewer_app
 from pd_editor.viewer.panels.generation.generation_panel import (
     ADD_AGENTS,
+    AROUND_TRAFFIC,
     AROUND_VIEW,
+    IN_REGION,
     REDRAW_SELECTION,
     REGION_HALF_SIDE_M,
+    SCOPE_ALL,
 )
 from pd_editor.viewer.state.page_text import plain
+from pd_editor.viewer.viewer_app import ViewerApp
 from tests.builders import two_agents_that_pass
 from tests.editor.fake_generators import PlacingGenerator
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
@@ -276,3 +285,91 @@ def test_the_quality_of_resampled_states_reaches_the_request(tab, placing):
     run_to_end(tab, panel.resample)
     run_to_end(tab, panel.regenerate)
     assert [one.quality for one in placing.requests] == ["fast", "high", "fast"]
+
+
+@contextlib.contextmanager
+def same_browser(app: ViewerApp) -> Iterator[None]:
+    """Its pages get the workspaces that pages before them have left."""
+    with mock.patch.object(
+        viewer_app, "_stored_keys", side_effect=lambda _: [*app._workspaces]
+    ):
+        yield
+
+
+@pytest.fixture
+def app(tmp_path, placing):
+    folder = tmp_path / "scene"
+    write_files(scenario_files(two_agents_that_pass()), folder, forbidden=None)
+    with (
+        running_app(tmp_path / "library", str(folder)) as running,
+        same_browser(running),
+    ):
+        yield running
+
+
+def test_the_settings_outlive_a_reload(app, placing):
+    """Samples and steps were back at their defaults, and the next seed was 0 again."""
+    with connected_tab(app) as tab:
+        panel = tab.tab.panels.generation
+        panel._samples.value, panel._steps.value, panel._quality.value = 3, 9, "Fast"
+        panel._which.value = ADD_AGENTS
+        tab.run(panel._show_counts)
+        panel._counts[AgentKind.BUS].value = 2
+        panel._where.value = AROUND_VIEW
+        run_to_end(tab, panel.resample)
+        workspace = tab.tab._workspace
+    with connected_tab(app) as tab:
+        assert tab.tab._workspace is workspace
+        run_to_end(tab, tab.tab.panels.generation.resample)
+    first, again = placing.requests
+    assert (first.seed, again.seed) == (0, 1)
+    assert again.num_samples == 3
+    assert again.num_denoising_steps == 9
+    assert again.num_new_agents == first.num_new_agents == {AgentKind.BUS: 2}
+    assert again.region is not None
+
+
+def test_a_model_is_chosen_again_with_its_settings(app):
+    with connected_tab(app) as tab:
+        panel = tab.tab.panels.generation
+        panel._model.value = "plain"
+        tab.run(panel._model_chosen)
+    with connected_tab(app) as tab:
+        panel = tab.tab.panels.generation
+        assert panel._model.value == "plain"
+        assert panel._steps.disabled
+
+
+def test_a_region_is_gone_with_its_page(app):
+    with connected_tab(app) as tab:
+        panel = tab.tab.panels.generation
+        panel._where.value = panel._scope.value = IN_REGION
+        panel._counts[AgentKind.BUS].value = 7
+    with connected_tab(app) as tab:
+        panel = tab.tab.panels.generation
+        assert panel._where.value == AROUND_TRAFFIC
+        assert panel._scope.value == SCOPE_ALL
+        assert panel._counts[AgentKind.BUS].value == 0
+
+
+def test_a_run_that_a_reload_cancelled_is_told_once(app, placing):
+    """The page came back as if nothing had been asked for."""
+    waits = threading.Event()
+    begun = threading.Event()
+
+    def generate(_request):
+        begun.set()
+        while True:
+            yield GenerationProgress(fraction=0.5, message="")
+            waits.wait(0.01)
+
+    placing.generate = generate
+    with connected_tab(app) as tab:
+        tab.run(tab.tab.panels.generation.regenerate)
+        assert begun.wait(20)
+    with connected_tab(app) as tab:
+        report = tab.tab.panels.generation._result._report
+        assert report.text == "Its page was closed or loaded again while it ran."
+        assert not tab.tab.panels.generation.is_running
+    with connected_tab(app) as tab:
+        assert tab.tab.panels.generation._result._report.text == ""

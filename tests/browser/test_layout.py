@@ -1,0 +1,110 @@
+"""Elements over the picture leave each other, and the focal agent, room."""
+
+import pytest
+from playwright.sync_api import expect
+
+from pd_editor.editor.commands import AddGuidance, DuplicateAgents
+from pd_editor.scene.guidance_terms import GoalPoint
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+Box = tuple[float, float, float, float]
+
+
+def box_of(locator) -> Box:
+    """Left, top, right and bottom on the page."""
+    box = locator.bounding_box()
+    return box["x"], box["y"], box["x"] + box["width"], box["y"] + box["height"]
+
+
+def overlap(one: Box, other: Box) -> bool:
+    return (
+        one[0] < other[2]
+        and other[0] < one[2]
+        and one[1] < other[3]
+        and other[1] < one[3]
+    )
+
+
+@pytest.fixture
+def editor(open_editor):
+    page = open_editor()
+    page.page.set_viewport_size({"width": 1440, "height": 900})
+    page.go_to_now()
+    page.close_notifications()
+    return page
+
+
+def collide(editor) -> None:
+    """Put copies of agents onto them."""
+    session = editor.session
+    agents, now = session.scenario.agents, session.scenario.current_step
+    copied = agents.ids[agents.is_valid[:, now].argmax()]
+    command = DuplicateAgents(
+        agent_ids=(copied,), new_ids=(f"copy-{copied}",), dx_m=0.4
+    )
+    editor._tab()._ui.post(lambda: session.apply(command))
+
+
+def test_lists_scale_bar_and_strip_do_not_cover_each_other(editor):
+    """The scale bar lay on buttons of the agent list, the problems on the strip."""
+    page = editor.page
+    collide(editor)
+    editor.open_tab("Drive")
+    editor.choose("Model", "lane-follower")
+    editor.fill("Samples", 2)
+    editor.press("Regenerate")
+    strip = page.locator(".pd-samples.pd-solid")
+    expect(strip).to_be_visible()
+    expect(strip.locator(".pd-sample")).to_have_count(2)
+    agents, scale = page.locator(".pd-agents.pd-solid").first, ".pd-scalebar"
+    for width in (1440, 1920):
+        page.set_viewport_size({"width": width, "height": 900 + (width - 1440) // 2})
+        editor.settle()
+        editor.key("Control+f")
+        expect(
+            page.get_by_placeholder("Search by id, kind, focal, ego")
+        ).to_be_visible()
+        boxes = [box_of(one) for one in (agents, page.locator(scale), strip)]
+        for index, one in enumerate(boxes):
+            assert not any(overlap(one, other) for other in boxes[index + 1 :])
+        # Two cards need no more; the focal agent is in the middle.
+        assert boxes[2][2] < 520
+        page.get_by_role("button", name="Close the agent list").click()
+        page.locator(".pd-chip-main").click()
+        problems = page.locator(".pd-problems.pd-solid")
+        expect(problems).to_be_visible()
+        assert not overlap(box_of(strip), box_of(problems))
+        page.locator(".pd-chip-main").click()
+        expect(problems).to_be_hidden()
+    editor.screenshot("layout_samples")
+
+
+def test_the_legend_beside_a_list_keeps_off_the_focal_agent(editor):
+    page = editor.page
+    editor.key("Control+f")
+    expect(page.get_by_placeholder("Search by id, kind, focal, ego")).to_be_visible()
+    legend = page.locator(".pd-legend-box")
+    expect(legend).to_be_hidden()
+    page.set_viewport_size({"width": 1920, "height": 1080})
+    expect(legend).to_be_visible()
+    picture = box_of(page.locator("canvas").first)
+    assert box_of(legend)[2] < (picture[0] + picture[2]) / 2 - 60
+
+
+def test_the_status_chip_shows_all_of_its_words(editor):
+    """It cut them where a button stands beside them: "3 problems, not y..."."""
+    page, session = editor.page, editor.session
+    collide(editor)
+    x, y = session.scenario.agents.position_m[
+        session.scenario.agents.row_of[session.scenario.focal_id],
+        session.scenario.current_step,
+    ].tolist()
+    term = GoalPoint(agent_id=session.scenario.focal_id, point_m=(x, y))
+    editor._tab()._ui.post(lambda: session.apply(AddGuidance(term=term)))
+    chip = page.locator(".pd-chip")
+    expect(chip).to_contain_text("problem")
+    expect(chip.get_by_role("button", name="Regenerate")).to_be_visible()
+    words = chip.locator(".pd-clipped")
+    assert words.evaluate("e => e.scrollWidth <= e.clientWidth"), words.inner_text()
+    editor.screenshot("layout_chip")
