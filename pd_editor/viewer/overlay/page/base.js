@@ -113,13 +113,35 @@
     cleanups.push(() => target.removeEventListener(type, listener, options));
   }
 
+  // Follow a press that an element has taken to its end: held() is the press, with the
+  // pointer's id, or null. release(event) is called when its button is let go, giveUp()
+  // when the browser takes the pointer away, and for Escape. Each sets held() to null.
+  function followPress({ held, release, giveUp }) {
+    listen(window, "pointerup", (event) => {
+      if (event.pointerId !== held()?.id || event.button !== 0) return;
+      take(event);
+      release(event);
+    }, { capture: true });
+    listen(window, "pointercancel", giveUp);
+    listen(window, "blur", giveUp);
+    listen(window, "keydown", (event) => {
+      if (event.key !== "Escape" || !held()) return;
+      take(event);
+      giveUp();
+    }, { capture: true });
+  }
+
+  // Whether a press is one on the picture that a mode may take.
+  const isModePress = (event) =>
+    event.button === 0 && isOnPicture(event) && !isPanPress();
+
   function mount(name) {
     const box = document.createElement("div");
     box.className = `pd-element pd-${name}`;
     root.appendChild(box);
     const api = {
       box, root, canvas, viewer, project, ray, ground, listen,
-      isOnPicture, local, take, isPanPress,
+      isOnPicture, local, take, isPanPress, isModePress, followPress,
       send: (event) => send(name, event),
       // Called with the camera once per drawn frame in which the view has changed.
       onView: (listener) => frameListeners.add(listener),

@@ -264,14 +264,12 @@ pdOverlay.define("guidance_marks", (api) => {
     tell(mark?.lines, api.local(event));
   }, { capture: true });
 
-  api.listen(window, "pointerup", (event) => {
-    if (!press || event.pointerId !== press.id || event.button !== 0) return;
-    api.take(event);
+  function release() {
     send("drop", press.point ?? undefined);
     tip.hidden = true;
     end();
     draw();
-  }, { capture: true });
+  }
 
   function giveUp() {
     if (!press) return;
@@ -281,13 +279,7 @@ pdOverlay.define("guidance_marks", (api) => {
     end();
     draw();
   }
-  api.listen(window, "pointercancel", giveUp);
-  api.listen(window, "blur", giveUp);
-  api.listen(window, "keydown", (event) => {
-    if (event.key !== "Escape" || !press) return;
-    api.take(event);
-    giveUp();
-  }, { capture: true });
+  api.followPress({ held: () => press, release, giveUp });
 
   api.onView(draw);
   api.onDispose(() => document.body.classList.remove("pd-guide-dragging"));

@@ -71,8 +71,7 @@ pdOverlay.define("guiding", (api) => {
   }
 
   api.listen(window, "pointerdown", (down) => {
-    if (!state.isActive || down.button !== 0 || !api.isOnPicture(down)) return;
-    if (api.isPanPress()) return;
+    if (!state.isActive || !api.isModePress(down)) return;
     api.take(down);
     at = api.local(down);
     press = { id: down.pointerId, at };
@@ -96,12 +95,13 @@ pdOverlay.define("guiding", (api) => {
     draw();
   }, { capture: true });
 
-  api.listen(window, "pointerup", (up) => {
-    if (!press || up.pointerId !== press.id || up.button !== 0) return;
-    api.take(up);
+  function giveUp() {
+    press = null;
+    draw();
+  }
+  function release(up) {
     const { points } = press;
     const pixel = api.local(up);
-    press = null;
     if (points) {
       const rounded = points.map((point) => point.map((v) => Math.round(v * 100) / 100));
       event("drawn", { points: rounded });
@@ -109,20 +109,9 @@ pdOverlay.define("guiding", (api) => {
       const ray = api.ray(...pixel);
       if (ray) event("click", { at: pixel, ray });
     }
-    draw();
-  }, { capture: true });
-
-  function giveUp() {
-    press = null;
-    draw();
-  }
-  api.listen(window, "pointercancel", giveUp);
-  api.listen(window, "blur", giveUp);
-  api.listen(window, "keydown", (down) => {
-    if (down.key !== "Escape" || !press) return;
-    api.take(down);
     giveUp();
-  }, { capture: true });
+  }
+  api.followPress({ held: () => press, release, giveUp });
 
   api.onView(draw);
   api.onDispose(() => document.body.classList.remove("pd-guiding"));

@@ -66,8 +66,7 @@ pdOverlay.define("placing", (api) => {
   }
 
   api.listen(window, "pointerdown", (event) => {
-    if (!mode.isActive || event.button !== 0 || !api.isOnPicture(event)) return;
-    if (api.isPanPress()) return;
+    if (!mode.isActive || !api.isModePress(event)) return;
     api.take(event);
     at = api.local(event);
     const point = api.ground(...at);
@@ -92,21 +91,15 @@ pdOverlay.define("placing", (api) => {
     draw();
   }, { capture: true });
 
-  api.listen(window, "pointerup", (event) => {
-    if (!press || event.pointerId !== press.id || event.button !== 0) return;
-    api.take(event);
-    const { point, heading } = press;
-    press = null;
-    api.send({ kind: "place", point, headingRad: heading });
-    draw();
-  }, { capture: true });
-
   function giveUp() {
     press = null;
     draw();
   }
-  api.listen(window, "pointercancel", giveUp);
-  api.listen(window, "blur", giveUp);
+  function release() {
+    api.send({ kind: "place", point: press.point, headingRad: press.heading });
+    giveUp();
+  }
+  api.followPress({ held: () => press, release, giveUp });
 
   // Before viser's hot keys, which may mean something else by digits.
   api.listen(window, "keydown", (event) => {
@@ -116,9 +109,6 @@ pdOverlay.define("placing", (api) => {
     if (Number.isInteger(number) && number >= 1 && number <= mode.numKinds) {
       api.take(event);
       api.send({ kind: "kind", number });
-    } else if (event.key === "Escape" && press) {
-      api.take(event);
-      giveUp();
     }
   }, { capture: true });
 

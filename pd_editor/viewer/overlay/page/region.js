@@ -74,8 +74,7 @@ pdOverlay.define("region", (api) => {
   }
 
   api.listen(window, "pointerdown", (event) => {
-    if (!state.isActive || event.button !== 0 || !api.isOnPicture(event)) return;
-    if (api.isPanPress()) return;
+    if (!state.isActive || !api.isModePress(event)) return;
     api.take(event);
     const point = api.ground(...api.local(event));
     if (point) press = { id: event.pointerId, from: point, to: point };
@@ -88,27 +87,16 @@ pdOverlay.define("region", (api) => {
     draw();
   }, { capture: true });
 
-  api.listen(window, "pointerup", (event) => {
-    if (!press || event.pointerId !== press.id || event.button !== 0) return;
-    api.take(event);
-    const { from, to } = press;
-    press = null;
-    if (from[0] !== to[0] || from[1] !== to[1]) api.send({ kind: "drawn", from, to });
-    draw();
-  }, { capture: true });
-
   function giveUp() {
     press = null;
     draw();
   }
-  api.listen(window, "pointercancel", giveUp);
-  api.listen(window, "blur", giveUp);
-
-  api.listen(window, "keydown", (event) => {
-    if (event.key !== "Escape" || !press) return;
-    api.take(event);
+  function release() {
+    const { from, to } = press;
+    if (from[0] !== to[0] || from[1] !== to[1]) api.send({ kind: "drawn", from, to });
     giveUp();
-  }, { capture: true });
+  }
+  api.followPress({ held: () => press, release, giveUp });
 
   api.onView(draw);
   api.onDispose(() => document.body.classList.remove("pd-drawing-region"));
