@@ -22,6 +22,9 @@ from pd_editor.viewer.state.workspace import Workspace
 _LOG = logging.getLogger(__name__)
 STORAGE_KEY: Final = "pd-editor-sessions"
 STORAGE_TIMEOUT_S: Final = 2.0
+ENDING_PATIENCE_S: Final = 12.0
+"""How long a page that is loaded again waits for the end of the former one, whose worker
+may be in the middle of a message."""
 MAX_KEPT_WORKSPACES: Final = 16
 """Number of workspaces without a browser that are kept; older ones are closed."""
 WARM_UP_AFTER_S: Final = 3.0
@@ -64,7 +67,8 @@ class ViewerApp:
         self._tabs: dict[int, tuple[str, BrowserSession]] = {}
         self._is_debug = debug
         self._is_local = host in LOOPBACK_HOSTS
-        self._lock = threading.Lock()
+        self._lock = threading.Condition()
+        """Notified when a tab has ended, so that its workspace is free."""
         self._warm_up = threading.Timer(WARM_UP_AFTER_S, self._warm_up_default)
         # No daemon: a thread that is ended inside torch aborts the process at its exit.
         self._warm_up.daemon = False
@@ -105,9 +109,14 @@ class ViewerApp:
             _LOG.info("A browser's storage cannot be read: %s", error)
             known = []
         with self._lock:
-            in_use = {key for key, _ in self._tabs.values()}
+            # Of a page that is loaded again, the former worker may not have ended yet.
+            self._lock.wait_for(
+                lambda: self._free(known) or not self._is_ending(known),
+                ENDING_PATIENCE_S,
+            )
+            in_use = self._in_use()
             # A tab that is loaded again is the one that was left last.
-            free = [k for k in self._workspaces if k in known and k not in in_use]
+            free = self._free(known)
             key = free[-1] if free else secrets.token_urlsafe(16)
             if not free:
                 self._forget_old(in_use)
@@ -146,6 +155,24 @@ class ViewerApp:
             self._tabs.pop(client.client_id, None)
             if key in self._workspaces:
                 self._workspaces[key] = self._workspaces.pop(key)
+            self._lock.notify_all()
+
+    def _in_use(self) -> set[str]:
+        """Keys of the workspaces that a tab has."""
+        return {key for key, _ in self._tabs.values()}
+
+    def _free(self, known: Sequence[str]) -> list[str]:
+        """Those of some keys whose workspaces no tab has, the one left last at the end."""
+        in_use = self._in_use()
+        return [k for k in self._workspaces if k in known and k not in in_use]
+
+    def _is_ending(self, known: Sequence[str]) -> bool:
+        """Whether a tab with one of some keys is gone, but has not ended yet."""
+        clients = self.server.get_clients()
+        return any(
+            key in known and client_id not in clients
+            for client_id, (key, _) in self._tabs.items()
+        )
 
     def _warm_up_default(self) -> None:
         """Load the default model ahead of its first generation, which reports errors.

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
 from playwright.sync_api import expect
@@ -84,6 +85,16 @@ def test_a_missing_folder_says_so_and_names_are_shown_as_text(open_editor):
     notice(editor, "<img src=x onerror=alert(1)>")
     assert editor.page.locator("img[src=x]").count() == 0
     assert editor.session.scenario is opened
+
+
+def test_a_reload_waits_for_the_end_of_what_the_former_page_does(open_editor):
+    editor = open_editor()
+    session, goes_on = editor.session, threading.Event()
+    editor._tab()._ui.post(lambda: goes_on.wait(20))
+    threading.Timer(3.0, goes_on.set).start()
+    editor.reload()
+    assert goes_on.is_set()
+    assert editor.session is session
 
 
 @pytest.mark.slow
