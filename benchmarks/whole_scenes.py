@@ -36,6 +36,7 @@ COLUMNS = (
     "gap < 1 m, %",
     "3 within 4 m, %",
     "in conflict, %",
+    "crossing, %",
 )
 
 
@@ -95,11 +96,14 @@ def vehicle_rows(scenario: Scenario) -> np.ndarray:
     gap = shapely.distance(shapes[:, None], shapes[None])
     np.fill_diagonal(gap, np.inf)
     tracks = scenario.agents.taken(scenario.agents.rows(agents.ids))
-    pairs = ConflictResampling().pairs(tracks, scenario.current_step)
+    conflicts, step = ConflictResampling(), scenario.current_step
+    pairs = conflicts.pairs(tracks, step)
+    crossing = conflicts.crossing(tracks, step)
     near = [
         (gap < 1.0).any(axis=1),
         (gap < 4.0).sum(axis=1) >= 3,
         pairs[is_vehicle][:, is_vehicle].any(axis=1),
+        crossing[is_vehicle].any(axis=1),
     ]
     return np.column_stack([np.column_stack(columns)[is_vehicle], *near])
 

@@ -170,14 +170,15 @@ class ConflictResampling:
         waits = (speed[:, None] < MOVING_MPS) & (leader > self.queue_leader_mps)
         found = brakes & (speed[:, None] >= MOVING_MPS)
         found |= waits & (gap < self.queue_gap_m)
-        moves = speed >= MOVING_MPS
-        found |= crosses & moves & moves[:, None] & self._meet(agents, step)
         found |= self._near(agents, step) | (~crosses & self._beside(agents, step))
-        return found | found.T
+        return found | found.T | self.crossing(agents, step)
 
-    def _meet(self, agents: AgentTracks, step: int) -> Bool[np.ndarray, "A A"]:
-        """Which agents come near to each other at constant velocity."""
+    def crossing(self, agents: AgentTracks, step: int) -> Bool[np.ndarray, "A A"]:
+        """Which agents are on crossing courses and meet soon; symmetric."""
         position, velocity = agents.position_m[:, step], agents.velocity_mps[:, step]
+        heading = agents.heading_rad[:, step]
+        crosses = np.abs(np.sin(heading[None] - heading[:, None])) >= _ACROSS_SINE
+        moves = np.hypot(*velocity.T) >= MOVING_MPS
         offset = position[None] - position[:, None]
         drift = velocity[None] - velocity[:, None]
         squared = np.maximum((drift**2).sum(axis=-1), 1e-9)
@@ -185,7 +186,7 @@ class ConflictResampling:
             -(offset * drift).sum(axis=-1) / squared, 0.0, self.crossing_s
         )
         apart = np.linalg.norm(offset + drift * nearest_s[..., None], axis=-1)
-        return apart < self.crossing_m
+        return crosses & moves & moves[:, None] & (apart < self.crossing_m)
 
     def _beside(self, agents: AgentTracks, step: int) -> Bool[np.ndarray, "A A"]:
         """Which vehicles are side by side with too small a gap."""
