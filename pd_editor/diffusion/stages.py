@@ -31,6 +31,7 @@ INITIAL_STATES: Final = StageKind(
         "guidance": InitialStateGuidance,
         "conflicts": ConflictResampling,
     },
+    statistics=frozenset({"counted", "state_moments", "clean_variance"}),
     upgraded_tensors=initial_state_version_1.upgraded_tensors,
 )
 TRAJECTORIES: Final = StageKind(

@@ -1,6 +1,6 @@
 """Training objective of each stage: network, loss and augmentation."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
@@ -15,6 +15,8 @@ from pd_editor.diffusion.initial_state.network.agent_count_prior import (
     fit_agent_counts,
 )
 from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.diffusion.initial_state.noisy_traffic import fit_moments
+from pd_editor.diffusion.initial_state.prediction_error import measured_clean_variance
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
@@ -23,6 +25,7 @@ from pd_editor.diffusion.trajectory.loss import (
     trajectory_loss,
 )
 from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.features.encoded_scene import PackedScene
 from pd_editor.features.feature_store import FeatureStore
 from pd_editor.training.config.presets import LOSSES
 from pd_editor.training.config.settings import with_settings
@@ -30,6 +33,9 @@ from pd_editor.training.loop.train_loop import Loss
 from pd_editor.training.own_samples.initial_states import initial_state_samples_loss
 from pd_editor.training.own_samples.settings import OwnSamplesConfig
 from pd_editor.training.own_samples.trajectories import trajectory_samples_loss
+
+_MOST_MEASURED: Final = 64
+"""Number of scenes on which errors are measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +60,10 @@ class Stage:
         None
     )
     """Stores statistics of the data in the network."""
+    measure_errors: Callable[[nn.Module, FeatureStore], None] = lambda _model, _store: (
+        None
+    )
+    """Stores errors of a trained network in it."""
 
     def loss(
         self, settings: Mapping[str, Any], own_samples: Mapping[str, Any] | None = None
@@ -91,11 +101,23 @@ class Stage:
         return made_model(kind, config, seed=seed)
 
 
-def _count_agents(model: nn.Module, store: FeatureStore) -> None:
+def _fit_statistics(model: nn.Module, store: FeatureStore) -> None:
     assert isinstance(model, InitialStateDenoiser)
-    step = -(-len(store) // MOST_ROWS)
-    scenes = (store[index] for index in range(0, len(store), max(step, 1)))
-    model.set_agent_counts(fit_agent_counts(scenes))
+    model.set_agent_counts(fit_agent_counts(_some(store, MOST_ROWS)))
+    moments = fit_moments(model, _some(store, MOST_ROWS))
+    model.get_buffer("state_moments").copy_(moments)
+
+
+def _measure_errors(model: nn.Module, store: FeatureStore) -> None:
+    assert isinstance(model, InitialStateDenoiser)
+    variance = measured_clean_variance(model, _some(store, _MOST_MEASURED))
+    model.get_buffer("clean_variance").copy_(variance)
+
+
+def _some(store: FeatureStore, most: int) -> Iterator[PackedScene]:
+    """At most so many scenes, from everywhere in a store."""
+    step = max(-(-len(store) // most), 1)
+    return (store[index] for index in range(0, len(store), step))
 
 
 def _trajectory_loss(
@@ -116,7 +138,8 @@ STAGES: Final[Mapping[str, Stage]] = {
         configured_loss=initial_state_loss,
         samples_loss=initial_state_samples_loss,
         with_basis=lambda config, _: INITIAL_STATES.make_model(config),
-        fit_statistics=_count_agents,
+        fit_statistics=_fit_statistics,
+        measure_errors=_measure_errors,
     ),
     "traj": Stage(
         kind=TRAJECTORIES,

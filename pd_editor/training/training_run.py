@@ -206,6 +206,7 @@ def _train(
     of_data = _sampling_of_data(config)
 
     def write_results() -> None:
+        stage.measure_errors(loop.averaged_model, prepared.data.store)
         trained = TrainedStage(
             kind=stage.kind,
             config=model_config,

@@ -41,6 +41,9 @@ class StageKind:
     make_model: Callable[[Any], nn.Module]
     sampling_types: Mapping[str, type[Any]] = field(default_factory=dict)
     """Flat dataclasses of sampling settings by name, with defaults."""
+    statistics: frozenset[str] = frozenset()
+    """Names of tensors that describe the training data and the network's errors. They may
+    be missing, and differ between networks whose weights are averaged."""
     upgraded_tensors: (
         Callable[[Mapping[str, torch.Tensor], Any], Mapping[str, torch.Tensor]] | None
     ) = None
@@ -196,9 +199,9 @@ def _loaded_stage(
     # detected before anything is allocated.
     with torch.device("meta"), _WithoutRandomValues():
         outline = made_model(kind, config, seed=0, source=source)
-    check_fit(outline, tensors, folder / kind.file_name)
+    check_fit(outline, tensors, folder / kind.file_name, kind.statistics)
     model = made_model(kind, config, seed=0, source=source)
-    load_into(model, tensors, folder / kind.file_name)
+    load_into(model, tensors, folder / kind.file_name, kind.statistics)
     model.requires_grad_(requires_grad=False).eval()
     return TrainedStage(
         kind=kind,

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, get_args, get_origin
@@ -96,42 +96,55 @@ def read_tensors(path: Path, kind: str) -> TensorFile:
     )
 
 
-def load_into(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -> None:
+def load_into(
+    model: nn.Module,
+    tensors: Mapping[str, Tensor],
+    source: object,
+    optional: Set[str] = frozenset(),
+) -> None:
     """Load tensors that fit a model exactly, in the model's precision.
 
     Args:
         model: The model; not changed if anything does not fit.
         tensors: As of ``model.state_dict()``, in any floating-point precision.
         source: Origin of the tensors, for messages.
+        optional: Names of tensors that may be missing, and are then not changed.
 
     Raises:
         ModelError: names, shapes or values do not fit.
     """
-    check_fit(model, tensors, source)
+    check_fit(model, tensors, source, optional)
     for name, given in tensors.items():
         if not torch.isfinite(given).all():
             raise ModelError(f"{source}: {name} holds NaN or infinity.")
-    model.load_state_dict(dict(tensors))
+    model.load_state_dict({**model.state_dict(), **tensors})
 
 
-def check_fit(model: nn.Module, tensors: Mapping[str, Tensor], source: object) -> None:
+def check_fit(
+    model: nn.Module,
+    tensors: Mapping[str, Tensor],
+    source: object,
+    optional: Set[str] = frozenset(),
+) -> None:
     """Raise for tensors with other names, shapes or types than a model's.
 
-    The model may be on the device ``meta``, where it takes no memory.
+    The model may be on the device ``meta``, where it takes no memory; ``optional`` names
+    tensors that may be missing.
 
     Raises:
         ModelError: something does not fit.
     """
     wanted = model.state_dict()
-    missing, foreign = sorted(wanted.keys() - tensors), sorted(tensors.keys() - wanted)
+    missing = sorted(wanted.keys() - tensors.keys() - optional)
+    foreign = sorted(tensors.keys() - wanted)
     if missing or foreign:
         raise ModelError(
             f"{source}: does not fit the model ({len(missing)} tensors missing, "
             f"{len(foreign)} unknown, such as {(missing or foreign)[0]!r}); another "
             "version of this program may have trained it."
         )
-    for name, one in wanted.items():
-        given = tensors[name]
+    for name, given in tensors.items():
+        one = wanted[name]
         if given.shape != one.shape:
             raise ModelError(
                 f"{source}: {name} has the shape {tuple(given.shape)}; expected "

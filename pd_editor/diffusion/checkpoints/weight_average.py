@@ -2,15 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
 
 import torch
 
 from pd_editor.diffusion.checkpoints.model_folder import TrainedStage
 from pd_editor.errors import ModelError
-
-_MAY_DIFFER: Final = frozenset({"counted"})
-"""Buffers that describe the training data (numbers of agents): those of the first are kept."""
 
 
 def averaged_stage(
@@ -36,7 +32,7 @@ def averaged_stage(
     tensors = [stage.model.state_dict() for stage in stages]
     weights = dict(first.model.named_parameters())
     for stage, other, source in zip(stages, tensors, sources, strict=True):
-        fixed = other.keys() - weights - _MAY_DIFFER
+        fixed = other.keys() - weights - first.kind.statistics
         if stage.config != first.config or not all(
             torch.equal(other[name], tensors[0][name]) for name in fixed
         ):

@@ -28,8 +28,9 @@ class SamplerConfig:
     extrapolation: tuple[float, ...] = (0.0,)
     """For each part of a sample: 0 uses the predicted clean sample (first order), 1
     extrapolates the predictions of the last two steps (second order)."""
-    noise_factors: tuple[float, ...] = (1.0,)
-    """Factors of the fresh noise on each part of a sample."""
+    clean_variance: Float[Tensor, "T #P"] | None = None
+    """Variance of the clean sample about its prediction at each step, for each part; None
+    stands for 0."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,16 +60,20 @@ def sample_steps(
 
     Source: Song et al., Denoising diffusion implicit models, 2021, equation 12, for
     any amplitudes of signal and noise; second order as in Lu et al., DPM-Solver++, 2022
-    (2M, and its stochastic form).
+    (2M, and its stochastic form); variance of the clean sample as in Bao et al.,
+    Analytic-DPM, 2022, equation 8.
     """
     noisy, last = start, None
     table = torch.tensor(levels, dtype=torch.float64, device="cpu")[:, None]
     alphas = schedule.alpha(table).to(start)
     sigmas = schedule.sigma(table).to(start)
-    factors = start.new_tensor(config.noise_factors)
     slopes = _slopes(alphas, sigmas) * start.new_tensor(config.extrapolation)
     kept, fresh = _noise_shares(alphas, sigmas, config.eta)
-    fresh = factors * fresh
+    if config.clean_variance is not None:
+        share = alphas[1:] - kept * alphas[:-1] / sigmas[:-1]
+        variance = share.square() * config.clean_variance[:-1].to(start)
+        fresh = (fresh.square() + variance).sqrt()
+    has_fresh = config.eta > 0 or config.clean_variance is not None
     first_gradient = len(levels) - num_gradient_steps
     for index in range(len(levels)):
         has_gradient = index >= first_gradient if num_gradient_steps else None
@@ -80,7 +85,7 @@ def sample_steps(
                     better = torch.addcmul(clean, slopes[index], clean - last)
                 noise = (noisy - alphas[index] * better) / sigmas[index]
                 noisy = alphas[index + 1] * better + kept[index] * noise
-                if config.eta > 0:
+                if has_fresh:
                     normal = streams.normal(*start.shape[1:]).to(start)
                     noisy = torch.addcmul(noisy, fresh[index], normal)
                 last = clean

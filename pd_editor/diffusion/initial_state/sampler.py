@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 import torch
@@ -26,10 +26,13 @@ from pd_editor.diffusion.initial_state.network.context import EncodedMap
 from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.initial_state.network.state_encoding import (
     NUM_MOTION_PARTS,
+    NUM_POSE_PARTS,
     POSITION_UNIT_M,
     decode_activity,
     decode_states,
 )
+from pd_editor.diffusion.initial_state.noisy_traffic import noisy_traffic
+from pd_editor.diffusion.initial_state.prediction_error import clean_variance_at
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 
 _SPEED: Final = NUM_MOTION_PARTS - 1
@@ -42,6 +45,8 @@ InitialStateGuide = Callable[[Tensor, float], Tensor]
 class InitialStateSamplerConfig:
     """Settings of the sampling of initial states."""
 
+    FORMER_FIELDS: ClassVar[frozenset[str]] = frozenset({"speed_noise"})
+    """Fields of earlier versions, which are not read."""
     num_steps: int = 10
     """Denoising steps. With 7, and earlier weights, 13.3 instead of 11.9 % were off the
     road, and the distance of speeds from recorded ones was .103 instead of .078; 12 are
@@ -55,9 +60,10 @@ class InitialStateSamplerConfig:
     eta: float = 1.0
     """Stochasticity: 0 adds no fresh noise, 1 is ancestral sampling. With 0, errors of
     early steps remain: 22 instead of 14 % were off the road."""
-    speed_noise: float = 1.15
-    """Factor of the fresh noise on speeds, which the network underestimates: with 1 the
-    median speed of moving agents is 6.1 m/s, with this 6.9, recorded 7.8 (``train``)."""
+    adds_missing_noise: bool = True
+    """Whether the fresh noise on speeds and activities includes the variance of the clean
+    state about its prediction. Without it large steps spread them too little: (``train``)
+    moving agents have 6.7 instead of 7.1 m/s, recorded 7.6."""
     fit_density: float = 0.72
     """Factor of the numbers of training squares where the model samples the number of
     agents. With it squares are as dense as recorded ones (``train``); 1 for networks that
@@ -127,12 +133,12 @@ def sample_initial_states(
         encoded = model.encode_level(
             scene.agent_pose.new_tensor(levels)[:, None, None], context
         )
-        normal = streams.normal(*scene.has_agent.shape, num_parts)
-        first = torch.ones(1, device=scene.agent_pose.device)
-        sigma = model.schedule.sigma(first)
-        # Standard deviation of traffic with noise.
-        signal = model.schedule.alpha(first) * model.get_buffer("spread")
-        start = normal.to(scene.agent_pose) * (sigma.square() + signal.square()).sqrt()
+        start = noisy_traffic(model, scene, task, streams)
+        missing = None
+        if config.adds_missing_noise:
+            missing = clean_variance_at(model, levels)
+            # On poses this noise would move agents off their lanes.
+            missing[:, :NUM_POSE_PARTS] = 0
         side = (task.half_side_m / POSITION_UNIT_M)[:, None, None]
 
     def denoise(noisy: Tensor, step: int) -> Tensor:
@@ -153,10 +159,7 @@ def sample_initial_states(
                 )
                 for part in range(num_parts)
             ),
-            noise_factors=tuple(
-                config.speed_noise if part == _SPEED else 1.0
-                for part in range(num_parts)
-            ),
+            clean_variance=missing,
         ),
         streams,
         num_gradient_steps,

@@ -6,7 +6,7 @@ where both stages are trained. ``SECTIONS`` has the sections of each stage.
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -100,15 +100,20 @@ def settings_of(files: Sequence[Path], texts: Sequence[str], stage: str) -> Sett
     return Settings(values=found, places=places)
 
 
+def _field_types(config_type: type[Any]) -> dict[str, Any]:
+    hints = get_type_hints(config_type)
+    return {one.name: hints[one.name] for one in fields(config_type)}
+
+
 def _check_fields(
     values: Mapping[str, Any], section: str, stage: str, place: str
 ) -> None:
     """Raise for fields that the stage does not have, and for values of another type."""
     place = f"{place}: [{stage}.{section}]"
-    kinds = get_type_hints(SECTIONS[stage][section])
+    kinds = _field_types(SECTIONS[stage][section])
     other = _other_than(stage)
     is_shared = section in SECTIONS[other]
-    theirs = get_type_hints(SECTIONS[other][section]) if is_shared else {}
+    theirs = _field_types(SECTIONS[other][section]) if is_shared else {}
     for name, value in values.items():
         if name in theirs and name not in kinds:
             raise TrainingError(

@@ -47,6 +47,36 @@ def drawn(
     return last.clean[..., 0]
 
 
+@pytest.mark.parametrize("eta", [0.3, 1.0])
+def test_the_variance_of_the_clean_sample_keeps_the_spread_of_few_steps(
+    eta: float,
+) -> None:
+    """The exact one: then each step samples the next level's Gaussian exactly."""
+    schedule = VarianceExploding((0.05,), (4.0,))
+    levels = [1.0, 0.7, 0.3, 0.0]
+    sigma = schedule.sigma(torch.tensor(levels, dtype=torch.float64)[:, None])
+    variance = SPREAD**2 * sigma**2 / (SPREAD**2 + sigma**2)
+
+    def spread(config: SamplerConfig) -> float:
+        streams = RandomStreams(3, "gauss", range(4000))
+        noisy_spread = float((SPREAD**2 + sigma[0] ** 2).sqrt())
+        start = (MEAN + noisy_spread * streams.normal(4, 1)).double()
+        found: list[torch.Tensor] = []
+
+        def denoise(noisy: torch.Tensor, index: int) -> torch.Tensor:
+            found.append(noisy)
+            return MEAN + variance[index] / sigma[index] ** 2 * (noisy - MEAN)
+
+        for _ in sample_steps(denoise, start, schedule, levels, config, streams):
+            pass
+        return float(found[-1].std())
+
+    wanted = float((SPREAD**2 + sigma[-1] ** 2).sqrt())
+    with_variance = spread(SamplerConfig(eta=eta, clean_variance=variance))
+    assert with_variance == pytest.approx(wanted, rel=0.02)
+    assert spread(SamplerConfig(eta=eta)) < 0.9 * wanted
+
+
 def schedule_of(kind: ScheduleKind | None) -> NoiseSchedule:
     if kind is None:
         return VarianceExploding((0.01,), (40.0,))

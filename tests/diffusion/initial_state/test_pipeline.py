@@ -91,6 +91,7 @@ def test_samples_share_one_map_with_crosswalks(diffuser: PathDiffuser) -> None:
         (),
         num_new_agents={AgentKind.VEHICLE: 3, AgentKind.PEDESTRIAN: 1},
         num_samples=2,
+        seed=1,
         region=Region(center_m=(0.0, 0.0), half_side_m=62.0),
     )
     assert [len(one.ids) for one in traffic.samples] == [4, 4]

@@ -153,17 +153,6 @@ def test_the_exact_denoiser_of_a_gaussian_ends_in_that_gaussian(
     torch.testing.assert_close(position.std(dim=0), SPREAD[:2], rtol=0.08, atol=0)
 
 
-def test_speeds_spread_as_much_as_is_asked(monkeypatch: pytest.MonkeyPatch):
-    found = [
-        drawn_from_a_gaussian(InitialStateSamplerConfig(speed_noise=one), monkeypatch)
-        for one in (1.0, 1.3)
-    ]
-    (place, speed), (same_place, wide_speed) = found
-    assert torch.equal(place, same_place)
-    assert 1.1 < wide_speed.std() / speed.std() < 1.4
-    assert wide_speed.mean().item() == pytest.approx(speed.mean().item(), rel=0.03)
-
-
 def test_guidance_lowers_overlap_and_leaves_given_agents():
     before, after = 0.0, 0.0
     for seed in range(6):

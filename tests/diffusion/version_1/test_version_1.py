@@ -73,7 +73,7 @@ def test_converted_initial_state_weights_compute_the_same():
     model = InitialStateDenoiser(INITIAL_STATES).eval()
     weights["counted"] = torch.zeros_like(model.get_buffer("counted"))
     tensors = initial_state_version_1.upgraded_tensors(weights, INITIAL_STATES)
-    load_into(model, tensors, "test")
+    load_into(model, tensors, "test", STAGE_KINDS["init"].statistics)
     scene = initial_state_scenes(3, 6)
     is_given = torch.zeros_like(scene.has_agent)
     is_given[:, 1] = True

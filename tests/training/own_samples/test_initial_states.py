@@ -39,7 +39,7 @@ def test_depth_is_that_of_boxes_that_overlap_and_may_not() -> None:
 def test_fewer_overlaps_after_some_steps() -> None:
     torch.manual_seed(0)
     config = InitialStateConfig(width=32, num_heads=2, num_layers=1, relation_width=16)
-    model, scene = trained_a_little(InitialStateDenoiser(config)), scene_batch(9)
+    model, scene = trained_a_little(InitialStateDenoiser(config)), scene_batch(24)
     optimiser = torch.optim.Adam(model.parameters(), lr=3e-3)
     depths = []
     for _ in range(12):

@@ -121,6 +121,12 @@ def only_agents(scene: SceneTensors, is_kept: Bool[Tensor, "B A"]) -> SceneTenso
     return replace(scene, **kept, has_agent=has_agent)
 
 
+def in_square(scene: SceneTensors) -> SceneTensors:
+    """Keep the agents in the training square only."""
+    distance = scene.agent_pose[..., :2].abs().amax(dim=-1)
+    return only_agents(scene, distance <= POSITION_UNIT_M)
+
+
 def _first(
     scene: SceneTensors, axis: Axis, is_kept: Bool[Tensor, "B N"]
 ) -> dict[str, Tensor]:

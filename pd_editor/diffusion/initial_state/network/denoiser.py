@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Final
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
@@ -65,6 +66,7 @@ from pd_editor.diffusion.initial_state.network.map_tokens import (
 from pd_editor.diffusion.initial_state.network.state_encoding import (
     ACTIVITIES,
     NUM_MOTION_PARTS,
+    NUM_POSE_PARTS,
     POSITION_UNIT_M,
     encode_states,
     state_spread,
@@ -80,7 +82,9 @@ from pd_editor.features.scene_features import (
 
 _NUM_TOKEN_FEATURES: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
 _NUM_LEVEL_WAVES: Final = 8
-_NUM_POSE_PARTS: Final = 4
+_NUM_ERROR_LEVELS: Final = 21
+NUM_ATTRIBUTE_CODES: Final = CONDITIONED_YES + 1
+"""Number of codes of an attribute: not set, no, yes."""
 _ABSENT: Final = {"when_absent": False}
 """Metadata of configuration fields that are newer than some networks."""
 
@@ -218,12 +222,12 @@ class InitialStateDenoiser(nn.Module):
         )
         self.register_buffer("counted", AgentCounts.none().as_tensor())
         self.norm = nn.LayerNorm(width)
-        num_own = _NUM_POSE_PARTS * relates
+        num_own = NUM_POSE_PARTS * relates
         self._output_ends = (
             num_own,
             num_own + 1,
-            num_own + 1 + _NUM_POSE_PARTS,
-            num_own + 1 + _NUM_POSE_PARTS + width * relates,
+            num_own + 1 + NUM_POSE_PARTS,
+            num_own + 1 + NUM_POSE_PARTS + width * relates,
         )
         num_outputs = num_own + config.num_state_parts + width * relates
         self.output = nn.Linear(width, num_outputs)
@@ -252,6 +256,14 @@ class InitialStateDenoiser(nn.Module):
             nn.init.zeros_(self.near_context_in.weight)
         spread = state_spread(samples_activity=config.samples_activity)
         self.register_buffer("spread", torch.tensor(spread), persistent=False)
+        of_others = np.diag(spread[NUM_POSE_PARTS:])
+        moments = np.concatenate([np.zeros((1, len(of_others))), of_others])
+        moments = np.tile(moments, (len(AGENT_KINDS), NUM_ATTRIBUTE_CODES, 1, 1))
+        self.register_buffer(
+            "state_moments", torch.tensor(moments, dtype=torch.float32)
+        )
+        errors = torch.zeros(_NUM_ERROR_LEVELS, len(spread))
+        self.register_buffer("clean_variance", errors)
 
     @property
     def agent_counts(self) -> AgentCounts:
@@ -622,7 +634,7 @@ def _token_inputs(
 
 def _attribute_token(width: int) -> nn.Embedding:
     """Embedding of an attribute: 0 if unconditioned, and initially 0 for all values."""
-    token = nn.Embedding(CONDITIONED_YES + 1, width, padding_idx=UNCONDITIONED)
+    token = nn.Embedding(NUM_ATTRIBUTE_CODES, width, padding_idx=UNCONDITIONED)
     nn.init.zeros_(token.weight)
     return token
 

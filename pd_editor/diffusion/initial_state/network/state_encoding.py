@@ -11,8 +11,10 @@ from pd_editor.scene.thresholds import MOVING_MPS
 
 POSITION_UNIT_M: Final = 62.0
 """Half side of the training square, the unit of encoded positions."""
+NUM_POSE_PARTS: Final = 4
+"""Number of parts of the pose: x, y, cos, sin."""
 NUM_MOTION_PARTS: Final = 5
-"""Number of parts of the motion: x, y, cos, sin, speed."""
+"""Number of parts of the motion: those of the pose, then the speed."""
 ACTIVITIES: Final = (Activity.PARKED, Activity.WAITING, Activity.DRIVING)
 """Activities with one part of a state each, after the motion, if they are sampled."""
 _MOTION_SPREAD: Final = (0.5, 0.5, 0.7, 0.7, 0.8)
