@@ -1,7 +1,8 @@
 """Whole generated scenes beside recorded ones: where vehicles stand and how they move.
 
 Three placements: the agents of the square around the focal agent resampled, all agents
-resampled, as many agents as fit. The folders stay in ``--out`` for other programs.
+resampled, as many agents as fit. Only vehicles near lanes are counted: others keep their
+states. The folders stay in ``--out`` for other programs.
 Needs PD_EDITOR_AV2.
 """
 
@@ -16,6 +17,7 @@ from jaxtyping import Bool, Float
 import pd_editor
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
+from pd_editor.diffusion.initial_state.squares import ids_near_lanes
 from pd_editor.features.scene_features import scene_center
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.metrics.road.surroundings import askew
@@ -78,7 +80,7 @@ def path_m(
 
 
 def vehicle_rows(scenario: Scenario) -> np.ndarray:
-    """A row for each vehicle at the current step; NaN where a column says nothing."""
+    """A row for each vehicle near lanes at the current step; NaN where a column is unknown."""
     view = recorded_traffic(scenario)
     agents = view.agents
     speed = np.hypot(*agents.velocity_mps[:, 0].T)
@@ -105,7 +107,9 @@ def vehicle_rows(scenario: Scenario) -> np.ndarray:
         pairs[is_vehicle][:, is_vehicle].any(axis=1),
         crossing[is_vehicle].any(axis=1),
     ]
-    return np.column_stack([np.column_stack(columns)[is_vehicle], *near])
+    table = np.column_stack([np.column_stack(columns)[is_vehicle], *near])
+    ids = [name for name, is_it in zip(agents.ids, is_vehicle, strict=True) if is_it]
+    return table[np.isin(ids, ids_near_lanes(scenario, ids))]
 
 
 def line(folders: list[Path]) -> str:

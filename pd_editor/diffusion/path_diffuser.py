@@ -40,7 +40,12 @@ from pd_editor.diffusion.initial_state.pipeline import (
     placed_again,
 )
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
-from pd_editor.diffusion.initial_state.squares import Placement, placings_of
+from pd_editor.diffusion.initial_state.squares import (
+    MOST_OFF_LANE_M,
+    Placement,
+    ids_near_lanes,
+    placings_of,
+)
 from pd_editor.diffusion.request_check import (
     MOST_AGENTS,
     check_request,
@@ -198,6 +203,7 @@ class PathDiffuser:
         stage = self._initial_states()
         model = stage.model
         assert isinstance(model, InitialStateDenoiser)
+        request, far_notes = _near_lanes(request)
         found = [_placings(stage, request, one) for one in range(request.num_samples)]
         placings = {index: squares for index, (squares, _) in enumerate(found)}
         asked = [number for _, number in found]
@@ -231,7 +237,7 @@ class PathDiffuser:
                 fits.append((len(new_ids), asked[index]))
                 samples.append(driven)
         notes = list(attribute_notes(placed, _attribute_request(request)))
-        notes += _fit_notes(fits)
+        notes += [*_fit_notes(fits), *far_notes]
         num_empty = sum(not number for _, number in fits)
         if num_empty and not request.resampled_state_ids:
             notes.append(
@@ -492,6 +498,28 @@ def _placings(
     return tuple(
         replace(one, repairs=request.refines_states) for one in fitting
     ), number
+
+
+def _near_lanes(
+    request: GenerationRequest,
+) -> tuple[GenerationRequest, tuple[str, ...]]:
+    """The request without resampling of agents that are far from all lanes, and a note.
+
+    With a region, agents are moved there wherever they are.
+    """
+    ids = request.resampled_state_ids
+    if request.region is not None or not ids:
+        return request, ()
+    near = ids_near_lanes(request.scenario, ids)
+    count = len(ids) - len(near)
+    if not count:
+        return request, ()
+    keep = "keeps its state" if count == 1 else "keep their states"
+    note = (
+        f"{count} of {len(ids)} agents, more than {MOST_OFF_LANE_M:g} m from all mapped "
+        f"lanes, {keep}."
+    )
+    return replace(request, resampled_state_ids=near), (note,)
 
 
 def _state_guidance(

@@ -2,7 +2,7 @@ import json
 import os
 import resource
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
@@ -72,6 +72,28 @@ def test_a_model_comes_back(folder):
     assert torch.equal(stage.model.weight, trained("one").model.weight)
     assert not stage.model.training
     assert not stage.model.weight.requires_grad
+
+
+def test_statistics_may_be_missing(tmp_path):
+    """Folders of earlier versions do not hold them; they stay as in a new network."""
+
+    class Measured(nn.Linear):
+        def __init__(self, width: int) -> None:
+            super().__init__(3, width)
+            self.register_buffer("errors", torch.full((2,), 7.0))
+
+    earlier = kind_of("one")
+    now = replace(
+        earlier,
+        make_model=lambda config: Measured(config.width),
+        statistics=frozenset({"errors"}),
+    )
+    save_model(tmp_path, {"one": trained("one")})
+    model = load_model(tmp_path, {"one": now}).stage("one").model
+    assert torch.equal(model.weight, trained("one").model.weight)
+    assert model.errors.tolist() == [7.0, 7.0]
+    with pytest.raises(ModelError, match="1 tensors missing"):
+        load_model(tmp_path, {"one": replace(now, statistics=frozenset())})
 
 
 def test_the_hash_is_that_of_the_weights(folder, tmp_path):

@@ -13,6 +13,7 @@ from pd_editor.diffusion.initial_state.pipeline import SquarePlacement
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.diffusion.initial_state.squares import (
     Placement,
+    ids_near_lanes,
     placings_of,
     squares_of,
 )
@@ -148,6 +149,41 @@ def test_agents_from_beyond_all_squares_go_anywhere_on_the_road(
     )
     assert found.total() == 30
     assert len(found) == 3
+
+
+def test_agents_far_from_all_lanes_keep_their_states(
+    diffuser: PathDiffuser, wide: Scenario
+):
+    """They used to be crowded onto the mapped roads."""
+    position = wide.agents.position_m.copy()
+    position[3, :, 1], position[4, :, 1] = 22.0, 24.5
+    moved = wide.with_agents(replace(wide.agents, position_m=position))
+    ids = moved.agents.ids
+    assert ids_near_lanes(moved, ids) == ids[:4]
+    traffic = generated(diffuser, moved, ids, resampled_state_ids=ids)
+    (sample,) = traffic.samples
+    step = moved.current_step
+    stays = (sample.position_m[:, 0] == moved.agents.position_m[:, step]).all(axis=1)
+    assert stays.tolist() == [False, False, False, False, True]
+    assert (
+        "1 of 5 agents, more than 20 m from all mapped lanes, keeps its state."
+        in traffic.notes
+    )
+
+
+def test_agents_that_are_all_far_from_lanes_go_onto_them(
+    diffuser: PathDiffuser, wide: Scenario
+):
+    position = wide.agents.position_m.copy()
+    position[4, :, 1] = 90.0
+    moved = wide.with_agents(replace(wide.agents, position_m=position))
+    ids = moved.agents.ids[4:]
+    assert ids_near_lanes(moved, ids) == ids
+    region = Region(center_m=(0.0, 0.0), half_side_m=62.0)
+    for more in ({}, {"region": region}):
+        traffic = generated(diffuser, moved, ids, resampled_state_ids=ids, **more)
+        assert abs(traffic.samples[0].position_m[0, 0, 1]) < 30.0
+        assert not any("all mapped lanes" in note for note in traffic.notes)
 
 
 def test_agents_from_elsewhere_go_anywhere_in_a_region(

@@ -89,6 +89,10 @@ def test_a_run_goes_on_with_its_own_settings_only(file: Path):
         ),
         ("modle.width=96", "no section 'modle'; the nearest is model."),
         ("zzz.steps=3", "no section 'zzz'; expected one of model, loss, opt"),
+        (
+            "sampler.speed_noise=1.1",
+            r"\[init.sampler\] has no field 'speed_noise'; expected one of num_steps,",
+        ),
         ("sampler.steps=3", r"sampler\] has no field 'steps'; the nearest is num_s"),
         (
             "model.num_blocks=3",
