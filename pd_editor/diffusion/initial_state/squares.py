@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import shapely
 from jaxtyping import Int
 
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
@@ -27,6 +26,7 @@ from pd_editor.features.lane_tokens import (
 )
 from pd_editor.features.scene_features import AGENT_KINDS, scene_center
 from pd_editor.generation import Region
+from pd_editor.metrics.road.map_points import nearest_points
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 
@@ -124,17 +124,13 @@ def ids_near_lanes(scenario: Scenario, ids: Sequence[str]) -> tuple[str, ...]:
     them, if none is near.
     """
     pieces = lane_pieces(scenario.road_map)
-    lanes = shapely.STRtree(
-        shapely.points(pieces.pose[pieces.kind < CROSSWALK_KIND, :2])
-    )
+    lanes = pieces.pose[pieces.kind < CROSSWALK_KIND, :2]
     agents, step = scenario.agents, scenario.current_step
     rows = agents.rows(tuple(ids))
-    is_here = agents.is_valid[rows, step]
-    places = shapely.points(agents.position_m[rows, step])
-    places[~is_here] = None
-    near, _ = lanes.query(places, predicate="dwithin", distance=MOST_OFF_LANE_M)
-    is_kept = ~is_here
-    is_kept[near] = True
+    is_kept = ~agents.is_valid[rows, step]
+    if len(lanes):
+        _, distance = nearest_points(agents.position_m[rows, step], lanes)
+        is_kept |= distance <= MOST_OFF_LANE_M
     found = tuple(name for name, keep in zip(ids, is_kept, strict=True) if keep)
     return found or tuple(ids)
 
