@@ -95,3 +95,22 @@ def test_a_region_that_is_too_small_is_refused_and_the_mode_stays(editor):
     editor.page.get_by_text("drag over at least 10 m").first.wait_for()
     assert drawn_region(editor) is None
     assert editor._tab().modes.region.is_active
+
+
+def test_a_region_outlives_a_reload(editor):
+    editor.open_tab("Drive")
+    editor.press("Draw a region")
+    banner(editor).get_by_text("Drawing a region").wait_for()
+    editor.drag(near_focal(editor, 9.0, 13.0), near_focal(editor, -4.0, -1.0))
+    region = editor.until(lambda: drawn_region(editor), "a region")
+    editor.reload()
+    assert editor.until(lambda: drawn_region(editor), "the region again") == region
+    assert editor._tab().panels.generation._where.value == "In the region I draw"
+    editor.page.get_by_role("group", name="Region").wait_for()
+    editor.page.get_by_role("button", name="Clear the region").click()
+    editor.until(lambda: drawn_region(editor) is None, "no region")
+    editor.reload()
+    editor.open_tab("Drive")
+    panel = editor._tab().panels.generation
+    assert panel._where.value == "On the whole mapped road"
+    assert drawn_region(editor) is None

@@ -19,9 +19,9 @@ LEAST_SIDE_M: Final = 10.0
 class RegionDrawing:
     """A square of the road, drawn by a drag from corner to corner.
 
-    It belongs to the tab and not to the scenario: undo leaves it, and it enters a recipe
-    only with the traffic that is sampled in it. The page draws it; it moves with the
-    picture.
+    It belongs to the tab and not to the scenario: undo leaves it, a page that is loaded
+    again takes it over, and it enters a recipe only with the traffic that is sampled in
+    it. The page draws it; it moves with the picture.
     """
 
     def __init__(self, ui: UiContext, overlay: Overlay, banner: Banner) -> None:
@@ -48,6 +48,10 @@ class RegionDrawing:
         """End the mode, if it is active; a region stays."""
         if self.is_active:
             self.toggle()
+
+    def take(self, region: Region) -> None:
+        """Take the region of the page before, while this page is built."""
+        self.region = region
 
     def clear(self) -> None:
         """Remove the region and end the mode."""

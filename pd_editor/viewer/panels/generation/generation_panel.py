@@ -52,6 +52,8 @@ ADD_AGENTS: Final = "None (add)"
 AROUND_TRAFFIC: Final = "On the whole mapped road"
 AROUND_VIEW: Final = "In the middle of my view (125 m square)"
 IN_REGION: Final = "In the region I draw"
+_REGION: Final = "region"
+"""Name of the drawn region among the kept settings."""
 DRAW_REGION: Final = "Draw a region"
 STOP_DRAWING: Final = "Stop drawing"
 ALL_KINDS: Final = "All kinds"
@@ -258,14 +260,17 @@ class GenerationPanel:
         self._settings.restore(["model", "which"])
         self._show_options()
         self._settings.restore()
-        # A region belongs to the page that is gone.
-        if self._scope.value == IN_REGION:
-            set_value(self._scope, SCOPE_ALL)
-        had_region = self._where.value == IN_REGION
-        if had_region:
-            set_value(self._where, AROUND_TRAFFIC)
+        region = self._ui.workspace.drive_settings.get(_REGION)
+        counts_region = self._where.value == IN_REGION
+        if region is not None:
+            self._drawing.take(region)
+        for choice, other in ((self._scope, SCOPE_ALL), (self._where, AROUND_TRAFFIC)):
+            # A region that was being drawn is gone.
+            if region is None and choice.value == IN_REGION:
+                set_value(choice, other)
+        self._show_region()
         self._show_counts()
-        if not had_region:
+        if region is not None or not counts_region:
             self._settings.restore(kind.value for kind in self._counts)
 
     def show(self, scenario: Scenario) -> None:
@@ -281,6 +286,7 @@ class GenerationPanel:
     def close(self) -> None:
         """Stop a running generation, and keep the settings for the page that comes."""
         self._settings.keep()
+        self._ui.workspace.drive_settings[_REGION] = self._drawing.region
         self._result.close()
         self._live.close()
 
