@@ -1,11 +1,17 @@
 """``pd-editor model``: join the trained stages into one model."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pd_editor.cli.options.arguments import FolderOption, OptionalFolders, folders
+from pd_editor.cli.output.progress import preparation_shown
 from pd_editor.errors import ModelError
 from pd_editor.regular_file import write_whole
+
+if TYPE_CHECKING:
+    from pd_editor.diffusion.checkpoints.model_folder import TrainedStage
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,6 +31,7 @@ def model(
     out: FolderOption,
     init: OptionalFolders = (),
     traj: OptionalFolders = (),
+    measure: OptionalFolders = (),
 ) -> ShippedModel:
     """Join trained stages into a model folder, with weights in float16.
 
@@ -32,6 +39,7 @@ def model(
         out: Folder of the model; stages that are in it and are not given stay.
         init: Folder of a run that trained initial states, or of a model; of several that began with the same weights, the average is taken.
         traj: Folder of a run that trained trajectories, or of a model; of several likewise.
+        measure: Training data, on which to measure what the sampler of initial states needs to know; for weights that were trained before it was measured.
     """
     from pd_editor.diffusion.checkpoints.model_folder import (
         CONFIG_NAME,
@@ -56,8 +64,10 @@ def model(
         found = [load_model(one, STAGE_KINDS).stage(name) for one in sources]
         stages[name] = averaged_stage(found, sources)
         curves += copied_curves(runs[0], folder, stages[name].kind)
-    if not stages or not any(given.values()):
+    if not stages or not (any(given.values()) or measure):
         raise ModelError("No trained stage was given; expected --init, --traj or both.")
+    if measure:
+        stages["init"] = _measured(stages, folders(measure))
     shipped = {name: replace(stage, sha256="") for name, stage in stages.items()}
     save_model(folder, shipped, half=True)
     card = folder / CARD_NAME
@@ -68,3 +78,14 @@ def model(
         *(folder / s.kind.file_name for s in stages.values()),
     ]
     return ShippedModel(folder=folder, files=(*files, *curves, card))
+
+
+def _measured(
+    stages: Mapping[str, "TrainedStage"], roots: tuple[Path, ...]
+) -> "TrainedStage":
+    from pd_editor.training.data.training_data import default_cache
+    from pd_editor.training.training_run import measured
+
+    if "init" not in stages:
+        raise ModelError("There are no initial states to measure; expected --init.")
+    return measured(stages["init"], roots, default_cache(), preparation_shown())

@@ -17,13 +17,13 @@ from pd_editor.cli.options.arguments import (
     Switch,
     several,
 )
-from pd_editor.cli.output.progress import ProgressLine
+from pd_editor.cli.output.progress import ProgressLine, preparation_shown
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.generators import SHIPPED_MODEL
 from pd_editor.installed_files import models_folder
 from pd_editor.regular_file import check_path
 from pd_editor.training.outcome import Training
-from pd_editor.work_engine.work_engine import WorkProgress, minutes_left
+from pd_editor.work_engine.work_engine import minutes_left
 
 if TYPE_CHECKING:
     from pd_editor.training.config.run_request import RunRequest
@@ -258,7 +258,7 @@ def _trained(
         hardware,
         resume=resume,
         monitoring=monitoring,
-        on_preparation=_preparation_shown(),
+        on_preparation=preparation_shown(),
         on_progress=_progress_shown(),
     )
 
@@ -284,16 +284,6 @@ def _sample_check(
             return scenes.figures(lambda _: PathDiffuser(Path(joined), device=device))
 
     return check
-
-
-def _preparation_shown() -> Callable[[WorkProgress], None]:
-    line = ProgressLine()
-
-    def show(progress: WorkProgress) -> None:
-        done, num = progress.num_done, progress.num_items
-        line.show(f"Preparing scenes: {done} of {num} parts", is_over=done == num)
-
-    return show
 
 
 def _progress_shown() -> "Callable[[TrainingProgress], None]":

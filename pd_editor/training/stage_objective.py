@@ -60,10 +60,9 @@ class Stage:
         None
     )
     """Stores statistics of the data in the network."""
-    measure_errors: Callable[[nn.Module, FeatureStore], None] = lambda _model, _store: (
-        None
-    )
-    """Stores errors of a trained network in it."""
+    measure: Callable[[nn.Module, FeatureStore], None] = lambda _model, _store: None
+    """Stores in a trained network what its sampler needs to know of the data and of the
+    network's errors."""
 
     def loss(
         self, settings: Mapping[str, Any], own_samples: Mapping[str, Any] | None = None
@@ -101,15 +100,15 @@ class Stage:
         return made_model(kind, config, seed=seed)
 
 
-def _fit_statistics(model: nn.Module, store: FeatureStore) -> None:
+def _count_agents(model: nn.Module, store: FeatureStore) -> None:
     assert isinstance(model, InitialStateDenoiser)
     model.set_agent_counts(fit_agent_counts(_some(store, MOST_ROWS)))
+
+
+def _measure(model: nn.Module, store: FeatureStore) -> None:
+    assert isinstance(model, InitialStateDenoiser)
     moments = fit_moments(model, _some(store, MOST_ROWS))
     model.get_buffer("state_moments").copy_(moments)
-
-
-def _measure_errors(model: nn.Module, store: FeatureStore) -> None:
-    assert isinstance(model, InitialStateDenoiser)
     variance = measured_clean_variance(model, _some(store, _MOST_MEASURED))
     model.get_buffer("clean_variance").copy_(variance)
 
@@ -138,8 +137,8 @@ STAGES: Final[Mapping[str, Stage]] = {
         configured_loss=initial_state_loss,
         samples_loss=initial_state_samples_loss,
         with_basis=lambda config, _: INITIAL_STATES.make_model(config),
-        fit_statistics=_fit_statistics,
-        measure_errors=_measure_errors,
+        fit_statistics=_count_agents,
+        measure=_measure,
     ),
     "traj": Stage(
         kind=TRAJECTORIES,

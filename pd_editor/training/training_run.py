@@ -1,5 +1,6 @@
 """Training run, from data roots to a model folder."""
 
+import copy
 import importlib.metadata
 import logging
 import math
@@ -206,7 +207,7 @@ def _train(
     of_data = _sampling_of_data(config)
 
     def write_results() -> None:
-        stage.measure_errors(loop.averaged_model, prepared.data.store)
+        stage.measure(loop.averaged_model, prepared.data.store)
         trained = TrainedStage(
             kind=stage.kind,
             config=model_config,
@@ -304,6 +305,31 @@ def _begin(
         run.begin(config, data)
         if basis is not None:
             write_basis(run.basis_path, basis)
+
+
+def measured(
+    stage: TrainedStage,
+    roots: Sequence[Path],
+    cache: Path,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> TrainedStage:
+    """Measure on data what the sampler of a stage needs to know.
+
+    Trainings do so themselves, since this was added. The data is augmented as in the
+    stage's training.
+
+    Raises:
+        PdEditorError: the data cannot be used.
+    """
+    augmentation = with_settings(
+        Augmentation(), stage.about.get("augmentation", {}), "augmentation"
+    )
+    data = prepared_data(
+        roots, cache, augmentation=augmentation, on_progress=on_progress
+    )
+    model = copy.deepcopy(stage.model)
+    STAGES[stage.kind.name].measure(model, data.store)
+    return replace(stage, model=model)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

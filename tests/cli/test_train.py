@@ -1,3 +1,4 @@
+import copy
 import json
 import os
 import shutil
@@ -5,13 +6,15 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
 import pd_editor
-from pd_editor.diffusion.checkpoints.model_folder import load_model
+from pd_editor.diffusion.checkpoints.model_folder import load_model, save_model
+from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.stages import STAGE_KINDS
 from pd_editor.generators import SHIPPED_MODEL
 from pd_editor.installed_files import models_folder
@@ -154,6 +157,37 @@ def test_weights_of_several_trainings_are_averaged(
     told = shell.refused("model", "--out", tmp_path / "no", "--traj", longer, shipped)
     assert "differs" in told
     assert not (tmp_path / "no").exists()
+
+
+def test_what_the_sampler_needs_is_measured_again_on_data(
+    shell: Shell,
+    runs: Path,
+    shards: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """For weights of before it was measured; a training has done so."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    names = ("state_moments", "clean_variance")
+    trained = load_model(runs / "init" / "model", STAGE_KINDS).stage("init")
+    unmeasured = InitialStateDenoiser(trained.config).state_dict()
+    for name in names:
+        assert not torch.equal(trained.model.get_buffer(name), unmeasured[name])
+    earlier = copy.deepcopy(trained.model)
+    for name in names:
+        earlier.get_buffer(name).copy_(unmeasured[name])
+    save_model(tmp_path / "earlier", {"init": replace(trained, model=earlier)})
+    out = tmp_path / "measured"
+    options = ("--init", tmp_path / "earlier", "--measure", shards)
+    done = shell.run("model", "--out", out, *options)
+    assert done.code == 0, done.err
+    found = load_model(out, STAGE_KINDS).stage("init").model
+    for name in names:
+        wanted = trained.model.get_buffer(name)
+        torch.testing.assert_close(found.get_buffer(name), wanted, rtol=0.05, atol=0.01)
+    options = ("--traj", runs / "traj", "--measure", shards)
+    told = shell.refused("model", "--out", tmp_path / "none", *options)
+    assert "no initial states to measure" in told
 
 
 def test_what_is_no_trained_stage_is_refused(shell: Shell, runs: Path, tmp_path: Path):

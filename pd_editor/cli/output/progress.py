@@ -45,6 +45,17 @@ class ProgressLine:
             sys.stderr.write("\r" + " " * _WIDTH + "\r")
 
 
+def preparation_shown() -> Callable[[WorkProgress], None]:
+    """A function that shows the progress of the preparation of scenes."""
+    line = ProgressLine()
+
+    def show(progress: WorkProgress) -> None:
+        done, num = progress.num_done, progress.num_items
+        line.show(f"Preparing scenes: {done} of {num} parts", is_over=done == num)
+
+    return show
+
+
 def run_showing_progress(
     steps: Generator[GenerationProgress, None, GeneratedTraffic],
 ) -> GeneratedTraffic:
