@@ -22,6 +22,7 @@ from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
     with_attributes,
 )
+from pd_editor.diffusion.core.devices import keep_freed_memory, lay_out_weights
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
@@ -220,9 +221,11 @@ def repaired(scenario: Scenario, found: Sampled) -> Sampled:
 
 
 def load_pose_model(folder: Path) -> InitialStateDenoiser:
-    """The first stage's network."""
+    """The first stage's network, prepared as by ``PathDiffuser``."""
+    keep_freed_memory()
     model = load_model(folder, STAGE_KINDS).stage(INITIAL_STATES.name).model
     assert isinstance(model, InitialStateDenoiser)
+    lay_out_weights(model)
     return model
 
 

@@ -203,7 +203,6 @@ def _loaded_stage(
     model = made_model(kind, config, seed=0, source=source)
     load_into(model, tensors, folder / kind.file_name, kind.statistics)
     model.requires_grad_(requires_grad=False).eval()
-    _store_by_input(model)
     return TrainedStage(
         kind=kind,
         config=config,
@@ -212,16 +211,6 @@ def _loaded_stage(
         about=about,
         sha256=file.sha256,
     )
-
-
-def _store_by_input(model: nn.Module) -> None:
-    """Store the weights of linear layers by input, as products with few rows read them.
-
-    Values are equal; initial states of 32 agents take 0.9 of the time.
-    """
-    for layer in model.modules():
-        if isinstance(layer, nn.Linear):
-            layer.weight.data = layer.weight.data.t().contiguous().t()
 
 
 def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
