@@ -18,11 +18,11 @@ import torch
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.checkpoints.model_folder import load_model
+from pd_editor.diffusion.core.devices import keep_freed_memory, lay_out_weights
 from pd_editor.diffusion.initial_state.attributes import (
     AttributeRequest,
     with_attributes,
 )
-from pd_editor.diffusion.core.devices import keep_freed_memory, lay_out_weights
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
 from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
