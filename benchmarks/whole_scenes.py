@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float
 import pd_editor
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
-from pd_editor.diffusion.initial_state.squares import ids_near_lanes
 from pd_editor.features.scene_features import scene_center
+from pd_editor.metrics.road.off_lane import ids_near_lanes
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.metrics.road.surroundings import askew
 from pd_editor.metrics.traffic_view import recorded_traffic

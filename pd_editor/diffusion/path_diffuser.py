@@ -40,12 +40,7 @@ from pd_editor.diffusion.initial_state.pipeline import (
     placed_again,
 )
 from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
-from pd_editor.diffusion.initial_state.squares import (
-    MOST_OFF_LANE_M,
-    Placement,
-    ids_near_lanes,
-    placings_of,
-)
+from pd_editor.diffusion.initial_state.squares import Placement, placings_of
 from pd_editor.diffusion.request_check import (
     MOST_AGENTS,
     check_request,
@@ -75,6 +70,7 @@ from pd_editor.generation import (
     TrafficSample,
 )
 from pd_editor.guidance.report import guidance_reports
+from pd_editor.metrics.road.off_lane import BEYOND_ROADS_M, ids_near_lanes
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
@@ -503,20 +499,18 @@ def _placings(
 def _near_lanes(
     request: GenerationRequest,
 ) -> tuple[GenerationRequest, tuple[str, ...]]:
-    """The request without resampling of agents that are far from all lanes, and a note.
+    """The request without resampling of agents beyond the mapped roads, and a note.
 
-    With a region, agents are moved there wherever they are.
+    If there are no others they are resampled, and with a region wherever they are.
     """
     ids = request.resampled_state_ids
-    if request.region is not None or not ids:
-        return request, ()
-    near = ids_near_lanes(request.scenario, ids)
+    near = ids if request.region else ids_near_lanes(request.scenario, ids)
     count = len(ids) - len(near)
-    if not count:
+    if not count or not near:
         return request, ()
     keep = "keeps its state" if count == 1 else "keep their states"
     note = (
-        f"{count} of {len(ids)} agents, more than {MOST_OFF_LANE_M:g} m from all mapped "
+        f"{count} of {len(ids)} agents, more than {BEYOND_ROADS_M:g} m from all mapped "
         f"lanes, {keep}."
     )
     return replace(request, resampled_state_ids=near), (note,)

@@ -26,7 +26,6 @@ from pd_editor.features.lane_tokens import (
 )
 from pd_editor.features.scene_features import AGENT_KINDS, scene_center
 from pd_editor.generation import Region
-from pd_editor.metrics.road.map_points import nearest_points
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 
@@ -35,9 +34,6 @@ _OUTER_DENSITY: Final = 0.56
 recordings observe fewer agents further out (11.2 against 19.9 per km, ``train``)."""
 _OUTER_CELLS: Final = 1
 """Number of rings of squares around the central one."""
-MOST_OFF_LANE_M: Final = 20.0
-"""Agents further from all lanes keep their states when all are resampled: 13 % of the
-vehicles of ``val``, 9 % of ``train``."""
 _LEAST_LANE_M: Final = 15.0
 """Squares with a shorter length of lanes are left out, unless there is only one."""
 
@@ -115,24 +111,6 @@ def squares_of(scenario: Scenario, region: Region | None) -> tuple[Square, ...]:
         )
         for row in order
     )
-
-
-def ids_near_lanes(scenario: Scenario, ids: Sequence[str]) -> tuple[str, ...]:
-    """Ids of those agents that are within ``MOST_OFF_LANE_M`` of a lane of the map.
-
-    Others drive on roads that are not mapped, where the network knows nothing. All of
-    them, if none is near.
-    """
-    pieces = lane_pieces(scenario.road_map)
-    lanes = pieces.pose[pieces.kind < CROSSWALK_KIND, :2]
-    agents, step = scenario.agents, scenario.current_step
-    rows = agents.rows(tuple(ids))
-    is_kept = ~agents.is_valid[rows, step]
-    if len(lanes):
-        _, distance = nearest_points(agents.position_m[rows, step], lanes)
-        is_kept |= distance <= MOST_OFF_LANE_M
-    found = tuple(name for name, keep in zip(ids, is_kept, strict=True) if keep)
-    return found or tuple(ids)
 
 
 def placings_of(

@@ -1,5 +1,6 @@
 """Off-road metrics: the paper's 4 m rule, its corrections, and the drivable area."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,8 +18,12 @@ from pd_editor.metrics.values import (
     measured,
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.scenario import Scenario
 
 OFF_LANE_M: Final = 4.0
+BEYOND_ROADS_M: Final = 20.0
+"""Agents further from all lanes drive on roads that are not mapped: 13 % of the vehicles
+of ``val``, 9 % of ``train``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,6 +56,21 @@ class OffLane:
             "off_drivable": any_step("off_drivable", outside, valid),
             "off_drivable_steps": mean_over_steps("off_drivable_steps", outside, valid),
         }
+
+
+def ids_near_lanes(scenario: Scenario, ids: Sequence[str]) -> tuple[str, ...]:
+    """Ids of those agents that are within ``BEYOND_ROADS_M`` of a lane's centre line now.
+
+    Agents that are absent now count as near.
+    """
+    agents, step = scenario.agents, scenario.current_step
+    rows = agents.rows(tuple(ids))
+    is_near = ~agents.is_valid[rows, step]
+    center = map_points(scenario.road_map).center_m
+    if len(center) and len(rows):
+        _, distance = nearest_points(agents.position_m[rows, step], center)
+        is_near |= distance <= BEYOND_ROADS_M
+    return tuple(name for name, near in zip(ids, is_near, strict=True) if near)
 
 
 def off_lane(view: TrafficView) -> OffLane:

@@ -6,8 +6,10 @@ import shapely
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.metrics.road.off_lane import ids_near_lanes
 from pd_editor.metrics.road.off_road import drivable_ground, is_off_road
 from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.builders import scenario_with, straight_drivers, two_lane_road
 
@@ -34,6 +36,20 @@ def test_without_drivable_areas_lanes_count():
     lanes_only = replace(two_lane_road(), drivable_areas=())
     scenario = scenario_with(straight_drivers([(0, 0, 0, 0), (0, 9, 0, 0)]), lanes_only)
     np.testing.assert_array_equal(off_road_now(scenario), [False, True])
+
+
+def test_agents_beyond_the_mapped_roads():
+    places = [(0, 0, 0, 0), (60, 19, 0, 0), (60, -24, 0, 0), (400, 0, 0, 0)]
+    scenario = scenario_with(straight_drivers(places))
+    ids = scenario.agents.ids
+    assert ids_near_lanes(scenario, ids) == ids[:2]
+    assert ids_near_lanes(scenario, ids[3:]) == ids_near_lanes(scenario, ()) == ()
+    absent = scenario.agents.is_valid.copy()
+    absent[2, scenario.current_step] = False
+    later = scenario.with_agents(replace(scenario.agents, is_valid=absent))
+    assert ids_near_lanes(later, ids) == ids[:3]
+    bare = replace(scenario, road_map=RoadMap(lanes=()))
+    assert ids_near_lanes(bare, ids) == ()
 
 
 def test_the_ground_is_built_once():

@@ -21,6 +21,7 @@ from pd_editor.generation import (
 )
 from pd_editor.generators import GeneratorCatalogue
 from pd_editor.guidance.feasibility import guidance_problems
+from pd_editor.metrics.road.off_lane import ids_near_lanes
 from pd_editor.plain_text import one_line
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.roles.traffic_choice import (
@@ -632,13 +633,17 @@ class GenerationPanel:
             self._count_present(self._ui.session.scenario)
 
     def _count_present(self, scenario: Scenario) -> None:
-        """Propose as many of each kind as there are; a bare road keeps the numbers."""
+        """Propose as many of each kind as there are on the mapped roads.
+
+        A bare road keeps the numbers.
+        """
         self._counted = scenario
         agents = scenario.agents
         present = agents.is_valid[:, scenario.current_step]
         if not (present & agents.kind_mask(ROAD_USER_KINDS)).any():
             return
-        leaves = np.isin(agents.ids, self._replaced(scenario))
+        leaving = ids_near_lanes(scenario, self._replaced(scenario))
+        leaves = np.isin(agents.ids, leaving)
         present = present & leaves
         for kind, count in self._counts.items():
             number = int((present & agents.kind_mask({kind})).sum())
