@@ -117,7 +117,8 @@ def test_the_list_follows_what_other_tabs_do(tabs):
     one.run(tab_one._remove_ticked)
     assert len(listed(one)) == 1
     until(lambda: listed(other) == listed(one))
-    assert other.tab.panels.basket._download.label == "Download 1 scenario"
+    download = other.tab.panels.basket._download
+    until(lambda: download.label == "Download 1 scenario")
 
 
 def test_a_download_tells_what_another_tab_has_removed(tabs):
