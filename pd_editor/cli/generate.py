@@ -148,7 +148,7 @@ def generate(
         scenario: A demo's name or an Argoverse 2 scenario folder.
         out: Folder that receives DIR/<name>/; several samples get -1, -2, ...
         agents: Ids of the agents to drive; the others keep their trajectories.
-        resample_states: Resample the initial states of these agents, too.
+        resample_states: Resample the initial states of these agents, too. Without a region, agents more than 20 m from all lanes keep theirs.
         num_agents: Replace all agents but the ego and the focal agent by new ones: 20 (vehicles), vehicle=12 pedestrian=4, or fit (as many as suit the road).
         add: Keep the present agents and add the new ones.
         replace_ego_and_focal: Let new agents replace the ego and the focal agent as well.
