@@ -202,7 +202,7 @@ def _train(
         fabric,
     )
     if run.state_path.exists():
-        loop.resume()
+        loop.resume(stage.kind.statistics)
 
     of_data = _sampling_of_data(config)
 

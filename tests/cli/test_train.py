@@ -14,6 +14,7 @@ import torch
 
 import pd_editor
 from pd_editor.diffusion.checkpoints.model_folder import load_model, save_model
+from pd_editor.diffusion.checkpoints.tensor_file import read_tensors, write_tensors
 from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.diffusion.stages import STAGE_KINDS
 from pd_editor.generators import SHIPPED_MODEL
@@ -106,6 +107,24 @@ def test_a_finished_run_can_be_given_more_time(runs: Path, cache: Path, tmp_path
         "traj", out=tmp_path / "run", resume=True, cache=cache, device="cpu"
     )
     assert again.steps == 9
+
+
+def test_a_run_of_before_statistics_were_measured_goes_on(
+    runs: Path, cache: Path, tmp_path: Path
+):
+    run = shutil.copytree(runs / "init", tmp_path / "run")
+    state = read_tensors(run / "state.safetensors", "training-state")
+    kept = {
+        name: one
+        for name, one in state.tensors.items()
+        if not name.endswith(("state_moments", "clean_variance"))
+    }
+    assert len(kept) == len(state.tensors) - 4
+    write_tensors(run / "state.safetensors", "training-state", kept, state.about)
+    found = pd_editor.train(
+        "init", out=run, resume=True, cache=cache, device="cpu", steps=8
+    )
+    assert found.steps == 8
 
 
 def test_stages_are_joined_in_half_precision(shell: Shell, runs: Path, tmp_path: Path):

@@ -24,7 +24,8 @@ class SamplerConfig:
     """Settings of the step from one noise level to the next."""
 
     eta: float = 0.0
-    """Stochasticity: 0 adds no fresh noise (DDIM), 1 is ancestral sampling."""
+    """Stochasticity: 0 adds no fresh noise but for ``clean_variance`` (DDIM), 1 is
+    ancestral sampling."""
     extrapolation: tuple[float, ...] = (0.0,)
     """For each part of a sample: 0 uses the predicted clean sample (first order), 1
     extrapolates the predictions of the last two steps (second order)."""

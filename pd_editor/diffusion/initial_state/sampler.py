@@ -56,8 +56,8 @@ class InitialStateSamplerConfig:
     level_emphasis: float = 0.3
     """Concentration of levels in the middle, where lanes, headings and gaps are resolved."""
     eta: float = 1.0
-    """Stochasticity: 0 adds no fresh noise, 1 is ancestral sampling. With 0, errors of
-    early steps remain: 22 instead of 14 % were off the road."""
+    """Stochasticity: 0 adds no fresh noise but that of ``adds_missing_noise``, 1 is ancestral
+    sampling. With 0, errors of early steps remain: 22 instead of 14 % were off the road."""
     adds_missing_noise: bool = True
     """Whether the fresh noise on speeds and activities includes the variance of the clean
     state about its prediction. Without it large steps spread them too little: (``train``)

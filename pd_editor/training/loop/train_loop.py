@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -106,8 +106,8 @@ class TrainLoop:
         """The averaged network, which is the result of the run."""
         return self._average.model
 
-    def resume(self) -> None:
-        """Resume from the folder's checkpoint.
+    def resume(self, optional: Set[str] = frozenset()) -> None:
+        """Resume from the folder's checkpoint, which may lack ``optional`` tensors.
 
         Raises:
             ModelError: the checkpoint is damaged or of another network.
@@ -117,6 +117,7 @@ class TrainLoop:
             model=self._model,
             average=self._average.model,
             optimiser=self._optimiser.optimizer,
+            optional=optional,
         )
         if self._fabric.is_global_zero:
             self._folder.forget_after(self.train_state.step)

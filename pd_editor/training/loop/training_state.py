@@ -1,6 +1,6 @@
 """Checkpoint of a training run, from which it is resumed exactly."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -55,16 +55,21 @@ def write_state(
 
 
 def read_state(
-    path: Path, *, model: nn.Module, average: nn.Module, optimiser: Optimizer
+    path: Path,
+    *,
+    model: nn.Module,
+    average: nn.Module,
+    optimiser: Optimizer,
+    optional: Set[str] = frozenset(),
 ) -> TrainState:
-    """Restore a run from a checkpoint.
+    """Restore a run from a checkpoint, in which ``optional`` tensors may be missing.
 
     Raises:
         ModelError: the file is missing, damaged, or of another network.
     """
     file = read_tensors(path, _KIND)
-    load_into(model, _below(file.tensors, _MODEL), path)
-    load_into(average, _below(file.tensors, _AVERAGE), path)
+    load_into(model, _below(file.tensors, _MODEL), path, optional)
+    load_into(average, _below(file.tensors, _AVERAGE), path, optional)
     kept = _below(file.tensors, _OPTIMISER)
     for index, parameter in enumerate(_parameters(optimiser)):
         state = {}
