@@ -92,4 +92,5 @@ def generate_network(family: str, seed: int, folder: Path) -> Network:
         parking_strips_m=tuple(
             lane.shape_m for lane in net.lanes.values() if lane.is_parking
         ),
+        parking_bays=mapped.parking_bays,
     )

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.synthesis.road_network.footways import Footways
+from pd_editor.synthesis.sumo_to_av2.parking_bays import ParkingBay
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,5 +31,6 @@ class Network:
     has_signals: bool
     parking_strips_m: tuple[Float[np.ndarray, "_ 2"], ...] = ()
     """Centre lines of the parking strips along the kerb, in driving direction."""
+    parking_bays: tuple[ParkingBay, ...] = ()
     footways: Footways | None = None
     """Footways, if SUMO's net has no sidewalks."""

@@ -1,5 +1,6 @@
 """Drivable areas of a SUMO net, as rings without holes."""
 
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -9,6 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.road_map import DrivableArea, Lane
 from pd_editor.synthesis.sumo.sumo_net import SumoNet
+from pd_editor.synthesis.sumo_to_av2.parking_bays import ParkingBay
 
 _GAP_M: Final = 0.4
 """Gaps between lanes up to twice this width are closed."""
@@ -22,15 +24,16 @@ _MIN_HOLE_M2: Final = 40.0
 
 
 def drivable_areas(
-    net: SumoNet, lanes: tuple[Lane, ...], first_id: int
+    net: SumoNet, lanes: tuple[Lane, ...], bays: Iterable[ParkingBay], first_id: int
 ) -> tuple[DrivableArea, ...]:
-    """Drivable areas: lanes, parking strips and junctions, without sidewalks."""
+    """Drivable areas: lanes, parking strips, bays and junctions, without sidewalks."""
     ground = [_valid(lane.outline_m()) for lane in lanes]
     ground += [
         shapely.LineString(lane.shape_m).buffer(lane.width_m / 2, cap_style="flat")
         for lane in net.lanes.values()
         if lane.is_parking
     ]
+    ground += [shapely.make_valid(bay.area()) for bay in bays]
     junctions = shapely.union_all(
         [_valid(area) for area in net.junction_areas_m.values() if len(area) > 2]
     )

@@ -22,6 +22,7 @@ from pd_editor.synthesis.sumo_to_av2.lane_segments import (
     chain_sections,
     edge_cuts,
 )
+from pd_editor.synthesis.sumo_to_av2.parking_bays import ParkingBay, sample_parking_bays
 
 FIRST_LANE_ID: Final = 1000
 FIRST_CROSSWALK_ID: Final = 1
@@ -35,6 +36,8 @@ class NetRoadMap:
     road_map: RoadMap
     lane_of_sumo: Mapping[str, tuple[int, ...]]
     """Lanes of the map along each SUMO lane for traffic, in driving order."""
+    parking_bays: tuple[ParkingBay, ...]
+    """Bays beside the lanes, included in the drivable area."""
 
 
 def net_road_map(net: SumoNet, random: np.random.Generator) -> NetRoadMap:
@@ -63,13 +66,16 @@ def net_road_map(net: SumoNet, random: np.random.Generator) -> NetRoadMap:
         for lane in _lanes_of_chain(net, chains, n, sections, ids, markings)
     )
     lanes = _with_predecessors(lanes)
+    bays = sample_parking_bays(lanes, random)
     road_map = RoadMap(
         lanes=lanes,
         crosswalks=_crosswalks(net),
-        drivable_areas=drivable_areas(net, lanes, FIRST_AREA_ID),
+        drivable_areas=drivable_areas(net, lanes, bays, FIRST_AREA_ID),
     )
     return NetRoadMap(
-        road_map=road_map, lane_of_sumo=_lane_of_sumo(chains, sections, ids)
+        road_map=road_map,
+        lane_of_sumo=_lane_of_sumo(chains, sections, ids),
+        parking_bays=bays,
     )
 
 

@@ -8,12 +8,10 @@ from typing import Final
 class ParkingOptions:
     """Amount of parked vehicles."""
 
-    kerb_share: float = 0.22
-    """Share of street sides along which vehicles park."""
+    kerb_share: float = 0.25
+    """Share of street sides without a bay along which vehicles park."""
     fullness: tuple[float, float] = (0.3, 0.97)
     """Range of the occupied share of such a side."""
-    angled_share: float = 0.12
-    """Share of street sides with places at an angle to the lane."""
     driveways_per_km: float = 1.6
     """Vehicles in driveways, across the street or at an angle, per km of side."""
     lots_per_km: float = 0.06
@@ -58,7 +56,7 @@ MAP_DEMAND: Final = DemandOptions(
     flow_per_lane=650.0,
     turn_aversion=4.0,
     pedestrians_per_km=4.5,
-    parking=ParkingOptions(kerb_share=0.45, fullness=(0.5, 0.98)),
+    parking=ParkingOptions(kerb_share=0.5, fullness=(0.5, 0.98)),
 )
 """Traffic on maps of Argoverse 2, which are cropped so tightly around busy places that
 every side street is an entry with little traffic."""

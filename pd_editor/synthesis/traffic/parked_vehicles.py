@@ -1,4 +1,4 @@
-"""Samples parked vehicles: along the kerb, in driveways, on small lots.
+"""Samples parked vehicles: along the kerb, in bays, in driveways, on small lots.
 
 They are sampled after the simulation, where no agent drove or walked.
 """
@@ -14,8 +14,9 @@ from pd_editor.geometry.angles import heading_of, left_of, unit_vector, wrap_ang
 from pd_editor.geometry.oriented_box import Boxes, box_corners
 from pd_editor.geometry.polyline import arc_length, point_at
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, RoadMap
+from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap
 from pd_editor.synthesis.road_network.network import Network
+from pd_editor.synthesis.sumo_to_av2.parking_bays import ParkingBay, kerb_lanes
 from pd_editor.synthesis.traffic.demand_config import ParkingOptions
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks
 
@@ -33,17 +34,16 @@ PLACE_M: Final = 5.2
 SLOT_GAP_M: Final = (0.5, 1.6)
 """Range of the gap between two places along the kerb."""
 
-ANGLED_PITCH_M: Final = 3.5
-ANGLED_ASIDE_M: Final = (1.2, 3.2)
-"""Range of the distance from the lane's edge to the centres of vehicles at an angle to
-it; lanes of recorded maps often include a part of such places."""
-PERPENDICULAR_SHARE: Final = 0.25
-"""Share of perpendicular rows among rows at an angle."""
-PERPENDICULAR_PITCH_M: Final = 2.75
-PERPENDICULAR_ASIDE_M: Final = (1.6, 5.0)
-
 TURNED_SHARE: Final = 0.008
 """Share of the vehicles along a kerb that face oncoming traffic."""
+
+REVERSED_SHARE: Final = 0.35
+"""Share of vehicles that were reversed into perpendicular places."""
+
+DRIVEWAY_DEG: Final = (90.0, -90.0, -70.0, 0.0)
+DRIVEWAY_SHARES: Final = (0.3, 0.25, 0.15, 0.3)
+DRIVEWAY_SPREAD_DEG: Final = 8.0
+"""Angles to the lane of vehicles off the street, and their spread."""
 
 LOT_PITCH_M: Final = 2.75
 LOT_AISLE_M: Final = 6.5
@@ -77,11 +77,11 @@ def sample_parked_vehicles(
         _along(line, options, STRIP_END_M, random.uniform(-0.35, 0.45), random)
         for line in network.parking_strips_m
     ]
-    for kerb in _kerbs(network):
-        style = random.random()
-        if style < options.angled_share:
-            places.append(_angled(kerb, options, random))
-        elif style < options.angled_share + options.kerb_share:
+    places += [_in_bay(bay, options, random) for bay in network.parking_bays]
+    has_bay = {bay.lane_id for bay in network.parking_bays}
+    for lane in kerb_lanes(network.road_map.lanes):
+        kerb = lane.right_m
+        if lane.lane_id not in has_bay and random.random() < options.kerb_share:
             aside = random.uniform(-0.9, 1.2)
             places.append(_along(kerb, options, KERB_END_M, aside, random))
         places.append(_driveways(kerb, options, random))
@@ -109,17 +109,6 @@ def sample_parked_vehicles(
         position_m=parked.position_m[free],
         heading_rad=parked.heading_rad[free],
     )
-
-
-def _kerbs(network: Network) -> list[Float[np.ndarray, "_ 2"]]:
-    """Right boundaries of the rightmost lanes of streets, in driving direction."""
-    return [
-        lane.right_m
-        for lane in network.road_map.lanes
-        if lane.right_neighbor is None
-        and lane.kind is not LaneKind.BIKE
-        and not lane.is_intersection
-    ]
 
 
 def _along(
@@ -150,23 +139,20 @@ def _along(
     )
 
 
-def _angled(
-    kerb: Float[np.ndarray, "N 2"], options: ParkingOptions, random: np.random.Generator
+def _in_bay(
+    bay: ParkingBay, options: ParkingOptions, random: np.random.Generator
 ) -> _Places:
-    """Row of places at a clockwise angle to the lane, or perpendicular to it."""
-    is_across = random.random() < PERPENDICULAR_SHARE
-    pitch = PERPENDICULAR_PITCH_M if is_across else ANGLED_PITCH_M
-    at = np.arange(KERB_END_M, arc_length(kerb)[-1] - 2 * KERB_END_M, pitch)
+    """Occupied places of a bay."""
+    at = np.arange(bay.pitch_m / 2, arc_length(bay.kerb_m)[-1], bay.pitch_m)
     at = at[random.random(len(at)) < random.uniform(*options.fullness)]
-    aside = random.uniform(*(PERPENDICULAR_ASIDE_M if is_across else ANGLED_ASIDE_M))
-    aside = aside + random.normal(0.0, 0.25, len(at))
-    position, heading = _beside(kerb, at, aside)
-    if is_across:
-        turn = random.choice(np.deg2rad([-90.0, 90.0]), len(at), p=[0.65, 0.35])
-    else:
-        turn = np.full(len(at), np.deg2rad(random.uniform(-60.0, -42.0)))
-    askew = np.clip(2.0 * random.standard_t(2, len(at)), -25.0, 25.0)
-    turn = turn + np.deg2rad(askew + (random.normal(0.0, 6.0) if is_across else 0.0))
+    aside = bay.aside_m + random.normal(0.0, 0.25, len(at))
+    position, heading = _beside(bay.kerb_m, at, aside)
+    turn = bay.angle_rad + np.deg2rad(
+        np.clip(2.0 * random.standard_t(2, len(at)), -25.0, 25.0)
+    )
+    if bay.is_perpendicular:
+        # Some vehicles were reversed into their places.
+        turn = turn + np.where(random.random(len(at)) < REVERSED_SHARE, np.pi, 0.0)
     return _Places(
         position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=True
     )
@@ -180,8 +166,8 @@ def _driveways(
     count = random.poisson(options.driveways_per_km * length / 1000)
     at = random.uniform(0.0, length, count)
     position, heading = _beside(kerb, at, random.uniform(3.0, 10.0, count))
-    turn = random.choice(np.deg2rad([90.0, -90.0, -70.0, 0.0]), count)
-    turn = turn + random.normal(0.0, np.deg2rad(12.0), count)
+    turn = np.deg2rad(random.choice(DRIVEWAY_DEG, count, p=DRIVEWAY_SHARES))
+    turn = turn + random.normal(0.0, np.deg2rad(DRIVEWAY_SPREAD_DEG), count)
     return _Places(
         position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=False
     )

@@ -10,6 +10,7 @@ import shapely
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.synthesis.road_network.network import Network
+from pd_editor.synthesis.sumo_to_av2.parking_bays import ParkingBay
 from pd_editor.synthesis.traffic.demand_config import ParkingOptions
 from pd_editor.synthesis.traffic.parked_vehicles import (
     ParkedVehicles,
@@ -18,13 +19,14 @@ from pd_editor.synthesis.traffic.parked_vehicles import (
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks
 from tests.builders import straight_lane
 
-NOBODY = ParkingOptions(
-    kerb_share=0.0, angled_share=0.0, driveways_per_km=0.0, lots_per_km=0.0
-)
+NOBODY = ParkingOptions(kerb_share=0.0, driveways_per_km=0.0, lots_per_km=0.0)
 STREET_M = 400.0
 
 
-def street(parking_strips_m: tuple[np.ndarray, ...] = ()) -> Network:
+def street(
+    parking_strips_m: tuple[np.ndarray, ...] = (),
+    parking_bays: tuple[ParkingBay, ...] = (),
+) -> Network:
     """One lane along the x axis."""
     lane = straight_lane(1, (0, 0), (STREET_M, 0))
     return Network(
@@ -36,6 +38,7 @@ def street(parking_strips_m: tuple[np.ndarray, ...] = ()) -> Network:
         lane_of_sumo={},
         has_signals=False,
         parking_strips_m=parking_strips_m,
+        parking_bays=parking_bays,
     )
 
 
@@ -62,7 +65,7 @@ def parked(options: ParkingOptions, seed: int, y_m: float = 0.0) -> ParkedVehicl
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("y_m", [0.0, -2.5])
 def test_nobody_parks_in_the_way(seed: int, y_m: float) -> None:
-    options = ParkingOptions(kerb_share=0.5, angled_share=0.5, driveways_per_km=40.0)
+    options = ParkingOptions(kerb_share=0.5, driveways_per_km=40.0)
     found = parked(options, seed, y_m)
     assert len(found.heading_rad)
     boxes = shapely.polygons(found.corners_m())
@@ -97,25 +100,42 @@ def test_fuller_kerbs_hold_more() -> None:
     assert count(0.2) < count(0.5) < count(0.95)
 
 
-def test_rows_at_an_angle_lie_near_the_lane() -> None:
-    options = replace(NOBODY, angled_share=1.0, fullness=(0.6, 0.6))
-    rows = [parked(options, seed) for seed in range(60)]
-    # Some would reach into the way of the car, all or most of them.
-    rows = [row for row in rows if len(row.heading_rad) > 20]
-    assert len(rows) > 25
-    angles = [np.rad2deg(np.median(row.heading_rad)) for row in rows]
-    is_across = np.abs(angles) > 70
-    assert 0.1 < is_across.mean() < 0.45
-    for row, across in zip(rows, is_across, strict=True):
-        aside = -1.75 - np.median(row.position_m[:, 1])
-        assert 0.8 < aside < (5.5 if across else 3.7)
-        turn = np.rad2deg(row.heading_rad)
-        if across:
-            turn = np.where(turn > 0, turn - 180, turn)
-            assert abs(np.median(turn) + 90) < 25
-        else:
-            assert -62 < np.median(turn) < -40
-        assert np.median(np.abs(turn - np.median(turn))) < 5
+def bay(angle_deg: float, aside_m: float, pitch_m: float) -> ParkingBay:
+    return ParkingBay(
+        lane_id=1,
+        kerb_m=np.array([[10.0, -1.75], [STREET_M - 10.0, -1.75]]),
+        angle_rad=np.deg2rad(angle_deg),
+        aside_m=aside_m,
+        pitch_m=pitch_m,
+    )
+
+
+@pytest.mark.parametrize("angle_deg", [-45.0, -60.0, -90.0])
+def test_vehicles_stand_in_a_bay_at_its_angle(angle_deg: float) -> None:
+    place = bay(angle_deg, 3.0, 3.5)
+    options = replace(NOBODY, fullness=(0.6, 0.6))
+    random = np.random.default_rng(4)
+    found = sample_parked_vehicles(
+        street(parking_bays=(place,)), one_car(0.0), options, random
+    )
+    assert len(found.heading_rad) > 40
+    assert shapely.covers(
+        place.area().buffer(0.5), shapely.points(found.position_m)
+    ).all()
+    turn = np.rad2deg(found.heading_rad)
+    is_reversed = turn > 0
+    assert is_reversed.any() == (angle_deg == -90.0)
+    turn = np.where(is_reversed, turn - 180, turn)
+    assert np.median(turn) == pytest.approx(angle_deg, abs=2.0)
+
+
+def test_no_vehicle_parks_along_a_kerb_that_has_a_bay() -> None:
+    options = replace(NOBODY, kerb_share=1.0, fullness=(0.6, 0.6))
+    network = street(parking_bays=(bay(-50.0, 3.0, 3.5),))
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        found = sample_parked_vehicles(network, one_car(0.0), options, random)
+        assert np.abs(found.heading_rad).min() > np.deg2rad(20.0)
 
 
 def test_strips_beside_the_street_are_used() -> None:
