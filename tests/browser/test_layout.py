@@ -80,6 +80,33 @@ def test_lists_scale_bar_and_strip_do_not_cover_each_other(editor):
     editor.screenshot("layout_samples")
 
 
+@pytest.mark.parametrize("size", [(1280, 720), (1100, 800)])
+def test_problems_are_listed_beside_the_strip_on_a_laptop(editor, size):
+    """Up to 1,300 px the list lay on the cards and their buttons."""
+    page = editor.page
+    collide(editor)
+    editor.open_tab("Drive")
+    editor.choose("Model", "lane-follower")
+    editor.fill("Samples", 4)
+    editor.press("Regenerate")
+    strip = page.locator(".pd-samples.pd-solid")
+    expect(strip.locator(".pd-sample")).to_have_count(4)
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    editor.settle()
+    page.locator(".pd-chip-main").click()
+    problems = page.locator(".pd-problems.pd-solid")
+    expect(problems).to_be_visible()
+    assert not overlap(box_of(strip), box_of(problems))
+    for part in (
+        strip.locator(".pd-sample").first,
+        strip.get_by_role("button", name="Close"),
+    ):
+        assert box_of(part)[2] <= box_of(strip)[2]
+    editor.screenshot(f"layout_laptop_{size[0]}")
+    page.locator(".pd-chip-main").click()
+    expect(problems).to_be_hidden()
+
+
 def test_the_legend_beside_a_list_keeps_off_the_focal_agent(editor):
     page = editor.page
     editor.key("Control+f")
