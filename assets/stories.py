@@ -14,7 +14,6 @@ def _parking(
     return ParkingOptions(
         kerb_share=kerb_share,
         fullness=fullness,
-        angled_share=0.0,
         driveways_per_km=0.0,
         lots_per_km=0.0,
     )

@@ -29,6 +29,7 @@ from pd_editor.synthesis.road_network.plain_xml import PlainNetwork, convert
 from pd_editor.synthesis.sumo.sumo_net import read_sumo_net
 from pd_editor.synthesis.sumo_to_av2.kerb_lanes import with_wide_kerb_lanes
 from pd_editor.synthesis.sumo_to_av2.map_conversion import net_road_map
+from pd_editor.synthesis.sumo_to_av2.parking_bays import BAY_SHARE
 
 _GENERATE: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
     "grid": generate_grid,
@@ -59,8 +60,12 @@ FAMILY_SHARES: Final[Mapping[str, float]] = {
 junction density of Argoverse 2's maps."""
 
 
-def generate_network(family: str, seed: int, folder: Path) -> Network:
-    """Generate a network of a family; equal seeds give equal road maps.
+def generate_network(
+    family: str, seed: int, folder: Path, *, bay_share: float = BAY_SHARE
+) -> Network:
+    """Generate a network of a family; equal arguments give equal road maps.
+
+    ``bay_share`` of the street sides have a parking bay.
 
     Raises:
         SynthesisError: SUMO is missing, refused the network, the family is unknown,
@@ -80,7 +85,7 @@ def generate_network(family: str, seed: int, folder: Path) -> Network:
             f"{folder}: expected a folder that can be written ({error})."
         ) from error
     net = read_sumo_net(net_file)
-    mapped = net_road_map(with_wide_kerb_lanes(net, random), random)
+    mapped = net_road_map(with_wide_kerb_lanes(net, random), random, bay_share)
     return Network(
         name=f"{family}-{seed:05d}",
         family=family,

@@ -22,7 +22,11 @@ from pd_editor.synthesis.sumo_to_av2.lane_segments import (
     chain_sections,
     edge_cuts,
 )
-from pd_editor.synthesis.sumo_to_av2.parking_bays import ParkingBay, sample_parking_bays
+from pd_editor.synthesis.sumo_to_av2.parking_bays import (
+    BAY_SHARE,
+    ParkingBay,
+    sample_parking_bays,
+)
 
 FIRST_LANE_ID: Final = 1000
 FIRST_CROSSWALK_ID: Final = 1
@@ -40,7 +44,9 @@ class NetRoadMap:
     """Bays beside the lanes, included in the drivable area."""
 
 
-def net_road_map(net: SumoNet, random: np.random.Generator) -> NetRoadMap:
+def net_road_map(
+    net: SumoNet, random: np.random.Generator, bay_share: float = BAY_SHARE
+) -> NetRoadMap:
     """Convert a net to a map; long lanes are split into segments at random.
 
     Lanes of one edge are split at the same positions, so that neighbours stay adjacent.
@@ -66,7 +72,7 @@ def net_road_map(net: SumoNet, random: np.random.Generator) -> NetRoadMap:
         for lane in _lanes_of_chain(net, chains, n, sections, ids, markings)
     )
     lanes = _with_predecessors(lanes)
-    bays = sample_parking_bays(lanes, random)
+    bays = sample_parking_bays(lanes, random, bay_share)
     road_map = RoadMap(
         lanes=lanes,
         crosswalks=_crosswalks(net),

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from pd_editor.geometry.polyline import arc_length, offset_line, point_at
 from pd_editor.scene.road_map import Lane, LaneKind
 
-SHARE: Final = 0.1
+BAY_SHARE: Final = 0.1
 """Share of street sides with a bay."""
 END_M: Final = 3.0
 """Distance between a bay and both ends of its street side."""
@@ -70,12 +70,12 @@ def kerb_lanes(lanes: Iterable[Lane]) -> list[Lane]:
 
 
 def sample_parking_bays(
-    lanes: Iterable[Lane], random: np.random.Generator
+    lanes: Iterable[Lane], random: np.random.Generator, share: float = BAY_SHARE
 ) -> tuple[ParkingBay, ...]:
     """Sample the bays of a road network: equal for all traffic on it."""
     found = []
     for lane in kerb_lanes(lanes):
-        if random.random() >= SHARE:
+        if random.random() >= share:
             continue
         is_perpendicular = random.random() < PERPENDICULAR_SHARE
         length = float(arc_length(lane.right_m)[-1])
