@@ -46,17 +46,23 @@ def collide(editor) -> None:
     editor._tab()._ui.post(lambda: session.apply(command))
 
 
-def test_lists_scale_bar_and_strip_do_not_cover_each_other(editor):
-    """The scale bar lay on buttons of the agent list, the problems on the strip."""
-    page = editor.page
+def strip_beside_a_problem(editor, count: int):
+    """The strip of some samples of a scene with a collision."""
     collide(editor)
     editor.open_tab("Drive")
     editor.choose("Model", "lane-follower")
-    editor.fill("Samples", 2)
+    editor.fill("Samples", count)
     editor.press("Regenerate")
-    strip = page.locator(".pd-samples.pd-solid")
+    strip = editor.page.locator(".pd-samples.pd-solid")
     expect(strip).to_be_visible()
-    expect(strip.locator(".pd-sample")).to_have_count(2)
+    expect(strip.locator(".pd-sample")).to_have_count(count)
+    return strip
+
+
+def test_lists_scale_bar_and_strip_do_not_cover_each_other(editor):
+    """The scale bar lay on buttons of the agent list, the problems on the strip."""
+    page = editor.page
+    strip = strip_beside_a_problem(editor, 2)
     agents, scale = page.locator(".pd-agents.pd-solid").first, ".pd-scalebar"
     for width in (1440, 1920):
         page.set_viewport_size({"width": width, "height": 900 + (width - 1440) // 2})
@@ -84,13 +90,7 @@ def test_lists_scale_bar_and_strip_do_not_cover_each_other(editor):
 def test_problems_are_listed_beside_the_strip_on_a_laptop(editor, size):
     """Up to 1,300 px the list lay on the cards and their buttons."""
     page = editor.page
-    collide(editor)
-    editor.open_tab("Drive")
-    editor.choose("Model", "lane-follower")
-    editor.fill("Samples", 4)
-    editor.press("Regenerate")
-    strip = page.locator(".pd-samples.pd-solid")
-    expect(strip.locator(".pd-sample")).to_have_count(4)
+    strip = strip_beside_a_problem(editor, 4)
     page.set_viewport_size({"width": size[0], "height": size[1]})
     editor.settle()
     page.locator(".pd-chip-main").click()

@@ -8,7 +8,8 @@ from jaxtyping import Float
 
 from pd_editor.geometry.angles import left_of
 from pd_editor.geometry.polyline import arc_length, point_at, resample
-from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
+from pd_editor.scene.road_map import Lane, RoadMap
+from pd_editor.synthesis.sumo_to_av2.parking_bays import kerb_lanes
 
 SPACING_M: Final = 1.0
 NEEDED_M: Final = 1.9
@@ -34,13 +35,8 @@ def parking_strips(road_map: RoadMap) -> tuple[Float[np.ndarray, "_ 2"], ...]:
     )
     shapely.prepare(paved)
     strips: list[Float[np.ndarray, "_ 2"]] = []
-    for lane in road_map.lanes:
-        if (
-            lane.right_neighbor is None
-            and lane.kind is not LaneKind.BIKE
-            and not lane.is_intersection
-        ):
-            strips += _beside(lane, paved) or _within(lane)
+    for lane in kerb_lanes(road_map.lanes):
+        strips += _beside(lane, paved) or _within(lane)
     return tuple(strips)
 
 

@@ -19,7 +19,7 @@ from pd_editor.synthesis.traffic.parked_vehicles import (
 from pd_editor.synthesis.traffic.track_smoothing import TrafficTracks
 from tests.builders import straight_lane
 
-NOBODY = ParkingOptions(kerb_share=0.0, driveways_per_km=0.0, lots_per_km=0.0)
+NO_PARKING = ParkingOptions(kerb_share=0.0, driveways_per_km=0.0, lots_per_km=0.0)
 STREET_M = 400.0
 
 
@@ -64,7 +64,7 @@ def parked(options: ParkingOptions, seed: int, y_m: float = 0.0) -> ParkedVehicl
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("y_m", [0.0, -2.5])
-def test_nobody_parks_in_the_way(seed: int, y_m: float) -> None:
+def test_no_vehicle_parks_in_the_way(seed: int, y_m: float) -> None:
     options = ParkingOptions(kerb_share=0.5, driveways_per_km=40.0)
     found = parked(options, seed, y_m)
     assert len(found.heading_rad)
@@ -75,12 +75,12 @@ def test_nobody_parks_in_the_way(seed: int, y_m: float) -> None:
     assert not shapely.intersects(boxes, driven).any()
 
 
-def test_nobody_parks_where_nothing_is_wanted() -> None:
-    assert not len(parked(NOBODY, 1).heading_rad)
+def test_no_vehicle_parks_where_none_is_wanted() -> None:
+    assert not len(parked(NO_PARKING, 1).heading_rad)
 
 
 def test_vehicles_along_the_kerb_stand_close_and_with_gaps_of_any_length() -> None:
-    options = replace(NOBODY, kerb_share=1.0, fullness=(0.5, 0.5))
+    options = replace(NO_PARKING, kerb_share=1.0, fullness=(0.5, 0.5))
     rows = [parked(options, seed) for seed in range(40)]
     gaps = np.concatenate([np.diff(np.sort(row.position_m[:, 0])) for row in rows])
     assert gaps.min() >= 5.2 + 0.5
@@ -94,7 +94,7 @@ def test_vehicles_along_the_kerb_stand_close_and_with_gaps_of_any_length() -> No
 
 def test_fuller_kerbs_hold_more() -> None:
     def count(share: float) -> int:
-        options = replace(NOBODY, kerb_share=1.0, fullness=(share, share))
+        options = replace(NO_PARKING, kerb_share=1.0, fullness=(share, share))
         return sum(len(parked(options, seed).heading_rad) for seed in range(10))
 
     assert count(0.2) < count(0.5) < count(0.95)
@@ -113,7 +113,7 @@ def bay(angle_deg: float, aside_m: float, pitch_m: float) -> ParkingBay:
 @pytest.mark.parametrize("angle_deg", [-45.0, -60.0, -90.0])
 def test_vehicles_stand_in_a_bay_at_its_angle(angle_deg: float) -> None:
     place = bay(angle_deg, 3.0, 3.5)
-    options = replace(NOBODY, fullness=(0.6, 0.6))
+    options = replace(NO_PARKING, fullness=(0.6, 0.6))
     random = np.random.default_rng(4)
     found = sample_parked_vehicles(
         street(parking_bays=(place,)), one_car(0.0), options, random
@@ -130,7 +130,7 @@ def test_vehicles_stand_in_a_bay_at_its_angle(angle_deg: float) -> None:
 
 
 def test_no_vehicle_parks_along_a_kerb_that_has_a_bay() -> None:
-    options = replace(NOBODY, kerb_share=1.0, fullness=(0.6, 0.6))
+    options = replace(NO_PARKING, kerb_share=1.0, fullness=(0.6, 0.6))
     network = street(parking_bays=(bay(-50.0, 3.0, 3.5),))
     for seed in range(5):
         random = np.random.default_rng(seed)
@@ -141,6 +141,6 @@ def test_no_vehicle_parks_along_a_kerb_that_has_a_bay() -> None:
 def test_strips_beside_the_street_are_used() -> None:
     strip = np.array([[0.0, -3.0], [STREET_M, -3.0]])
     random = np.random.default_rng(3)
-    found = sample_parked_vehicles(street((strip,)), one_car(0.0), NOBODY, random)
+    found = sample_parked_vehicles(street((strip,)), one_car(0.0), NO_PARKING, random)
     assert len(found.heading_rad) > 10
     assert np.abs(found.position_m[:, 1] + 3.0).max() < 1.2
