@@ -1,5 +1,6 @@
 """Training run, from data roots to a model folder."""
 
+import atexit
 import copy
 import importlib.metadata
 import logging
@@ -110,7 +111,16 @@ def _fabric(hardware: Hardware, precision: Precision, *, is_gpu: bool) -> Fabric
         else "auto",
     )
     fabric.launch()
+    if hardware.num_devices > 1:
+        # Fabric does so for NCCL only. Threads of gloo that outlive the interpreter abort
+        # the process now and then.
+        atexit.register(_leave_process_group)
     return fabric
+
+
+def _leave_process_group() -> None:
+    if torch.distributed.is_initialized():
+        torch.distributed.destroy_process_group()
 
 
 def config_asked_for(

@@ -414,6 +414,35 @@ def test_both_stages_are_trained_by_several_processes(shards: Path, tmp_path: Pa
     assert refused.err.count("\n") == 1, refused.err
 
 
+@pytest.mark.slow
+def test_processes_leave_their_group_before_the_interpreter_ends(tmp_path: Path):
+    """Threads of a group that outlive the interpreter abort a process now and then."""
+    script = tmp_path / "two_processes.py"
+    script.write_text(
+        "import atexit, sys\n"
+        "import torch\n"
+        "from pd_editor.cli.main import main\n"
+        "def tell():\n"
+        "    sys.stderr.write(f'is in a group: {torch.distributed.is_initialized()}\\n')\n"
+        "atexit.register(tell)\n"
+        "sys.exit(main())\n"
+    )
+    (tmp_path / "empty").mkdir()
+    done = subprocess.run(
+        [sys.executable, script, "train", "init", "--devices", "2", "--device", "cpu",
+         "--threads", "1", "--preset", "tiny", "--cache", tmp_path / "cache",
+         "--data", tmp_path / "empty", "--out", tmp_path / "run"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    ends = [line for line in done.stderr.splitlines() if line.startswith("is in")]
+    assert ends == ["is in a group: False"] * 2, done.stderr
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_samples_of_both_stages_are_evaluated_during_a_training(
     shards: Path, cache: Path, tmp_path: Path, av2_scenario_folders: list[Path]
