@@ -11,7 +11,9 @@ from pd_editor.diffusion.core.config_limits import check_settings
 from pd_editor.geometry.angles import left_of, unit_vector
 from pd_editor.geometry.oriented_box import Boxes
 from pd_editor.metrics.collisions.box_tests import boxes_touch
+from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.metrics.road.reachable_lanes import usable_lanes
+from pd_editor.metrics.road.surroundings import ASKEW_TO_LANE_DEG, nearest_lane
 from pd_editor.paths.lanes.lane_graph import lane_graph
 from pd_editor.repair.braking_speeds import STANDING_GAP_M, gaps_ahead_m
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
@@ -65,6 +67,10 @@ class ConflictResampling:
     wrong_way_m: float = 1.2
     """Agents conflict with the road so near to the centre line of a lane, if each such
     lane leads the other way. Where vehicles park on the left, they stand further off."""
+    kerb_m: float = 9.0
+    """A vehicle that stands off the drivable area conflicts with the road if it is nearer
+    than this to a lane and askew to it: of the recorded ones that stand (``train``) 0.6 %,
+    of sampled ones 3.5 %."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -86,7 +92,7 @@ class ConflictResampling:
         agents = agents.taken(rows)
         placed = frozenset(placed_ids)
         may_go = np.array([name in placed for name in agents.ids], bool)
-        remains = self.conflicts(agents, scenario.road_map, step)
+        remains = self.conflicts(agents, scenario)
         chosen: list[str] = []
         while True:
             number = remains.sum(axis=1) * may_go
@@ -114,7 +120,7 @@ class ConflictResampling:
             again = version.agents.taken(version.agents.rows(tuple(agent_ids)))
             names = tuple(f"{number}/{name}" for name in again.ids)
             states = states.joined(replace(again, ids=names))
-        found = self.conflicts(states, versions[0].road_map, step)
+        found = self.conflicts(states, versions[0])
         counts = states.is_valid[:, step] & states.kind_mask(LANE_FOLLOWER_KINDS)
         found &= counts & counts[:, None]
         # Row of each agent's state in each version; other agents have one state only.
@@ -135,12 +141,16 @@ class ConflictResampling:
         return versions[0].with_agents(replace(states.taken(rows), ids=agents.ids))
 
     def conflicts(
-        self, agents: AgentTracks, road_map: RoadMap, step: int
+        self, agents: AgentTracks, scenario: Scenario
     ) -> Bool[np.ndarray, "A A"]:
-        """Which pairs conflict, and on the diagonal which agents do with the road."""
-        return self.pairs(agents, step) | np.diag(
-            self.wrong_way(agents, road_map, step)
-        )
+        """Which pairs conflict, and on the diagonal which agents do with the road.
+
+        The agents are on the road of the scenario, at its current step.
+        """
+        step = scenario.current_step
+        of_road = self.wrong_way(agents, scenario.road_map, step)
+        of_road |= self.askew_off_road(agents, scenario)
+        return self.pairs(agents, step) | np.diag(of_road)
 
     def wrong_way(
         self, agents: AgentTracks, road_map: RoadMap, step: int
@@ -155,6 +165,20 @@ class ConflictResampling:
             self.wrong_way_m,
         )
         return (in_lane & ~along_lane)[:, 0]
+
+    def askew_off_road(
+        self, agents: AgentTracks, scenario: Scenario
+    ) -> Bool[np.ndarray, "A"]:
+        """Which vehicles stand beside a road, off the drivable area, and askew to it."""
+        step = scenario.current_step
+        position, heading = agents.position_m[:, step], agents.heading_rad[:, step]
+        found = np.hypot(*agents.velocity_mps[:, step].T) < MOVING_MPS
+        found &= agents.is_valid[:, step] & agents.kind_mask({AgentKind.VEHICLE})
+        found[found] = is_off_road(scenario, position[found])
+        low, high = ASKEW_TO_LANE_DEG
+        lane_m, turn = nearest_lane(scenario.road_map, position[found], heading[found])
+        found[found] = (lane_m < self.kerb_m) & (low < turn) & (turn < high)
+        return found
 
     def pairs(self, agents: AgentTracks, step: int) -> Bool[np.ndarray, "A A"]:
         """Which pairs of agents conflict at a step; symmetric."""

@@ -74,12 +74,11 @@ def askew(view: TrafficView) -> tuple[MetricValues, MetricValues]:
     speed = np.hypot(*agents.velocity_mps[:, 0].T)
     standing = _vehicles(view) & (speed < STANDING_MPS)
     position, heading = agents.position_m[:, 0], agents.heading_rad[:, 0]
-    points, direction = _lane_points(view.scenario.road_map)
-    has_lane = standing & (len(points) > 0)
-    turn = np.zeros(len(view))
-    if has_lane.any():
-        nearest, _ = nearest_points(position[has_lane], points)
-        turn[has_lane] = _folded_deg(heading[has_lane] - direction[nearest])
+    lane_m, turn = np.full(len(view), np.inf), np.zeros(len(view))
+    lane_m[standing], turn[standing] = nearest_lane(
+        view.scenario.road_map, position[standing], heading[standing]
+    )
+    has_lane = np.isfinite(lane_m)
     others = view.everyone
     present = others.is_valid[:, 0] & _is_vehicle(others.kinds)
     distance = _distances(position, others.position_m[:, 0], present)
@@ -91,6 +90,22 @@ def askew(view: TrafficView) -> tuple[MetricValues, MetricValues]:
         measured("askew_to_lane", (turn > low) & (turn < high), has_lane),
         measured("askew_to_neighbour", apart > ASKEW_TO_NEIGHBOUR_DEG, has_neighbour),
     )
+
+
+def nearest_lane(
+    road_map: RoadMap,
+    position_m: Float[np.ndarray, "V 2"],
+    heading_rad: Float[np.ndarray, "V"],
+) -> tuple[Float[np.ndarray, "V"], Float[np.ndarray, "V"]]:
+    """Distance in metres to the nearest vehicle lane, and the angle to it in degrees.
+
+    Angles are between undirected lines, 0 to 90. Without a lane the distance is infinite.
+    """
+    points, direction = _lane_points(road_map)
+    if not len(points):
+        return np.full(len(position_m), np.inf), np.zeros(len(position_m))
+    nearest, lane_m = nearest_points(position_m, points)
+    return lane_m, _folded_deg(heading_rad - direction[nearest])
 
 
 def _features(

@@ -26,7 +26,10 @@ from pd_editor.diffusion.initial_state.pipeline import (
 from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.diffusion.stages import INITIAL_STATES
 from pd_editor.generation import Region
+from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 from tests.diffusion.initial_state.scenes import placed_states, scene_batch
@@ -116,6 +119,44 @@ def test_agents_in_a_lane_that_leads_the_other_way_conflict_with_the_road(
     assert chosen == (ids[:1] if expected else ())
 
 
+@pytest.mark.parametrize(
+    ("state", "expected"),
+    [
+        pytest.param((20, -5, 0.8, 0), True, id="stands askew beside the road"),
+        pytest.param((20, -5, 0.8 + np.pi, 0), True, id="the same, turned around"),
+        pytest.param((20, -5, 0.1, 0), False, id="parks beside the road"),
+        pytest.param((20, -5, 1.5, 0), False, id="stands in a driveway"),
+        pytest.param((20, -5, 0.8, 4), False, id="comes out of a driveway"),
+        pytest.param((20, -12, 0.8, 0), False, id="stands on a lot"),
+        pytest.param((20, -1, 0.8, 0), False, id="stands askew on the road"),
+    ],
+)
+def test_vehicles_askew_beside_a_road_conflict_with_it(
+    state: tuple[float, float, float, float], expected: bool
+):
+    scenario = scenario_with(straight_drivers([state, (90.0, 60.0, 0.0, 0.0)]))
+    found = RESAMPLING.askew_off_road(scenario.agents, scenario)
+    assert found.tolist() == [expected, False]
+    conflicts = RESAMPLING.conflicts(scenario.agents, scenario)
+    assert conflicts.diagonal().tolist() == [expected, False]
+
+
+@pytest.mark.parametrize(
+    ("left_m", "expected"),
+    [pytest.param(-5, True, id="beside"), pytest.param(-1, False, id="on the road")],
+)
+def test_the_road_beside_which_vehicles_stand_may_be_warped(
+    left_m: float, expected: bool
+):
+    scenario = scenario_with(straight_drivers([(40.0, left_m, 0.8, 0.0)]))
+    anchor = RigidMotion(x_m=-20.0, y_m=0.0, rotation_rad=0.0)
+    term = WarpTerm(kind="smooth-turn", power=3.0, length_m=40.0)
+    bent = warp_scenario(scenario, RoadWarp(anchor=anchor, terms=(term,)))
+    moved_m = np.linalg.norm(bent.agents.position_m - scenario.agents.position_m)
+    assert moved_m > RESAMPLING.kerb_m
+    assert RESAMPLING.askew_off_road(bent.agents, bent).tolist() == [expected]
+
+
 def test_an_agent_gets_its_state_of_the_version_along_the_lane():
     ahead, back = (20.0, 0.0, 0.0, 8.0), (20.0, 0.0, np.pi, 8.0)
     versions = [scenario_with(straight_drivers([one])) for one in (back, ahead)]
@@ -159,7 +200,7 @@ def test_the_best_of_some_versions_has_no_more_conflicts_than_each(
     def conflicts(scenario: Scenario) -> int:
         agents = scenario.agents
         counts = agents.is_valid[:, step] & agents.kind_mask(LANE_FOLLOWER_KINDS)
-        found = RESAMPLING.conflicts(agents, scenario.road_map, step)
+        found = RESAMPLING.conflicts(agents, scenario)
         return int((found & counts & counts[:, None])[rows].sum())
 
     assert conflicts(best) <= min(map(conflicts, versions))
