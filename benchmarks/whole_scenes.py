@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 import pd_editor
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
+from pd_editor.evaluation.scene_bootstrap import scene_weights
 from pd_editor.features.scene_features import scene_center
 from pd_editor.metrics.road.off_lane import ids_near_lanes
 from pd_editor.metrics.road.off_road import is_off_road
@@ -40,6 +41,9 @@ COLUMNS = (
     "in conflict, %",
     "crossing, %",
 )
+Columns = tuple[np.ndarray, np.ndarray]
+"""Sums and counts of the columns in each scene [columns, scenes]."""
+SCALE = np.array([100.0 if name.endswith("%") else 1.0 for name in COLUMNS])
 
 
 def generate(folder: Path, placement: str, model: str, seed: int, out: Path) -> None:
@@ -112,17 +116,49 @@ def vehicle_rows(scenario: Scenario) -> np.ndarray:
     return table[np.isin(ids, ids_near_lanes(scenario, ids))]
 
 
-def line(folders: list[Path]) -> str:
-    """Means over all vehicles of some scenes."""
-    tables = [vehicle_rows(read_scenario(folder)) for folder in folders]
-    scale = [100 if name.endswith("%") else 1 for name in COLUMNS]
-    means = np.nanmean(np.concatenate(tables), axis=0) * scale
-    count = sum(map(len, tables)) / len(tables)
-    return f"{count:12.1f}" + "".join(f"{value:20.2f}" for value in means)
+def columns_of(folders: list[Path]) -> Columns:
+    """The vehicles of a scene and the means of its columns, over all seeds."""
+    names = sorted({folder.name for folder in folders})
+    sums = np.zeros((len(COLUMNS) + 1, len(names)))
+    counts = np.zeros_like(sums)
+    for folder in folders:
+        table = vehicle_rows(read_scenario(folder))
+        known = np.isfinite(table)
+        scene = names.index(folder.name)
+        sums[0, scene] += len(table)
+        counts[0, scene] += 1
+        sums[1:, scene] += SCALE * np.where(known, table, 0.0).sum(axis=0)
+        counts[1:, scene] += known.sum(axis=0)
+    return sums, counts
+
+
+def means(
+    columns: Columns, weights: Float[np.ndarray, "R N"]
+) -> Float[np.ndarray, "C R"]:
+    """Means of the columns; each scene counts as often as a row of weights says."""
+    sums, counts = columns
+    with np.errstate(invalid="ignore"):
+        return (sums @ weights.T) / (counts @ weights.T)
+
+
+def lines(name: str, columns: Columns, recorded: Columns) -> str:
+    """Means over all vehicles, and how far they are from the recorded ones.
+
+    Intervals hold 95 % of bootstrap resamples of scenes, the same for both.
+    """
+    once = np.ones((1, columns[0].shape[1]))
+    found = f"{name:10}" + "".join(f"{one:20.2f}" for one in means(columns, once)[:, 0])
+    if columns is recorded:
+        return found
+    weights = scene_weights(columns[0].shape[1], seed=0)
+    apart = means(columns, weights) - means(recorded, weights)
+    ends = np.nanquantile(apart, [0.025, 0.975], axis=1).T
+    cells = (f"[{low:+.1f}, {high:+.1f}]" for low, high in ends)
+    return f"{found}\n{'- recorded':10}" + "".join(f"{cell:>20}" for cell in cells)
 
 
 def main() -> None:
-    """Print a line for the recordings and one for each placement, over all seeds."""
+    """Print the means of the recordings, and of each placement over all seeds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", default="path-diffuser")
     parser.add_argument("--split", default="val")
@@ -133,8 +169,10 @@ def main() -> None:
     folders = sorted(
         path.parent for path in (root / options.split).glob("*/scenario*.parquet")
     )
-    print(f"{'':10}{'vehicles':>12}" + "".join(f"{name:>20}" for name in COLUMNS))
-    print(f"{'recorded':10}{line(folders)}")
+    heads = ("vehicles", *COLUMNS)
+    print(" " * 10 + "".join(f"{name:>20}" for name in heads))
+    recorded = columns_of(folders)
+    print(lines("recorded", recorded, recorded))
     for placement in PLACEMENTS:
         made: list[Path] = []
         for seed in range(options.seeds):
@@ -142,7 +180,7 @@ def main() -> None:
             for folder in folders:
                 generate(folder, placement, options.model, seed, out)
                 made.append(out / folder.name)
-        print(f"{placement:10}{line(made)}", flush=True)
+        print(lines(placement, columns_of(made), recorded), flush=True)
 
 
 if __name__ == "__main__":
