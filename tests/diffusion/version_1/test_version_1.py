@@ -57,10 +57,6 @@ INITIAL_STATES = config_from_json(
 """As a folder of that time has it."""
 
 
-def test_headings_of_old_folders_are_resolved_with_lanes():
-    assert INITIAL_STATES.heading_noise_factor == 1.0
-
-
 def stored(name: str) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
     """Old weights, and what the old network made of some noisy input."""
     tensors = load_file(DATA / name)

@@ -112,14 +112,10 @@ class InitialStateConfig:
     highest_noise_m: float = 80.0
     """Standard deviation of the noise on positions at level 1."""
     lowest_direction_noise: float = 0.04
-    """The same for headings (unit vectors), speed codes and activities at level 0."""
+    """The same for headings (unit vectors) and speed codes at level 0. In between, noise is
+    such that headings are resolved together with lanes: 0.4 at 3.5 m."""
     highest_direction_noise: float = 3.0
-    """Standard deviation of the noise on speed codes and activities at level 1."""
-    heading_noise_factor: float = field(default=5.0, metadata={"when_absent": 1.0})
-    """Noise on headings at level 1, relative to that on speed codes. With 5 places are
-    resolved before headings, 0.6 at 2 m: a heading follows from its place, in a lane or a
-    parking bay, where few places fit a heading. With 1 both are resolved together, 0.4 at
-    3.5 m."""
+    """Standard deviation of the noise on headings and speed codes at level 1."""
     sees_boundary: bool = field(default=True, metadata=_ABSENT)
     """Whether agents attend to the nearest pieces of the drivable area's boundary, and
     the lane-anchored head proposes poses in their frames."""
@@ -173,27 +169,17 @@ class InitialStateConfig:
         """
         low_m, high_m = self.lowest_noise_m, self.highest_noise_m
         low, high = self.lowest_direction_noise, self.highest_direction_noise
-        of_heading = high * self.heading_noise_factor
-        for lowest, highest, unit in (
-            (low_m, high_m, " m"),
-            (low, high, ""),
-            (low, of_heading, " on headings"),
-        ):
-            if not 0 < lowest < highest < math.inf:
-                raise ModelError(
-                    f"The noise goes from {lowest:g} to {highest:g}{unit}; expected finite "
-                    "numbers above 0, the second one larger."
-                )
+        if not (0 < low_m < high_m < math.inf and 0 < low < high < math.inf):
+            raise ModelError(
+                f"The noise goes from {low_m:g} to {high_m:g} m and from {low:g} to "
+                f"{high:g}; expected finite numbers above 0, the second one larger."
+            )
         if self.noise_schedule == "betas":
             return DiffusionSteps()
-        num_headings = NUM_POSE_PARTS - 2
-        num_others = self.num_state_parts - NUM_POSE_PARTS
+        num_others = self.num_state_parts - 2
         return VarianceExploding(
-            lowest=(low_m / POSITION_UNIT_M,) * 2
-            + (low,) * (num_headings + num_others),
-            highest=(high_m / POSITION_UNIT_M,) * 2
-            + (of_heading,) * num_headings
-            + (high,) * num_others,
+            lowest=(low_m / POSITION_UNIT_M,) * 2 + (low,) * num_others,
+            highest=(high_m / POSITION_UNIT_M,) * 2 + (high,) * num_others,
         )
 
 

@@ -13,9 +13,7 @@ from pd_editor.diffusion.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
-from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
-from pd_editor.errors import ModelError
 from pd_editor.features.lane_tokens import CROSSWALK_KIND
 from pd_editor.features.scene_features import PEDESTRIAN
 from tests.diffusion.initial_state.scenes import (
@@ -28,35 +26,6 @@ PER_AGENT = ("agent_pose", "agent_speed", "agent_size", "agent_kind", "has_agent
 
 
 NUM_PARTS = InitialStateConfig().num_state_parts
-
-
-@pytest.mark.parametrize(
-    ("factor", "at_m", "heading_noise"),
-    [
-        pytest.param(5.0, 2.0, 0.57, id="later"),
-        pytest.param(1.0, 3.5, 0.4, id="as lanes"),
-    ],
-)
-def test_headings_are_resolved_with_lanes_or_later(
-    factor: float, at_m: float, heading_noise: float
-):
-    config = InitialStateConfig(heading_noise_factor=factor)
-    level = torch.linspace(0, 1, 10_001)[:, None]
-    sigma = config.schedule().sigma(level)
-    row = int((sigma[:, 0] * POSITION_UNIT_M - at_m).abs().argmin())
-    assert sigma[row, 2:4].tolist() == pytest.approx([heading_noise] * 2, abs=0.02)
-    # Speeds and activities do not depend on the factor.
-    assert torch.equal(
-        sigma[:, 4:], InitialStateConfig().schedule().sigma(level)[:, 4:]
-    )
-
-
-@pytest.mark.parametrize("factor", [0.01, 0.0, -1.0, float("nan"), float("inf")])
-def test_noise_on_headings_that_does_not_increase_is_refused(factor: float):
-    with pytest.raises(
-        ModelError, match=r"The noise goes from 0\.04 to .* on headings"
-    ):
-        InitialStateConfig(heading_noise_factor=factor)
 
 
 def noisy_states(scene: SceneTensors, num: int = 2, seed: int = 0) -> torch.Tensor:
