@@ -67,7 +67,7 @@ class ConflictResampling:
     wrong_way_m: float = 1.2
     """Agents conflict with the road so near to the centre line of a lane, if each such
     lane leads the other way. Where vehicles park on the left, they stand further off."""
-    kerb_m: float = 9.0
+    beside_road_m: float = 9.0
     """A vehicle that stands off the drivable area conflicts with the road if it is nearer
     than this to a lane and askew to it: of the recorded ones that stand (``train``) 0.6 %,
     of sampled ones 3.5 %."""
@@ -177,7 +177,7 @@ class ConflictResampling:
         found[found] = is_off_road(scenario, position[found])
         low, high = ASKEW_TO_LANE_DEG
         lane_m, turn = nearest_lane(scenario.road_map, position[found], heading[found])
-        found[found] = (lane_m < self.kerb_m) & (low < turn) & (turn < high)
+        found[found] = (lane_m < self.beside_road_m) & (low < turn) & (turn < high)
         return found
 
     def pairs(self, agents: AgentTracks, step: int) -> Bool[np.ndarray, "A A"]:

@@ -153,7 +153,7 @@ def test_the_road_beside_which_vehicles_stand_may_be_warped(
     term = WarpTerm(kind="smooth-turn", power=3.0, length_m=40.0)
     bent = warp_scenario(scenario, RoadWarp(anchor=anchor, terms=(term,)))
     moved_m = np.linalg.norm(bent.agents.position_m - scenario.agents.position_m)
-    assert moved_m > RESAMPLING.kerb_m
+    assert moved_m > RESAMPLING.beside_road_m
     assert RESAMPLING.askew_off_road(bent.agents, bent).tolist() == [expected]
 
 
