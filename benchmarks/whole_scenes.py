@@ -117,7 +117,7 @@ def vehicle_rows(scenario: Scenario) -> np.ndarray:
 
 
 def columns_of(folders: list[Path]) -> Columns:
-    """The vehicles of a scene and the means of its columns, over all seeds."""
+    """Sum the number of vehicles and the columns in each scene, over all seeds."""
     names = sorted({folder.name for folder in folders})
     sums = np.zeros((len(COLUMNS) + 1, len(names)))
     counts = np.zeros_like(sums)
