@@ -1,20 +1,31 @@
 """Makes texts from files and users safe to show in one line."""
 
 import difflib
+import unicodedata
 from collections.abc import Iterable
 from typing import Final
 
-MAX_NAME_BYTES: Final = 255
-"""Longest file name of common file systems."""
+MAX_ID_CHARACTERS: Final = 255
+MAX_TEXT_CHARACTERS: Final = 8192
+"""Longest text of a recipe, a journal or a scenario's field."""
 _SHOWN_CHARACTERS: Final = 800
+_SPACES: Final = str.maketrans("\n\r\t", "   ")
 
 
-def is_plain(text: str, max_bytes: int = MAX_NAME_BYTES) -> bool:
-    """Whether a text is printable, can be encoded in UTF-8, and is not too long.
+def is_plain(text: str, most: int = MAX_ID_CHARACTERS) -> bool:
+    """Whether a text of one line can be stored: at most ``most`` characters.
 
-    Line breaks, NUL and lone surrogates make a text not plain.
+    Control characters, line breaks among them, and lone surrogates cannot.
     """
-    return text.isprintable() and len(text.encode()) <= max_bytes
+    return len(text) <= most and not any(
+        unicodedata.category(character) in ("Cc", "Cs")
+        for character in ("" if text.isprintable() else text)
+    )
+
+
+def is_note(text: str, most: int = MAX_TEXT_CHARACTERS) -> bool:
+    """Whether a text can be stored that may also have line breaks and tabs."""
+    return len(text) <= most and is_plain(text.translate(_SPACES), most)
 
 
 def one_line(text: str, max_characters: int = _SHOWN_CHARACTERS) -> str:

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.errors import ExportError, InputError, PdEditorError
-from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
+from pd_editor.plain_text import is_plain
 
 MAX_PATH_BYTES: Final = 4096
+MAX_NAME_BYTES: Final = 255
+"""Longest file name of common file systems."""
 
 
 def check_path(path: str | Path, error: type[PdEditorError] = InputError) -> None:
@@ -19,14 +21,14 @@ def check_path(path: str | Path, error: type[PdEditorError] = InputError) -> Non
         PdEditorError: of the type ``error``.
     """
     text = str(path)
-    if not text.isprintable():
+    if not is_plain(text, len(text)):
         raise error(
-            f"{text}: is no usable path; expected printable characters in UTF-8, "
-            "without line breaks."
+            f"{text}: is no usable path; expected characters in UTF-8, without control "
+            "characters and line breaks."
         )
     parts = text.replace("\\", "/").split("/")
     if not (
-        is_plain(text, MAX_PATH_BYTES)
+        len(text.encode()) <= MAX_PATH_BYTES
         and all(len(part.encode()) <= MAX_NAME_BYTES for part in parts)
     ):
         raise error(

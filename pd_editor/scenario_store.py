@@ -11,7 +11,7 @@ import numpy as np
 from pd_editor.av2_io.file_names import map_name, tracks_name
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.av2_io.write import scenario_files
-from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe
 from pd_editor.errors import ExportError, InputError, PdEditorError, RecipeError
 from pd_editor.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.installed_files import DEMO_PREFIX, demo_folder, demo_names
@@ -19,7 +19,6 @@ from pd_editor.regular_file import check_path, read_regular
 from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
 
-MAX_RECIPE_BYTES: Final = 256 * 2**20
 MAX_LABELS: Final = 8
 """Number of edits that a note names; further ones are counted."""
 SAME_M: Final = 0.02

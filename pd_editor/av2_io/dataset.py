@@ -19,6 +19,7 @@ from pd_editor.av2_io.file_names import (
 from pd_editor.av2_io.track_table import open_track_table
 from pd_editor.av2_io.tracks_file import current_step_of
 from pd_editor.errors import InputError, ScenarioFileError
+from pd_editor.plain_text import is_plain
 from pd_editor.regular_file import check_path
 
 MAX_DEPTH: Final = 4
@@ -260,7 +261,7 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
             listed = [
                 (entry.name, entry.is_dir())
                 for entry in entries
-                if entry.name.isprintable()
+                if is_plain(entry.name)
             ]
     except OSError:
         yield folder

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.errors import ScenarioFileError
-from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
+from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain
 from pd_editor.regular_file import check_regular
 from pd_editor.scene.scene_limits import MAX_STATES
 
@@ -133,8 +133,8 @@ class TrackTable:
         odd = [text for text in texts if not is_plain(text)]
         if odd:
             raise self.error(
-                f"column {name!r} holds {_short(odd[0])}; expected printable texts of "
-                f"at most {MAX_NAME_BYTES} bytes."
+                f"column {name!r} holds {_short(odd[0])}; expected texts of one "
+                f"line, at most {MAX_ID_CHARACTERS} characters."
             )
         rank = np.empty_like(order)
         rank[order] = np.arange(len(order))

@@ -379,5 +379,5 @@ def _other_columns(table: TrackTable) -> tuple[dict[str, Any], tuple[str, ...]]:
         if is_readable(column.type) and len(column.unique()) == 1:
             fields[name] = column[0].as_py()
         else:
-            notes.append(f"Column {name!r} of the track file is not kept.")
+            notes.append(f"Column {name[:60]!r} of the track file is not kept.")
     return fields, tuple(notes)

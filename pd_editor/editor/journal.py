@@ -34,6 +34,7 @@ JOURNAL_VERSION: Final = 1
 JOURNAL_SUFFIX: Final = ".journal"
 BASE_FILES_SUFFIX: Final = ".base"
 LOCK_SUFFIX: Final = ".lock"
+MAX_JOURNAL_BYTES: Final = 256 * 2**20
 _SAFE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
 PROBE_S: Final = 0.1
 """Time to wait for a lock that another process may hold for a moment to probe it."""
@@ -157,6 +158,9 @@ class Journal:
                 self._begin()
             assert self._file is not None
             content = b"".join(self._waiting)
+            if self._size + len(content) > MAX_JOURNAL_BYTES:
+                limit = f"{MAX_JOURNAL_BYTES >> 20} MiB"
+                raise RecipeError(f"the journal is full ({limit}); export the scenario")
             _write_at(self._file, self._size, content)
         except (OSError, RecipeError) as error:
             reason = getattr(error, "strerror", None) or str(error).rstrip(".")

@@ -1,8 +1,10 @@
 """Recipes: a base scenario and the commands applied to it, as a JSON file."""
 
 import json
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from datetime import datetime, tzinfo
 from typing import Any, Final
 
 import numpy as np
@@ -22,13 +24,17 @@ from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.variant import Variant
 from pd_editor.errors import PdEditorError, RecipeError
 from pd_editor.generation import ScenarioGenerator, run_to_end
+from pd_editor.plain_text import is_note
 from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.scenario import Scenario
 
 RECIPE_FORMAT: Final = "pd-editor recipe"
 RECIPE_VERSION: Final = 1
-MAX_RECIPE_BYTES: Final = 64 * 2**20
+MAX_RECIPE_BYTES: Final = 256 * 2**20
 MAX_COMMANDS: Final = 10_000
+_MAX_TIME_S: Final = 250_000_000_000.0
+"""Seconds since 1970 in the last century that dates can name."""
+_logger: Final = logging.getLogger(__name__)
 _FORMAT_WITHIN: Final = 200
 """The format is the first of a recipe's fields."""
 
@@ -72,7 +78,11 @@ class Recipe:
         return self.variant.name or self.base.scenario_id
 
     def to_text(self) -> str:
-        """Recipe as JSON, one command per line."""
+        """Recipe as JSON, one command per line.
+
+        Raises:
+            RecipeError: it has more commands or bytes than are read again.
+        """
         variant = to_json(self.variant)
         if not self.variant.is_proposed:
             # Of no meaning to most recipes, and unknown to earlier versions.
@@ -88,7 +98,23 @@ class Recipe:
         lines = [json.dumps(command_to_json(command)) for command in self.commands]
         text = json.dumps(head, indent=1)[:-2]
         body = ",\n".join(f"  {line}" for line in lines)
-        return f'{text},\n "commands": [{chr(10) if body else ""}{body}]\n}}\n'
+        text = f'{text},\n "commands": [{chr(10) if body else ""}{body}]\n}}\n'
+        self._check_limits(len(text), len(lines))
+        return text
+
+    @staticmethod
+    def _check_limits(num_bytes: int, num_commands: int) -> None:
+        """Raise for recipes that are too large, to be written and to be read."""
+        if num_bytes > MAX_RECIPE_BYTES:
+            raise RecipeError(
+                f"The recipe is larger than {MAX_RECIPE_BYTES >> 20} MiB, the most that"
+                " is read; undo some edits, or export after fewer."
+            )
+        if num_commands > MAX_COMMANDS:
+            raise RecipeError(
+                f"The recipe has {num_commands} commands; at most {MAX_COMMANDS} are"
+                " read."
+            )
 
     @classmethod
     def from_text(cls, text: str | bytes) -> "Recipe":
@@ -97,11 +123,7 @@ class Recipe:
         Raises:
             RecipeError: not a recipe, a newer version, or a bad entry.
         """
-        if len(text) > MAX_RECIPE_BYTES:
-            raise RecipeError(
-                f"The recipe is larger than {MAX_RECIPE_BYTES >> 20} MiB, the most that"
-                " is read."
-            )
+        cls._check_limits(len(text), 0)
         data = parsed_json(text, "The recipe")
         if not isinstance(data, dict) or data.get("format") != RECIPE_FORMAT:
             raise RecipeError(f'This is not a recipe; its format is "{RECIPE_FORMAT}".')
@@ -120,11 +142,10 @@ class Recipe:
         commands = data.get("commands")
         if not isinstance(commands, list):
             raise RecipeError("The recipe lacks its list of commands.")
-        if len(commands) > MAX_COMMANDS:
-            raise RecipeError(
-                f"The recipe has {len(commands)} commands; at most {MAX_COMMANDS} are"
-                " read."
-            )
+        cls._check_limits(0, len(commands))
+        notes = data.get("notes", [])
+        if not isinstance(notes, list):
+            raise RecipeError("The recipe's notes must be a list.")
         return cls(
             base=from_json(BaseReference, data.get("base"), "The recipe's base"),
             commands=tuple(
@@ -134,10 +155,10 @@ class Recipe:
             created_at=from_json(
                 str, data.get("created_at", ""), "The recipe's created_at"
             ),
-            notes=from_json(
-                tuple[str, ...], data.get("notes", []), "The recipe's notes"
+            notes=tuple(
+                note for note in notes if isinstance(note, str) and is_note(note)
             ),
-            variant=from_json(Variant, data.get("variant", {}), "The recipe's variant"),
+            variant=variant_from_json(data.get("variant", {})),
         )
 
 
@@ -223,6 +244,27 @@ def applied(command: Command, scenario: Scenario, number: int) -> Scenario:
         return apply_within_locks(command, scenario)
     except PdEditorError as error:
         raise RecipeError(f"Entry {number} ({command.label}): {error}") from error
+
+
+def variant_from_json(data: Any) -> Variant:
+    """Name, tags and note of a recipe or journal.
+
+    What cannot be read is left out and logged: edits are worth more than their note.
+    """
+    variant = Variant()
+    for name, value in data.items() if isinstance(data, dict) else ():
+        try:
+            given = from_json(Variant, {name: value}, "The description")
+        except RecipeError as error:
+            _logger.warning("A part of the description is left out: %s", error)
+            continue
+        variant = replace(variant, **{name: getattr(given, name)})
+    return variant
+
+
+def moment(time_s: float, zone: tzinfo | None = None) -> datetime:
+    """Date of seconds since 1970; what is beyond all dates becomes a far one."""
+    return datetime.fromtimestamp(max(-_MAX_TIME_S / 5, min(time_s, _MAX_TIME_S)), zone)
 
 
 def parsed_json(text: str | bytes, what: str) -> Any:

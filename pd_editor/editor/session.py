@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import UTC
 from operator import is_
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -12,7 +12,7 @@ from pd_editor.editor.commands import AddGuidance, ChangeGuidance, ReplaceTraffi
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
-from pd_editor.editor.recipe import Recipe, check_base
+from pd_editor.editor.recipe import MAX_COMMANDS, Recipe, check_base, moment
 from pd_editor.editor.variant import Variant, proposed_name
 from pd_editor.errors import EditError, PdEditorError, RecipeError
 from pd_editor.scene.scenario import Scenario
@@ -272,7 +272,7 @@ class EditorSession:
         """
         self.commit_gesture()
         before = self.state
-        after = _after(command, self._now)
+        after = self._after(command, self._now)
         self._commit(command, self._now, after, before)
 
     def begin_gesture(self) -> None:
@@ -289,7 +289,7 @@ class EditorSession:
             EditError: the command is not valid; the last preview stays.
         """
         start = self._gesture_start or self._now
-        after = _after(command, start)
+        after = self._after(command, start)
         before = self.state
         self._gesture_start, self._previewed = start, command
         self._show(after, before)
@@ -380,7 +380,6 @@ class EditorSession:
 
     def recipe(self) -> Recipe:
         """Recipe of the base and the commands in force, without an unfinished gesture."""
-        moment = datetime.fromtimestamp(self._clock(), UTC)
         variant, proposed = self._variant, self._proposed_name
         if proposed and not variant.name:
             given = self._replayed[0]
@@ -388,7 +387,7 @@ class EditorSession:
         return Recipe(
             base=self._base.reference,
             commands=self.commands_in_force,
-            created_at=moment.isoformat(timespec="seconds"),
+            created_at=moment(self._clock(), UTC).isoformat(timespec="seconds"),
             notes=self.committed_scenario.provenance.notes,
             variant=variant,
         )
@@ -416,6 +415,23 @@ class EditorSession:
         """Stop calling a listener."""
         self._listeners.remove(listener)
 
+    def _after(self, command: Command, start: Snapshot) -> Snapshot:
+        """State after a command, with the selection that the command sets."""
+        if self._history.position >= MAX_COMMANDS:
+            raise EditError(
+                f"A recipe has at most {MAX_COMMANDS} edits; export the scenario, and go"
+                " on from the export."
+            )
+        scenario = apply_within_locks(command, start.scenario)
+        if scenario is start.scenario:
+            return start
+        wanted = start.selection if command.selects is None else command.selects
+        there = scenario.agents.row_of
+        return Snapshot(
+            scenario=scenario,
+            selection=tuple(name for name in wanted if name in there),
+        )
+
     def _commit(
         self, command: Command, start: Snapshot, after: Snapshot, before: SessionState
     ) -> None:
@@ -441,16 +457,3 @@ class EditorSession:
         after = self.state
         for listener in tuple(self._listeners):
             listener(before, after)
-
-
-def _after(command: Command, start: Snapshot) -> Snapshot:
-    """State after a command, with the selection that the command sets."""
-    scenario = apply_within_locks(command, start.scenario)
-    if scenario is start.scenario:
-        return start
-    wanted = start.selection if command.selects is None else command.selects
-    there = scenario.agents.row_of
-    return Snapshot(
-        scenario=scenario,
-        selection=tuple(name for name in wanted if name in there),
-    )

@@ -16,13 +16,19 @@ from pd_editor.editor.journal import (
     JOURNAL_FORMAT,
     JOURNAL_SUFFIX,
     JOURNAL_VERSION,
+    MAX_JOURNAL_BYTES,
     Journal,
     journal_lock,
     release,
     remove_journal,
     whole_lines,
 )
-from pd_editor.editor.recipe import check_base, check_version, parsed_json
+from pd_editor.editor.recipe import (
+    check_base,
+    check_version,
+    parsed_json,
+    variant_from_json,
+)
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
 from pd_editor.errors import PdEditorError, RecipeError
@@ -34,7 +40,6 @@ __all__ = ["Journal", "UnfinishedWork", "find_unfinished", "restore"]
 
 _logger: Final = logging.getLogger(__name__)
 _DOINGS: Final = ("commit", "go", "describe")
-MAX_JOURNAL_BYTES: Final = 256 * 2**20
 _looking: Final = threading.Lock()
 
 
@@ -221,7 +226,7 @@ def _read(path: Path) -> tuple[_Header, list[_Entry]]:
     header = _Header(
         base=from_json(BaseReference, head.get("base"), "The journal's base"),
         time_s=from_json(float, head.get("time_s"), "The journal's time"),
-        variant=from_json(Variant, head.get("variant", {}), "The journal's variant"),
+        variant=variant_from_json(head.get("variant", {})),
     )
     return header, [
         _entry(number, line) for number, line in enumerate(lines[1:], start=2)
@@ -238,7 +243,7 @@ def _entry(number: int, line: bytes) -> _Entry:
         position = from_json(int, data.get("position"), f"{where}: its position")
         return _Entry(number=number, time_s=time_s, position=position)
     if data["do"] == "describe":
-        variant = from_json(Variant, data.get("variant"), f"{where}: its variant")
+        variant = variant_from_json(data.get("variant"))
         return _Entry(number=number, time_s=time_s, position=None, variant=variant)
     names = from_json(tuple[str, ...], data.get("selection"), f"{where}: selection")
     command = {

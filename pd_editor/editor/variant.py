@@ -9,6 +9,7 @@ from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.road import SetRoadWarp
 from pd_editor.editor.commands.traffic import ReplaceTraffic
 from pd_editor.errors import EditError
+from pd_editor.plain_text import is_note, is_plain
 from pd_editor.scene.scenario import Scenario
 
 MAX_NAME_CHARACTERS: Final = 80
@@ -41,17 +42,19 @@ class Variant:
                 f" {MAX_NAME_CHARACTERS} letters, digits and hyphens."
             )
         if len(self.tags) > MAX_TAGS or any(
-            not 0 < len(tag) <= MAX_TAG_CHARACTERS for tag in self.tags
+            not (tag and is_plain(tag, MAX_TAG_CHARACTERS)) for tag in self.tags
         ):
             raise EditError(
                 f"Expected up to {MAX_TAGS} tags of up to {MAX_TAG_CHARACTERS}"
-                " characters each."
+                " characters each, without control characters."
             )
         if len(self.note) > MAX_NOTE_CHARACTERS:
             raise EditError(
                 f"The note has {len(self.note)} characters; at most"
                 f" {MAX_NOTE_CHARACTERS} are kept."
             )
+        if not is_note(self.note):
+            raise EditError("The note has control characters; expected plain text.")
 
 
 def name_from_text(text: str) -> str:

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
+from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
 from pd_editor.scene.scene_limits import MAX_SPEED_MPS as SCENE_MAX_SPEED_MPS
@@ -123,16 +123,20 @@ def check_number_of_agents(count: int) -> None:
 
 
 def check_new_id(scenario: Scenario, agent_id: str) -> None:
-    """Raise for ids that are empty, in use, too long or not printable."""
+    """Raise for ids that are empty, in use, of a deleted agent, or no valid text."""
     if not agent_id:
         raise EditError("A new agent needs an id that is not empty.")
     if not is_plain(agent_id):
         raise EditError(
-            f"{agent_id!r} cannot be an agent's id; expected a printable text of at"
-            f" most {MAX_NAME_BYTES} bytes."
+            f"{agent_id!r} cannot be an agent's id; expected a text of one line, at"
+            f" most {MAX_ID_CHARACTERS} characters."
         )
     if agent_id in scenario.agents.row_of:
         raise EditError(f"There is already an agent {agent_id!r} here.")
+    if scenario.has_ever_had(agent_id):
+        raise EditError(
+            f"{agent_id!r} was the id of an agent that was deleted; expected a new id."
+        )
 
 
 def rows_of(scenario: Scenario, agent_ids: tuple[str, ...]) -> Int[np.ndarray, "G"]:

@@ -15,13 +15,12 @@ from typing import Any, Final
 import numpy as np
 
 from pd_editor.errors import PdEditorError, RecipeError
-from pd_editor.plain_text import is_plain
+from pd_editor.plain_text import MAX_TEXT_CHARACTERS, is_note
 from pd_editor.scene.scene_limits import MAX_STATES
 
 _MAX_ARRAY_VALUES: Final = 2 * MAX_STATES
 """Limit of stored arrays, so that a small file cannot fill the memory."""
 _MAX_INTEGER: Final = 2**63 - 1
-_MAX_TEXT_BYTES: Final = 8192
 FORMER_NAME: Final = "former_name"
 """Metadata of a dataclass field: its name in files of earlier versions."""
 _TAG: Final = "kind"
@@ -150,18 +149,14 @@ def _scalar_from_json(hint: type, data: Any, where: str) -> Any:
         raise _misfit(where, name, data)
     if isinstance(data, int) and abs(data) > _MAX_INTEGER:
         raise _misfit(where, f"a whole number up to {_MAX_INTEGER}", data)
-    if isinstance(data, str) and not _is_text(data):
+    if isinstance(data, str) and not is_note(data):
         raise _misfit(
-            where, f"a printable text of at most {_MAX_TEXT_BYTES} bytes", data
+            where,
+            f"a text without control characters of at most {MAX_TEXT_CHARACTERS}"
+            " characters",
+            data,
         )
     return data
-
-
-def _is_text(text: str) -> bool:
-    """Whether a text is printable, except line breaks and tabs, and not too long."""
-    # Lengths are compared first: bytes of a long text take time.
-    plain = text.replace("\n", "").replace("\t", "")
-    return len(text) <= _MAX_TEXT_BYTES and is_plain(plain, _MAX_TEXT_BYTES)
 
 
 @cache

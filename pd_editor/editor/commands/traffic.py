@@ -28,7 +28,7 @@ from pd_editor.generation import (
     check_kept,
     check_numbers,
 )
-from pd_editor.plain_text import MAX_NAME_BYTES, is_plain
+from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -117,8 +117,8 @@ class ReplaceTraffic(Command):
         for text in (self.generator, self.model_sha256):
             if not is_plain(text):
                 raise EditError(
-                    f"{text!r} cannot be a generator's name; expected a printable text"
-                    f" of at most {MAX_NAME_BYTES} bytes."
+                    f"{text!r} cannot be a generator's name; expected a text"
+                    f" of one line, at most {MAX_ID_CHARACTERS} characters."
                 )
         object.__setattr__(self, "sample", _as_float32(self.sample))
 

@@ -1,10 +1,10 @@
 """Unfinished work of all scenarios: a button with its amount, and a dialog."""
 
-import datetime
 from typing import Any, Final
 
 import viser
 
+from pd_editor.editor.recipe import moment
 from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.ui_context import UiContext, set_property
 from pd_editor.viewer.state.workspace import KeptWork
@@ -104,7 +104,7 @@ class UnfinishedPanel:
 
 
 def _described(work: KeptWork) -> str:
-    when = datetime.datetime.fromtimestamp(work.last_time)
+    when = moment(work.last_time)
     edits = f"{work.num_edits} edit{'s' if work.num_edits != 1 else ''}"
     name = f"  \n{plain(work.name)}" if work.name else ""
     return f"**{plain(work.scenario_id)}**{name}  \n{edits}, last {when:%d %b %H:%M}"

@@ -13,7 +13,7 @@ from pd_editor.av2_io.upload import file_in_upload, scenario_from_upload
 from pd_editor.basket.basket import Basket, BasketEntry
 from pd_editor.basket.index_table import index_row
 from pd_editor.basket.thumbnail import thumbnail
-from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import (
     Journal,
@@ -27,7 +27,6 @@ from pd_editor.exporters.bundle import zip_files
 from pd_editor.installed_files import DEMO_PREFIX, demo_names
 from pd_editor.problems.scene_problem import ProblemKey
 from pd_editor.scenario_store import (
-    MAX_RECIPE_BYTES,
     RECIPE_NAME,
     export_into,
     exported_files,
