@@ -24,9 +24,8 @@ from pd_editor.regular_file import check_path, read_regular
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Provenance, Scenario
+from pd_editor.scene.scene_limits import MAX_GAP_M, road_gap_m
 
-MAX_GAP_M: Final = 500.0
-"""Largest distance between a map and its tracks."""
 FAR_M: Final = 200.0
 """Agents further than this from the map get a note."""
 
@@ -113,19 +112,15 @@ def _far_from_road(
     road_map: RoadMap, agents: AgentTracks, name: str
 ) -> tuple[str, ...]:
     """Note agents far from the map; raise if the map is far from all tracks."""
-    road = np.concatenate(road_map.polylines)[:, :2]
-    tracks = agents.position_m[agents.is_valid]
-    gap = np.maximum(
-        road.min(axis=0) - tracks.max(axis=0), tracks.min(axis=0) - road.max(axis=0)
-    ).max()
+    gap = road_gap_m(road_map, agents.position_m[agents.is_valid])
     if gap > MAX_GAP_M:
         raise MapFileError(
             f"{MAP_PREFIX}{name}.json: the map lies {gap / 1000:.1f} km from the "
             "tracks; expected the map of this scenario."
         )
-    outside = np.maximum(
-        road.min(axis=0) - agents.position_m, agents.position_m - road.max(axis=0)
-    ).max(axis=-1)
+    least, most = road_map.bounds_m
+    outside = np.maximum(least - agents.position_m, agents.position_m - most)
+    outside = outside.max(axis=-1)
     is_far = np.where(agents.is_valid, outside, 0.0) > FAR_M
     if not is_far.any():
         return ()

@@ -17,10 +17,12 @@ from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scene_limits import (
     MAX_AGENTS,
+    MAX_LENGTH_M,
     MAX_POSITION_M,
     MAX_SPEED_MPS,
     MAX_STATES,
     MAX_STEPS,
+    is_apart,
 )
 from pd_editor.scene.time_axis import TimeAxis
 
@@ -204,9 +206,8 @@ def _check_numbers(
 
 def _check_places(table: TrackTable, position: Float[np.ndarray, "R 2"]) -> None:
     """Raise if tracks are too far apart for one scene."""
-    for axis, name in enumerate(("position_x", "position_y")):
-        middle = float(np.median(position[:, axis]))
-        is_bad = np.abs(position[:, axis] - middle) > MAX_POSITION_M
+    is_bad_xy = is_apart(position)
+    for is_bad, name in zip(is_bad_xy.T, ("position_x", "position_y"), strict=True):
         if is_bad.any():
             expected = f"a place within {MAX_POSITION_M / 1000:g} km of the other ones"
             raise table.row_error(name, is_bad, expected)
@@ -341,9 +342,10 @@ def _sizes(
     sizes = []
     for name in ("length_m", "width_m"):
         values = table.numbers(name)
-        is_bad = (values <= 0) | (values > 100)
+        is_bad = (values <= 0) | (values > MAX_LENGTH_M)
         if is_bad.any():
-            raise table.row_error(name, is_bad, "a size above 0 and up to 100 m")
+            expected = f"a size above 0 and up to {MAX_LENGTH_M:g} m"
+            raise table.row_error(name, is_bad, expected)
         sizes.append(_per_track(table, name, track, values))
     has_known_size = np.ones(len(kinds), bool)
     if "has_known_size" in columns:

@@ -59,7 +59,7 @@ def export(
         tags: Words to find it by, kept in its recipe.
         note: A sentence about it, kept in its recipe.
         zip: Write DIR/scenarios.zip with a folder for each scenario and an index.csv.
-        verify: Load the result with av2's own loaders, too.
+        verify: Load the result with av2's own loaders and with the editor's reader, too.
         overwrite: Replace what an earlier run wrote.
     """
     assert format == "av2"
@@ -85,8 +85,11 @@ def export(
         folder = write_session(out, session, overwrite=overwrite)
         if verify:
             check_with_official_loaders(folder)
+            open_scenario(folder)
+            read_recipe(folder)
         written.append(folder)
-    remarks = ("Loaded again with av2's own loaders.",) if verify else ()
+    checked = "Loaded again with av2's own loaders and the editor's reader."
+    remarks = (checked,) if verify else ()
     return Outcome(folders=tuple(written), scenarios=opened, remarks=remarks)
 
 

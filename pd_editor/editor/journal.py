@@ -158,9 +158,6 @@ class Journal:
                 self._begin()
             assert self._file is not None
             content = b"".join(self._waiting)
-            if self._size + len(content) > MAX_JOURNAL_BYTES:
-                limit = f"{MAX_JOURNAL_BYTES >> 20} MiB"
-                raise RecipeError(f"the journal is full ({limit}); export the scenario")
             _write_at(self._file, self._size, content)
         except (OSError, RecipeError) as error:
             reason = getattr(error, "strerror", None) or str(error).rstrip(".")
@@ -217,6 +214,9 @@ class Journal:
 
 def _write_at(file: FileIO, size: int, content: bytes) -> None:
     """Write after the last complete line; an earlier failure may have left a torn one."""
+    if size + len(content) > MAX_JOURNAL_BYTES:
+        limit = f"{MAX_JOURNAL_BYTES >> 20} MiB"
+        raise RecipeError(f"the journal is full ({limit}); export the scenario")
     file.seek(size)
     file.truncate()
     if file.write(content) != len(content):

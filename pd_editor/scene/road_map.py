@@ -148,6 +148,12 @@ class RoadMap:
         lines += [area.boundary for area in self.drivable_areas]
         return tuple(lines)
 
+    @cached_property
+    def bounds_m(self) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+        """Least and largest coordinates of all lines in the plane."""
+        points = np.concatenate(self.polylines)[:, :2]
+        return points.min(axis=0), points.max(axis=0)
+
     def with_polylines(self, lines: tuple[Float[np.ndarray, "_ 3"], ...]) -> "RoadMap":
         """Replace the geometry of the map; inverse of ``polylines``."""
         take = iter(lines)

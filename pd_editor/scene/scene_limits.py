@@ -7,9 +7,10 @@ from typing import Final
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from pd_editor.geometry.polyline import arc_length
+from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
 
 MAX_AGENTS: Final = 500
@@ -19,7 +20,11 @@ MAX_STATES: Final = 200_000
 MAX_POSITION_M: Final = 5_000.0
 """Distance from the scene's origin along each axis."""
 MAX_SPEED_MPS: Final = 200.0
-"""Faster states are refused: no road user reaches this."""
+"""Faster states are refused along each axis: no road user reaches this."""
+MAX_LENGTH_M: Final = 100.0
+"""Length or width of an agent."""
+MAX_GAP_M: Final = 500.0
+"""Largest distance between a map and its tracks."""
 
 MAX_LANES: Final = 2_000
 MAX_LINKS: Final = 20_000
@@ -37,6 +42,67 @@ MAX_CROSSINGS: Final = 100_000
 """Expected number of crossings between boundaries."""
 MAX_TANGLES: Final = 500
 """The same between areas whose boundary crosses itself; recorded maps have none."""
+
+
+def is_apart(position_m: Float[np.ndarray, "R 2"]) -> Bool[np.ndarray, "R 2"]:
+    """Whether coordinates lie too far from those of the other states of a scene."""
+    far = np.zeros(position_m.shape, bool)
+    # By column, which is faster by far.
+    for axis, values in enumerate(position_m.T):
+        if not np.ptp(values) < MAX_POSITION_M:
+            distance = np.abs(values - np.median(values))
+            # Rounded, so that the frame does not matter.
+            far[:, axis] = ~(np.round(distance, 3) <= MAX_POSITION_M)
+    return far
+
+
+def road_gap_m(road_map: RoadMap, position_m: Float[np.ndarray, "R 2"]) -> float:
+    """Distance along an axis between the bounding boxes of a map and of states."""
+    least, most = road_map.bounds_m
+    return max(
+        max(least[axis] - values.max(), values.min() - most[axis])
+        for axis, values in enumerate(position_m.T)
+    )
+
+
+def agents_excess(agents: AgentTracks, road_map: RoadMap) -> str | None:
+    """Reason, with the limit, why tracks cannot be opened; None if they can."""
+    if agents.is_valid.size > MAX_STATES:
+        return (
+            f"There would be {len(agents)} agents over {agents.num_steps} steps; at most"
+            f" {MAX_STATES} states are possible."
+        )
+    is_odd = ~((agents.size_m > 0) & (agents.size_m <= MAX_LENGTH_M)).all(axis=1)
+    if is_odd.any():
+        return (
+            f"Agent {agents.ids[np.argmax(is_odd)]} would have a size outside"
+            f" 0..{MAX_LENGTH_M:g} m."
+        )
+    row, step = np.nonzero(agents.is_valid)
+    if not len(row):
+        return None
+    speed = np.abs(agents.velocity_mps[row, step])
+    # A comparison with NaN is false.
+    if not speed.max() <= MAX_SPEED_MPS:
+        fast = row[np.argmax(~(speed <= MAX_SPEED_MPS).all(axis=1))]
+        return (
+            f"Agent {agents.ids[fast]} would move at {speed.max():.0f} m/s; at most"
+            f" {MAX_SPEED_MPS:g} m/s are possible."
+        )
+    position = agents.position_m[row, step]
+    apart = is_apart(position).any(axis=1)
+    if apart.any():
+        return (
+            f"Agent {agents.ids[row[np.argmax(apart)]]} would come to lie more than"
+            f" {MAX_POSITION_M / 1000:g} km from the other ones."
+        )
+    gap = road_gap_m(road_map, position)
+    if gap > MAX_GAP_M:
+        return (
+            f"All agents would lie at least {gap:.0f} m from the road; at most"
+            f" {MAX_GAP_M:g} m are possible."
+        )
+    return None
 
 
 def road_excess(road_map: RoadMap) -> str | None:

@@ -101,7 +101,9 @@ def test_av2_loads_what_was_exported(shell: Shell, tmp_path: Path):
     driven = generate(bent, out=tmp_path / "driven").folder
     result = shell.run("export", driven, "--verify", "--out", tmp_path / "out")
     assert result.code == 0, result.err
-    assert result.lines[1:] == ["Loaded again with av2's own loaders."]
+    assert result.lines[1:] == [
+        "Loaded again with av2's own loaders and the editor's reader."
+    ]
 
 
 @pytest.mark.real_data

@@ -10,7 +10,12 @@ from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
+from pd_editor.scene.scene_limits import (
+    MAX_AGENTS,
+    MAX_POSITION_M,
+    agents_excess,
+    road_excess,
+)
 from pd_editor.scene.scene_limits import MAX_SPEED_MPS as SCENE_MAX_SPEED_MPS
 
 MAX_SPEED_MPS: Final = 60.0
@@ -114,6 +119,19 @@ def check_velocities(velocity_mps: Float[np.ndarray, "*shape 2"]) -> None:
         )
 
 
+def check_opens_again(before: Scenario, after: Scenario) -> None:
+    """Raise for an edited scene that its reader would refuse after an export."""
+    has_new_road = after.road_map is not before.road_map
+    excess = None
+    if has_new_road or after.agents is not before.agents:
+        excess = agents_excess(after.agents, after.road_map)
+    if excess is None and has_new_road:
+        excess = road_excess(after.road_map)
+        excess = excess and f"The road could not be opened again: {excess}"
+    if excess is not None:
+        raise EditError(excess)
+
+
 def check_number_of_agents(count: int) -> None:
     """Raise for more agents than a scene may have."""
     if count > MAX_AGENTS:
@@ -122,7 +140,9 @@ def check_number_of_agents(count: int) -> None:
         )
 
 
-def check_new_id(scenario: Scenario, agent_id: str) -> None:
+def check_new_id(
+    scenario: Scenario, agent_id: str, *, may_be_retired: bool = False
+) -> None:
     """Raise for ids that are empty, in use, of a deleted agent, or no valid text."""
     if not agent_id:
         raise EditError("A new agent needs an id that is not empty.")
@@ -133,7 +153,7 @@ def check_new_id(scenario: Scenario, agent_id: str) -> None:
         )
     if agent_id in scenario.agents.row_of:
         raise EditError(f"There is already an agent {agent_id!r} here.")
-    if scenario.has_ever_had(agent_id):
+    if scenario.has_ever_had(agent_id) and not may_be_retired:
         raise EditError(
             f"{agent_id!r} was the id of an agent that was deleted; expected a new id."
         )

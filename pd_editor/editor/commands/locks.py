@@ -5,7 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pd_editor.editor.commands.command import Command, agents_in_words, names_after
-from pd_editor.editor.commands.edit_limits import present_rows, rows_of
+from pd_editor.editor.commands.edit_limits import (
+    check_opens_again,
+    present_rows,
+    rows_of,
+)
 from pd_editor.errors import LockedAgentError
 from pd_editor.scene.locks import Lock
 from pd_editor.scene.scenario import Scenario
@@ -65,6 +69,7 @@ def apply_within_locks(command: Command, scenario: Scenario) -> Scenario:
             scenario = apply_within_locks(part, scenario)
         return scenario
     after = command.apply(scenario)
+    check_opens_again(scenario, after)
     if after.agents is scenario.agents or command.moves_road or not scenario.locks:
         return after
     changed = _changed_locked_ids(scenario, after)
