@@ -71,8 +71,10 @@ from pd_editor.generation import (
 )
 from pd_editor.guidance.report import guidance_reports
 from pd_editor.metrics.road.off_lane import BEYOND_ROADS_M, ids_near_lanes
+from pd_editor.paths.lasting_tracks import lasting
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.guidance_terms import PairGuidance
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS
 
@@ -318,7 +320,8 @@ class PathDiffuser:
         model = stage.model
         assert isinstance(model, TrajectoryDenoiser)
         rows = scenario.agents.rows(ids)
-        task = self._task(scenario, rows, model)
+        kept = {one.other_id for one in request.terms if isinstance(one, PairGuidance)}
+        task = self._task(lasting(scenario, kept.difference(ids)), rows, model)
         options = _options(request, stage)
         continuation = None
         if request.before_edit is not None:

@@ -28,6 +28,7 @@ from pd_editor.guidance.stop_line import crossing
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.paths.drawn_path import lane_line, path_to_follow
 from pd_editor.paths.driving_paths import SPACING_M
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.guidance_outcome import GuidanceProblem
 from pd_editor.scene.guidance_terms import (
     FollowLane,
@@ -69,12 +70,14 @@ def guidance_problems(
     found: list[GuidanceProblem] = []
     active = [term for term in terms if term.is_on and term.weight > 0]
     for term in active:
-        problems = list(_absences(scenario, term, agent_ids))
+        problems = list(absences(scenario, term, agent_ids))
         check = CHECKS.get(type(term))
         if check is not None and not any(kind == "error" for kind, _ in problems):
             problems += check(term, scenario)
         if isinstance(term, Threaten) and not problems:
             problems += threat_problems(term, scenario, agent_ids)
+        if isinstance(term, YieldTo) and not problems:
+            problems += yield_problems(term, scenario, agent_ids)
         if isinstance(term, GoalPoint) and not problems:
             problems += _blocked_goal_problems(term, active, scenario)
         problems += _contradictions(term, active, scenario)
@@ -90,10 +93,10 @@ def infeasible_terms(problems: Iterable[GuidanceProblem]) -> tuple[GuidanceTerm,
     return tuple(dict.fromkeys(problem.term for problem in problems))
 
 
-def _absences(
+def absences(
     scenario: Scenario, term: GuidanceTerm, agent_ids: Sequence[str] | None
 ) -> Found:
-    """Agents that are gone, not there now, locked or not generated."""
+    """Agents that are gone, not there now, no road users, locked or not generated."""
     agents, now = scenario.agents, scenario.current_step
     for name in term.named_ids:
         row = agents.row_of.get(name)
@@ -104,6 +107,12 @@ def _absences(
                 "error",
                 f"Agent {name} is not there at t = 0, so its {term.name} has no effect; "
                 "choose an agent that is.",
+            )
+        elif agents.kinds[row] not in ROAD_USER_KINDS:
+            yield (
+                "error",
+                f"Agent {name} is a {agents.kinds[row].in_words} object, so its "
+                f"{term.name} has no effect; choose a road user.",
             )
     for name in term.guided_ids:
         if name not in agents.row_of:
@@ -443,6 +452,5 @@ CHECKS: Final[dict[type[GuidanceTerm], Callable[[Any, Scenario], Found]]] = {
     SpeedLimit: _limit_problems,
     StopAtLine: _stop_problems,
     KeepGap: gap_problems,
-    YieldTo: yield_problems,
 }
 """Problems of the terms of each kind, of agents that are there."""

@@ -20,6 +20,8 @@ class Measured:
     error: float
     unit: str
     is_obeyed: bool
+    is_feasible: bool = True
+    """Whether it could have been met, against what the other agent did."""
     worst_id: str | None = None
     """The agent that the deviation is of."""
 

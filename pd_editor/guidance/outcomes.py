@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from pd_editor.geometry.frenet import FrenetFrames
 from pd_editor.geometry.oriented_box import box_corners
+from pd_editor.guidance.feasibility import absences
 from pd_editor.guidance.limits import (
     LIMIT_BRAKING_MPS2,
     MAX_BRAKING_MPS2,
@@ -71,7 +72,7 @@ def term_outcomes(
     infeasible: Collection[GuidanceTerm] = (),
     slowed_ids: Collection[str] = (),
 ) -> tuple[TermOutcome, ...]:
-    """Outcome of each term in a sample; none of agents that were not generated.
+    """Outcome of each term in a sample, also of those that had no effect in it.
 
     ``infeasible`` terms were known to be so before the run. Agents with ``slowed_ids``
     were slowed afterwards to avoid a collision.
@@ -81,21 +82,39 @@ def term_outcomes(
     for term in terms:
         measure = MEASURES.get(type(term))
         measured = None if measure is None else measure(term, driven)
-        if measured is not None:
-            ids = term.guided_ids or (measured.worst_id,)
-            is_slowed = not set(slowed_ids).isdisjoint(ids)
-            found.append(
-                TermOutcome(
-                    term=term,
-                    is_feasible=term not in infeasible,
-                    asked=measured.asked,
-                    achieved=measured.achieved + SLOWED * is_slowed,
-                    error=measured.error,
-                    unit=measured.unit,
-                    is_obeyed=measured.is_obeyed,
-                )
+        is_run = measured is not None
+        if measured is None:
+            measured = _without_effect(term, driven)
+        ids = term.guided_ids or (measured.worst_id,)
+        is_slowed = not set(slowed_ids).isdisjoint(ids)
+        found.append(
+            TermOutcome(
+                term=term,
+                is_run=is_run,
+                is_feasible=measured.is_feasible and term not in infeasible,
+                asked=measured.asked,
+                achieved=measured.achieved + SLOWED * is_slowed,
+                error=measured.error,
+                unit=measured.unit,
+                is_obeyed=measured.is_obeyed,
             )
+        )
     return tuple(found)
+
+
+def _without_effect(term: GuidanceTerm, driven: Driven) -> Measured:
+    """Why a term had no effect: what is said before a run of agents that are missing."""
+    found = absences(driven.scenario, term, driven.sample.ids)
+    _, why = next(
+        found, ("", "No regenerated agent is of its kinds, or can follow it.")
+    )
+    return Measured(
+        asked=term.name,
+        achieved=f"nothing: {why[0].lower()}{why[1:-1]}",
+        error=float("nan"),
+        unit="",
+        is_obeyed=False,
+    )
 
 
 def _goal(term: GoalPoint, driven: Driven) -> Measured | None:

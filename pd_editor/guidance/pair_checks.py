@@ -1,6 +1,6 @@
 """Problems of terms on pairs of agents before a run."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Final, Literal, get_args
@@ -19,29 +19,24 @@ from pd_editor.scene.guidance_terms import (
     GoalPoint,
     GuidanceTerm,
     KeepGap,
+    PairGuidance,
     StopAtLine,
     Threaten,
     YieldTo,
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
-from pd_editor.threats.threat_feasibility import threat_obstacle
+from pd_editor.threats.threat_feasibility import (
+    expected_tracks,
+    recorded_track,
+    threat_obstacle,
+)
+from pd_editor.threats.threat_outcome import obstacle_in_words
 from pd_editor.threats.threat_plans import ThreatAim, ThreatObstacle
 
 _SAME_PLACE_M: Final = 2.5
 """Paths that come this close meet."""
 _STRIDE: Final = 2
-_FAR_BEYOND: Final = 10.0
-"""Times of the limits from which on the number tells nothing."""
-_COURSES: Final[Mapping[Approach, str]] = {
-    "rear": "none of the ways that it could take leads on behind {other}",
-    "cut-in": "it would have to come from beside the way of {other}, in the same "
-    "direction, and {other} would have to drive",
-    "side": "none of the ways that it could take crosses that of {other}",
-    "head-on": "none of the ways that it could take leads towards {other}",
-}
-"""What an approach needs and no candidate has."""
-
 Found = Iterator[tuple[Literal["error", "warning"], str]]
 
 
@@ -49,7 +44,7 @@ def threat_problems(
     term: Threaten, scenario: Scenario, agent_ids: Sequence[str] | None
 ) -> Found:
     """Why a threat cannot be carried out, and by which approach it could."""
-    is_kept = agent_ids is not None and term.other_id not in agent_ids
+    is_kept = _is_kept(term, agent_ids)
     obstacle = _obstacle(scenario, term, is_kept)
     if obstacle is None:
         return
@@ -67,33 +62,12 @@ def threat_problems(
         else "choose another agent"
     )
     axis = scenario.time_axis
-    why = _in_words(obstacle, term, axis.num_future_steps * axis.step_s)
+    other, duration_s = f"agent {term.other_id}", axis.num_future_steps * axis.step_s
+    why = obstacle_in_words(obstacle, term.approach, other, duration_s)
     yield (
         "error",
         f"Agent {term.agent_id} cannot come to {goal} with agent {term.other_id} "
         f"({term.approach}): {why}; {advice}.",
-    )
-
-
-def _in_words(obstacle: ThreatObstacle, term: Threaten, duration_s: float) -> str:
-    """Why a threat cannot be carried out, after the name of the agent."""
-    other, times = f"agent {term.other_id}", obstacle.times_limits
-    if obstacle.kind == "course":
-        return _COURSES[term.approach].format(other=other)
-    if obstacle.kind == "road":
-        return "each way to that leads off the road"
-    if obstacle.kind == "outcome":
-        return f"each of its ways passes {other} with another gap or hits it otherwise"
-    if obstacle.kind == "traffic":
-        return "on each of its ways an agent stands that it would hit before"
-    if np.isinf(times):
-        return "it would have to turn round or reverse"
-    hard = (
-        f"{np.ceil(10 * times) / 10:.1f}" if times < _FAR_BEYOND else "far more than 10"
-    )
-    return (
-        f"within {duration_s:.1f} s it would have to accelerate, brake or turn {hard} "
-        "times as hard as it can"
     )
 
 
@@ -102,7 +76,14 @@ def _obstacle(
     scenario: Scenario, term: Threaten, is_kept: bool
 ) -> ThreatObstacle | None:
     """Cached: each sample of a run asks again."""
-    return threat_obstacle(scenario, term, is_kept=is_kept)
+    (other,) = scenario.agents.rows((term.other_id,))
+    tracks = expected_tracks(scenario, int(other), is_kept=is_kept)
+    return threat_obstacle(scenario, term, tracks)
+
+
+def _is_kept(term: PairGuidance, agent_ids: Sequence[str] | None) -> bool:
+    """Whether the other agent keeps its trajectory, as it does unless it is generated."""
+    return agent_ids is None or term.other_id not in agent_ids
 
 
 def gap_problems(term: KeepGap, scenario: Scenario) -> Found:
@@ -124,11 +105,17 @@ def gap_problems(term: KeepGap, scenario: Scenario) -> Found:
             )
 
 
-def yield_problems(term: YieldTo, scenario: Scenario) -> Found:
+def yield_problems(
+    term: YieldTo, scenario: Scenario, agent_ids: Sequence[str] | None
+) -> Found:
     """Whether the paths of two agents meet, and whether one can wait before that."""
     rows = scenario.agents.rows((term.agent_id, term.other_id)).tolist()
     agent, other = (AgentNow(scenario=scenario, row=row) for row in rows)
-    places = _meeting_places_m(agent, other)
+    if _is_kept(term, agent_ids):
+        theirs = recorded_track(scenario, other.row).position_m[None]
+    else:
+        theirs = driven_paths_m(other)
+    places = _meeting_places_m(driven_paths_m(agent), theirs)
     if not len(places):
         yield (
             "warning",
@@ -154,15 +141,19 @@ def yield_problems(term: YieldTo, scenario: Scenario) -> Found:
         )
 
 
-def _meeting_places_m(agent: AgentNow, other: AgentNow) -> Float[np.ndarray, "N"]:
+def driven_paths_m(agent: AgentNow) -> Float[np.ndarray, "P N 2"]:
+    """The parts of an agent's paths that it could drive."""
+    most = int(agent.reach_m(agent.duration_s)[1] / SPACING_M) + 1
+    return agent.paths_m[:, :most:_STRIDE]
+
+
+def _meeting_places_m(
+    mine_m: Float[np.ndarray, "P N 2"], theirs_m: Float[np.ndarray, "Q M 2"]
+) -> Float[np.ndarray, "K"]:
     """Arc lengths at which each path of an agent first meets each of the other's."""
-    mine, theirs = (
-        one.paths_m[:, : int(one.reach_m(one.duration_s)[1] / SPACING_M) + 1 : _STRIDE]
-        for one in (agent, other)
-    )
     places: list[float] = []
-    for path in mine:
-        gap = path[:, None, None] - theirs
+    for path in mine_m:
+        gap = path[:, None, None] - theirs_m
         meets = ((gap**2).sum(-1) < _SAME_PLACE_M**2).any(axis=2)
         first = meets.argmax(axis=0)[meets.any(axis=0)]
         places += (first * _STRIDE * SPACING_M).tolist()

@@ -22,7 +22,8 @@ from pd_editor.scene.guidance_terms import (
     YieldTo,
 )
 from pd_editor.threats.encounter import Track, encounter
-from pd_editor.threats.threat_outcome import threat_in_words
+from pd_editor.threats.threat_feasibility import recorded_track, threat_obstacle
+from pd_editor.threats.threat_outcome import obstacle_in_words, threat_in_words
 from pd_editor.threats.threat_plans import ThreatAim
 
 _FOLLOWS_COS: Final = 0.5
@@ -169,14 +170,22 @@ def threat_measured(term: Threaten, driven: Driven) -> Measured | None:
     words = threat_in_words(aim, found)
     until = round(found.at_s / driven.step_s)
     hit = _first_hit(driven, first, {term.agent_id, term.other_id}, until)
+    achieved, obstacle = words.achieved, None
+    if hit is not None:
+        achieved += f", but hits {hit[0]} after {hit[1]:.1f} s"
+    if not words.is_met:
+        obstacle = threat_obstacle(driven.scenario, term, (second,))
+    if obstacle is not None:
+        other, duration_s = f"agent {term.other_id}", driven.step_s * driven.num_steps
+        why = obstacle_in_words(obstacle, term.approach, other, duration_s)
+        achieved += f"; as {other} moves, {why}"
     return Measured(
         asked=words.asked,
-        achieved=words.achieved
-        if hit is None
-        else f"{words.achieved}, but hits {hit[0]} after {hit[1]:.1f} s",
+        achieved=achieved,
         error=words.error_m,
         unit="m",
         is_obeyed=words.is_met and hit is None,
+        is_feasible=obstacle is None,
     )
 
 
@@ -202,17 +211,17 @@ def _first_hit(
 
 
 def track_of(driven: Driven, agent_id: str) -> Track | None:
-    """Trajectory of an agent, generated or recorded; None if it is not there throughout."""
-    view = generated_traffic(driven.scenario, driven.sample)
-    everyone = view.everyone
-    if agent_id not in everyone.ids:
-        return None
-    row = everyone.ids.index(agent_id)
-    if not everyone.is_valid[row].all():
-        return None
+    """Trajectory of an agent, generated or recorded; None if it is not there at t = 0."""
+    scenario, sample, row = driven.scenario, driven.sample, driven.row(agent_id)
+    if row is None:
+        known = scenario.agents.row_of.get(agent_id)
+        is_there = scenario.agents.is_valid[:, scenario.current_step]
+        if known is None or not is_there[known]:
+            return None
+        return recorded_track(scenario, known)
     return Track(
-        position_m=everyone.position_m[row],
-        heading_rad=everyone.heading_rad[row],
-        velocity_mps=everyone.velocity_mps[row],
-        size_m=everyone.size_m[row],
+        position_m=sample.position_m[row],
+        heading_rad=sample.heading_rad[row],
+        velocity_mps=sample.velocity_mps[row],
+        size_m=sample.size_m[row],
     )

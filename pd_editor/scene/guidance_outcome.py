@@ -86,13 +86,17 @@ class TermOutcome:
 
     term: GuidanceTerm
     is_feasible: bool
-    """Whether it could be met within the limits of vehicles, as known before the run."""
+    """Whether it could be met within the limits of vehicles, as known before the run,
+    and against what the other agent did in it."""
     asked: str
     achieved: str
     error: float
     """Deviation from what was asked; 0 is exact."""
     unit: str
     is_obeyed: bool
+    is_run: bool = True
+    """Whether the run had the term's agents; if not, ``achieved`` tells why not, and the
+    error is not a number."""
     cost: GuidanceCost | None = None
     """Realism of the agents that the term guides, guided and unguided; None where no
     unguided sample was made."""

@@ -29,7 +29,9 @@ Point = tuple[float, float]
 Motion = Callable[[Float[np.ndarray, "P 2"]], Float[np.ndarray, "P 2"]]
 """A motion of the plane, such as a warp."""
 Side = Literal["left", "right"]
-Approach = Literal["rear", "cut-in", "side", "head-on"]
+Approach = Literal["rear", "cut-in", "side", "head-on", "brakes", "pulls-out"]
+IN_FRONT: Final[tuple[Approach, ...]] = ("cut-in", "brakes", "pulls-out")
+"""Approaches that end in front of the threatened agent, in its path."""
 _Term = TypeVar("_Term", bound="GuidanceBase")
 _Many = TypeVar("_Many", bound="AgentsGuidance")
 

@@ -1,7 +1,7 @@
 """Encounter of two agents: gap, time to collision, relative speed, side of contact."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -10,8 +10,9 @@ from pd_editor.geometry.angles import left_of, unit_vector
 from pd_editor.geometry.oriented_box import Boxes
 from pd_editor.metrics.collisions.box_tests import boxes_touch
 from pd_editor.metrics.collisions.safety import HORIZON_S, box_gap_m, sweep_times_s
-from pd_editor.scene.guidance_terms import Approach
+from pd_editor.scene.guidance_terms import IN_FRONT, Approach
 
+_BRAKING_STEPS: Final = 5
 BoxSide = Literal["front", "rear", "left", "right"]
 
 
@@ -67,6 +68,8 @@ class Encounter:
     course, or longer than ``HORIZON_S`` ahead of one."""
     relative_speed_mps: float
     """At that time."""
+    braking_mps2: float
+    """Hardest braking of the first agent until then."""
     side: BoxSide
     """Side of the second agent's box that the first one is at, at that time."""
 
@@ -94,10 +97,10 @@ def counted_gaps_m(
 ) -> Float[np.ndarray, "N"]:
     """Least gap that counts for an approach, of N first agents after the current step.
 
-    Of cut-ins it is the gap while the first agent is in the path of the second one:
-    before, it drives beside it, often nearer than that.
+    Of approaches that end in front it is the gap while the first agent is in the path of
+    the second one: before, it may be beside it, often nearer than that.
     """
-    if approach != "cut-in":
+    if approach not in IN_FRONT:
         return gap_m.min(axis=1, initial=np.inf)
     offset = (first.position_m - second.position_m)[:, 1:]
     forward = unit_vector(second.heading_rad[1:])
@@ -131,8 +134,23 @@ def encounter(
         is_contact=bool(len(touching)),
         least_time_to_collision_s=_least_time_s(first, second, velocity, until),
         relative_speed_mps=float(np.hypot(*velocity[step])),
+        braking_mps2=float(
+            hardest_braking_mps2(first.stacked(), np.array([step]), step_s)[0]
+        ),
         side=side_of(first, second, step),
     )
+
+
+def hardest_braking_mps2(
+    track: Track, until: Int[np.ndarray, "N"], step_s: float
+) -> Float[np.ndarray, "N"]:
+    """Hardest braking of each of N agents until a step, over a few steps each."""
+    speed = np.hypot(*np.moveaxis(track.velocity_mps, -1, 0))
+    slowing = (speed[:, :-_BRAKING_STEPS] - speed[:, _BRAKING_STEPS:]) / (
+        _BRAKING_STEPS * step_s
+    )
+    counts = np.arange(slowing.shape[1]) < until[:, None]
+    return np.where(counts, slowing, 0.0).max(axis=1, initial=0.0)
 
 
 def side_of(first: Track, second: Track, step: int) -> BoxSide:

@@ -1,10 +1,11 @@
 """Feasibility of threats before a run, from candidates and limits."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import numpy as np
 
+from pd_editor.paths.lasting_tracks import lasting
 from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.guidance_terms import Threaten
 from pd_editor.scene.scenario import Scenario
@@ -21,17 +22,15 @@ def expected_tracks(
 ) -> tuple[Track, ...]:
     """Trajectories that an agent may have: the one it has, and natural candidates.
 
-    With ``is_kept`` only the one it has, if it has one.
+    With ``is_kept`` only the one it has.
     """
-    agents, now = scenario.agents, scenario.current_step
-    known: tuple[Track, ...] = ()
-    if agents.is_valid[row, now:].all() and scenario.time_axis.num_future_steps:
-        known = (recorded_track(scenario, row),)
-        if is_kept:
-            return known
+    agents = scenario.agents
+    known = recorded_track(scenario, row)
+    if is_kept:
+        return (known,)
     found = candidates(scenario, np.array([row]), max_candidates=8)
     slots = np.flatnonzero(found.is_valid[0])[:_NUM_EXPECTED]
-    return known + tuple(
+    return known, *(
         Track(
             position_m=found.position_m[0, slot],
             heading_rad=found.heading_rad[0, slot],
@@ -43,8 +42,9 @@ def expected_tracks(
 
 
 def recorded_track(scenario: Scenario, row: int) -> Track:
-    """Trajectory that an agent has in the scenario, from the current step on."""
-    agents, now = scenario.agents, scenario.current_step
+    """Trajectory that an agent has in the scenario from the current step on, to the end."""
+    agents = lasting(scenario, (scenario.agents.ids[row],)).agents
+    now = scenario.current_step
     return Track(
         position_m=agents.position_m[row, now:],
         heading_rad=agents.heading_rad[row, now:],
@@ -72,16 +72,17 @@ def standing_tracks(
 
 
 def threat_obstacle(
-    scenario: Scenario, term: Threaten, *, is_kept: bool = False
+    scenario: Scenario, term: Threaten, tracks: Sequence[Track] = ()
 ) -> ThreatObstacle | None:
     """What is in the way of a threat; None if it is feasible.
 
-    It is if most expected trajectories of the threatened agent can be reached, past
-    agents that stand now. Both agents have to be there at the current step.
+    It is if most of the trajectories that the threatened agent may have, by default the
+    one that it has, can be reached, past agents that stand now. Both agents have to be
+    there at the current step.
     """
     row, other = scenario.agents.rows((term.agent_id, term.other_id)).tolist()
     aim = ThreatAim.of(term.approach, term.severity)
-    tracks = expected_tracks(scenario, other, is_kept=is_kept)
+    tracks = tracks or (recorded_track(scenario, other),)
     others = standing_tracks(scenario, (row, other), len(tracks[0].position_m))
     obstacles = [
         threat_plans(scenario, row, track, aim, others=others, most=1).obstacle

@@ -9,7 +9,7 @@ threat is feasible; the best plan is what the guidance asks for.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from itertools import product
 from typing import Final, Literal
 
@@ -21,9 +21,15 @@ from pd_editor.metrics.collisions.box_tests import boxes_touch
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.paths.driving_paths import velocity_of
 from pd_editor.paths.motion_primitives import candidate_positions
-from pd_editor.scene.guidance_terms import Approach
+from pd_editor.scene.guidance_terms import IN_FRONT, Approach
 from pd_editor.scene.scenario import Scenario
-from pd_editor.threats.encounter import Track, counted_gaps_m, gaps_m
+from pd_editor.scene.thresholds import STANDING_MPS
+from pd_editor.threats.encounter import (
+    Track,
+    counted_gaps_m,
+    gaps_m,
+    hardest_braking_mps2,
+)
 from pd_editor.threats.motion_limits import MotionLimits, exertion, limits_of
 
 DISTANT_GAP_M: Final = 3.0
@@ -34,10 +40,16 @@ _CONTACT_DEPTH_M: Final = 0.25
 """Depth to which boxes are planned to overlap on contact."""
 _MOST_OF_LIMITS: Final = 0.95
 """Share of the limits that plans use at most."""
+_WITH_CANDIDATE: Final = 1.75
+"""Accelerations of a deviation may be so many times the limits: its candidate has others."""
 _FIRST_MEETING_S: Final = 0.8
 _MEETING_STEP_S: Final = 0.3
+HARD_BRAKING_MPS2: Final = 3.0
+"""Least braking of a leader that "brakes"."""
 _CLOSING_MPS: Final = (1.5, 3.0, 5.0)
 """Closing speeds of contacts from the rear and of cut-ins."""
+_FAST_CLOSING_MPS: Final = (*_CLOSING_MPS, 8.0)
+"""Closing speeds of contacts with agents that brake or start in front."""
 _SETTLE_S: Final = 1.0
 """Time constant with which deviations and speed differences fade after a meeting."""
 _BRAKES_AFTER_CONTACT_MPS2: Final = 6.0
@@ -46,6 +58,8 @@ _WAITS: Final = (0.0, 0.35, 0.6)
 """Cut-ins begin at once, or after this share of the time, when there is room."""
 _CROSSING_COS: Final = 0.77
 """Cosine of the least angle between the headings of agents that cross."""
+_MOST_PLANNED: Final = 600
+"""Meetings with the least accelerations that are planned."""
 _MOST_COMPARED: Final = 400
 """Plans with the least effort whose gaps are computed."""
 _MOST_ON_THE_WAY: Final = 24
@@ -55,7 +69,9 @@ _STANDS_M: Final = 0.5
 _LATE_S: Final = 3.5
 """Meetings after this time cost more."""
 _GOES_MPS: Final = 1.0
-"""Least speed of an agent in front of which another one can cut in."""
+"""Least speed of an agent in front of which another one can cut in, brake or pull out."""
+_LOOKS_AHEAD_M: Final = 60.0
+"""Way of the threatened agent beyond its last step on which others are looked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +158,15 @@ def threat_plans(
     axis_step_s = scenario.time_axis.step_s if step_s is None else step_s
     attacker = _Attacker.of(scenario, row, len(threatened.position_m), axis_step_s)
     meetings = _meetings(attacker, threatened, aim)
+    if not len(meetings.step):
+        none = np.zeros(0)
+        return ThreatPlans(
+            track=attacker.track(attacker.candidate_m[:0]),
+            gap_m=none,
+            meeting_step=meetings.step,
+            cost=none,
+            obstacle=_obstacle(meetings.least_demand, none, none > 0, none > 0),
+        )
     tracks, at = _planned(attacker, threatened, aim, meetings)
     if fitted is not None:
         tracks = attacker.track(fitted(tracks.position_m))
@@ -159,7 +184,10 @@ def threat_plans(
     if reference_m is not None:
         apart = np.linalg.norm(tracks.position_m - reference_m, axis=-1)
         cost += (apart**2).mean(axis=1) / 10.0**2
-    some = np.flatnonzero(used.share <= _MOST_OF_LIMITS)
+    can = used.share <= _MOST_OF_LIMITS
+    if aim.approach == "brakes":
+        can &= hardest_braking_mps2(tracks, at, attacker.step_s) > HARD_BRAKING_MPS2
+    some = np.flatnonzero(can)
     some = some[np.argsort(cost[some], kind="stable")][:_MOST_COMPARED]
     tracks, at, cost = tracks.taken(some), at[some], cost[some]
     off = is_off_road(scenario, tracks.position_m[:, 1:])
@@ -218,6 +246,8 @@ def _hits_on_the_way(
 ) -> Float[np.ndarray, "N"]:
     """Number of other agents that each plan hits until its meeting."""
     hits = np.zeros(len(meeting_step))
+    if not len(hits):
+        return hits
     on_the_way = np.arange(tracks.position_m.shape[1]) <= meeting_step[:, None]
     for other in others:
         away = np.linalg.norm(other.position_m - tracks.position_m, axis=-1)
@@ -242,15 +272,19 @@ class _Attacker:
     candidate_mps: Float[np.ndarray, "C H 2"]
     velocity_mps: Float[np.ndarray, "2"]
     heading_rad: float
+    around_m: Float[np.ndarray, "K 2"]
+    """Where all other agents are now, the threatened one included."""
     size_m: Float[np.ndarray, "2"]
     limits: MotionLimits
     walks: bool
     step_s: float
 
     @classmethod
+    @lru_cache(maxsize=256)
     def of(
         cls, scenario: Scenario, row: int, num_steps: int, step_s: float
     ) -> "_Attacker":
+        """Cached: all approaches begin with the same candidates."""
         agents, now = scenario.agents, scenario.current_step
         position, _, _ = candidate_positions(
             scenario,
@@ -267,6 +301,9 @@ class _Attacker:
             candidate_mps=velocity_of(position, first, step_s),
             velocity_mps=agents.velocity_mps[row, now],
             heading_rad=float(agents.heading_rad[row, now]),
+            around_m=agents.position_m[
+                agents.is_valid[:, now] & (np.arange(len(agents)) != row), now
+            ],
             size_m=agents.size_m[row],
             limits=limits,
             walks=bool(np.isinf(limits.curvature_1pm)),
@@ -291,7 +328,7 @@ class _Meetings:
     offset_m: Float[np.ndarray, "N 2"]
     offset_mps: Float[np.ndarray, "N 2"]
     waits: Float[np.ndarray, "N"]
-    """Share of the time before the deviation to the side begins."""
+    """Share of the time before the deviation to the side begins, or the braking."""
     least_demand: float
     """Least share of the limits that leads to a meeting, such as are left out included;
     infinite if no candidate has the course."""
@@ -312,6 +349,8 @@ def _meetings(attacker: _Attacker, other: Track, aim: ThreatAim) -> _Meetings:
     kinds = {
         "rear": partial(_in_line, end=-1),
         "cut-in": partial(_in_line, end=1),
+        "brakes": partial(_in_line, end=1),
+        "pulls-out": partial(_in_line, end=1),
         "side": _beside,
         "head-on": _opposite,
     }
@@ -324,18 +363,24 @@ def _meetings(attacker: _Attacker, other: Track, aim: ThreatAim) -> _Meetings:
     offset = position - attacker.candidate_m[:, step]
     deviation = velocity - attacker.candidate_mps[:, step]
     time = (at * attacker.step_s)[..., None]
-    most = 0.5 * attacker.limits.braking_mps2 * time[..., 0] ** 2
-    demand = np.linalg.norm(offset, axis=-1) / most
+    most = attacker.limits.braking_mps2 * time[..., 0] ** 2
+    demand = np.linalg.norm(offset, axis=-1) / (0.5 * most)
+    # The accelerations of the cubic at its two ends.
+    late = deviation * time
+    for hardest in (6 * offset - 2 * late, 6 * offset - 4 * late):
+        hard = np.linalg.norm(hardest, axis=-1) / most
+        demand = np.maximum(demand, hard / _WITH_CANDIDATE)
     demand = np.where(candidate & np.isfinite(offset).all(-1), demand, np.inf)
-    reachable = demand <= 1
-    waits = _WAITS if aim.approach == "cut-in" else (0.0,)
+    easiest = np.sort(demand, axis=None)[:_MOST_PLANNED]
+    reachable = demand <= min(easiest.max(initial=0.0), 1.0)
+    waits = _WAITS if aim.approach in ("cut-in", "brakes") else (0.0,)
     return _Meetings(
         candidate=np.tile(which[reachable], len(waits)),
         step=np.tile(at[reachable], len(waits)),
         offset_m=np.tile(offset[reachable], (len(waits), 1)),
         offset_mps=np.tile(deviation[reachable], (len(waits), 1)),
         waits=np.repeat(np.array(waits), np.count_nonzero(reachable)),
-        least_demand=float(demand.min(initial=np.inf)),
+        least_demand=_WITH_CANDIDATE * float(demand.min(initial=np.inf)),
     )
 
 
@@ -349,18 +394,25 @@ def _planned(
     d, e = meetings.offset_m, meetings.offset_mps
     candidate = attacker.candidate_m[meetings.candidate]
     forward = unit_vector(other.heading_rad[meetings.step])
-    position = candidate.copy()
-    for axis, waits in ((forward, 0.0 * end), (left_of(forward), meetings.waits)):
-        way, rate = (d * axis).sum(-1), (e * axis).sum(-1)
-        position += (
-            _deviation_m(way, rate, end, waits * end, time)[..., None] * axis[:, None]
-        )
+    row = np.arange(len(d))
+    position, moment, fades = candidate.copy(), time, 1.0
+    first, then = 0.0 * end, meetings.waits * end
+    if aim.approach == "brakes":
+        first, then = then, first
+    for axis, begin in ((forward, first), (left_of(forward), then)):
+        way, rate = (d * axis).sum(-1), (e * axis).sum(-1) * fades
+        deviation = _deviation_m(way, rate, end, begin, moment)
+        position += deviation[..., None] * axis[:, None]
+        if aim.approach == "pulls-out":
+            # Who starts moves aside as it gets ahead, not on the spot.
+            ahead = ((position - position[:, :1]) * forward[:, None]).sum(-1)
+            whole = np.maximum(ahead[row, meetings.step], 1e-3)[:, None]
+            moment, fades = end[:, None] * np.clip(ahead / whole, 0, 1), 0.0
     late = np.maximum(time - end[:, None], 0)[..., None]
     is_after = late[..., 0] > 0
-    row = np.arange(len(d))
     there = position[row, meetings.step]
     speed = attacker.candidate_mps[meetings.candidate, meetings.step] + e
-    if aim.approach in ("rear", "cut-in"):
+    if aim.approach in ("rear", *IN_FRONT):
         after = _following(other, meetings, attacker, there, speed, time)
     elif aim.is_contact:
         after = _braking(there, speed, late)
@@ -375,7 +427,7 @@ def _deviation_m(
     rate_mps: Float[np.ndarray, "N"],
     end_s: Float[np.ndarray, "N"],
     begin_s: Float[np.ndarray, "N"],
-    time_s: Float[np.ndarray, "H"],
+    time_s: Float[np.ndarray, "*N H"],
 ) -> Float[np.ndarray, "N H"]:
     """Cubic from zero and at rest to an offset and a rate, constant afterwards."""
     lasts = end_s - begin_s
@@ -450,15 +502,22 @@ def _in_line(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Meetings with the front at the other agent's rear (-1), or in front of it (1)."""
     forward, velocity = unit_vector(other.heading_rad[step]), other.velocity_mps[step]
-    closing = _CLOSING_MPS if aim.is_contact else (0.0,)
+    fast = aim.approach in ("brakes", "pulls-out")
+    closing = _FAST_CLOSING_MPS if fast else _CLOSING_MPS
+    closing = closing if aim.is_contact else (0.0,)
     reach = (other.size_m[0] + attacker.size_m[0]) / 2 + _planned_gap_m(aim)
     position = other.position_m[step] + end * reach * forward
     speeds = np.stack([velocity - end * rate * forward for rate in closing])
     comes = _course_cos(attacker, other, step) > _CROSSING_COS
     if end > 0:
-        # Who cuts in comes from beside the other's path.
-        goes = (speeds * forward).sum(-1) > _GOES_MPS
-        comes = goes[:, None] & comes & _starts_aside(attacker, other)
+        goes = (speeds * forward).sum(-1) > (0 if fast else _GOES_MPS)
+        goes &= (velocity * forward).sum(-1) > _GOES_MPS
+        comes = goes[:, None] & comes & _starts_well(attacker, other, aim.approach)
+    if aim.approach == "pulls-out":
+        way = position - attacker.candidate_m[0, 0]
+        aside = np.abs((way * left_of(forward)).sum(-1))
+        ahead = np.maximum((way * forward).sum(-1), 0)
+        comes = comes & (6 * aside / attacker.limits.curvature_1pm <= ahead**2)
     shape = (len(closing), *comes.shape[-2:])
     return (
         np.broadcast_to(position, speeds.shape)[:, None],
@@ -556,19 +615,34 @@ def _course_cos(
     return (course * unit_vector(other.heading_rad[step])).sum(-1)
 
 
-def _starts_aside(attacker: _Attacker, other: Track) -> bool:
-    """Whether the attacker is beside the other's path now, not on it."""
-    path = np.concatenate(
-        [
-            other.position_m,
-            other.position_m[-1:] + 10 * unit_vector(other.heading_rad[-1:]),
-        ]
+def _starts_well(attacker: _Attacker, other: Track, approach: Approach) -> bool:
+    """Whether the attacker is now where an approach that ends in front begins.
+
+    Who cuts in or pulls out is beside the other's path, who brakes directly ahead on it.
+    """
+    on = unit_vector(other.heading_rad[-1:])
+    beyond = np.arange(2.0, _LOOKS_AHEAD_M, 2.0)[:, None]
+    path = np.concatenate([other.position_m, other.position_m[-1:] + beyond * on])
+    forward = np.concatenate(
+        [unit_vector(other.heading_rad), np.broadcast_to(on, (len(beyond), 2))]
     )
-    gap = path - attacker.candidate_m[0, 0]
-    nearest = int(np.argmin((gap**2).sum(-1)))
-    left = left_of(unit_vector(other.heading_rad))
-    aside = abs(gap[nearest] @ left[min(nearest, len(left) - 1)])
-    return bool(aside > 0.5 * (other.size_m[1] + attacker.size_m[1]) * 0.9)
+    points = np.concatenate([attacker.candidate_m[:1, 0], attacker.around_m])
+    gap = points[:, None] - path
+    place = np.argmin((gap**2).sum(-1), axis=1)
+    aside = np.abs(
+        (gap[np.arange(len(place)), place] * left_of(forward[place])).sum(-1)
+    )
+    near = 0.5 * (other.size_m[1] + attacker.size_m[1]) * 0.9
+    is_aside, is_ahead = bool(aside[0] > near), bool(place[0] > 0)
+    speed = float(np.hypot(*attacker.velocity_mps))
+    if approach == "cut-in":
+        return is_aside
+    if attacker.walks or not is_ahead:
+        return False
+    if approach == "pulls-out":
+        return is_aside and speed < STANDING_MPS
+    between = (place > 0) & (place < place[0]) & (aside <= near)
+    return not is_aside and speed > _GOES_MPS and not between.any()
 
 
 def courses(

@@ -147,7 +147,9 @@ def test_slowed_agents_and_absent_ones():
         heading_rad=only.heading_rad[1:],
         velocity_mps=only.velocity_mps[1:],
     )
-    assert term_outcomes(SCENE, only, (goal,)) == ()
+    (found,) = term_outcomes(SCENE, only, (goal,))
+    assert not found.is_run
+    assert "agent 100 is not regenerated" in found.achieved
 
 
 def test_a_worse_sample_holds_the_best_unguided_one():

@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 import shapely
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.scene.guidance_terms import Approach, Threaten
+from pd_editor.scene.guidance_terms import IN_FRONT, Approach, Threaten
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.threats.encounter import Track, encounter
@@ -58,6 +59,8 @@ def scene(approach: Approach) -> Scenario:
         "cut-in": [(0, 0, 0, 10), (3, width, 0, 11)],
         "side": [(0, 0, 0, 8), (30, 30, -np.pi / 2, 9)],
         "head-on": [(0, 0, 0, 6), (60, width, np.pi, 8)],
+        "brakes": [(0, 0, 0, 12), (22, 0, 0, 12)],
+        "pulls-out": [(0, 0, 0, 8), (25, width, 0, 0)],
     }
     return scenario_with(straight_drivers(states[approach]), crossing())
 
@@ -79,7 +82,7 @@ def shapely_gap(first: Track, second: Track) -> float:
 
 
 @pytest.mark.parametrize("severity", SEVERITIES)
-@pytest.mark.parametrize("approach", ["rear", "cut-in", "side", "head-on"])
+@pytest.mark.parametrize("approach", get_args(Approach))
 def test_plans_come_to_the_asked_gap_within_limits(
     approach: Approach, severity: float
 ) -> None:
@@ -91,7 +94,7 @@ def test_plans_come_to_the_asked_gap_within_limits(
     for index in range(len(plans)):
         plan = plans.track.taken(np.array([index]))
         gap = shapely_gap(only_one(plan), other)
-        if approach == "cut-in":
+        if approach in IN_FRONT:
             # Beside the other agent it may be nearer than in its path.
             assert gap <= plans.gap_m[index] + 1e-6
         else:
@@ -121,6 +124,8 @@ def test_plans_come_to_the_asked_gap_within_limits(
         ("cut-in", {"front", "left"}),
         ("side", {"left", "right"}),
         ("head-on", {"front"}),
+        ("brakes", {"front"}),
+        ("pulls-out", {"front", "left"}),
     ],
 )
 def test_contact_is_at_the_side_of_the_approach(
@@ -204,6 +209,62 @@ def test_cut_in_needs_an_agent_beside_the_path() -> None:
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (15, 0, 0, 10)]))
     term = Threaten(agent_id="101", other_id="100", approach="cut-in")
     assert threat_obstacle(scenario, term) == ThreatObstacle(kind="course")
+
+
+@pytest.mark.parametrize("severity", SEVERITIES)
+def test_a_leader_brakes_hard_on_its_way(severity: float) -> None:
+    scenario = scene("brakes")
+    plans, _, _ = planned(scenario, "brakes", severity)
+    speed = np.linalg.norm(np.diff(plans.track.position_m, axis=1), axis=-1) / 0.1
+    for one, step in zip(speed, plans.meeting_step, strict=True):
+        assert np.max(one[: step - 4] - one[5 : step + 1]) / 0.5 > 2.5
+    assert np.abs(plans.track.position_m[..., 1]).max() < 1.5
+
+
+def test_only_the_direct_leader_brakes() -> None:
+    for states, kind in (
+        ([(0, 0, 0, 12), (22, LANE_WIDTH_M, 0, 12)], "course"),  # beside
+        ([(0, 0, 0, 12), (-22, 0, 0, 12)], "course"),  # behind
+        ([(0, 0, 0, 12), (24, 0, 0, 12), (12, 0, 0, 12)], "course"),  # one between
+        ([(0, 0, 0, 12), (22, 0, 0, 0)], "course"),  # stands
+    ):
+        scenario = scenario_with(straight_drivers(states))
+        term = Threaten(agent_id="101", other_id="100", approach="brakes")
+        obstacle = threat_obstacle(scenario, term)
+        assert obstacle is not None
+        assert obstacle.kind == kind
+
+
+@pytest.mark.parametrize("severity", SEVERITIES)
+def test_who_pulls_out_starts_forwards_and_not_sideways(severity: float) -> None:
+    scenario = scene("pulls-out")
+    plans, _, _ = planned(scenario, "pulls-out", severity)
+    step = np.diff(plans.track.position_m, axis=1)
+    moves = np.linalg.norm(step, axis=-1) > 0.02
+    turn = np.abs(np.arctan2(step[..., 1], step[..., 0]))
+    first = moves.argmax(axis=1)
+    assert (turn[np.arange(len(turn)), first] < 0.2).all()
+    end = plans.track.position_m[np.arange(len(turn)), plans.meeting_step]
+    assert (end[:, 1] < 2.5).all()
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        (25, LANE_WIDTH_M, 0, 5),  # moves already
+        (-25, LANE_WIDTH_M, 0, 0),  # behind
+        (25, 0, 0, 0),  # on the way of the other one
+        (25, LANE_WIDTH_M, np.pi, 0),  # faces the other one
+    ],
+)
+def test_only_who_stands_ahead_and_aside_pulls_out(
+    state: tuple[float, float, float, float],
+) -> None:
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 8), state]))
+    term = Threaten(agent_id="101", other_id="100", approach="pulls-out")
+    obstacle = threat_obstacle(scenario, term)
+    assert obstacle is not None
+    assert obstacle.kind == "course"
 
 
 def test_an_agent_too_far_behind_is_told_how_much_it_would_need() -> None:

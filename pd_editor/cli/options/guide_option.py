@@ -11,13 +11,18 @@ from collections.abc import Sequence
 from dataclasses import MISSING, fields
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from pd_editor.editor.commands.json_values import from_json
 from pd_editor.errors import InputError, PdEditorError
 from pd_editor.plain_text import one_line
 from pd_editor.regular_file import read_regular
-from pd_editor.scene.guidance_terms import GUIDANCE_KINDS, MAX_TERMS, GuidanceTerm
+from pd_editor.scene.guidance_terms import (
+    GUIDANCE_KINDS,
+    MAX_TERMS,
+    Approach,
+    GuidanceTerm,
+)
 
 MAX_FILE_BYTES: Final = 2**20
 _UNITS: Final = ("_mps2", "_mps", "_m", "_s", "_id")
@@ -161,6 +166,6 @@ def _form(name: str) -> str:
         "points": "points=X/Y+X/Y",
         "line": "line=X/Y+X/Y",
         "side": "side=left or right",
-        "approach": "approach=rear, cut-in, side or head-on",
+        "approach": f"approach={', '.join(get_args(Approach))}",
     }
     return forms.get(name, f"{name}=NUMBER")

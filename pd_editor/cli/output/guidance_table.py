@@ -32,6 +32,11 @@ class GuidanceTable:
         for name, report in zip(self.names, self.reports, strict=True):
             before = f"{name}: " if len(self.names) > 1 else ""
             for one in report.outcomes:
+                if not one.is_run:
+                    found.append(
+                        f"{before}{one.term.in_words}: NOT RUN, achieved {one.achieved}"
+                    )
+                    continue
                 mark = "" if one.is_obeyed else "NOT OBEYED, "
                 note = "" if one.is_feasible else " (not feasible)"
                 found.append(
@@ -74,7 +79,7 @@ class GuidanceTable:
                         one.achieved,
                         f"{one.error:.4g}",
                         one.unit,
-                        "yes" if one.is_obeyed else "no",
+                        ("yes" if one.is_obeyed else "no") if one.is_run else "not run",
                         "yes" if one.is_feasible else "no",
                         *_differences(one),
                     ]

@@ -156,6 +156,8 @@ def _in_force(scenario: Scenario) -> list[GuidanceTerm]:
 
 def outcome_line(outcome: TermOutcome) -> Line:
     """Asked and achieved in one line."""
+    if not outcome.is_run:
+        return Line(tone="warn", text=f"The last run achieved {outcome.achieved}.")
     text = f"Asked: {outcome.asked}. Achieved: {outcome.achieved}"
     worse = () if outcome.cost is None else outcome.cost.worse()
     cost = f" Cost: {'; '.join(worse)}." if worse else ""
@@ -170,9 +172,11 @@ def report_of(report: GuidanceReport) -> RunReport:
     lines: list[Line] = []
     if report.outcomes:
         obeyed = sum(outcome.is_obeyed for outcome in report.outcomes)
-        count = len(report.outcomes)
+        count = sum(outcome.is_run for outcome in report.outcomes)
+        left = len(report.outcomes) - count
         tone: Tone = "good" if obeyed == count else "bad"
-        lines.append(Line(tone=tone, text=f"Terms obeyed: {obeyed} of {count}"))
+        more = f"; {left} had no effect" if left else ""
+        lines.append(Line(tone=tone, text=f"Terms obeyed: {obeyed} of {count}{more}"))
     cost = report.cost
     worse = () if cost is None else cost.worse()
     if worse:

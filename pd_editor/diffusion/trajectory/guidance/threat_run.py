@@ -26,7 +26,7 @@ from pd_editor.diffusion.trajectory.guidance.trajectory_term import (
 )
 from pd_editor.diffusion.trajectory.network.decoding import Motion, motion_of
 from pd_editor.geometry.angles import unit_vector
-from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
+from pd_editor.scene.guidance_terms import IN_FRONT, GuidanceTerm, Threaten
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 from pd_editor.threats.encounter import Track, encounter
@@ -275,7 +275,7 @@ class ThreatTerm:
                 step = int(plans.meeting_step[0])
                 near[sample] = np.abs(moment - step) <= _NEAR_STEPS
                 # Gaps to the rear or the front are kept after the meeting.
-                follows = threat.aim.approach in ("rear", "cut-in")
+                follows = threat.aim.approach in ("rear", *IN_FRONT)
                 near[sample] |= (moment > step) & follows & (not threat.aim.is_contact)
         accepted = np.where(near, config.threat_meeting_m, config.threat_m)
         return cls(

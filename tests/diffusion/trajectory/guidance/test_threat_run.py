@@ -21,6 +21,8 @@ STATES: dict[Approach, list[tuple[float, float, float, float]]] = {
     "rear": [(0, 0, 0, 10), (-15, 0, 0, 11), (60, LANE_WIDTH_M, 0, 8)],
     "cut-in": [(0, 0, 0, 10), (6, LANE_WIDTH_M, 0, 11), (-30, 0, 0, 8)],
     "head-on": [(0, 0, 0, 6), (60, LANE_WIDTH_M, np.pi, 8), (-30, 0, 0, 8)],
+    "brakes": [(0, 0, 0, 12), (22, 0, 0, 12), (-30, 0, 0, 8)],
+    "pulls-out": [(0, 0, 0, 8), (25, LANE_WIDTH_M, 0, 0), (-30, 0, 0, 8)],
 }
 
 
@@ -52,7 +54,7 @@ def sampled(
 
 
 @pytest.mark.parametrize("severity", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("approach", ["rear", "cut-in", "head-on"])
+@pytest.mark.parametrize("approach", list(STATES))
 def test_kept_agent_is_threatened_as_asked_within_limits(
     diffuser: PathDiffuser, approach: Approach, severity: float
 ) -> None:
