@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -30,6 +30,7 @@ from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
 from pd_editor.diffusion.initial_state.fitting import (
     colliding_with_kept,
     limited,
+    without_new,
     without_overlapping,
 )
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
@@ -220,6 +221,7 @@ class PathDiffuser:
                 sampler=_state_sampler(request, stage),
                 guidance=_state_guidance(request, stage),
                 resampling=_conflict_resampling(request, stage),
+                generated_ids=request.agent_ids,
                 progress=partial(_placing_progress, batch, request.num_samples),
             )
             for number, (index, scenario) in enumerate(zip(batch, scenes, strict=True)):
@@ -262,9 +264,10 @@ class PathDiffuser:
     ]:
         """Trajectories from placed states, of which those in the way are placed again.
 
-        The trajectories of kept agents are not known when states are sampled, so an agent
-        may be placed where a kept one drives. Returns the scenario with the states that
-        were used, the new agents in it, and the trajectories.
+        Where a placed agent will drive is not known when states are sampled, so it may
+        collide with a kept one later; new agents that still do are left out in the end.
+        Returns the scenario with the states that were used, the new agents in it, and the
+        trajectories.
         """
         model = stage.model
         assert isinstance(model, InitialStateDenoiser)
@@ -281,6 +284,7 @@ class PathDiffuser:
                     sampler=_state_sampler(request, stage),
                     guidance=_state_guidance(request, stage),
                     resampling=_conflict_resampling(request, stage),
+                    generated_ids=request.agent_ids + best.new_ids,
                     progress=lambda _share: progress(1.0, tuple),
                 )
             new_ids = tuple(n for n in wanted if n in scenario.agents.row_of)
@@ -298,7 +302,10 @@ class PathDiffuser:
                 new_ids=new_ids,
                 sampled=sampled,
                 in_the_way=colliding_with_kept(
-                    scenario, sampled.samples[0], request.resampled_state_ids + new_ids
+                    scenario,
+                    sampled.samples[0],
+                    request.resampled_state_ids + new_ids,
+                    new_ids,
                 ),
             )
             if best is None or len(found.in_the_way) < len(best.in_the_way):
@@ -306,7 +313,11 @@ class PathDiffuser:
             if not best.in_the_way:
                 break
         assert best is not None
-        return best.scenario, best.new_ids, best.sampled
+        if tries == 1:
+            return best.scenario, best.new_ids, best.sampled
+        fitting, new_ids = without_new(best.scenario, best.new_ids, best.in_the_way)
+        gone = frozenset(best.new_ids).difference(new_ids)
+        return fitting, new_ids, best.sampled.without(gone) if gone else best.sampled
 
     def _sampled_trajectories(
         self,
@@ -409,6 +420,23 @@ class _Sampled:
     slowed_ids: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...]
     reports: tuple[GuidanceReport, ...] = ()
+
+    def without(self, gone: Collection[str]) -> "_Sampled":
+        """The same without some agents."""
+        return replace(
+            self,
+            samples=tuple(one.without(gone) for one in self.samples),
+            slowed_ids=tuple(
+                tuple(name for name in ids if name not in gone)
+                for ids in self.slowed_ids
+            ),
+            reports=tuple(
+                one
+                if one.unguided is None
+                else replace(one, unguided=one.unguided.without(gone))
+                for one in self.reports
+            ),
+        )
 
     def yielding_notes(self) -> list[str]:
         """Note on the agents that were slowed."""

@@ -1,5 +1,6 @@
 """Trajectories that a generator has sampled."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final
 
@@ -36,3 +37,16 @@ class TrafficSample:
                 f"The generated size_m holds a value that is not above 0 and at most "
                 f"{MAX_SIZE_M:g} m."
             )
+
+    def without(self, gone: Collection[str]) -> "TrafficSample":
+        """The sample without some agents."""
+        rows = [row for row, name in enumerate(self.ids) if name not in gone]
+        return TrafficSample(
+            ids=tuple(self.ids[row] for row in rows),
+            kinds=tuple(self.kinds[row] for row in rows),
+            size_m=self.size_m[rows],
+            position_m=self.position_m[rows],
+            heading_rad=self.heading_rad[rows],
+            velocity_mps=self.velocity_mps[rows],
+            activity=tuple(self.activity[row] for row in rows if self.activity),
+        )

@@ -1,4 +1,4 @@
-"""Which placed agents conflict with a neighbour or the road, and are sampled again."""
+"""Which placed agents conflict with a neighbour, the road or a kept trajectory."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from pd_editor.diffusion.core.config_limits import check_settings
+from pd_editor.diffusion.initial_state.kept_paths import KeptPaths
 from pd_editor.geometry.angles import left_of, unit_vector
 from pd_editor.geometry.oriented_box import Boxes
 from pd_editor.metrics.collisions.box_tests import boxes_touch
@@ -30,7 +31,7 @@ _WIDE_KINDS: Final = frozenset({AgentKind.VEHICLE, AgentKind.BUS})
 
 @dataclass(frozen=True, kw_only=True)
 class ConflictResampling:
-    """How agents that conflict with a neighbour or the road are sampled again.
+    """How agents that conflict with a neighbour, road or kept path are sampled again.
 
     Agents that are denoised together each see the noisy states of the others, so some
     end in bunches, fast behind an agent that stands, or on courses that cross. Sampled
@@ -80,6 +81,7 @@ class ConflictResampling:
         scenario: Scenario,
         placed_ids: Collection[str],
         random: np.random.Generator,
+        kept: KeptPaths,
     ) -> tuple[str, ...]:
         """Placed agents without which no placed agent is in conflict.
 
@@ -92,7 +94,7 @@ class ConflictResampling:
         agents = agents.taken(rows)
         placed = frozenset(placed_ids)
         may_go = np.array([name in placed for name in agents.ids], bool)
-        remains = self.conflicts(agents, scenario)
+        remains = self.conflicts(agents, scenario, kept)
         chosen: list[str] = []
         while True:
             number = remains.sum(axis=1) * may_go
@@ -103,7 +105,10 @@ class ConflictResampling:
             remains[row], remains[:, row] = False, False
 
     def best_of(
-        self, versions: Sequence[Scenario], agent_ids: Collection[str]
+        self,
+        versions: Sequence[Scenario],
+        agent_ids: Collection[str],
+        kept: KeptPaths,
     ) -> Scenario:
         """Scenario in which each of some agents has its state of one version.
 
@@ -120,7 +125,7 @@ class ConflictResampling:
             again = version.agents.taken(version.agents.rows(tuple(agent_ids)))
             names = tuple(f"{number}/{name}" for name in again.ids)
             states = states.joined(replace(again, ids=names))
-        found = self.conflicts(states, versions[0])
+        found = self.conflicts(states, versions[0], kept)
         counts = states.is_valid[:, step] & states.kind_mask(LANE_FOLLOWER_KINDS)
         found &= counts & counts[:, None]
         # Row of each agent's state in each version; other agents have one state only.
@@ -141,16 +146,19 @@ class ConflictResampling:
         return versions[0].with_agents(replace(states.taken(rows), ids=agents.ids))
 
     def conflicts(
-        self, agents: AgentTracks, scenario: Scenario
+        self, agents: AgentTracks, scenario: Scenario, kept: KeptPaths
     ) -> Bool[np.ndarray, "A A"]:
-        """Which pairs conflict, and on the diagonal which agents do with the road.
+        """Which pairs conflict, and on the diagonal which agents do with road or paths.
 
         The agents are on the road of the scenario, at its current step.
         """
         step = scenario.current_step
         of_road = self.wrong_way(agents, scenario.road_map, step)
         of_road |= self.askew_off_road(agents, scenario)
-        return self.pairs(agents, step) | np.diag(of_road)
+        in_the_way = kept.blocked_by(
+            agents, step, ahead_s=self.crossing_s, gap_m=self.gap_m
+        )
+        return self.pairs(agents, step) | np.diag(of_road | in_the_way)
 
     def wrong_way(
         self, agents: AgentTracks, road_map: RoadMap, step: int

@@ -1,6 +1,6 @@
 """Which placed agents fit: into the scene's limit, beside others, and out of their way."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -56,19 +56,28 @@ def without_overlapping(
         row = int(np.flatnonzero(number == number.max())[-1])
         gone.append(row)
         pairs = pairs[(pairs != row).all(axis=1)]
-    if not gone:
+    return without_new(scenario, new_ids, {agents.ids[row] for row in gone})
+
+
+def without_new(
+    scenario: Scenario, new_ids: Sequence[str], gone: Collection[str]
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Remove those of the new agents that are in ``gone``; returns as above."""
+    names = tuple(name for name in new_ids if name in gone)
+    if not names:
         return scenario, tuple(new_ids)
-    names = {agents.ids[row] for row in gone}
-    kept = scenario.without_agents(tuple(names))
     # Left-out agents were never in the scenario, so their ids are free.
-    kept = replace(kept, retired_ids=scenario.retired_ids)
+    kept = replace(scenario.without_agents(names), retired_ids=scenario.retired_ids)
     return kept, tuple(name for name in new_ids if name not in names)
 
 
 def colliding_with_kept(
-    scenario: Scenario, sample: TrafficSample, placed_ids: Sequence[str]
+    scenario: Scenario,
+    sample: TrafficSample,
+    placed_ids: Sequence[str],
+    new_ids: Collection[str] = (),
 ) -> tuple[str, ...]:
-    """Placed agents that collide later with agents whose states are kept."""
+    """Placed agents, new ones among them, that collide with agents with kept states."""
     agents, now = scenario.agents, scenario.current_step
     rows = agents.rows(sample.ids)
     if not len(rows):
@@ -84,9 +93,9 @@ def colliding_with_kept(
     pairs = pairs[counted(driven, pairs)]
     is_placed = np.isin(agents.ids, list(placed_ids))
     # Whatever enters later at an agent's own place may be that agent, tracked again.
-    late = LateAgents.of(scenario)
+    late, old = LateAgents.of(scenario), rows[~np.isin(sample.ids, list(new_ids))]
     is_kept = ~is_placed
-    is_kept[np.setdiff1d(late.row, late.but_continuing(rows).row)] = False
+    is_kept[np.setdiff1d(late.row, late.but_continuing(old).row)] = False
     both = np.concatenate([pairs, pairs[:, ::-1]])
     hit = both[is_placed[both[:, 0]] & is_kept[both[:, 1]], 0]
     return tuple(agents.ids[row] for row in np.unique(hit))

@@ -25,6 +25,7 @@ from pd_editor.diffusion.initial_state.attributes import (
 )
 from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
 from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
+from pd_editor.diffusion.initial_state.kept_paths import KeptPaths
 from pd_editor.diffusion.initial_state.network.agent_count_prior import (
     cells_of,
     lane_length_m,
@@ -257,6 +258,7 @@ def place_in_squares(
     sampler: InitialStateSamplerConfig | None = None,
     guidance: InitialStateGuidance | None = None,
     resampling: ConflictResampling | None = None,
+    generated_ids: Sequence[str] = (),
     progress: Callable[[float], _Progress] = lambda share: share,
 ) -> Generator[_Progress, None, list[Scenario]]:
     """Sample initial states square by square; returns each sample's scenario.
@@ -264,7 +266,9 @@ def place_in_squares(
     All samples of a square are denoised in one batch. Each square is conditioned on the
     agents of the sample that were placed before. Then agents that conflict with a
     neighbour are sampled again, in several versions of which the best is taken, given all
-    others; ``resampling`` None leaves them. Placed agents exist at the current step only.
+    others; ``resampling`` None leaves them. So it is with agents in the way of others, but
+    not of those whose trajectories are to be generated. Placed agents exist at the current
+    step only.
     Yields ``progress`` of the share that is done.
 
     Raises:
@@ -283,13 +287,17 @@ def place_in_squares(
         sampler=sampler,
         progress=lambda part: progress(ends[0] * part),
     )
+    own = {name for squares in placings.values() for one in squares for name in one.ids}
+    kept = KeptPaths.of(
+        scenario, [n for n in scenario.agents.ids if n in own.union(generated_ids)]
+    )
     for index, (begin, end) in enumerate(pairwise(ends)):
         assert resampling is not None, "without it there are no rounds"
         again: dict[int, tuple[str, ...]] = {}
         for sample, squares in placings.items():
             ids = [name for one in squares for name in one.ids]
             random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, index])
-            again[sample] = resampling.conflicting(found[sample], ids, random)
+            again[sample] = resampling.conflicting(found[sample], ids, random, kept)
         versions = {
             sample: [sample + n * _VERSION_STEP for n in range(resampling.num_versions)]
             for sample, ids in again.items()
@@ -311,7 +319,7 @@ def place_in_squares(
         )
         for sample, keys in versions.items():
             found[sample] = resampling.best_of(
-                [placed[key] for key in keys], again[sample]
+                [placed[key] for key in keys], again[sample], kept
             )
     return [_slowed(found[sample], squares) for sample, squares in placings.items()]
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from pd_editor.diffusion.initial_state import pipeline
 from pd_editor.diffusion.initial_state.attributes import with_attributes_of
 from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
+from pd_editor.diffusion.initial_state.kept_paths import KeptPaths
 from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
@@ -36,6 +37,10 @@ from tests.diffusion.initial_state.scenes import placed_states, scene_batch
 from tests.repair.scenes import Crowd, boxes, crowds
 
 RESAMPLING = ConflictResampling()
+
+
+def nothing_kept(scenario: Scenario) -> KeptPaths:
+    return KeptPaths.of(scenario, scenario.agents.ids)
 
 
 def in_conflict(states: list[tuple[float, float, float, float]]) -> bool:
@@ -115,7 +120,9 @@ def test_agents_in_a_lane_that_leads_the_other_way_conflict_with_the_road(
     ids, step = scenario.agents.ids, scenario.current_step
     found = RESAMPLING.wrong_way(scenario.agents, scenario.road_map, step)
     assert found.tolist() == [expected, False]
-    chosen = RESAMPLING.conflicting(scenario, ids, np.random.default_rng(0))
+    chosen = RESAMPLING.conflicting(
+        scenario, ids, np.random.default_rng(0), nothing_kept(scenario)
+    )
     assert chosen == (ids[:1] if expected else ())
 
 
@@ -137,7 +144,7 @@ def test_vehicles_askew_beside_a_road_conflict_with_it(
     scenario = scenario_with(straight_drivers([state, (90.0, 60.0, 0.0, 0.0)]))
     found = RESAMPLING.askew_off_road(scenario.agents, scenario)
     assert found.tolist() == [expected, False]
-    conflicts = RESAMPLING.conflicts(scenario.agents, scenario)
+    conflicts = RESAMPLING.conflicts(scenario.agents, scenario, nothing_kept(scenario))
     assert conflicts.diagonal().tolist() == [expected, False]
 
 
@@ -160,7 +167,9 @@ def test_the_road_beside_which_vehicles_stand_may_be_warped(
 def test_an_agent_gets_its_state_of_the_version_along_the_lane():
     ahead, back = (20.0, 0.0, 0.0, 8.0), (20.0, 0.0, np.pi, 8.0)
     versions = [scenario_with(straight_drivers([one])) for one in (back, ahead)]
-    best = RESAMPLING.best_of(versions, versions[0].agents.ids)
+    best = RESAMPLING.best_of(
+        versions, versions[0].agents.ids, nothing_kept(versions[0])
+    )
     assert best.agents.heading_rad[0, best.current_step] == 0.0
 
 
@@ -171,12 +180,15 @@ def test_without_the_chosen_agents_no_placed_one_conflicts(crowd: Crowd):
     scenario = scenario_with(straight_drivers(states, kinds=kinds))
     placed = scenario.agents.ids[1::2]
     random = np.random.default_rng(0)
-    chosen = RESAMPLING.conflicting(scenario, placed, random)
+    chosen = RESAMPLING.conflicting(scenario, placed, random, nothing_kept(scenario))
     assert set(chosen) <= set(placed)
     assert len(set(chosen)) == len(chosen)
     rest = scenario.without_agents(chosen)
     assert not RESAMPLING.conflicting(
-        rest, [name for name in placed if name not in chosen], random
+        rest,
+        [name for name in placed if name not in chosen],
+        random,
+        nothing_kept(rest),
     )
     kind_of = dict(zip(scenario.agents.ids, scenario.agents.kinds, strict=True))
     assert all(kind_of[name] in LANE_FOLLOWER_KINDS for name in chosen)
@@ -195,12 +207,12 @@ def test_the_best_of_some_versions_has_no_more_conflicts_than_each(
     for version in range(number):
         place = base.agents.position_m[rows] + (0.0, 3.0 * version * turn)
         versions.append(base.with_agents(base.agents.with_rows(rows, position_m=place)))
-    best = RESAMPLING.best_of(versions, ids)
+    best = RESAMPLING.best_of(versions, ids, nothing_kept(versions[0]))
 
     def conflicts(scenario: Scenario) -> int:
         agents = scenario.agents
         counts = agents.is_valid[:, step] & agents.kind_mask(LANE_FOLLOWER_KINDS)
-        found = RESAMPLING.conflicts(agents, scenario)
+        found = RESAMPLING.conflicts(agents, scenario, nothing_kept(scenario))
         return int((found & counts & counts[:, None])[rows].sum())
 
     assert conflicts(best) <= min(map(conflicts, versions))
@@ -219,7 +231,7 @@ def test_an_agent_gets_its_state_of_the_version_without_a_conflict():
     free = [(20.0, 0.0, 0.0, 0.0), (80.0, 0.0, 0.0, 0.0)]
     one = scenario_with(straight_drivers([*stands, free[0], stands[1]]))
     two = scenario_with(straight_drivers([*stands, stands[0], free[1]]))
-    best = RESAMPLING.best_of([one, two], one.agents.ids[2:])
+    best = RESAMPLING.best_of([one, two], one.agents.ids[2:], nothing_kept(one))
     found = best.agents.position_m[:, best.current_step, 0]
     assert found.tolist() == [0.0, 60.0, 20.0, 80.0]
 
@@ -255,7 +267,7 @@ def test_only_agents_in_conflict_are_sampled_again(
     step = scenario.current_step
     ids = [name for name in once.agents.ids if name.startswith("new")]
     random = np.random.default_rng(0)
-    first = RESAMPLING.conflicting(once, ids, random)
+    first = RESAMPLING.conflicting(once, ids, random, nothing_kept(once))
     assert first, "a network with random weights places agents in conflict"
     at = {
         name: scene.agents.position_m[scene.agents.rows(ids), step]

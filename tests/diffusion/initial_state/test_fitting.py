@@ -125,7 +125,8 @@ def test_agents_in_the_way_are_placed_again(diffuser: PathDiffuser):
         placed = traffic_command(asked, traffic_with(sample)).apply(scenario)
         return len(colliding_with_kept(placed, sample, sample.ids))
 
-    assert hits(again) <= hits(once)
+    # Whoever still is in the way after some tries is left out.
+    assert hits(again) == 0 <= hits(once)
 
 
 def traffic_with(sample: TrafficSample) -> GeneratedTraffic:

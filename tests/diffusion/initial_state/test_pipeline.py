@@ -8,6 +8,7 @@ from pd_editor.diffusion import path_diffuser
 from pd_editor.diffusion.initial_state import pipeline
 from pd_editor.diffusion.initial_state.attributes import AttributeRequest
 from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
+from pd_editor.diffusion.initial_state.kept_paths import KeptPaths
 from pd_editor.diffusion.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
@@ -16,7 +17,7 @@ from pd_editor.diffusion.initial_state.network.conditioning import (
 )
 from pd_editor.diffusion.initial_state.sampler import sample_initial_states
 from pd_editor.diffusion.path_diffuser import PathDiffuser
-from pd_editor.generation import GenerationRequest, Region
+from pd_editor.generation import GenerationRequest, Region, guidance_settings
 from pd_editor.metrics.road.off_road import is_off_road
 from pd_editor.repair import slow_for_gaps
 from pd_editor.scenario_store import open_scenario
@@ -93,6 +94,7 @@ def test_samples_share_one_map_with_crosswalks(diffuser: PathDiffuser) -> None:
         num_samples=2,
         seed=1,
         region=Region(center_m=(0.0, 0.0), half_side_m=62.0),
+        guidance=guidance_settings(None, 0),
     )
     assert [len(one.ids) for one in traffic.samples] == [4, 4]
 
@@ -119,9 +121,11 @@ def test_high_quality_samples_more_versions_of_agents_in_conflict(
     numbers: list[int] = []
     best_of = ConflictResampling.best_of
 
-    def counted(self: ConflictResampling, versions: list, ids: tuple) -> Scenario:
+    def counted(
+        self: ConflictResampling, versions: list, ids: tuple, kept: KeptPaths
+    ) -> Scenario:
         numbers.append(len(versions))
-        return best_of(self, versions, ids)
+        return best_of(self, versions, ids, kept)
 
     monkeypatch.setattr(ConflictResampling, "best_of", counted)
     crowd = [(8.0 * k, 3.5 * lane, 0.0, 9.0) for k in range(9) for lane in range(2)]
