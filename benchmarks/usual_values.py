@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.metrics import scorecard as scorecard_module
-from pd_editor.metrics.scorecard import TITLES, UsualRange, scorecard
+from pd_editor.findings.scorecard import ROWS, UsualRange, scorecard
+from pd_editor.findings import scorecard as scorecard_module
 from pd_editor.viewer.meshes.flat_mesh import glb_of
 from pd_editor.viewer.meshes.palette import LIGHT
 from pd_editor.viewer.views.findings_view import finding_primitives
@@ -28,7 +28,7 @@ def main() -> None:
     """Print the table, and the processor time of a scorecard and of drawing it."""
     root = Path(os.environ["PD_EDITOR_AV2"]) / "train"
     if not TARGET.exists():
-        scorecard_module.usual_ranges = lambda: dict.fromkeys(TITLES, NOTHING)
+        scorecard_module.usual_ranges = lambda: dict.fromkeys(ROWS, NOTHING)
     means, times, drawn = [], [], []
     for folder in sorted(path.parent for path in root.glob("*/scenario*.parquet")):
         scenario = read_scenario(folder)
@@ -41,7 +41,7 @@ def main() -> None:
         glb_of(finding_primitives(scenario, [f for f in found if f.is_fault], LIGHT))
         drawn.append(1e3 * (time.thread_time() - began))
     rows = []
-    for name in TITLES:
+    for name in ROWS:
         values = np.array([one[name] for one in means])
         values = values[np.isfinite(values)]
         quantiles = np.quantile(values, QUANTILES).round(4)

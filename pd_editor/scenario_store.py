@@ -86,6 +86,9 @@ def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
         base=recipe.base,
         is_bent=recipe.is_bent,
         edited_ids=recipe.edited_ids,
+        recorded_findings=None
+        if recipe.recorded_findings is None
+        else frozenset(recipe.recorded_findings),
     )
     return dataclasses.replace(scenario, provenance=provenance)
 
@@ -109,10 +112,13 @@ def has_same_content(one: Scenario, other: Scenario) -> bool:
     return bool(max(np.abs(gap).max(initial=0.0), np.abs(road).max()) < SAME_M)
 
 
-def exported_files(scenario: Scenario, recipe: Recipe) -> dict[str, bytes]:
+def exported_files(
+    scenario: Scenario, recipe: Recipe, base: Scenario | None = None
+) -> dict[str, bytes]:
     """Files of an Argoverse 2 folder for a scenario, with its recipe.
 
-    The scenario's id is that of the recipe's variant.
+    The scenario's id is that of the recipe's variant. With its base, the recipe tells
+    which findings are the recording's, for who opens the files again.
 
     Raises:
         ExportError: the scenario cannot be written, for example without a focal agent.
@@ -124,6 +130,8 @@ def exported_files(scenario: Scenario, recipe: Recipe) -> dict[str, bytes]:
             f"Scenario {scenario.scenario_id} has no focal agent ({focal_id or 'none'} is"
             " not there); make an agent the focal one first."
         )
+    if base is not None:
+        recipe = recipe.judged(scenario, base)
     scenario = dataclasses.replace(
         scenario,
         agents=with_focal_category(agents, focal_id),
@@ -150,7 +158,12 @@ def check_free(
 
 
 def export_into(
-    out: str | Path, scenario: Scenario, recipe: Recipe, *, overwrite: bool = False
+    out: str | Path,
+    scenario: Scenario,
+    recipe: Recipe,
+    *,
+    base: Scenario | None = None,
+    overwrite: bool = False,
 ) -> Path:
     """Write ``out/<id of the result>``; the input is never overwritten.
 
@@ -159,7 +172,7 @@ def export_into(
     """
     folder = Path(out) / recipe.result_id
     write_files(
-        exported_files(scenario, recipe),
+        exported_files(scenario, recipe, base),
         folder,
         forbidden=_input_folder(scenario),
         overwrite=overwrite,

@@ -3,13 +3,14 @@
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
 from pd_editor.editor.commands import ReplaceTraffic
+from pd_editor.editor.edit_findings import edit_findings, guidance_in_words
 from pd_editor.editor.recipe import Recipe
-from pd_editor.problems.check import checked, scene_problems
+from pd_editor.findings.finding import FindingKey
 from pd_editor.scene.scenario import Scenario
 
 INDEX_NAME: Final = "index.csv"
@@ -24,6 +25,7 @@ _COLUMNS: Final = (
     "generator",
     "num_problems",
     "problems",
+    "guidance",
     "tags",
     "note",
 )
@@ -44,6 +46,8 @@ class IndexRow:
     generators: tuple[str, ...] = ()
     problems: Mapping[str, int] = field(default_factory=dict)
     """Number of problems of each kind that edits caused."""
+    guidance: tuple[str, ...] = ()
+    """What each term of guidance asked and what was achieved."""
     tags: tuple[str, ...] = ()
     note: str = ""
 
@@ -53,10 +57,21 @@ class IndexRow:
         return sum(self.problems.values())
 
 
-def index_row(scenario: Scenario, base: Scenario, recipe: Recipe) -> IndexRow:
-    """Row of a scenario that a recipe makes from ``base``."""
+def index_row(
+    scenario: Scenario,
+    base: Scenario,
+    recipe: Recipe,
+    *,
+    ignored: Collection[FindingKey] = (),
+) -> IndexRow:
+    """Row of a scenario that a recipe makes from ``base``.
+
+    Problems with ``ignored`` keys do not count.
+    """
     parts = [part for command in recipe.commands for part in command.parts]
     generated = [one for one in parts if isinstance(one, ReplaceTraffic)]
+    found = edit_findings(scenario, base, recipe.commands).problems
+    counts = Counter(one.kind for one in found if one.key not in ignored)
     return IndexRow(
         scenario_id=recipe.result_id,
         base_id=recipe.base.root.scenario_id,
@@ -64,16 +79,11 @@ def index_row(scenario: Scenario, base: Scenario, recipe: Recipe) -> IndexRow:
         edits=tuple(command.label for command in recipe.commands),
         seeds=tuple(dict.fromkeys(one.seed for one in generated)),
         generators=tuple(dict.fromkeys(one.generator for one in generated)),
-        problems=problem_counts(scenario, base),
+        problems=dict(sorted(counts.items())),
+        guidance=tuple(guidance_in_words(scenario, recipe.commands)),
         tags=recipe.variant.tags,
         note=recipe.variant.note,
     )
-
-
-def problem_counts(scenario: Scenario, base: Scenario) -> dict[str, int]:
-    """Number of problems of each kind that edits have caused."""
-    found = checked(scenario, base, scene_problems(base)).new
-    return dict(sorted(Counter(one.kind for one in found).items()))
 
 
 def index_csv(rows: Iterable[IndexRow]) -> bytes:
@@ -94,6 +104,7 @@ def index_csv(rows: Iterable[IndexRow]) -> bytes:
             " ".join(row.generators),
             str(row.num_problems),
             kinds,
+            "; ".join(row.guidance),
             "; ".join(row.tags),
             row.note,
         )

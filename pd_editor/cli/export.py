@@ -127,7 +127,7 @@ def _zipped(out: Path, sessions: list[EditorSession], overwrite: bool) -> Path:
                 described(name, session.variant.tags, session.variant.note)
             )
             recipe = undated_recipe(session)
-        made[name] = exported_files(session.scenario, recipe)
+        made[name] = exported_files(session.scenario, recipe, session.base)
         rows.append(index_row(session.scenario, session.base, recipe))
     content = zip_folders(made, {INDEX_NAME: index_csv(rows)})
     write_whole(target, content)

@@ -34,10 +34,12 @@ from pd_editor.diffusion.defaults import (
     DeviceName,
 )
 from pd_editor.editor.commands import AddGuidance, SetAgentActivity, traffic_command
+from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.errors import GenerationError
 from pd_editor.features.lane_tokens import lane_pieces
+from pd_editor.findings.sample_ranking import Ranking
 from pd_editor.generation import (
     GenerationRequest,
     GuidanceSetting,
@@ -50,7 +52,6 @@ from pd_editor.generation import (
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.guidance.feasibility import guidance_problems
-from pd_editor.metrics.sample_ranking import Ranking
 from pd_editor.scenario_store import check_free, open_scenario
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
@@ -221,15 +222,19 @@ def generate(
         check_free(out, one, opened, overwrite=overwrite)
     _tell_problems(request, terms)
     traffic = run_showing_progress(generator.generate(request))
+    commands = [
+        traffic_command(request, traffic, index, removed_ids=removed)
+        for index in range(len(names))
+    ]
     table, written = None, range(len(names))
     if samples > 1:
-        table = SampleTable.of(request.scenario, traffic.samples, rank, pick)
+        results = (apply_within_locks(command, base) for command in commands)
+        table = SampleTable.of(results, [one.sample for one in commands], rank, pick)
         written = sorted(table.picked)
     sessions = [EditorSession(opened) for _ in written]
     for index, session in zip(written, sessions, strict=True):
         session.describe(described(names[index]))
-        replacement = traffic_command(request, traffic, index, removed_ids=removed)
-        for command in (*edits, replacement):
+        for command in (*edits, commands[index]):
             session.apply(command)
     guidance = GuidanceTable(
         names=tuple(names[index] for index in written),

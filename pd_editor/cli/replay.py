@@ -51,7 +51,7 @@ def replay(
         scenario, parsed, remarks = _regenerated(parsed, opened, model)
     else:
         scenario = replay_recipe(parsed, opened)
-    folder = export_into(out, scenario, parsed, overwrite=overwrite)
+    folder = export_into(out, scenario, parsed, base=opened, overwrite=overwrite)
     return Outcome(folders=(folder,), scenarios=(scenario,), remarks=remarks)
 
 

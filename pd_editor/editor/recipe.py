@@ -21,8 +21,10 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.editor.commands.json_values import from_json, to_json
 from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.edit_findings import edit_findings, edited_by
 from pd_editor.editor.variant import Variant
 from pd_editor.errors import PdEditorError, RecipeError
+from pd_editor.findings.finding import FindingKey
 from pd_editor.generation import ScenarioGenerator, run_to_end
 from pd_editor.plain_text import is_note
 from pd_editor.scene.base_reference import BaseReference
@@ -51,6 +53,13 @@ class Recipe:
     """Sentences on synthetic parts of the result; a replay regenerates them."""
     variant: Variant = field(default_factory=Variant)
     """Name (scenario id of the result; empty: the base's id), tags and note."""
+    recorded_findings: tuple[FindingKey, ...] | None = None
+    """Keys of the result's findings that are the recording's; None if not looked for."""
+
+    def judged(self, scenario: Scenario, base: Scenario) -> "Recipe":
+        """The recipe with the recorded findings of its result."""
+        found = edit_findings(scenario, base, self.commands).recorded
+        return replace(self, recorded_findings=tuple(one.key for one in found))
 
     @property
     def edited_ids(self) -> frozenset[str]:
@@ -59,10 +68,8 @@ class Recipe:
         for command in (part for one in self.commands for part in one.parts):
             if isinstance(command, ReplaceTraffic):
                 found.update(command.sample.ids)
-            for name in ("agent_ids", "new_ids"):
-                found.update(getattr(command, name, ()))
             if not isinstance(command, SetFocalAgent):
-                found.update(filter(None, (getattr(command, "agent_id", ""),)))
+                found.update(edited_by(command))
         return frozenset(found)
 
     @property
@@ -95,6 +102,8 @@ class Recipe:
             "notes": list(self.notes),
             "variant": variant,
         }
+        if self.recorded_findings is not None:
+            head["recorded_findings"] = to_json(self.recorded_findings)
         lines = [json.dumps(command_to_json(command)) for command in self.commands]
         text = json.dumps(head, indent=1)[:-2]
         body = ",\n".join(f"  {line}" for line in lines)
@@ -135,6 +144,7 @@ class Recipe:
             "base",
             "notes",
             "variant",
+            "recorded_findings",
             "commands",
         }
         if unknown:
@@ -159,6 +169,11 @@ class Recipe:
                 note for note in notes if isinstance(note, str) and is_note(note)
             ),
             variant=variant_from_json(data.get("variant", {})),
+            recorded_findings=from_json(
+                tuple[FindingKey, ...] | None,
+                data.get("recorded_findings"),
+                "The recipe's recorded_findings",
+            ),
         )
 
 

@@ -8,9 +8,9 @@ from operator import is_
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from pd_editor.editor.commands import AddGuidance, ChangeGuidance, ReplaceTraffic
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.edit_findings import unrun_terms
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
 from pd_editor.editor.recipe import MAX_COMMANDS, Recipe, check_base, moment
 from pd_editor.editor.variant import Variant, proposed_name
@@ -192,22 +192,7 @@ class EditorSession:
     @property
     def awaits_guided_run(self) -> bool:
         """Whether a term in force was set after its agents were last generated."""
-        # A term moves with a warped road, so kind and agents tell which one it is.
-        in_force = {
-            (term.kind, term.named_ids) for term in self.scenario.guidance if term.is_on
-        }
-        generated: set[str] = set()
-        for command in reversed(self.commands_in_force if in_force else ()):
-            for part in reversed(command.parts):
-                if isinstance(part, ReplaceTraffic):
-                    generated.update(part.sample.ids)
-                elif isinstance(part, AddGuidance | ChangeGuidance):
-                    named = part.term.named_ids
-                    if (part.term.kind, named) not in in_force:
-                        continue
-                    if generated.isdisjoint(named) if named else not generated:
-                        return True
-        return False
+        return bool(unrun_terms(self.scenario, self.commands_in_force))
 
     @property
     def can_undo(self) -> bool:

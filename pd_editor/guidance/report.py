@@ -7,15 +7,15 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from pd_editor.findings.collisions import later_colliders
 from pd_editor.generation import GuidanceReport, TrafficSample
 from pd_editor.geometry.angles import unit_vector
 from pd_editor.guidance.feasibility import guidance_problems, infeasible_terms
 from pd_editor.guidance.outcomes import term_outcomes
-from pd_editor.metrics.collisions.box_collision import box_overlap
 from pd_editor.metrics.motion.kinematics import kinematics
 from pd_editor.metrics.road.lane_deviation import lane_deviation
-from pd_editor.metrics.road.off_road import is_off_road
-from pd_editor.metrics.traffic_view import generated_traffic
+from pd_editor.metrics.road.off_road import departures
+from pd_editor.metrics.traffic_view import generated_traffic, whole_traffic
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.guidance_outcome import GuidanceCost, Realism
 from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
@@ -112,19 +112,20 @@ class AgentRealism:
     ) -> "AgentRealism":
         """Measure a sample; collisions with ``collide_ids`` do not count.
 
-        Collisions and steps off the road are counted as in ``SampleNumbers``.
+        Collisions and steps off the road are counted as in the list of findings.
         """
-        view = generated_traffic(scenario, sample, with_later=True)
+        view, now = generated_traffic(scenario, sample), scenario.current_step
+        everyone = whole_traffic(scenario, sample)
         drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in sample.kinds], bool)
-        overlap = box_overlap(view)
-        hits = (overlap.is_new & overlap.is_valid)[:, 1:].any(axis=1)
+        hits = later_colliders(everyone.from_step(now))[: len(drives)]
         hits &= np.array([name not in collide_ids for name in sample.ids], bool)
         deviation, motion = lane_deviation(view), kinematics(view)
         total = np.hypot(motion.longitudinal_mps2, motion.lateral_mps2)
         speed = np.linalg.norm(sample.velocity_mps, axis=-1)
         moves = drives & (speed >= MOVING_MPS).any(axis=1)
         off_road = np.full(len(drives), np.nan)
-        off_road[moves] = is_off_road(scenario, sample.position_m[moves]).mean(axis=1)
+        some = everyone.taken(np.flatnonzero(moves))
+        off_road[moves] = departures(scenario, some).is_off_road[:, now:].mean(axis=1)
         return cls(
             ids=sample.ids,
             drives=drives,

@@ -1,8 +1,9 @@
 """Input of metrics: trajectories of the evaluated agents, and the scene around them."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from jaxtyping import Int
@@ -11,6 +12,10 @@ from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_sample import TrafficSample
+
+SAME_STATE_M: Final = 0.01
+"""A generated current state this close to the present one counts as the same."""
+_STEPPED: Final = ("position_m", "heading_rad", "velocity_mps", "is_valid")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,13 +79,10 @@ def recorded_traffic(
     )
 
 
-def generated_traffic(
-    scenario: Scenario, sample: TrafficSample, *, with_later: bool = False
-) -> TrafficView:
+def generated_traffic(scenario: Scenario, sample: TrafficSample) -> TrafficView:
     """View of a sample's trajectories among the scenario's other agents.
 
     In a scenario without a future, other agents exist at the current step only.
-    ``with_later`` adds road users that appear after the current step.
     """
     num_agents, num_steps = sample.heading_rad.shape
     row_of = scenario.agents.row_of
@@ -98,28 +100,54 @@ def generated_traffic(
         ),
         context=_states(
             scenario,
-            np.setdiff1d(_road_users(scenario, with_later=with_later), rows),
+            np.setdiff1d(_road_users(scenario), rows),
             num_steps,
         ),
         logged=_logged(scenario, sample, rows, num_steps),
     )
 
 
-def _road_users(
-    scenario: Scenario, *, with_later: bool = False
-) -> Int[np.ndarray, "A"]:
-    """Rows of the road users that exist at the current step, or also of later ones."""
+def whole_traffic(scenario: Scenario, sample: TrafficSample) -> AgentStates:
+    """All agents at all steps, with a sample in the place of what is recorded of it.
+
+    The past stays only where the sample goes on from it; the sample's agents are first.
+    """
+    now, num_steps = scenario.current_step, sample.heading_rad.shape[1]
+    view, before = generated_traffic(scenario, sample), scenario.agents
+    rows = [row for row, name in enumerate(before.ids) if name not in set(sample.ids)]
+    others = _states(scenario, np.array(rows, int), now + num_steps, since=0)
+    states = {name: getattr(view.agents, name) for name in _STEPPED}
+    for name in _STEPPED:
+        shape = (len(sample.ids), now, *states[name].shape[2:])
+        states[name] = np.concatenate(
+            [np.zeros(shape, states[name].dtype), states[name]], axis=1
+        )
+    for row, name in enumerate(sample.ids):
+        theirs = before.row_of.get(name)
+        if theirs is None or not before.is_valid[theirs, now]:
+            continue
+        jump = before.position_m[theirs, now] - sample.position_m[row, 0]
+        if np.hypot(*jump) <= SAME_STATE_M:
+            for field in _STEPPED:
+                states[field][row, :now] = getattr(before, field)[theirs, :now]
+    return replace(view.agents, **states).joined(others)
+
+
+def _road_users(scenario: Scenario) -> Int[np.ndarray, "A"]:
+    """Rows of the road users that exist at the current step."""
     agents, now = scenario.agents, scenario.current_step
-    end = scenario.time_axis.num_steps if with_later else now + 1
-    present = agents.is_valid[:, now:end].any(axis=1)
-    return np.flatnonzero(present & agents.kind_mask(ROAD_USER_KINDS))
+    return np.flatnonzero(agents.is_valid[:, now] & agents.kind_mask(ROAD_USER_KINDS))
 
 
 def _states(
-    scenario: Scenario, rows: Int[np.ndarray, "A"], num_steps: int
+    scenario: Scenario,
+    rows: Int[np.ndarray, "A"],
+    num_steps: int,
+    since: int | None = None,
 ) -> AgentStates:
-    """Agents from the current step on, cut or padded to a number of steps."""
-    agents, step = scenario.agents, scenario.current_step
+    """Agents from the current step on, or another, cut or padded to a number of steps."""
+    agents = scenario.agents
+    step = scenario.current_step if since is None else since
 
     def window(values: np.ndarray) -> np.ndarray:
         part = values[rows, step : step + num_steps]

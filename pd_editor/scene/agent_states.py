@@ -80,6 +80,18 @@ class AgentStates(BoxStates):
             )
         return type(self)(**values)
 
+    def from_step(self, step: int) -> "AgentStates":
+        """The states from a step on."""
+        return AgentStates(
+            ids=self.ids,
+            kinds=self.kinds,
+            size_m=self.size_m,
+            position_m=self.position_m[:, step:],
+            heading_rad=self.heading_rad[:, step:],
+            velocity_mps=self.velocity_mps[:, step:],
+            is_valid=self.is_valid[:, step:],
+        )
+
     def joined(self: _States, other: _States) -> _States:
         """Concatenate: these agents, then the other ones."""
         values: dict[str, Any] = {}

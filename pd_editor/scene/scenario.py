@@ -36,6 +36,8 @@ class Provenance:
     """Whether the source's road was warped already when it was exported."""
     edited_ids: frozenset[str] = frozenset()
     """Ids of agents that were generated or edited before the source was exported."""
+    recorded_findings: frozenset[tuple[str, tuple[str, ...], str]] | None = None
+    """Keys of the findings of an export that were in the recording; None if unknown."""
 
     def is_recorded(self, agent_ids: Collection[str]) -> bool:
         """Whether these agents and the road are as recorded."""

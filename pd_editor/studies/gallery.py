@@ -121,7 +121,7 @@ def _export(session: EditorSession, variant: Variant, out: Path) -> Path:
     recipe = replace(
         session.recipe(), created_at="", variant=replace(variant, is_proposed=True)
     )
-    return export_into(out, session.scenario, recipe, overwrite=True)
+    return export_into(out, session.scenario, recipe, base=session.base, overwrite=True)
 
 
 def _warp_command(

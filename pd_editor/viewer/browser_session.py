@@ -10,8 +10,8 @@ import viser
 
 from pd_editor.editor.session import SessionState
 from pd_editor.errors import LockedAgentError, PdEditorError
+from pd_editor.findings.finding import Finding
 from pd_editor.generators import GeneratorCatalogue
-from pd_editor.metrics.findings import Finding
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.context_menu import ContextMenu
 from pd_editor.viewer.interaction.framing import FreePart
@@ -36,8 +36,8 @@ from pd_editor.viewer.panels.generation.generation_panel import (
     DRAW_REGION,
     STOP_DRAWING,
 )
+from pd_editor.viewer.state.finding_watch import FindingWatch
 from pd_editor.viewer.state.inbox import Inbox
-from pd_editor.viewer.state.problem_watch import ProblemWatch
 from pd_editor.viewer.state.ui_context import UiContext
 from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.tab.control_panel import ControlPanel
@@ -79,7 +79,7 @@ class BrowserSession:
         self._generators = generators
         self._inbox = Inbox(tick=self._tick, on_error=self._report)
         self._ui = UiContext(client, workspace, self._inbox)
-        self.problems = ProblemWatch(workspace)
+        self.problems = FindingWatch(workspace)
         self._checks_future_at: float | None = None
         self._timeline_shown_at = 0.0
         self._retries_journal_at = 0.0
@@ -291,9 +291,14 @@ class BrowserSession:
                 frame=lambda problem, share: self._viewpoint.frame_place(
                     problem.place_m, FreePart.left_of(share)
                 ),
-                redraw=self.picture.draw_frame,
+                redraw=self._ignored_changed,
             ),
         )
+
+    def _ignored_changed(self) -> None:
+        self.picture.draw_frame()
+        self.picture.samples.show()
+        self.panels.after_check(self._workspace.session.state)
 
     def _run_changed(self) -> None:
         if self._is_built:
@@ -324,7 +329,8 @@ class BrowserSession:
         # The picture is sent before texts, because it determines a slider's latency.
         self._send_now()
         if after.scenario is not before.scenario:
-            self.problems.check(with_future=False)
+            is_whole = self._scorecard.is_open and not after.is_previewing
+            self.problems.check(with_future=is_whole)
         with self._client.atomic():
             self.picture.show_marks()
             self._show_panels(after)
@@ -548,11 +554,12 @@ class BrowserSession:
         self.picture.draw_frame()
 
     def _show_finding(self, finding: Finding, covered_share: float) -> None:
-        """Select the agent of a finding, and show it at that time."""
+        """Select the agents of a finding, and show it at that time."""
         agents = self._workspace.session.scenario.agents
-        self.timeline.seek(float(finding.worst_step))
-        self._workspace.session.select((finding.agent_id,))
-        x, y = agents.position_m[agents.row_of[finding.agent_id], finding.worst_step]
+        self.timeline.seek(float(finding.shown_step))
+        self._workspace.session.select(finding.agent_ids)
+        rows = agents.rows(finding.agent_ids)
+        x, y = agents.position_m[rows, finding.shown_step].mean(axis=0)
         free = FreePart.right_of(covered_share)
         self._viewpoint.frame_place((float(x), float(y)), free)
 

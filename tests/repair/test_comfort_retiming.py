@@ -7,9 +7,9 @@ import pytest
 
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.editor.commands import SlowToComfort, YieldToOthers
-from pd_editor.editor.finding_cures import finding_cures
+from pd_editor.editor.cures import cures
+from pd_editor.findings.scorecard import scorecard
 from pd_editor.metrics.collisions.box_tests import first_overlap
-from pd_editor.metrics.scorecard import scorecard
 from pd_editor.repair import retime_for_comfort
 from pd_editor.repair.comfort_retiming import harsh_rows
 from pd_editor.scene.scenario import Scenario
@@ -85,7 +85,7 @@ def test_the_scorecard_offers_what_cures_harsh_motion():
     scenario = braking()
     (name,) = scenario.agents.ids
     (row,) = [one for one in scorecard(scenario) if one.name == "uncomfortable"]
-    offered = finding_cures(scenario, row.findings[0], row.findings)
+    offered = cures(scenario, row.findings[0], row.findings)
     assert offered[0].label == f"Smooth the motion of {name}"
     command = offered[0].command
     assert isinstance(command, SlowToComfort)
@@ -96,7 +96,7 @@ def test_the_scorecard_offers_what_cures_harsh_motion():
     assert not cured.findings
     # Nothing is offered against a property of the scene.
     (fastest,) = [one for one in scorecard(scenario) if one.name == "speed"]
-    assert not finding_cures(scenario, fastest.findings[0], fastest.findings)
+    assert not cures(scenario, fastest.findings[0], fastest.findings)
 
 
 def test_an_agent_that_would_run_into_another_can_yield():
@@ -111,7 +111,5 @@ def test_an_agent_that_would_run_into_another_can_yield():
     assert yields
     assert not any(overlaps(after) for after in yields)
     (row,) = [one for one in scorecard(scenario) if one.name == "new_overlap"]
-    labels = [
-        one.label for one in finding_cures(scenario, row.findings[0], row.findings)
-    ]
+    labels = [one.label for one in cures(scenario, row.findings[0], row.findings)]
     assert any(label.endswith("yield") for label in labels)

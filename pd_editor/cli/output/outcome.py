@@ -45,7 +45,11 @@ def write_session(out: str | Path, session: EditorSession, *, overwrite: bool) -
         ExportError: the folder cannot be written, or holds something else.
     """
     return export_into(
-        out, session.scenario, undated_recipe(session), overwrite=overwrite
+        out,
+        session.scenario,
+        undated_recipe(session),
+        base=session.base,
+        overwrite=overwrite,
     )
 
 

@@ -1,21 +1,22 @@
 """The samples of one run as a table: on the shell, and as a file beside the exports."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from pd_editor.errors import ExportError
-from pd_editor.generation import TrafficSample
-from pd_editor.metrics.sample_ranking import (
+from pd_editor.findings.check import scene_findings
+from pd_editor.findings.sample_ranking import (
     Ranking,
     SampleNumbers,
+    numbers_of,
     ranked,
-    sample_numbers,
     spread_pick,
+    with_fullness,
 )
-from pd_editor.metrics.traffic_view import generated_traffic
+from pd_editor.generation import TrafficSample
 from pd_editor.scene.scenario import Scenario
 
 COLUMNS: Final = (
@@ -45,14 +46,15 @@ class SampleTable:
     @classmethod
     def of(
         cls,
-        scenario: Scenario,
+        scenarios: Iterable[Scenario],
         samples: Sequence[TrafficSample],
         ranking: Ranking,
         pick: int | None,
     ) -> "SampleTable":
-        """Rank samples among a scenario's other agents; None picks all of them."""
-        numbers = sample_numbers(
-            generated_traffic(scenario, one, with_later=True) for one in samples
+        """Rank samples, given the scenarios with each of them; None picks all of them."""
+        numbers = with_fullness(
+            numbers_of(scenario, one.ids, scene_findings(scenario))
+            for scenario, one in zip(scenarios, samples, strict=True)
         )
         order = ranked(numbers, ranking)
         count = len(samples) if pick is None else pick

@@ -15,10 +15,10 @@ from pd_editor.editor.commands.edit_limits import (
     present_rows,
 )
 from pd_editor.errors import EditError
+from pd_editor.findings.friction import slowed_to_limit
 from pd_editor.geometry.angles import unit_vector, wrap_angle
 from pd_editor.paths.retiming import with_new_speed
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
-from pd_editor.problems.friction import slowed_to_limit
 from pd_editor.repair import retime_for_comfort, yield_to_others
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario

@@ -28,6 +28,7 @@ from pd_editor.generation import (
     check_kept,
     check_numbers,
 )
+from pd_editor.metrics.traffic_view import SAME_STATE_M
 from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
@@ -39,8 +40,6 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 
 NEW_PREFIX: Final = "new"
 """Prefix of the ids of generated agents: ``new-1``, ``new-2``, ..."""
-SAME_STATE_M: Final = 0.01
-"""A generated current state this close to the present one counts as the same."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,7 +36,7 @@ def safety_values(view: TrafficView) -> dict[str, MetricValues]:
     left out of the times: default box sizes cause many of them.
     """
     pairs = _Pairs.of(view)
-    to_collision = pairs.least(*_times_to_collision_s(pairs))
+    to_collision = pairs.least(*_times_to_collision_s(pairs)[:2])
     encroachment = pairs.least(*_post_encroachment_s(pairs, view.step_s))
     gap = pairs.least(*_gaps_m(pairs))
     exists = view.agents.is_valid[:, 0]
@@ -51,6 +51,23 @@ def safety_values(view: TrafficView) -> dict[str, MetricValues]:
         ),
         "minimum_gap": _finite("minimum_gap", gap, np.isfinite(gap)),
     }
+
+
+def least_times_s(
+    view: TrafficView,
+) -> tuple[Float[np.ndarray, "A"], Int[np.ndarray, "A"]]:
+    """Shortest time to collision of each agent, infinite without one, and its step."""
+    pairs = _Pairs.of(view)
+    pair, time, at = _times_to_collision_s(pairs)
+    least, step = np.full(len(pairs.agents), np.inf), np.zeros(len(pairs.agents), int)
+    # Of several writes to an agent the last one stays: the shortest time.
+    order = np.argsort(-time, kind="stable")
+    for side in (pairs.a, pairs.b):
+        row = side[pair[order]]
+        shorter = time[order] < least[row]
+        least[row[shorter]] = time[order][shorter]
+        step[row[shorter]] = at[order][shorter]
+    return least[: len(view)], step[: len(view)]
 
 
 def _finite(
@@ -109,8 +126,8 @@ class _Pairs:
 
 def _times_to_collision_s(
     pairs: _Pairs,
-) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-    """Pairs, and times until their boxes would touch at constant velocity."""
+) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"], Int[np.ndarray, "N"]]:
+    """Pairs, times until their boxes would touch at constant velocity, and the steps."""
     agents, a, b = pairs.agents, pairs.a, pairs.b
     velocity = agents.velocity_mps[b] - agents.velocity_mps[a]
     offset = pairs.offset_m
@@ -128,7 +145,7 @@ def _times_to_collision_s(
         agents.at(a[pair], at), agents.at(b[pair], at), velocity
     )
     meets = (enter < leave) & (leave > 0) & (enter <= HORIZON_S)
-    return pair[meets], np.maximum(enter[meets], 0.0)
+    return pair[meets], np.maximum(enter[meets], 0.0), at[meets]
 
 
 def sweep_times_s(

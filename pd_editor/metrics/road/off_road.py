@@ -1,5 +1,6 @@
-"""Off-road tests against the drivable area."""
+"""Off-road tests against the drivable area, and agents beyond the mapped road."""
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -7,11 +8,29 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
 MAX_WAY_TO_ROAD_M: Final = 5.0
 """Largest distance over which an agent is moved back onto the road."""
+_EXIT_BEHIND_M: Final = 6.0
+_EXIT_AHEAD_M: Final = 60.0
+"""Drivable areas often extend past the last lane by up to this length."""
+_EXIT_HALF_WIDTH_M: Final = 4.0
+_EXIT_COSINE: Final = 0.85
+"""Least cosine between an agent that leaves the map and the lane that ends there."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Departures:
+    """Steps of A agents outside the drivable area; only agents that follow lanes have any."""
+
+    is_off_road: Bool[np.ndarray, "A T"]
+    is_beyond_map: Bool[np.ndarray, "A T"]
+    """Outside after driving past the end of a lane without a successor, or before coming
+    in over the start of one without a predecessor: what is there is not mapped."""
 
 
 @lru_cache(maxsize=16)
@@ -63,3 +82,80 @@ def nearest_on_road(
         return None
     found = shapely.get_coordinates(shapely.shortest_line(inner, point))[:1]
     return (found if applied is None else applied.warp.apply(found))[0]
+
+
+def departures(scenario: Scenario, agents: AgentStates) -> Departures:
+    """Where agents are off the road, and where they are beyond the mapped road.
+
+    The map's ends tell the one from the other by the step over the road's edge, so steps
+    before the current one should be given as well.
+    """
+    outside = agents.is_valid & agents.kind_mask(LANE_FOLLOWER_KINDS)[:, None]
+    outside[outside] = is_off_road(scenario, agents.position_m[outside])
+    path, original = agents.position_m, scenario.original_road_map
+    beyond = _through(outside, agents.is_valid, path, scenario, _map_ends(original, 1))
+    back = slice(None, None, -1)
+    beyond |= _through(
+        outside[:, back],
+        agents.is_valid[:, back],
+        path[:, back],
+        scenario,
+        _map_ends(original, -1),
+    )[:, back]
+    return Departures(is_off_road=outside & ~beyond, is_beyond_map=beyond)
+
+
+def _through(
+    outside: Bool[np.ndarray, "A T"],
+    is_valid: Bool[np.ndarray, "A T"],
+    position_m: Float[np.ndarray, "A T 2"],
+    scenario: Scenario,
+    ends: tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]],
+) -> Bool[np.ndarray, "A T"]:
+    """Steps outside that follow on a step through one of the map's ends."""
+    starts = outside.copy()
+    starts[:, 1:] &= ~outside[:, :-1]
+    row, at = np.nonzero(starts[:, 1:] & is_valid[:, :-1])
+    path = np.stack([position_m[row, at], position_m[row, at + 1]], axis=1)
+    if scenario.applied_warp is not None:
+        path = scenario.applied_warp.warp.undo(path)
+    points, ways = ends
+    moved = path[:, 1] - path[:, 0]
+    offset = path[:, 1, None] - points
+    ahead = (offset * ways).sum(-1)
+    aside = offset[..., 0] * ways[:, 1] - offset[..., 1] * ways[:, 0]
+    along = moved @ ways.T
+    is_through = (
+        (ahead > -_EXIT_BEHIND_M)
+        & (ahead < _EXIT_AHEAD_M)
+        & (np.abs(aside) < _EXIT_HALF_WIDTH_M)
+        & (along > _EXIT_COSINE * np.linalg.norm(moved, axis=-1)[:, None])
+    ).any(axis=1)
+    through = np.zeros_like(outside)
+    through[row[is_through], at[is_through] + 1] = True
+    # Each step outside belongs to the last start before it.
+    step = np.arange(outside.shape[1])
+    start = np.maximum.accumulate(np.where(starts, step, 0), axis=1)
+    return outside & np.take_along_axis(through, start, axis=1)
+
+
+@lru_cache(maxsize=32)
+def _map_ends(
+    road_map: RoadMap, way: int
+) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]]:
+    """Ends of lanes without a successor in the map, and the unit vectors out of them.
+
+    With ``way`` -1, starts of lanes without a predecessor, and the vectors out of these.
+    """
+    there = {lane.lane_id for lane in road_map.lanes}
+    last = [
+        lane.centerline_m[-2:] if way > 0 else lane.centerline_m[1::-1]
+        for lane in road_map.lanes
+        if len(lane.centerline) > 1
+        and there.isdisjoint(lane.successors if way > 0 else lane.predecessors)
+    ]
+    points = np.array(last, float).reshape(-1, 2, 2)
+    out = points[:, 1] - points[:, 0]
+    length = np.linalg.norm(out, axis=-1, keepdims=True)
+    is_known = length[:, 0] > 0
+    return points[is_known, 1], out[is_known] / length[is_known]

@@ -2,25 +2,28 @@
 
 import base64
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from pd_editor.basket.thumbnail import PictureFrame, thumbnail
-from pd_editor.editor.commands import Command
+from pd_editor.editor.commands import Command, ReplaceTraffic
 from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.errors import PdEditorError
-from pd_editor.generation import TrafficSample
-from pd_editor.metrics.sample_ranking import (
+from pd_editor.findings.check import scene_findings
+from pd_editor.findings.finding import Finding
+from pd_editor.findings.sample_ranking import (
     RANKING_WORDS,
     RANKINGS,
     Ranking,
     SampleNumbers,
+    numbers_of,
     ranked,
-    sample_numbers,
     spread_pick,
+    with_fullness,
 )
-from pd_editor.metrics.traffic_view import generated_traffic
+from pd_editor.generation import TrafficSample
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.sample_pair import SamplePair
@@ -39,10 +42,11 @@ class SampleSet:
 
     before: Scenario
     """The scenario to which one of the samples is applied."""
-    scene: Scenario
-    """The same without the agents that samples replace."""
+    base: Scenario
+    done: tuple[Command, ...]
+    """The edits that made it from ``base``."""
     samples: tuple[TrafficSample, ...]
-    commands: tuple[Command, ...]
+    commands: tuple[ReplaceTraffic, ...]
     """The edit that applies each sample."""
 
 
@@ -51,6 +55,8 @@ class SampleCards:
     """What the strip shows of each sample."""
 
     scenarios: tuple[Scenario, ...]
+    findings: tuple[tuple[Finding, ...], ...]
+    """What edits and the sample cause, as the list tells once it is adopted."""
     numbers: tuple[SampleNumbers, ...]
     frame: PictureFrame
     """Of all pictures."""
@@ -69,9 +75,16 @@ class SampleCards:
         scenarios = tuple(
             apply_within_locks(command, samples.before) for command in samples.commands
         )
-        numbers = sample_numbers(
-            generated_traffic(samples.scene, one, with_later=True)
-            for one in samples.samples
+        recorded = scene_findings(samples.base)
+        checks = [
+            edit_findings(one, samples.base, (*samples.done, command), recorded)
+            for one, command in zip(scenarios, samples.commands, strict=True)
+        ]
+        numbers = with_fullness(
+            numbers_of(scenario, command.sample.ids, check.all)
+            for scenario, command, check in zip(
+                scenarios, samples.commands, checks, strict=True
+            )
         )
         there = [
             name
@@ -82,6 +95,7 @@ class SampleCards:
         count = len(samples.samples)
         return cls(
             scenarios=scenarios,
+            findings=tuple(check.new for check in checks),
             numbers=numbers,
             frame=frame,
             pictures=tuple(thumbnail(one, frame) for one in scenarios),
@@ -175,6 +189,10 @@ class SampleStrip:
         self._point_at(None)
         self._show()
 
+    def show(self) -> None:
+        """Show the cards again, when what is ignored has changed."""
+        self._show()
+
     def stop_preview(self) -> None:
         """Forget the sample that is pointed at, since the session is drawn."""
         self._previewed = None
@@ -235,9 +253,12 @@ class SampleStrip:
             self._pair.close()
             self._overlay.show("samples", {"isOpen": False, "cards": []})
             return
-        cards = self._cards
+        cards, ignored = self._cards, self._ui.workspace.ignored_findings
         assert cards is not None
         count = len(cards.numbers)
+        told = [
+            [one for one in found if one.key not in ignored] for found in cards.findings
+        ]
         rank = {
             index: n for n, index in enumerate(ranked(cards.numbers, self._ranking), 1)
         }
@@ -269,7 +290,9 @@ class SampleStrip:
                         "index": index,
                         "rank": rank[index],
                         "isAdopted": index == self._adopted,
-                        "lines": card_lines(cards.numbers[index], self._ranking),
+                        "lines": card_lines(
+                            told[index], cards.numbers[index], self._ranking
+                        ),
                         "hint": all_numbers(cards.numbers[index]),
                     }
                     for index in self._order()
@@ -345,19 +368,25 @@ class SampleStrip:
             self._on_preview()
 
 
-def card_lines(numbers: SampleNumbers, ranking: Ranking) -> Sequence[Mapping[str, str]]:
-    """The three most telling numbers of a sample: collisions, road, movement.
+def card_lines(
+    findings: Collection[Finding], numbers: SampleNumbers, ranking: Ranking
+) -> Sequence[Mapping[str, str]]:
+    """The three most telling lines of a sample: problems, their kinds, movement.
 
     With "interaction" the shortest time to collision replaces the movement.
     """
-    collisions = numbers.num_collisions
-    off = round(100 * numbers.off_road_share)
+    problems = [one for one in findings if one.is_problem]
+    count, notices = len(problems), len(findings) - len(problems)
+    words = f"{count or 'No new'} problem{'s' if count != 1 else ''}"
+    hits = sum(one.kind in ("collision", "later-collision") for one in problems)
+    off = sum(one.kind in ("off-road", "later-off-road") for one in problems)
+    kinds = [(hits, "collide"), (off, "off-road"), (count - hits - off, "other")]
+    parts = [f"{number} {kind}" for number, kind in kinds if number][:2]
+    if not parts:
+        parts = [f"{notices or 'no'} notice{'s' if notices != 1 else ''}"]
     lines = [
-        {
-            "text": f"{collisions or 'No'} agent{'s collide' if collisions > 1 else ' collides'}",
-            "tone": "bad" if collisions else "",
-        },
-        {"text": f"{off} % off-road", "tone": ""},
+        {"text": words, "tone": "bad" if count else ""},
+        {"text": ", ".join(parts), "tone": ""},
     ]
     time = numbers.time_to_collision_s
     if ranking == "interaction":

@@ -1,5 +1,6 @@
 """The scorecard over the picture's left side, and charts of the selected agents."""
 
+import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,18 +10,18 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.editor.commands.command import Command
-from pd_editor.editor.finding_cures import finding_cures
-from pd_editor.editor.problem_cures import Cure
+from pd_editor.editor.cures import Cure, cures
+from pd_editor.findings.check import SceneCheck
+from pd_editor.findings.finding import Finding, Severity
+from pd_editor.findings.scorecard import Level, ScoreRow, scorecard
 from pd_editor.metrics.agent_profile import agent_profile
-from pd_editor.metrics.findings import MILD_FAULTS, Finding
-from pd_editor.metrics.metric_table import METRICS
-from pd_editor.metrics.scorecard import Level, ScoreRow, scorecard
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.timeline import Timeline, marks_of
-from pd_editor.viewer.state.problem_watch import ProblemWatch
+from pd_editor.viewer.state.finding_watch import FindingWatch
 from pd_editor.viewer.state.ui_context import UiContext
 
+_MARKS: Final[dict[Severity, str]] = {"problem": "solid", "notice": "striped"}
 MAX_CHARTED: Final = 3
 """Number of selected agents with lines in the charts."""
 MAX_LISTED: Final = 6
@@ -61,7 +62,7 @@ class ScorecardDrawer:
         ui: UiContext,
         overlay: Overlay,
         timeline: Timeline,
-        watch: ProblemWatch,
+        watch: FindingWatch,
         actions: ScorecardActions,
     ) -> None:
         """Start closed."""
@@ -70,7 +71,7 @@ class ScorecardDrawer:
         self._timeline = timeline
         self._watch = watch
         self._actions = actions
-        self._scored: Scenario | None = None
+        self._scored: SceneCheck | None = None
         self._rows: tuple[ScoreRow, ...] = ()
         self._charted: tuple[Scenario, tuple[str, ...]] | None = None
         self._open_row = ""
@@ -111,8 +112,9 @@ class ScorecardDrawer:
             self._actions.draw(session.scenario, ())
             return
         scenario = session.scenario
-        if self._scored is not scenario:
-            self._scored, self._rows = scenario, scorecard(scenario)
+        check = self._watch.whole()
+        if self._scored is not check:
+            self._scored, self._rows = check, scorecard(scenario, check.all)
             self._follow_chosen()
         self._show_rows()
         self._mark()
@@ -130,11 +132,14 @@ class ScorecardDrawer:
     def agents_at(self, step: float) -> frozenset[str]:
         """Agents with a drawn finding at a step."""
         return frozenset(
-            one.agent_id for one in self._drawn_findings() if one.holds_at(step)
+            name
+            for one in self._drawn_findings()
+            if one.holds_at(step)
+            for name in one.agent_ids
         )
 
     def _drawn_findings(self) -> tuple[Finding, ...]:
-        """Faults of the open row, or of all rows; of another row the chosen finding."""
+        """Faults of the open row, or of all rows; of a mean the chosen finding."""
         if not self.is_open or not self._draws or self._is_muted:
             return ()
         if self._chosen is not None and not self._chosen.is_fault:
@@ -152,10 +157,12 @@ class ScorecardDrawer:
         found = self._drawn_findings()
         scenario = self._ui.session.scenario
         self._actions.draw(scenario, found)
+        listed = {one.key for one in self._watch.new}
         lines = [
-            (one.worst_step, f"{one.agent_id} {one.text}")
+            (one.shown_step, one.headline)
             for one in found
-            if one.is_fault
+            # Open problems have marks already.
+            if one.is_fault and one.key not in listed
         ]
         self._timeline.set_marks("finding", marks_of(lines))
 
@@ -165,8 +172,8 @@ class ScorecardDrawer:
         self._chosen, self._cures = None, ()
         if former is None:
             return
-        for one in self._findings_of(former.metric):
-            if one.agent_id == former.agent_id:
+        for one in self._findings_of(self._open_row):
+            if one.key == former.key:
                 self._chosen, self._cures = one, None
                 self._ui.post(self._offer_cures, "finding cures")
                 return
@@ -174,9 +181,9 @@ class ScorecardDrawer:
     def _findings_of(self, name: str) -> tuple[Finding, ...]:
         return next((row.findings for row in self._rows if row.name == name), ())
 
-    def _choose(self, finding: Finding) -> None:
-        """Show a finding; what helps is found out afterwards."""
-        self._open_row, self._chosen = finding.metric, finding
+    def _choose(self, row: str, finding: Finding) -> None:
+        """Show a finding of a row; what helps is found out afterwards."""
+        self._open_row, self._chosen = row, finding
         self._cures = None
         self._actions.go_to(finding, self._covered_share)
         self.show()
@@ -185,10 +192,10 @@ class ScorecardDrawer:
 
     def _offer_cures(self) -> None:
         if self.is_open and self._chosen is not None:
-            self._cures = finding_cures(
+            self._cures = cures(
                 self._ui.session.scenario,
                 self._chosen,
-                self._findings_of(self._chosen.metric),
+                self._findings_of(self._open_row),
                 self._watch.untouched(),
             )
             self.show()
@@ -221,8 +228,9 @@ class ScorecardDrawer:
             listed = (*listed[:-1], self._chosen)
         return [
             {
-                "agent": one.agent_id,
-                "text": one.text,
+                "id": json.dumps(one.key),
+                "agent": " and ".join(one.agent_ids),
+                "text": one.headline.removeprefix(" and ".join(one.agent_ids)).strip(),
                 "time": _time_of(scenario, one),
                 "isChosen": one == self._chosen,
             }
@@ -230,10 +238,12 @@ class ScorecardDrawer:
         ]
 
     def _mark_chosen(self, step: int) -> None:
-        for one in self._drawn_findings():
-            if one.worst_step == step:
-                self._choose(one)
-                return
+        drawn = self._drawn_findings()
+        for row in self._rows:
+            for one in row.findings:
+                if one in drawn and one.shown_step == step:
+                    self._choose(row.name, one)
+                    return
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         kind, name = event.get("kind"), event.get("name")
@@ -256,11 +266,11 @@ class ScorecardDrawer:
         elif kind == "row":
             findings = self._findings_of(str(name))
             if findings:
-                self._choose(findings[0])
+                self._choose(str(name), findings[0])
         elif kind == "finding":
             for one in self._findings_of(self._open_row):
-                if one.agent_id == event.get("agent"):
-                    self._choose(one)
+                if json.dumps(one.key) == event.get("id"):
+                    self._choose(self._open_row, one)
                     return
         elif kind == "cure":
             for cure in self._cures or ():
@@ -276,31 +286,30 @@ class ScorecardDrawer:
 
 
 def _time_of(scenario: Scenario, finding: Finding) -> str:
-    later = finding.worst_step - scenario.current_step
+    later = finding.shown_step - scenario.current_step
     return f"{later * scenario.time_axis.step_s:.1f} s"
 
 
 def _row(scenario: Scenario, row: ScoreRow) -> dict[str, Any]:
     is_share = row.unit == "share"
     scale, unit = (100.0, "%") if is_share else (1.0, row.unit)
-    of_all = f"{'Share' if is_share else 'Mean'} of motor vehicles"
     usual = row.usual
     low, high = (f"{scale * value:.3g}" for value in (usual.low, usual.high))
     value = "\u2013" if math.isnan(row.value) else f"{scale * row.value:.3g} {unit}"
     worst = next(iter(row.findings), None)
-    where = "" if worst is None else f"{worst.agent_id}, {_time_of(scenario, worst)}"
-    mark = "striped" if row.name in MILD_FAULTS else "solid"
+    where = "" if worst is None else f"{worst.headline}, {_time_of(scenario, worst)}"
+    mark = "" if worst is None else _MARKS.get(worst.severity, "")
     return {
         "name": row.name,
         "title": row.title,
-        "meaning": f"{of_all}. {METRICS[row.name].definition}",
+        "meaning": row.meaning,
         "tone": _TONE[row.level],
         "level": row.level,
         "value": value,
         "usual": f"{low} \u2013 {high}",
         "where": where,
         "count": len(row.findings),
-        "mark": mark if row.findings and row.findings[0].is_fault else "",
+        "mark": mark,
     }
 
 

@@ -6,19 +6,24 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from pd_editor.editor.commands.command import Command
-from pd_editor.editor.problem_cures import Cure, cures
-from pd_editor.problems.scene_problem import ProblemKind, SceneProblem
+from pd_editor.editor.cures import Cure, cures
+from pd_editor.findings.finding import Finding, FindingKind, Source
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.timeline import Timeline, marks_of
-from pd_editor.viewer.state.problem_watch import ProblemWatch
+from pd_editor.viewer.state.finding_watch import FindingWatch
 from pd_editor.viewer.state.run_state import RunState
 from pd_editor.viewer.state.ui_context import UiContext
 
 MAX_ROWS: Final = 200
-_AWAITS_RUN: Final = "Not yet guided"
 _REGENERATE: Final = "Regenerate"
-Group = Literal["new", "ignored", "recorded"]
-_ICON: Final[dict[ProblemKind, str]] = {
+Group = Literal["new", "notices", "ignored", "recorded"]
+_SOURCES: Final[dict[Source, str]] = {
+    "recorded": "This is in the recording itself.",
+    "edited": "An edit caused this.",
+    "model": "The model's trajectories caused this.",
+    "guidance": "Guidance caused this.",
+}
+_ICON: Final[dict[FindingKind, str]] = {
     "collision": "collision",
     "later-collision": "collision",
     "off-road": "road",
@@ -26,6 +31,15 @@ _ICON: Final[dict[ProblemKind, str]] = {
     "friction": "speed",
     "sharp-road": "bend",
     "folded-road": "bend",
+    "impossible-motion": "speed",
+    "against-traffic": "against",
+    "guidance-not-run": "goal",
+    "guidance-not-met": "goal",
+    "near-pass": "collision",
+    "short-time": "collision",
+    "harsh-motion": "speed",
+    "beyond-map": "beyond",
+    "no-past": "past",
 }
 
 
@@ -39,7 +53,7 @@ class ChipActions:
     use_result: Callable[[], None]
     run_guidance: Callable[[], None]
     download: Callable[[], None]
-    frame: Callable[[SceneProblem, float], None]
+    frame: Callable[[Finding, float], None]
     """Shows a place in so much of the picture's width, from the left."""
     redraw: Callable[[], None]
     """Draws rings again."""
@@ -53,7 +67,7 @@ class StatusChip:
         ui: UiContext,
         overlay: Overlay,
         timeline: Timeline,
-        watch: ProblemWatch,
+        watch: FindingWatch,
         run: Callable[[], RunState | None],
         actions: ChipActions,
     ) -> None:
@@ -64,7 +78,7 @@ class StatusChip:
         self._watch = watch
         self._run = run
         self._actions = actions
-        self._active: tuple[Group, SceneProblem] | None = None
+        self._active: tuple[Group, Finding] | None = None
         self._cures: tuple[Cure, ...] | None = ()
         """What helps against the chosen problem; None until it is known."""
         self._free_share = 1.0
@@ -77,17 +91,20 @@ class StatusChip:
         """Show what is known now."""
         groups = self._groups()
         self._follow_active(groups)
-        marks = [(p.first_step, p.message) for p in groups["new"] if p.agent_ids]
+        marks = [(p.shown_step, p.message) for p in groups["new"] if _has_time(p)]
         self._timeline.set_marks("problem", marks_of(marks))
         run, count = self._run(), len(groups["new"])
         text, tone = "No new problems", "good"
         if count:
             text, tone = f"{count} problem{'s' if count > 1 else ''}", "warn"
+        unrun = sum(one.kind == "guidance-not-run" for one in groups["new"])
         action = "" if run is None else run.action
         if run is not None and run.text:
             text, tone = run.text, "busy"
         elif not action and self._ui.session.awaits_guided_run:
-            text = f"{text}, {_AWAITS_RUN.lower()}" if count else _AWAITS_RUN
+            if unrun:
+                which = "" if unrun == count else f"{unrun} "
+                text += f", {which}not yet guided"
             tone, action = "busy", _REGENERATE
         problem = self._ui.session.journal_problem
         self._overlay.show(
@@ -101,7 +118,7 @@ class StatusChip:
                 "groups": [
                     {
                         "name": name,
-                        "title": _title(name, len(problems)),
+                        "title": _title(name, problems),
                         "rows": [self._row(problem) for problem in problems[:MAX_ROWS]],
                         "more": max(len(problems) - MAX_ROWS, 0),
                     }
@@ -127,7 +144,7 @@ class StatusChip:
         self._find_cures()
         self.show()
 
-    def choose(self, group: Group, problem: SceneProblem) -> None:
+    def choose(self, group: Group, problem: Finding) -> None:
         """Select the agents of a problem, show them, and go to its time.
 
         What helps is found out afterwards, so that keys walk fast through the rows.
@@ -144,11 +161,16 @@ class StatusChip:
         self._find_cures()
         self.show()
 
-    def _groups(self) -> dict[Group, tuple[SceneProblem, ...]]:
+    def _groups(self) -> dict[Group, tuple[Finding, ...]]:
         watch = self._watch
-        return {"new": watch.new, "ignored": watch.ignored, "recorded": watch.recorded}
+        return {
+            "new": watch.new,
+            "notices": watch.notices,
+            "ignored": watch.ignored,
+            "recorded": watch.recorded,
+        }
 
-    def _follow_active(self, groups: Mapping[Group, tuple[SceneProblem, ...]]) -> None:
+    def _follow_active(self, groups: Mapping[Group, tuple[Finding, ...]]) -> None:
         """The chosen problem as it is after an edit; none if it is gone."""
         if self._active is None:
             return
@@ -162,11 +184,11 @@ class StatusChip:
 
     def _find_cures(self) -> None:
         self._cures = ()
-        if self._active is not None and self._active[0] == "new":
+        if self._active is not None and self._active[0] in ("new", "notices"):
             self._cures = cures(
                 self._ui.session.scenario,
                 self._active[1],
-                self._watch.new,
+                self._watch.new + self._watch.notices,
                 self._watch.untouched(),
             )
 
@@ -175,32 +197,33 @@ class StatusChip:
             return None
         group, problem = self._active
         # All buttons come at once, so that none moves under the pointer.
-        ignore = {"new": "Ignore", "ignored": "No longer ignore"}.get(group, "")
+        ignore = {"ignored": "No longer ignore", "recorded": ""}.get(group, "Ignore")
         buttons = [cure.label for cure in self._cures or ()]
         return {
             "id": _id(problem),
             "message": problem.message,
             "cures": buttons,
             "ignore": "" if self._cures is None else ignore,
-            "note": "This is in the recording itself." if group == "recorded" else "",
+            "note": _SOURCES[problem.source],
         }
 
-    def _row(self, problem: SceneProblem) -> dict[str, Any]:
+    def _row(self, problem: Finding) -> dict[str, Any]:
         scenario = self._ui.session.scenario
-        later = problem.first_step - scenario.current_step
+        later = problem.shown_step - scenario.current_step
         return {
             "id": _id(problem),
             "icon": _ICON[problem.kind],
+            "severity": problem.severity,
             "text": problem.headline,
             "hint": problem.message,
             "time": ""
-            if not problem.agent_ids
+            if not _has_time(problem)
             else f"{later * scenario.time_axis.step_s:.1f} s",
         }
 
     def _mark_chosen(self, step: int) -> None:
         for problem in self._watch.new:
-            if problem.agent_ids and problem.first_step == step:
+            if _has_time(problem) and problem.shown_step == step:
                 self.choose("new", problem)
                 return
 
@@ -224,7 +247,7 @@ class StatusChip:
         elif kind == "ignore" and self._active is not None:
             group, problem = self._active
             if group != "recorded":
-                self._watch.ignore(problem, group == "new")
+                self._watch.ignore(problem, group != "ignored")
                 self.after_check()
                 self._actions.redraw()
         elif kind == "cancel":
@@ -252,9 +275,16 @@ def _share(value: object) -> float:
     return 1.0
 
 
-def _step_to_show(problem: SceneProblem, ui: UiContext) -> int:
+def _step_to_show(problem: Finding, ui: UiContext) -> int:
     """Step at which a problem is shown; the current step for problems of the road."""
-    return problem.first_step if problem.agent_ids else ui.session.scenario.current_step
+    return (
+        problem.shown_step if _has_time(problem) else ui.session.scenario.current_step
+    )
+
+
+def _has_time(finding: Finding) -> bool:
+    """Whether it is of agents at certain steps, not of the road or of guidance."""
+    return bool(finding.agent_ids and finding.spans)
 
 
 def _unsaved(problem: str) -> str:
@@ -262,13 +292,18 @@ def _unsaved(problem: str) -> str:
     return f"Edits are not saved: {reason}"
 
 
-def _id(problem: SceneProblem) -> str:
-    return json.dumps([problem.kind, *problem.agent_ids])
+def _id(problem: Finding) -> str:
+    return json.dumps(problem.key)
 
 
-def _title(group: Group, count: int) -> str:
+def _title(group: Group, findings: tuple[Finding, ...]) -> str:
+    count = len(findings)
+    problems = sum(one.is_problem for one in findings)
     if group == "recorded":
-        return f"{count} in the recording"
+        notices = f", {count - problems} notices" * (count > problems)
+        return f"{problems} in the recording{notices}"
     if group == "ignored":
         return f"{count} ignored"
+    if group == "notices":
+        return f"{count} notice{'s' if count > 1 else ''}"
     return "No new problems" if not count else f"{count} new"

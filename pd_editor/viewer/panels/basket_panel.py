@@ -6,6 +6,7 @@ from collections.abc import Callable
 import viser
 
 from pd_editor.basket.basket import BasketEntry
+from pd_editor.findings.finding import open_in_words
 from pd_editor.viewer.state.ui_context import UiContext, set_property
 
 ZIP_NAME = "scenarios.zip"
@@ -62,9 +63,8 @@ class BasketPanel:
         self.refresh()
         self._ui.notify(
             f"{'Updated in the basket' if is_update else 'Starred'}: {entry.name}",
-            f"With {entry.row.num_problems or 'no'} open problem"
-            f"{'s' if entry.row.num_problems != 1 else ''}.",
-            "success",
+            f"With {open_in_words(entry.row.problems)}.",
+            "warning" if entry.row.problems else "success",
         )
 
     def follow(self) -> None:

@@ -1,7 +1,8 @@
 """The export panel: name, tags and note of the result, and where it goes."""
 
 import datetime
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import viser
 
 from pd_editor.editor.variant import Variant, name_from_text, tags_from_text
 from pd_editor.errors import InputError
+from pd_editor.findings.finding import Finding, open_in_words
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.ui_context import UiContext, set_value
@@ -20,13 +22,13 @@ class ExportPanel:
     def __init__(
         self,
         ui: UiContext,
-        num_problems: Callable[[], int],
+        problems: Callable[[], Collection[Finding]],
         on_star: Callable[[], None],
     ) -> None:
         """Build it; ``on_star`` adds the current state to the basket."""
         self._ui = ui
         self._workspace = ui.workspace
-        self._num_problems = num_problems
+        self._problems = problems
         self._typed: str | None = None
         self._base = ui.session.base
         self._dialog: Any = None
@@ -87,11 +89,10 @@ class ExportPanel:
             "focal agent ok" if scenario.focal_id in agents.row_of else "no focal agent"
         )
         ego = "ego ok" if EGO_ID in agents.row_of else "ego missing"
-        count = self._num_problems()
-        problems = f"{count or 'no'} open problem{'s' if count != 1 else ''}"
-        line = f"{focal} · {ego} · {problems}"
+        counts = Counter(one.kind for one in self._problems())
+        line = f"{focal} · {ego} · {open_in_words(counts)}"
         # In bold where the export lacks something.
-        is_good = scenario.focal_id in agents.row_of and not count
+        is_good = scenario.focal_id in agents.row_of and not counts
         self._preflight.show(*(("", line) if is_good else (line,)))
 
     def download(self) -> None:

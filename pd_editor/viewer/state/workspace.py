@@ -24,8 +24,8 @@ from pd_editor.editor.unfinished_work import (
 from pd_editor.editor.variant import free_name, name_from_text, short_id
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import zip_files
+from pd_editor.findings.finding import FindingKey
 from pd_editor.installed_files import DEMO_PREFIX, demo_names
-from pd_editor.problems.scene_problem import ProblemKey
 from pd_editor.scenario_store import (
     RECIPE_NAME,
     export_into,
@@ -150,13 +150,17 @@ class Workspace:
         """Values of the generation panel's inputs, for the page that comes next."""
         self.has_lost_run = False
         """Whether a generation was cancelled because its page had gone."""
-        self.ignored_problems: WeakKeyDictionary[Scenario, set[ProblemKey]] = (
+        self._ignored: WeakKeyDictionary[Scenario, set[FindingKey]] = (
             WeakKeyDictionary()
         )
-        """Ignored problems by the base of a session."""
         self.guided_runs = GuidedRuns(obeying)
         self.dataset = dataset
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
+
+    @property
+    def ignored_findings(self) -> set[FindingKey]:
+        """Keys of the findings that the user ignores in the open session."""
+        return self._ignored.setdefault(self.session.base, set())
 
     def refuse_remote(self) -> None:
         """Raise if browsers of other machines could access this machine's folders.
@@ -360,7 +364,7 @@ class Workspace:
         Its id is unique in this workspace.
         """
         recipe = self._named_recipe(self._is_given)
-        files = exported_files(self.session.scenario, recipe)
+        files = exported_files(self.session.scenario, recipe, self.session.base)
         self._exported_as(recipe.result_id)
         return f"{recipe.result_id}.zip", zip_files(files, recipe.result_id)
 
@@ -390,7 +394,10 @@ class Workspace:
             ExportError: it cannot be written there.
         """
         recipe = self._named_recipe(lambda name: not replaces and (out / name).exists())
-        folder = export_into(out, self.session.scenario, recipe, overwrite=replaces)
+        session = self.session
+        folder = export_into(
+            out, session.scenario, recipe, base=session.base, overwrite=replaces
+        )
         self._exported_as(recipe.result_id)
         return folder
 
@@ -409,8 +416,10 @@ class Workspace:
         recipe = self._recipe_to_star(former)
         session = self.session
         entry = self.basket.add(
-            index_row(session.scenario, session.base, recipe),
-            exported_files(session.scenario, recipe),
+            index_row(
+                session.scenario, session.base, recipe, ignored=self.ignored_findings
+            ),
+            exported_files(session.scenario, recipe, session.base),
             starred_at=time.time() if former is None else former.starred_at,
             thumbnail=thumbnail(session.scenario),
             replaces=None if former is None else former.name,

@@ -20,7 +20,7 @@ from pd_editor.viewer.panels.scenario_panel import ScenarioPanel
 from pd_editor.viewer.panels.study_panel import StudyPanel
 from pd_editor.viewer.panels.unfinished_panel import UnfinishedPanel
 from pd_editor.viewer.panels.view_panel import ViewPanel
-from pd_editor.viewer.state.problem_watch import ProblemWatch
+from pd_editor.viewer.state.finding_watch import FindingWatch
 from pd_editor.viewer.state.ui_context import UiContext
 from pd_editor.viewer.tab.modes import Modes
 from pd_editor.viewer.tab.picture import Picture
@@ -36,7 +36,7 @@ class ControlPanel:
         generators: GeneratorCatalogue,
         banner: Banner,
         *,
-        problems: ProblemWatch,
+        problems: FindingWatch,
         picture: Picture,
         modes: Modes,
         viewpoint: Viewpoint,
@@ -55,7 +55,7 @@ class ControlPanel:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Scene"):
             self.scenario = ScenarioPanel(ui)
-            self.export = ExportPanel(ui, lambda: len(problems.new), self.star)
+            self.export = ExportPanel(ui, lambda: problems.new, self.star)
             self.unfinished = UnfinishedPanel(ui)
             self.dataset = DatasetPanel(ui)
             self.basket = BasketPanel(ui, self.unfinished.refresh)

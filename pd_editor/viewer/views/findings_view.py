@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 import viser
 
+from pd_editor.findings.finding import Finding
 from pd_editor.geometry.oriented_box import box_corners
-from pd_editor.metrics.findings import MILD_FAULTS, Finding
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.colors import shown_exactly
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, facing_up, glb_of
@@ -68,14 +68,19 @@ def finding_primitives(
 ) -> list[Primitive]:
     """Bands along the parts of trajectories, and frames around the worst poses."""
     agents, now = scenario.agents, scenario.current_step
-    known = [one for one in findings if one.agent_id in agents.row_of]
+    known = [
+        (one, agents.row_of[name])
+        for one in findings
+        for name in one.agent_ids
+        if name in agents.row_of
+    ]
     if not known:
         return []
-    spans = [(one, first, last) for one in known for first, last in one.spans]
-    rows = np.array([agents.row_of[one.agent_id] for one, _, _ in spans])
-    mild = np.array([one.metric in MILD_FAULTS for one, _, _ in spans])
+    spans = [(one, row, first, last) for one, row in known for first, last in one.spans]
+    rows = np.array([row for _, row, _, _ in spans])
+    mild = np.array([not one.is_problem for one, _, _, _ in spans])
     # A step more at both ends: an instant is a short piece of the trajectory as well.
-    first, last = np.array([(first - 1, last + 1) for _, first, last in spans]).T
+    first, last = np.array([(first - 1, last + 1) for _, _, first, last in spans]).T
     steps = np.arange(now, agents.num_steps)
     is_in = (steps >= first[:, None]) & (steps <= last[:, None])
     is_in &= agents.is_valid[rows, now:]
@@ -113,11 +118,13 @@ def _bands(
 
 
 def _frames(
-    scenario: Scenario, findings: Sequence[Finding], color: tuple[float, float, float]
+    scenario: Scenario,
+    findings: Sequence[tuple[Finding, int]],
+    color: tuple[float, float, float],
 ) -> Primitive:
     agents = scenario.agents
-    rows = np.array([agents.row_of[one.agent_id] for one in findings])
-    steps = np.array([one.worst_step for one in findings])
+    rows = np.array([row for _, row in findings])
+    steps = np.array([one.worst_step for one, _ in findings])
     pose = agents.position_m[rows, steps], agents.heading_rad[rows, steps]
     inner = agents.size_m[rows] + 2 * FRAME_GAP_M
     # [F 8 2]: the inner corners, then the outer ones.

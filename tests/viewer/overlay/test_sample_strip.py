@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ from pd_editor.viewer.overlay.sample_strip import (
 )
 from pd_editor.viewer.state.ui_context import UiContext
 from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
-from tests.metrics.test_sample_ranking import PLAIN
+from tests.findings.builders import finding
+from tests.findings.test_sample_ranking import PLAIN
 from tests.metrics.traffic_builders import sample_of
 
 
@@ -39,6 +41,7 @@ class Tab(UiContext):
 
     def __init__(self):
         self.notices, self.errors = [], []
+        self.workspace = SimpleNamespace(ignored_findings=set())
 
     def post(self, action, merge_key=None, *, failure=None):
         action()
@@ -98,7 +101,8 @@ def opened(strip, page, count=3):
     strip.open(
         SampleSet(
             before=scenario,
-            scene=scenario,
+            base=scenario,
+            done=(),
             samples=traffic.samples,
             commands=tuple(traffic_command(request, traffic, n) for n in range(count)),
         )
@@ -203,7 +207,8 @@ def test_cards_count_collisions_with_agents_that_appear_later():
     cards = SampleCards.of(
         SampleSet(
             before=scenario,
-            scene=scenario,
+            base=scenario,
+            done=(),
             samples=traffic.samples,
             commands=(traffic_command(request, traffic),),
         )
@@ -255,14 +260,19 @@ def test_the_strip_hides_and_comes_back_with_the_state(strip, page):
     assert strip._ui.notices == ["No samples to choose among"]
 
 
-def test_three_numbers():
-    texts = [line["text"] for line in card_lines(PLAIN, "realism")]
-    assert texts == ["No agent collides", "0 % off-road", "50 % move, 8.0 m/s"]
-    one = replace(PLAIN, num_collisions=1)
-    assert card_lines(one, "interaction")[0] == {
-        "text": "1 agent collides",
-        "tone": "bad",
-    }
-    assert card_lines(one, "interaction")[2]["text"] == "2.0 s to collision"
+def test_three_lines():
+    def texts(kinds, numbers=PLAIN, ranking="realism"):
+        found = [finding(kind, str(n)) for n, kind in enumerate(kinds)]
+        return [line["text"] for line in card_lines(found, numbers, ranking)]
+
+    moves = "50 % move, 8.0 m/s"
+    assert texts([]) == ["No new problems", "no notices", moves]
+    assert texts(["harsh-motion"]) == ["No new problems", "1 notice", moves]
+    several = ["later-collision", "off-road", "later-off-road", "harsh-motion"]
+    assert texts(several) == ["3 problems", "1 collide, 2 off-road", moves]
+    assert texts(["against-traffic"])[:2] == ["1 problem", "1 other"]
+    (line, *_) = card_lines([finding("collision", "a")], PLAIN, "interaction")
+    assert line == {"text": "1 problem", "tone": "bad"}
+    assert texts([], ranking="interaction")[2] == "2.0 s to collision"
     never = replace(PLAIN, time_to_collision_s=None)
-    assert card_lines(never, "interaction")[2]["text"] == "no collision course"
+    assert texts([], never, "interaction")[2] == "no collision course"

@@ -2,17 +2,11 @@
 
 import numpy as np
 
-from pd_editor.metrics.findings import Finding
 from pd_editor.viewer.meshes.palette import LIGHT
 from pd_editor.viewer.views.findings_view import MARGIN_M, finding_primitives
 from pd_editor.viewer.views.ribbons_view import HEIGHT_M as RIBBON_HEIGHT_M
 from tests.builders import scenario_with, straight_drivers
-
-
-def found(metric: str, first: int, last: int) -> Finding:
-    return Finding(
-        metric=metric, agent_id="gone", spans=((first, last),), worst_step=last, text=""
-    )
+from tests.findings.builders import finding
 
 
 def test_bands_cover_the_part_concerned_and_no_more():
@@ -21,15 +15,9 @@ def test_bands_cover_the_part_concerned_and_no_more():
     now = scenario.current_step
     x = scenario.agents.position_m[0, :, 0]
     length, width = scenario.agents.size_m[0]
-    for metric, index in (("uncomfortable", 0), ("off_drivable", 1)):
-        finding = Finding(
-            metric=metric,
-            agent_id=agent,
-            spans=((now + 10, now + 20),),
-            worst_step=now + 15,
-            text="",
-        )
-        parts = finding_primitives(scenario, [finding], LIGHT)
+    for kind, index in (("harsh-motion", 0), ("off-road", 1)):
+        one = finding(kind, agent, now + 10, now + 20)
+        parts = finding_primitives(scenario, [one], LIGHT)
         band = parts[index].points_m[np.unique(parts[index].faces)]
         other = parts[1 - index]
         assert not len(other.faces)
@@ -45,4 +33,6 @@ def test_bands_cover_the_part_concerned_and_no_more():
 
 def test_an_agent_that_is_gone_is_left_out():
     scenario = scenario_with(straight_drivers([(0.0, 0.0, 0.0, 10.0)]))
-    assert finding_primitives(scenario, [found("wrong_way", 60, 70)], LIGHT) == []
+    assert (
+        finding_primitives(scenario, [finding("against-traffic", "gone")], LIGHT) == []
+    )

@@ -162,7 +162,7 @@
       const box = make("div", "pd-score-detail", {
         role: "group", "aria-label": `Findings: ${row.title}`,
       });
-      for (const { agent, text, time, isChosen } of row.findings) {
+      for (const { id, agent, text, time, isChosen } of row.findings) {
         const item = make("button", "pd-score-finding", {
           type: "button", title: `${agent} ${text}, ${time}`,
           "aria-current": String(isChosen),
@@ -171,7 +171,7 @@
           make("b", "", {}, agent),
           make("span", "pd-score-text", {}, text),
           make("span", "pd-score-time", {}, time));
-        item.addEventListener("click", () => send({ kind: "finding", agent }));
+        item.addEventListener("click", () => send({ kind: "finding", id }));
         box.append(item);
         if (isChosen && (state.isSearching || state.cures.length)) {
           const cures = make("div", "pd-score-cures");

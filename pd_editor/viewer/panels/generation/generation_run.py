@@ -7,7 +7,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from pd_editor.editor.commands import traffic_command
+from pd_editor.editor.commands import Command, traffic_command
 from pd_editor.editor.generation_job import GenerationJob
 from pd_editor.errors import GenerationError
 from pd_editor.generation import (
@@ -299,14 +299,14 @@ class GenerationRun:
         task, traffic = self._generated
         self._applied = None
         self._ui.commit_gesture()
-        before = self._ui.session.scenario
+        before, done = self._ui.session.scenario, self._ui.session.commands_in_force
         self._ui.apply(
             traffic_command(task.request, traffic, index, removed_ids=task.removed_ids)
         )
         self._applied, self._index = self._ui.session.scenario, index
         if before is not self._before:
             self._before = before
-            self._offer_samples(before)
+            self._offer_samples(before, done)
         self._ui.workspace.guided_runs.keep(
             self._applied.agents,
             GuidedRun(
@@ -323,7 +323,7 @@ class GenerationRun:
         )
         self.show()
 
-    def _offer_samples(self, before: Scenario) -> None:
+    def _offer_samples(self, before: Scenario, done: tuple[Command, ...]) -> None:
         assert self._generated is not None
         task, traffic = self._generated
         if len(traffic.samples) < 2:
@@ -335,7 +335,8 @@ class GenerationRun:
         self._strip.open(
             SampleSet(
                 before=before,
-                scene=task.request.scenario,
+                base=self._ui.session.base,
+                done=done,
                 samples=traffic.samples,
                 commands=commands,
             )

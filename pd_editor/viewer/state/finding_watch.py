@@ -1,21 +1,23 @@
-"""Problems of the current scenario: new, ignored and recorded ones."""
+"""The list of findings of the current scenario: new, ignored and recorded ones."""
 
+from pd_editor.editor.edit_findings import edit_findings
+from pd_editor.findings.check import SceneCheck, scene_findings
+from pd_editor.findings.finding import Finding
 from pd_editor.perturbation.warp_scenario import untouched_agent_ids
-from pd_editor.problems.check import SceneCheck, checked, scene_problems
-from pd_editor.problems.scene_problem import ProblemKey, SceneProblem
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.workspace import Workspace
 
 
-class ProblemWatch:
-    """Checks for problems, and stores which of them the user ignores."""
+class FindingWatch:
+    """Looks for findings, and stores which of them the user ignores."""
 
     def __init__(self, workspace: Workspace) -> None:
         """Make a watch without results."""
         self._workspace = workspace
         self._base: Scenario | None = None
-        self._recorded: tuple[SceneProblem, ...] = ()
+        self._recorded: tuple[Finding, ...] = ()
         self._check = SceneCheck()
+        self._whole: Scenario | None = None
 
     def check(self, *, with_future: bool) -> None:
         """Check the scenario.
@@ -24,44 +26,64 @@ class ProblemWatch:
         not jump during a drag.
         """
         session = self._workspace.session
+        scenario = session.scenario
         if self._base is not session.base:
             self._base = session.base
-            self._recorded = scene_problems(session.base)
+            self._recorded = scene_findings(session.base)
             self._check = SceneCheck()
-        found = checked(
-            session.scenario, session.base, self._recorded, with_future=with_future
+        found = edit_findings(
+            scenario,
+            session.base,
+            session.commands_in_force,
+            self._recorded,
+            with_future=with_future,
         )
         if not with_future:
-            there = session.scenario.agents.row_of
+            there = scenario.agents.row_of
             found = SceneCheck(
                 new=_kept(found.new, self._check.new, there),
                 recorded=_kept(found.recorded, self._check.recorded, there),
             )
-        self._check = found
+        self._check, self._whole = found, scenario if with_future else None
+
+    def whole(self) -> SceneCheck:
+        """The list with the future of the current scenario, made if it is not yet."""
+        if self._whole is not self._workspace.session.scenario:
+            self.check(with_future=True)
+        return self._check
 
     @property
-    def new(self) -> tuple[SceneProblem, ...]:
+    def new(self) -> tuple[Finding, ...]:
         """Problems that edits caused and the user does not ignore."""
-        ignored = self._ignored
-        return tuple(p for p in self._check.new if p.key not in ignored)
+        return tuple(one for one in self._unignored() if one.is_problem)
 
     @property
-    def ignored(self) -> tuple[SceneProblem, ...]:
-        """Problems that the user ignores."""
-        ignored = self._ignored
-        return tuple(p for p in self._check.new if p.key in ignored)
+    def notices(self) -> tuple[Finding, ...]:
+        """Other findings that edits caused and the user does not ignore."""
+        return tuple(one for one in self._unignored() if not one.is_problem)
 
     @property
-    def recorded(self) -> tuple[SceneProblem, ...]:
-        """Problems of the recording itself."""
-        return self._check.recorded
+    def ignored(self) -> tuple[Finding, ...]:
+        """Findings that the user ignores."""
+        ignored = self._workspace.ignored_findings
+        return tuple(one for one in self._check.new if one.key in ignored)
 
-    def ignore(self, problem: SceneProblem, is_ignored: bool) -> None:
-        """Ignore a problem, or no longer; kept as long as the scenario's session."""
+    @property
+    def recorded(self) -> tuple[Finding, ...]:
+        """Findings of the recording itself, problems first."""
+        found = self._check.recorded
+        return tuple(sorted(found, key=lambda one: not one.is_problem))
+
+    def _unignored(self) -> tuple[Finding, ...]:
+        ignored = self._workspace.ignored_findings
+        return tuple(one for one in self._check.new if one.key not in ignored)
+
+    def ignore(self, finding: Finding, is_ignored: bool) -> None:
+        """Ignore a finding, or no longer; kept as long as the scenario's session."""
         if is_ignored:
-            self._ignored.add(problem.key)
+            self._workspace.ignored_findings.add(finding.key)
         else:
-            self._ignored.discard(problem.key)
+            self._workspace.ignored_findings.discard(finding.key)
 
     def agents_at(self, step: float) -> frozenset[str]:
         """Agents with a new problem at a step."""
@@ -84,18 +106,12 @@ class ProblemWatch:
         session = self._workspace.session
         return untouched_agent_ids(session.scenario, session.base)
 
-    @property
-    def _ignored(self) -> set[ProblemKey]:
-        return self._workspace.ignored_problems.setdefault(
-            self._workspace.session.base, set()
-        )
-
 
 def _kept(
-    found: tuple[SceneProblem, ...],
-    former: tuple[SceneProblem, ...],
+    found: tuple[Finding, ...],
+    former: tuple[Finding, ...],
     there: dict[str, int],
-) -> tuple[SceneProblem, ...]:
+) -> tuple[Finding, ...]:
     """New results on the current step, with former results on the future."""
     known = {problem.key for problem in found}
     return found + tuple(

@@ -3,7 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.metrics.sample_ranking import (
+from pd_editor.editor.commands import traffic_command
+from pd_editor.findings.check import scene_findings
+from pd_editor.findings.sample_ranking import (
     MOST_APART_M,
     RANKING_WORDS,
     RANKINGS,
@@ -11,11 +13,12 @@ from pd_editor.metrics.sample_ranking import (
     distances_m,
     numbers_of,
     ranked,
-    sample_numbers,
     spread_pick,
+    with_fullness,
 )
+from pd_editor.generation import GeneratedTraffic, GenerationRequest
 from tests.builders import scenario_with, straight_drivers
-from tests.metrics.traffic_builders import generated, sample_of
+from tests.metrics.traffic_builders import sample_of
 
 PLAIN = SampleNumbers(
     num_agents=10,
@@ -37,28 +40,45 @@ def paths(*rows: tuple[float, float, float]) -> np.ndarray:
     )
 
 
+def numbers(scenario, ids, position_m) -> SampleNumbers:
+    """Numbers of a sample along paths, applied to a scenario."""
+    request = GenerationRequest(scenario=scenario, agent_ids=ids)
+    traffic = GeneratedTraffic(samples=(sample_of(ids, position_m),), generator="fake")
+    after = traffic_command(request, traffic).apply(scenario)
+    return numbers_of(after, ids, scene_findings(after))
+
+
 def test_numbers_are_those_of_the_generated_agents():
     scenario = scenario_with(
         straight_drivers([(0, 0, 0, 5), (40, 0, 0, 0), (0, 3.5, 0, 5)])
     )
     ids = scenario.agents.ids[:2]
-    apart = numbers_of(generated(scenario, ids, paths((0, 0, 5), (60, 0, 0.0))))
-    meets = numbers_of(generated(scenario, ids, paths((0, 0, 10), (40, 0, 0.0))))
+    apart = numbers(scenario, ids, paths((0, 0, 5), (60, 0, 0.0)))
+    meets = numbers(scenario, ids, paths((0, 0, 10), (40, 0, 0.0)))
     assert (apart.num_agents, apart.num_collisions) == (2, 0)
     assert meets.num_collisions == 2
     assert apart.moving_share == 0.5
     assert apart.mean_speed_mps == pytest.approx(5.0)
-    assert meets.mean_speed_mps == pytest.approx(10.0)
+    assert meets.mean_speed_mps == pytest.approx(10.0, rel=0.02)
     assert meets.time_to_collision_s == pytest.approx(0.0)
     assert meets.realism < apart.realism
 
 
 def test_off_road_counts_moving_vehicles():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 5), (20, 0, 0, 0)]))
-    view = generated(scenario, scenario.agents.ids, paths((0, 60, 5), (20, 60, 0.0)))
-    assert numbers_of(view).off_road_share == 1.0
-    stands = generated(scenario, scenario.agents.ids, paths((0, 0, 5), (20, 60, 0.0)))
-    assert numbers_of(stands).off_road_share < 0.5
+    ids = scenario.agents.ids
+    away = numbers(scenario, ids, paths((0, 60, 5), (20, 60, 0.0)))
+    assert away.off_road_share == 1.0
+    stands = numbers(scenario, ids, paths((0, 0, 5), (20, 60, 0.0)))
+    assert stands.off_road_share < 0.5
+
+
+def test_leaving_the_map_is_not_off_the_road():
+    """The fastest sample near the map's edge was ranked last for it."""
+    scenario = scenario_with(straight_drivers([(150, 0, 0, 15)]))
+    leaves = numbers(scenario, scenario.agents.ids, paths((150, 0, 15)))
+    assert 150 + 15 * 5.9 > 205
+    assert leaves.off_road_share == 0.0
 
 
 def test_rankings():
@@ -84,8 +104,8 @@ def test_scenes_that_are_empty_or_stand_are_not_the_most_realistic():
     rows = [(12.0 * i, 0.0, 4.0 * (i % 2)) for i in range(16)]
     stands = [(x, y, 0.0) for x, y, _ in rows]
     drives = [(x, y, 5.0) for x, y, _ in rows]
-    full, still, few = sample_numbers(
-        generated(scenario, scenario.agents.ids[: len(one)], paths(*one))
+    full, still, few = with_fullness(
+        numbers(scenario, scenario.agents.ids[: len(one)], paths(*one))
         for one in (drives, stands, stands[:2])
     )
     assert (full.fullness, still.fullness, few.fullness) == (1.0, 1.0, 0.125)
@@ -93,7 +113,7 @@ def test_scenes_that_are_empty_or_stand_are_not_the_most_realistic():
     assert few.realism < 0.2 * full.realism
     one_stands = replace(PLAIN, num_agents=1, moving_share=0.0)
     assert one_stands.realism == PLAIN.realism
-    assert sample_numbers(()) == ()
+    assert with_fullness(()) == ()
 
 
 def test_a_sample_without_agents_is_the_last_one():

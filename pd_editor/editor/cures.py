@@ -1,4 +1,4 @@
-"""Finds cures of problems: commands that are tried and do help."""
+"""Finds cures of findings: commands that are tried and do help."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -6,23 +6,44 @@ from typing import Final
 
 from pd_editor.editor.commands.agents import DeleteAgents
 from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.guidance import RemoveGuidance
 from pd_editor.editor.commands.locks import apply_within_locks
-from pd_editor.editor.commands.motion import SlowToFrictionLimit, YieldToOthers
+from pd_editor.editor.commands.motion import (
+    SlowToComfort,
+    SlowToFrictionLimit,
+    YieldToOthers,
+)
 from pd_editor.editor.commands.poses import SetAgentPosition, SnapToLane
 from pd_editor.editor.commands.road import SetRoadWarp
+from pd_editor.editor.edit_findings import about_term
 from pd_editor.errors import PdEditorError
+from pd_editor.findings.check import scene_findings
+from pd_editor.findings.finding import Finding
+from pd_editor.findings.friction import friction_coefficient_of
+from pd_editor.findings.road_shape import weakened_to_radius
+from pd_editor.findings.scorecard import scorecard
 from pd_editor.metrics.road.off_road import nearest_on_road
-from pd_editor.problems.check import scene_problems
-from pd_editor.problems.friction import friction_coefficient_of
-from pd_editor.problems.road_shape import weakened_to_radius
-from pd_editor.problems.scene_problem import SceneProblem
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 _INSIDE_M: Final = 0.3
 """How far within the road's edge the centre of an agent is moved."""
-_LATER: Final = frozenset({"later-collision", "later-off-road"})
+_REGENERATED: Final = frozenset(
+    {
+        "later-collision",
+        "later-off-road",
+        "against-traffic",
+        "impossible-motion",
+        "harsh-motion",
+        "near-pass",
+        "short-time",
+        "far-from-lane",
+        "guidance-not-run",
+        "guidance-not-met",
+    }
+)
+"""Kinds that other trajectories may cure."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,31 +57,47 @@ class Cure:
 
 def cures(
     scenario: Scenario,
-    problem: SceneProblem,
-    problems: Collection[SceneProblem],
+    finding: Finding,
+    findings: Collection[Finding],
     untouched: Collection[str] = (),
 ) -> tuple[Cure, ...]:
-    """Find cures of one of several problems; ``untouched`` agents move as recorded.
+    """Find cures of one of several findings; ``untouched`` agents move as recorded.
 
     Commands are tried on the scenario, which does not change: a command is offered if
-    the problem is gone after it and there are fewer problems than before; of several
+    the finding is gone after it, with fewer problems than before, or for other findings
+    fewer faults and no more problems; of several
     with one label the first. It is not
     known beforehand whether regenerated trajectories help, so they are offered if
     possible.
     """
-    offered: list[Cure] = []
-    if problem.kind in _LATER:
-        offered += regenerations(scenario, problem.agent_ids, untouched)
-    tried = list(_tried(scenario, problem, problems))
-    if tried:
-        count = len(scene_problems(scenario))
-        helping: dict[str, Cure] = {}
-        for cure in tried:
-            if cure.label not in helping and _helps(scenario, problem, cure, count):
-                helping[cure.label] = cure
-        offered += helping.values()
-    offered += removals(scenario, problem.agent_ids)
-    return tuple(offered)
+    if finding.severity in ("remark", "property") and finding.kind != "far-from-lane":
+        return ()
+    if finding.kind.startswith("guidance"):
+        return tuple(_of_guidance(scenario, finding, untouched))
+    others: list[Cure] = []
+    if finding.kind in _REGENERATED:
+        others += regenerations(scenario, finding.agent_ids, untouched)
+    helping: dict[str, Cure] = {}
+    tried = list(_tried(scenario, finding, findings))
+    before = _counts(scene_findings(scenario)) if tried else (0, 0)
+    for cure in tried:
+        if cure.label not in helping and _helps(scenario, finding, cure, before):
+            helping[cure.label] = cure
+    removed = removals(scenario, finding.agent_ids)
+    if finding.is_problem:
+        return (*others, *helping.values(), *removed)
+    return (*helping.values(), *others, *removed)
+
+
+def _of_guidance(
+    scenario: Scenario, finding: Finding, untouched: Collection[str]
+) -> Iterator[Cure]:
+    """Offer to run a term of guidance, or to remove it."""
+    yield from regenerations(scenario, finding.agent_ids, untouched)
+    for index, term in enumerate(scenario.guidance):
+        if finding.about == about_term(term):
+            command = RemoveGuidance(index=index)
+            yield Cure(label=f"Remove the {term.name}", command=command)
 
 
 def regenerations(
@@ -83,12 +120,19 @@ def regenerations(
 
 
 def _tried(
-    scenario: Scenario, problem: SceneProblem, problems: Collection[SceneProblem]
+    scenario: Scenario, finding: Finding, findings: Collection[Finding]
 ) -> Iterator[Cure]:
-    applied = scenario.applied_warp
-    if problem.kind == "friction":
-        yield from _slowing(scenario, problem, problems)
-    elif not problem.agent_ids and applied is not None:
+    """Commands that may help, by what the finding is."""
+    applied, kind, ids = scenario.applied_warp, finding.kind, finding.agent_ids
+    if kind == "friction":
+        yield from _slowing(scenario, finding, findings)
+    elif kind in ("harsh-motion", "impossible-motion"):
+        alike = tuple(one.agent_ids[0] for one in findings if one.kind == kind)
+        for some in dict.fromkeys((ids, alike)):
+            what = f"the motion of {ids[0]}" if some == ids else f"all {len(some)}"
+            command = SlowToComfort(agent_ids=some)
+            yield Cure(label=f"Smooth {what}", command=command)
+    elif not ids and applied is not None:
         weaker = weakened_to_radius(applied.warp)
         if weaker is not None:
             yield Cure(
@@ -99,18 +143,18 @@ def _tried(
             )
         yield Cure(label="Reset the road", command=SetRoadWarp(warp=None))
     else:
-        if problem.kind == "later-collision":
-            yield from yielding(problem.agent_ids)
+        if kind in ("later-collision", "short-time", "near-pass"):
+            yield from yielding(ids)
         agents, now = scenario.agents, scenario.current_step
         follows = agents.kind_mask(LANE_FOLLOWER_KINDS)
-        for name in problem.agent_ids:
+        for name in ids:
             row = agents.row_of[name]
             if agents.is_valid[row, now] and follows[row]:
                 yield Cure(
                     label=f"Snap {name} to its lane",
                     command=SnapToLane(agent_ids=(name,)),
                 )
-                if problem.kind == "off-road":
+                if kind == "off-road":
                     yield from _returns(scenario, name)
 
 
@@ -128,7 +172,7 @@ def _returns(scenario: Scenario, agent_id: str) -> Iterator[Cure]:
 
 
 def _slowing(
-    scenario: Scenario, problem: SceneProblem, problems: Collection[SceneProblem]
+    scenario: Scenario, problem: Finding, problems: Collection[Finding]
 ) -> Iterator[Cure]:
     """Offer that the agent of a problem, or all that are too fast, are slowed.
 
@@ -152,9 +196,9 @@ def yielding(agent_ids: tuple[str, ...]) -> Iterator[Cure]:
 
 
 def _helps(
-    scenario: Scenario, problem: SceneProblem, cure: Cure, num_problems: int
+    scenario: Scenario, finding: Finding, cure: Cure, before: tuple[int, int]
 ) -> bool:
-    """Whether the problem is gone after a command, without a new one."""
+    """Whether the finding is gone after a command, and nothing worse has come."""
     assert cure.command is not None
     try:
         after = apply_within_locks(cure.command, scenario)
@@ -162,8 +206,22 @@ def _helps(
         return False
     if after is scenario:
         return False
-    left = scene_problems(after)
-    return len(left) < num_problems and all(p.key != problem.key for p in left)
+    found = scene_findings(after)
+    problems, faults = _counts(found)
+    if finding.kind == "far-from-lane":
+        rows = scorecard(after, found)
+        found = tuple(one for row in rows for one in row.findings)
+    is_better = (
+        problems < before[0]
+        if finding.is_problem
+        else problems <= before[0] and faults <= before[1] - finding.is_fault
+    )
+    return is_better and all(one.key != finding.key for one in found)
+
+
+def _counts(findings: Collection[Finding]) -> tuple[int, int]:
+    """Number of problems, and of all faults."""
+    return sum(f.is_problem for f in findings), sum(f.is_fault for f in findings)
 
 
 def removals(scenario: Scenario, agent_ids: tuple[str, ...]) -> Iterator[Cure]:

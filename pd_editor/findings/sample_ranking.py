@@ -7,13 +7,14 @@ from typing import Final, Literal, get_args
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.metrics.collisions.box_collision import box_overlap
+from pd_editor.findings.finding import Finding
 from pd_editor.metrics.collisions.safety import safety_values
 from pd_editor.metrics.motion.kinematics import kinematics
 from pd_editor.metrics.road.lane_deviation import lane_deviation
-from pd_editor.metrics.road.off_road import is_off_road
-from pd_editor.metrics.traffic_view import TrafficView
+from pd_editor.metrics.road.off_road import departures
+from pd_editor.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 from pd_editor.scene.traffic_sample import TrafficSample
 
@@ -83,9 +84,9 @@ class SampleNumbers:
         return 100.0 * self.fullness / (1.0 + excess / 5)
 
 
-def sample_numbers(views: Iterable[TrafficView]) -> tuple[SampleNumbers, ...]:
-    """Numbers of all samples of a run."""
-    found = [numbers_of(view) for view in views]
+def with_fullness(numbers: Iterable[SampleNumbers]) -> tuple[SampleNumbers, ...]:
+    """Numbers of all samples of a run, compared with its usual number of agents."""
+    found = list(numbers)
     usual = float(np.median([one.num_agents for one in found])) if found else 0.0
     return tuple(
         replace(one, fullness=min(1.0, one.num_agents / max(usual, 1.0)))
@@ -93,15 +94,27 @@ def sample_numbers(views: Iterable[TrafficView]) -> tuple[SampleNumbers, ...]:
     )
 
 
-def numbers_of(view: TrafficView) -> SampleNumbers:
-    """Numbers of a sample's trajectories among the scene's other agents."""
-    agents = view.agents
-    valid = agents.is_valid
-    speed = np.hypot(agents.velocity_mps[..., 0], agents.velocity_mps[..., 1])
+def numbers_of(
+    scenario: Scenario, agent_ids: Iterable[str], findings: Iterable[Finding]
+) -> SampleNumbers:
+    """Numbers of a scenario to which a sample of some agents was applied.
+
+    ``findings`` are those of the scenario.
+    """
+    there = scenario.agents.row_of
+    view = recorded_traffic(scenario, [name for name in agent_ids if name in there])
+    agents, now = view.agents, scenario.current_step
+    valid, speed = agents.is_valid, agents.speed_mps()
     moves = np.any(valid & (speed >= MOVING_MPS), axis=1)
-    follows = np.array([kind in LANE_FOLLOWER_KINDS for kind in agents.kinds], bool)
-    on_road_steps = valid & (follows & moves)[:, None]
-    off = is_off_road(view.scenario, agents.position_m[on_road_steps])
+    follows = agents.kind_mask(LANE_FOLLOWER_KINDS) & moves
+    tracks = scenario.agents.taken(scenario.agents.rows(agents.ids))
+    off = departures(scenario, tracks).is_off_road[:, now:]
+    colliding = {
+        name
+        for one in findings
+        if one.kind == "later-collision"
+        for name in one.agent_ids
+    }
     deviation = lane_deviation(view).values()["lateral_deviation_mean"]
     lateral = deviation.value[deviation.is_valid & moves]
     times = safety_values(view)["time_to_collision"].valid()
@@ -109,8 +122,8 @@ def numbers_of(view: TrafficView) -> SampleNumbers:
     harsh = motion.is_uncomfortable()[motion.is_valid]
     return SampleNumbers(
         num_agents=len(agents),
-        num_collisions=int(box_overlap(view).newly().value.sum()),
-        off_road_share=_mean(off),
+        num_collisions=len(colliding.intersection(agents.ids)),
+        off_road_share=_mean(off[valid & follows[:, None]]),
         lateral_deviation_m=_mean(lateral),
         moving_share=_mean(moves),
         mean_speed_mps=_mean(speed[moves][valid[moves]]),

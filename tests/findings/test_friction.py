@@ -9,10 +9,10 @@ from pd_editor.editor.commands import (
     command_to_json,
 )
 from pd_editor.errors import EditError
+from pd_editor.findings.check import checked, scene_problems
+from pd_editor.findings.friction import friction_problems, sideways_motion
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.perturbation.anchor import pose_of_anchor
-from pd_editor.problems.check import checked, scene_problems
-from pd_editor.problems.friction import friction_problems, sideways_motion
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.builders import scenario_with, straight_drivers
 
@@ -32,7 +32,7 @@ def test_an_agent_too_fast_for_a_bend_is_told_with_both_speeds():
     assert problem.agent_ids == ("100",)
     assert problem.message.startswith("Vehicle 100 is too fast for its curve ")
     assert "where friction holds " in problem.message
-    assert problem.severity > 2.0
+    assert problem.ratio > 2.0
     assert problem.first_step >= 50
     # Times and speeds are those that the list and the picture tell.
     scenario = bent()

@@ -1,12 +1,12 @@
-"""Problems of roads that are warped more sharply than a vehicle can drive."""
+"""Findings on roads that are warped more sharply than a vehicle can drive."""
 
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from pd_editor.findings.finding import Finding
 from pd_editor.perturbation.friction_limit import WarpSummary, summarise
-from pd_editor.problems.scene_problem import SceneProblem
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
 
@@ -17,7 +17,7 @@ FOLDED_RADIUS_M: Final = 1.75
 _SAMPLE_SPACING_M: Final = 0.05
 
 
-def road_problems(scenario: Scenario) -> list[SceneProblem]:
+def road_problems(scenario: Scenario) -> list[Finding]:
     """One problem if the applied warp makes the road undrivable, else none."""
     applied = scenario.applied_warp
     if applied is None:
@@ -35,12 +35,13 @@ def road_problems(scenario: Scenario) -> list[SceneProblem]:
         f" vehicle needs about {MIN_RADIUS_M:g} m."
     )
     return [
-        SceneProblem(
+        Finding(
             kind="folded-road" if is_folded else "sharp-road",
             agent_ids=(),
             spans=((0, scenario.time_axis.num_steps - 1),),
             worst_step=scenario.current_step,
-            severity=MIN_RADIUS_M / radius,
+            value=radius,
+            limit=MIN_RADIUS_M,
             headline=(
                 "Road folded into spikes" if is_folded else "Road bends too sharply"
             )

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from pd_editor.av2_io.read import read_scenario
+from pd_editor.findings.check import checked, scene_problems, split
+from pd_editor.findings.collisions import MAX_COLLISIONS
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.perturbation.warp_scenario import warp_scenario
-from pd_editor.problems.check import checked, scene_problems, split
-from pd_editor.problems.collisions import MAX_COLLISIONS
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.builders import (
@@ -154,7 +154,8 @@ def test_problems_of_the_recording_are_a_group_of_their_own():
         return split(problems, recorded, unmoved=unmoved, untouched=untouched).new
 
     assert new(later, both, both) == ()
-    assert split(problems, later, unmoved=both, untouched=both).recorded == problems
+    own = split(problems, later, unmoved=both, untouched=both).recorded
+    assert own == tuple(replace(one, source="recorded") for one in problems)
     assert new([], both, both) == problems
     # One of the two has another future: the user should hear of it again.
     assert {p.kind for p in problems} == {"later-collision"}

@@ -1,8 +1,8 @@
+from pd_editor.findings.check import scene_problems
+from pd_editor.findings.road_shape import MIN_RADIUS_M, weakened_to_radius
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.perturbation.friction_limit import summarise
 from pd_editor.perturbation.warp_scenario import warp_scenario
-from pd_editor.problems.check import scene_problems
-from pd_editor.problems.road_shape import MIN_RADIUS_M, weakened_to_radius
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.builders import scenario_with, straight_drivers
 

@@ -1,4 +1,4 @@
-"""Problems of agents above the friction limit in curves: v^2 |kappa| > mu g."""
+"""Findings on agents above the friction limit in curves: v^2 |kappa| > mu g."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -6,6 +6,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.findings.collisions import MOVING_M
+from pd_editor.findings.finding import Finding, at_time, finding_of_agent
 from pd_editor.geometry.angles import left_of
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.metrics.motion.kinematics import (
@@ -14,7 +16,6 @@ from pd_editor.metrics.motion.kinematics import (
     derivative_operators,
     whole_windows,
 )
-from pd_editor.metrics.step_spans import spans_of
 from pd_editor.paths.retiming import (
     fill_gaps,
     fill_heading_gaps,
@@ -22,13 +23,6 @@ from pd_editor.paths.retiming import (
     travelled_m,
 )
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION, GRAVITY_MPS2
-from pd_editor.problems.collisions import MOVING_M
-from pd_editor.problems.scene_problem import (
-    SceneProblem,
-    agent_name,
-    at_time,
-    capitalised,
-)
 from pd_editor.repair.friction_pass import drivable_speed, slowed_distance
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -110,7 +104,7 @@ def sideways_motion(scenario: Scenario) -> SidewaysMotion:
     )
 
 
-def friction_problems(scenario: Scenario) -> list[SceneProblem]:
+def friction_problems(scenario: Scenario) -> list[Finding]:
     """Find agents above the friction limit from the current step on."""
     agents, now = scenario.agents, scenario.current_step
     motion, mu = sideways_motion(scenario), friction_coefficient_of(scenario)
@@ -123,23 +117,23 @@ def friction_problems(scenario: Scenario) -> list[SceneProblem]:
         lateral = float(motion.lateral_mps2[index, worst])
         # The same velocity that the view and the panel show.
         speed = float(np.hypot(*agents.velocity_mps[row, worst + now]))
-        place = agents.position_m[row, steps[0] + now]
         held = speed * float(np.sqrt(limit / lateral))
         found.append(
-            SceneProblem(
-                kind="friction",
-                agent_ids=(agents.ids[row],),
-                spans=spans_of(steps + now),
-                worst_step=worst + now,
-                severity=lateral / limit,
-                headline=f"{agents.ids[row]}: {speed:.1f} m/s, friction holds {held:.1f}",
+            finding_of_agent(
+                scenario,
+                "friction",
+                row,
+                steps + now,
+                value=lateral,
+                limit=limit,
+                worst=worst + now,
+                words=f": {speed:.1f} m/s, friction holds {held:.1f}",
                 message=(
-                    f"{capitalised(agent_name(agents, row))} is too fast for its curve"
+                    "is too fast for its curve"
                     f" {_when(scenario, int(steps[0]) + now, worst + now)}:"
                     f" {speed:.1f} m/s, where friction holds {held:.1f} m/s"
                     f" (mu {mu:.2f})."
                 ),
-                place_m=(float(place[0]), float(place[1])),
             )
         )
     return found
