@@ -147,7 +147,7 @@ def _of_term(
         agent_ids=tuple(agents.ids[row] for row in there),
         spans=(),
         worst_step=now,
-        value=error,
+        value=float(np.nan_to_num(error)),
         limit=0.0,
         headline=f"{name} {words.split(':')[0]}",
         message=f"{name} {words}.",
