@@ -151,6 +151,7 @@ class GenerationRequest:
     where the edit concerns them. None: trajectories are sampled from random noise only."""
 
     def __post_init__(self) -> None:
+        check_future(self.scenario)
         check_numbers(
             num_samples=self.num_samples,
             num_denoising_steps=self.num_denoising_steps,
@@ -407,6 +408,21 @@ def guidance_settings(
     if parameters:
         settings.append(GuidanceSetting(name=AVOIDANCE, parameters=parameters))
     return tuple(settings)
+
+
+def check_future(scenario: Scenario) -> None:
+    """Raise for a scenario that has no step to generate.
+
+    Raises:
+        GenerationError: the current step is the last one.
+    """
+    axis = scenario.time_axis
+    if not axis.num_future_steps:
+        raise GenerationError(
+            f"The scenario ends at its current step ({axis.current_step}, of steps 0 to"
+            f" {axis.num_steps - 1}), so there is no future to generate; expected steps"
+            " after it."
+        )
 
 
 def check_traffic(traffic: GeneratedTraffic, request: GenerationRequest) -> None:

@@ -206,15 +206,15 @@ def test_agents_off_the_lanes_are_reported_and_go_straight_on():
     assert np.arctan2(way[1], way[0]) == pytest.approx(1.0)
 
 
-def test_no_agents_no_lanes_or_no_future_is_fine():
+def test_no_agents_or_no_lanes_is_fine():
     empty = scenario_with(straight_drivers([]))
     assert drive(empty)[0].position_m.shape == (0, 60, 2)
     bare = scenario_with(straight_drivers([(0, 0, 0, 5)]), RoadMap(lanes=()))
     assert drive(bare)[0].position_m.shape == (1, 60, 2)
-    axis = TimeAxis(num_steps=51)
+    axis = TimeAxis(num_steps=52)
     last = straight_drivers([(0, 0, 0, 10)], time_axis=axis)
     scenario = replace(bare, agents=last, time_axis=axis)
-    assert drive(scenario)[0].position_m.shape == (1, 1, 2)
+    assert drive(scenario)[0].position_m.shape == (1, 2, 2)
 
 
 def test_idm_balances_at_its_own_gap():

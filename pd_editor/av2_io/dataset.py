@@ -111,7 +111,7 @@ class DatasetIndex:
         """Whether all folders were listed."""
         self._walk = _scenario_folders(self.root, 0)
         self._found: list[_Found] = []
-        self._position_of: dict[str, int] = {}
+        self._position_of: dict[Path, int] = {}
         self._cards: dict[int, ScenarioCard | None] = {}
         self._num_incomplete = 0
         self._lock = RLock()
@@ -157,7 +157,7 @@ class DatasetIndex:
                 if isinstance(entry, Path):
                     self._num_incomplete += 1
                     continue
-                self._position_of.setdefault(entry.scenario_id, len(self._found))
+                self._position_of[entry.folder] = len(self._found)
                 self._found.append(entry)
             num_new += 1
         return num_new
@@ -198,14 +198,14 @@ class DatasetIndex:
             position += 1
 
     def after(
-        self, scenario_id: str, wanted: CardFilter | None = None
+        self, folder: Path, wanted: CardFilter | None = None
     ) -> ScenarioCard | None:
-        """Next accepted scenario after a given one; None at the end.
+        """Next accepted scenario after the one in a folder; None at the end.
 
         Raises:
-            InputError: the given one is not in the dataset.
+            InputError: the folder is not in the dataset.
         """
-        position = self._position(scenario_id) + 1
+        position = self._position(folder) + 1
         while position < self.num_found or self.scan(1):
             card = self._card(position, wanted or CardFilter())
             if card is not None:
@@ -214,24 +214,24 @@ class DatasetIndex:
         return None
 
     def before(
-        self, scenario_id: str, wanted: CardFilter | None = None
+        self, folder: Path, wanted: CardFilter | None = None
     ) -> ScenarioCard | None:
-        """Last accepted scenario before a given one; None at the start.
+        """Last accepted scenario before the one in a folder; None at the start.
 
         Raises:
-            InputError: the given one is not in the dataset.
+            InputError: the folder is not in the dataset.
         """
-        for position in reversed(range(self._position(scenario_id))):
+        for position in reversed(range(self._position(folder))):
             card = self._card(position, wanted or CardFilter())
             if card is not None:
                 return card
         return None
 
-    def _position(self, scenario_id: str) -> int:
-        while scenario_id not in self._position_of:
+    def _position(self, folder: Path) -> int:
+        while folder not in self._position_of:
             if not self.scan(1000):
-                raise InputError(f"{self.root}: has no scenario {scenario_id[:60]!r}.")
-        return self._position_of[scenario_id]
+                raise InputError(f"{folder}: is no scenario folder of {self.root}.")
+        return self._position_of[folder]
 
     def _card(self, position: int, wanted: CardFilter) -> ScenarioCard | None:
         """Scenario at a position if it is accepted and readable, else None."""

@@ -137,7 +137,7 @@ def study(
     choice = EngineChoice(name=engine, address=address, num_workers=workers)
     found = scenes_of(plan.data, plan.limit)
     with choice.engine() as runner:
-        return run_whole_study(
+        study = run_whole_study(
             plan,
             extras,
             found,
@@ -146,3 +146,5 @@ def study(
             study_command(plan, out),
             progress_of=work_shown,
         )
+    study.check_results()
+    return study

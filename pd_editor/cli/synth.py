@@ -17,7 +17,7 @@ from pd_editor.cli.options.arguments import (
     folders,
 )
 from pd_editor.cli.output.progress import work_shown
-from pd_editor.errors import InputError
+from pd_editor.errors import InputError, SynthesisError
 from pd_editor.synthesis.dataset.builder import (
     DatasetPlan,
     DatasetRecord,
@@ -112,6 +112,9 @@ def synth(
     with choice.engine() as runner:
         folder = DatasetFolder(Path(out), plan.settings, resume=resume)
         record = build_dataset(plan, folder, runner, on_progress=work_shown("networks"))
+    if not record.num_windows:
+        reason = next(iter(record.failures.values()), "no network has traffic")
+        raise SynthesisError(f"No scenario was made: {reason}")
     return Synthesis(
         folder=folder.path,
         record=record,

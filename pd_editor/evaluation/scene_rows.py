@@ -183,7 +183,8 @@ def _method_tables(
         values.append((None, log, sample_values(views)))
     agents = views[0].agents
     fixed = {
-        "scenario_id": request.scenario.scenario_id,
+        # Names of folders are unique within a split; ids need not be.
+        "scenario_id": item.folder.name,
         "city": request.scenario.city,
         "split": item.split,
         "method": method.name,

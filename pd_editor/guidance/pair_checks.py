@@ -44,6 +44,12 @@ def threat_problems(
     term: Threaten, scenario: Scenario, agent_ids: Sequence[str] | None
 ) -> Found:
     """Why a threat cannot be carried out, and by which approach it could."""
+    if not scenario.time_axis.num_future_steps:
+        yield (
+            "error",
+            "The scenario ends at its current step, so no agent can threaten.",
+        )
+        return
     is_kept = _is_kept(term, agent_ids)
     obstacle = _obstacle(scenario, term, is_kept)
     if obstacle is None:

@@ -104,6 +104,8 @@ class Trajectories:
         cannot. Those of ``comfort_mps2`` accelerate and brake no harder than that where
         it is enough.
         """
+        if not self.scenario.time_axis.num_future_steps:
+            return self
         step, agents = self.scenario.current_step, self.agents
         is_kept = self.scenario.kept_steps()[:, step:]
         num_kept = is_kept[:, 1:].sum(axis=1)

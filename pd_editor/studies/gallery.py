@@ -1,6 +1,6 @@
 """Gallery of the worst variants of a study, exported so that the editor opens them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -12,6 +12,7 @@ from pd_editor.editor.commands import SetRoadWarp, traffic_command
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import (
     Variant,
+    free_name,
     name_from_text,
     power_name,
     short_id,
@@ -48,12 +49,19 @@ def worst_of_scenes(cases: Sequence[WorstCase], count: int) -> tuple[WorstCase, 
     found: dict[tuple[str, str], WorstCase] = {}
     for case in sorted(cases, key=lambda one: -one.value):
         if case.condition and np.isfinite(case.value):
-            found.setdefault((case.scenario, case.method), case)
+            found.setdefault((case.folder, case.method), case)
     return tuple(found.values())[:count]
 
 
-def export_case(case: WorstCase, item: StudyItem, out: Path) -> GalleryEntry:
+def export_case(
+    case: WorstCase,
+    item: StudyItem,
+    out: Path,
+    is_taken: Callable[[str], bool] = lambda _name: False,
+) -> GalleryEntry:
     """Make a variant again from an item of its scene, method and seed, and export it.
+
+    It gets a name that is not taken.
 
     Raises:
         PdEditorError: the method fails, or the folder cannot be written.
@@ -77,25 +85,28 @@ def export_case(case: WorstCase, item: StudyItem, out: Path) -> GalleryEntry:
         )
         asked = replace(request, scenario=session.scenario, num_samples=1)
         session.apply(traffic_command(asked, generated))
-    folder = _export(session, Variant(name=name_from_text(name)), out)
+    name = free_name(name_from_text(name), is_taken)
+    folder = _export(session, Variant(name=name), out)
     return GalleryEntry(case=case, folder=folder, thumbnail=thumbnail(session.scenario))
 
 
 def export_cases(
     cases: Sequence[WorstCase], items: Sequence[StudyItem], out: Path
-) -> tuple[GalleryEntry, ...]:
-    """Export several cases; one whose method fails now is left out."""
-    by_scene = {(one.folder.name, one.method.name, one.seed): one for one in items}
-    entries = []
+) -> tuple[tuple[GalleryEntry, ...], dict[str, PdEditorError]]:
+    """Export several cases; returns them, and the errors of those that are left out."""
+    by_scene = {(one.folder, one.method.name, one.seed): one for one in items}
+    entries, failures = [], {}
     for case in cases:
-        item = by_scene.get((case.scenario, case.method, case.seed))
+        item = by_scene.get((case.folder, case.method, case.seed))
         if item is None:
             continue
         try:
-            entries.append(export_case(case, item, out))
-        except PdEditorError:
-            continue
-    return tuple(entries)
+            names = {entry.folder.name for entry in entries}
+            entries.append(export_case(case, item, out, names.__contains__))
+        except PdEditorError as error:
+            where = f"{case.scenario}, {case.condition}, {case.method}"
+            failures[f"gallery: {where}, seed {case.seed}"] = error
+    return tuple(entries), failures
 
 
 def export_danger(danger: AvoidableDanger, source: Path, out: Path) -> GalleryEntry:

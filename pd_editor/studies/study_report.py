@@ -1,11 +1,12 @@
 """Report of a study: severity curves, tables, worst cases and their gallery."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from pd_editor.errors import PdEditorError
 from pd_editor.evaluation.report.figures import (
     COLORS,
     FIGURE_STYLE,
@@ -43,6 +44,8 @@ class StudyFindings:
     settings: SearchSettings = field(default_factory=SearchSettings)
     gallery: Sequence[GalleryEntry] = ()
     dangers: Sequence[GalleryEntry] = ()
+    failures: Mapping[str, PdEditorError] = field(default_factory=dict)
+    """Errors of searches and exports by what failed."""
 
 
 def study_report(
@@ -67,7 +70,7 @@ def study_report(
             ),
             *_worst_sections(findings),
             Section(title="Dangerous but avoidable", tables=tuple(_dangers(findings))),
-            Section(title="What failed", tables=tuple(_failures(record))),
+            Section(title="What failed", tables=tuple(_failures(record, findings))),
             Section(title="How to repeat it", paragraphs=(f"`{command}`",)),
         ),
     )
@@ -233,11 +236,11 @@ def _shown(value: float, metric: str) -> str:
 
 def _compared_table(findings: StudyFindings) -> ReportTable:
     """Search against grid, scene by scene."""
-    grid = {(one.scenario, one.method, one.seed): one for one in findings.grid}
+    grid = {(one.folder, one.method, one.seed): one for one in findings.grid}
     metric = findings.settings.metric
     rows, num_as_bad = [], 0
     for one in findings.search:
-        other = grid.get((one.scenario, one.method, one.seed))
+        other = grid.get((one.folder, one.method, one.seed))
         if other is None:
             continue
         is_as_bad = one.value >= other.value
@@ -295,8 +298,9 @@ def _dangers(findings: StudyFindings) -> list[ReportTable]:
     ]
 
 
-def _failures(record: StudyRecord) -> list[ReportTable]:
-    rows = [("-", key, reason) for key, reason in record.failures.items()]
+def _failures(record: StudyRecord, findings: StudyFindings) -> list[ReportTable]:
+    left_out = {**record.failures, **findings.failures}
+    rows = [("-", key, str(reason)) for key, reason in left_out.items()]
     failed = record.rows.select(
         ["method", "scenario_id", "condition", "failure", "agents"]
     )

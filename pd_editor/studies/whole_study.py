@@ -1,12 +1,13 @@
 """A whole study: variants, worst-case search, dangers, gallery and report."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 import pyarrow as pa
 
+from pd_editor.errors import GenerationError, PdEditorError
 from pd_editor.evaluation.evaluation import FoundScenes
 from pd_editor.evaluation.report.formats import html_of, markdown_of
 from pd_editor.studies.avoidable_danger import AvoidableDanger, dangers_of_scene
@@ -39,7 +40,7 @@ from pd_editor.studies.worst_case import (
     search_scene,
 )
 from pd_editor.work_engine import WorkEngine, run_items
-from pd_editor.work_engine.work_engine import WorkProgress
+from pd_editor.work_engine.work_engine import WorkFailure, WorkProgress
 
 REPORT_PAGE: Final = "report.html"
 WORK_ITEMS: Final = "work items"
@@ -68,9 +69,15 @@ class Study:
     files: tuple[Path, ...]
     record: StudyRecord
     findings: StudyFindings
+    methods: tuple[str, ...]
 
     def __str__(self) -> str:
         """One line per file, then notes on failures."""
+        return "\n".join([*map(str, self.files), *self.remarks])
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """One sentence for each kind of failure."""
         remarks = []
         if self.record.num_failed_variants:
             remarks.append(
@@ -79,7 +86,33 @@ class Study:
             )
         if self.record.failures:
             remarks.append(f"{len(self.record.failures)} work items failed altogether.")
-        return "\n".join([*map(str, self.files), *remarks])
+        failures = self.findings.failures
+        if failures:
+            where, error = next(iter(failures.items()))
+            remarks.append(
+                f"{len(failures)} searches and exports of scenes failed; the first is"
+                f" {where}: {error}"
+            )
+        return tuple(remarks)
+
+    def check_results(self) -> None:
+        """Raise if a method succeeded on no variant, or a scene could not be written.
+
+        Raises:
+            PdEditorError: names the method or the place, and the reason.
+        """
+        rows = self.record.rows.select(["method", "failure"]).to_pylist()
+        for name in self.methods:
+            failures = [row["failure"] for row in rows if row["method"] == name]
+            if None not in failures:
+                reasons = [*failures, *self.record.failures.values()]
+                reason = f" ({reasons[0]})" if reasons else ""
+                raise GenerationError(
+                    f"{name}: failed on every variant, see {self.files[0]}{reason}."
+                )
+        for error in self.findings.failures.values():
+            if isinstance(error.__cause__, OSError):
+                raise error
 
 
 def run_whole_study(
@@ -105,18 +138,21 @@ def run_whole_study(
         items, folder, engine, on_progress=progress_of(WORK_ITEMS), on_rows=on_rows
     )
     grid = grid_worst_cases(record.rows, extras.search)
-    searched = _searched(items, extras.search, engine, progress_of)
+    searched, failures = _searched(items, extras.search, engine, progress_of)
+    gallery, unwritten = export_cases(
+        worst_of_scenes((*grid, *searched), extras.num_worst),
+        list(items.values()),
+        folder.path / GALLERY_NAME,
+    )
+    dangers, missed = _dangers(found, folder, engine, extras.num_dangers, progress_of)
     findings = StudyFindings(
         curves=severity_curves(record.rows),
         grid=grid,
         search=searched,
         settings=extras.search,
-        gallery=export_cases(
-            worst_of_scenes((*grid, *searched), extras.num_worst),
-            list(items.values()),
-            folder.path / GALLERY_NAME,
-        ),
-        dangers=_dangers(found, folder, engine, extras.num_dangers, progress_of),
+        gallery=gallery,
+        dangers=dangers,
+        failures={**failures, **unwritten, **missed},
     )
     report = study_report(plan, record, findings, len(found.scenes), command)
     page = html_of(report, severity_figures(findings.curves))
@@ -125,7 +161,13 @@ def run_whole_study(
         folder.write(REPORT_PAGE, page.encode()),
         folder.path / VARIANTS_NAME,
     )
-    return Study(folder=folder.path, files=files, record=record, findings=findings)
+    return Study(
+        folder=folder.path,
+        files=files,
+        record=record,
+        findings=findings,
+        methods=tuple(method.name for method in plan.methods),
+    )
 
 
 def _searched(
@@ -133,10 +175,10 @@ def _searched(
     settings: SearchSettings,
     engine: WorkEngine,
     progress_of: ProgressOf,
-) -> list[WorstCase]:
-    """Worst cases of the search, one for each scene, method and seed."""
+) -> tuple[list[WorstCase], dict[str, PdEditorError]]:
+    """Worst cases of the search, one for each scene, method and seed, and failures."""
     if not settings.num_trials:
-        return []
+        return [], {}
     by_scene = {(one.folder, one.method.name, one.seed): one for one in items.values()}
     searches = {
         f"{item.split}/{folder.name}/{method}/{seed}": SearchItem(
@@ -145,14 +187,21 @@ def _searched(
         for (folder, method, seed), item in by_scene.items()
     }
     found: dict[str, WorstCase] = {}
-    run_items(
+    failures = run_items(
         engine,
         search_scene,
         searches,
         on_value=found.__setitem__,
         on_progress=progress_of("searches"),
     )
-    return [found[key] for key in searches if key in found]
+    return [found[key] for key in searches if key in found], _told("search", failures)
+
+
+def _told(what: str, failures: Mapping[str, WorkFailure]) -> dict[str, PdEditorError]:
+    return {
+        f"{what}: {key}": GenerationError(failure.reason)
+        for key, failure in failures.items()
+    }
 
 
 def _dangers(
@@ -161,13 +210,13 @@ def _dangers(
     engine: WorkEngine,
     count: int,
     progress_of: ProgressOf,
-) -> tuple[GalleryEntry, ...]:
-    """The avoidable dangers with the hardest impacts over all scenes."""
+) -> tuple[tuple[GalleryEntry, ...], dict[str, PdEditorError]]:
+    """The avoidable dangers with the hardest impacts over all scenes, and failures."""
     if not count:
-        return ()
+        return (), {}
     by_scene: dict[str, tuple[AvoidableDanger, ...]] = {}
     folders = {f"{one.split}/{one.folder.name}": one.folder for one in found.scenes}
-    run_items(
+    failed = run_items(
         engine,
         dangers_of_scene,
         folders,
@@ -176,7 +225,12 @@ def _dangers(
     )
     dangers = [(key, one) for key, dangers in by_scene.items() for one in dangers]
     dangers.sort(key=lambda pair: (-pair[1].impact_mps, pair[0], pair[1].agent_id))
-    return tuple(
-        export_danger(danger, folders[key], folder.path / GALLERY_NAME)
-        for key, danger in dangers[:count]
-    )
+    entries, failures = [], _told("dangers", failed)
+    for key, danger in dangers[:count]:
+        try:
+            entries.append(
+                export_danger(danger, folders[key], folder.path / GALLERY_NAME)
+            )
+        except PdEditorError as error:
+            failures[f"gallery: {key}, danger {danger.agent_id}"] = error
+    return tuple(entries), failures

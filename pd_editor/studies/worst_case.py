@@ -8,6 +8,7 @@ the first, by Optuna's tree-structured Parzen estimator.
 import math
 from dataclasses import dataclass
 from itertools import combinations
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -56,6 +57,8 @@ class WorstCase:
     """The worst variant that was found for one scene, method and seed."""
 
     scenario: str
+    folder: Path
+    """Folder of the scenario, which alone tells scenarios of one id apart."""
     method: str
     seed: int
     condition: str
@@ -117,6 +120,7 @@ def search_scene(item: SearchItem) -> WorstCase:
     study.optimize(objective, n_trials=settings.num_trials)
     return WorstCase(
         scenario=variant.folder.name,
+        folder=variant.folder,
         method=variant.method.name,
         seed=variant.seed,
         condition=best[1],
@@ -153,15 +157,16 @@ def grid_worst_cases(rows: pa.Table, settings: SearchSettings) -> tuple[WorstCas
     rows = rows.filter(pa.array((agents == settings.agents) & has_value))
     total = rows[f"{settings.metric}_sum"].to_numpy()
     value = total / rows[f"{settings.metric}_count"].to_numpy()
-    names = ("scenario_id", "method", "seed", "condition")
+    names = ("folder", "method", "seed", "condition")
     keys = list(zip(*(rows[name].to_pylist() for name in names), strict=True))
     found: dict[tuple[str, str, int], WorstCase] = {}
     for index in np.argsort(-value, kind="stable").tolist():
-        scenario, method, seed, condition = keys[index]
+        place, method, seed, condition = keys[index]
         found.setdefault(
-            (scenario, method, seed),
+            (place, method, seed),
             WorstCase(
-                scenario=scenario,
+                scenario=Path(place).name,
+                folder=Path(place),
                 method=method,
                 seed=seed,
                 condition=condition,

@@ -252,6 +252,11 @@ def _train(
         for progress in loop.run(is_stopped=is_stopped, on_checkpoint=keep):
             if fabric.is_global_zero:
                 on_progress(progress)
+        if loop.train_state.step < first_step:
+            # A run may have been killed between its last state and its model.
+            if fabric.is_global_zero:
+                write_results()
+            fabric.barrier()
         return Training(
             folder=run.path,
             model=run.model_path,

@@ -335,7 +335,7 @@ class BrowserSession:
             self.picture.show_marks()
             self._show_panels(after)
             if is_other_scene:
-                self.panels.dataset.follow(after.scenario.scenario_id)
+                self.panels.dataset.follow()
                 self._ui.post(self.panels.unfinished.refresh)
         # The end of a gesture does not change the scenario of the last preview.
         is_edited = after.scenario is not before.scenario or before.is_previewing

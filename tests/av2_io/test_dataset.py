@@ -1,3 +1,4 @@
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
@@ -87,24 +88,27 @@ def test_a_search_goes_on_where_it_stopped(root: Path) -> None:
 
 def test_next_and_previous_under_a_filter(root: Path) -> None:
     index, wanted = DatasetIndex(root), CardFilter(city="miami")
-    after, before = index.after("a5", wanted), index.before("a5", wanted)
+    a0, a5, a9 = (
+        one.folder for one in index.filter() if one.scenario_id in ("a0", "a5", "a9")
+    )
+    after, before = index.after(a5, wanted), index.before(a5, wanted)
     assert after is not None
     assert before is not None
     assert (before.scenario_id, after.scenario_id) == ("a3", "a7")
-    assert index.after("a9") is None
-    assert index.before("a0") is None
-    with pytest.raises(InputError, match="has no scenario 'zz'"):
-        index.after("zz")
+    assert index.after(a9) is None
+    assert index.before(a0) is None
+    with pytest.raises(InputError, match="zz: is no scenario folder of"):
+        index.after(root / "zz")
 
 
 def test_walking_forwards_and_back_visits_all(root: Path) -> None:
     index = DatasetIndex(root)
     card = index.search(CardFilter(), max_folders=1).cards[0]
     there = [card]
-    while (card := index.after(card.scenario_id)) is not None:
+    while (card := index.after(card.folder)) is not None:
         there.append(card)
     back = [there[-1]]
-    while (card := index.before(back[-1].scenario_id)) is not None:
+    while (card := index.before(back[-1].folder)) is not None:
         back.append(card)
     assert len(there) == 10
     assert back[::-1] == there
@@ -163,3 +167,20 @@ def test_the_real_dataset(av2_root: Path, av2_scenario_folders: list[Path]) -> N
     assert {card.folder for card in cards} == set(av2_scenario_folders)
     for card in cards:
         assert card.has_future == (not card.split.startswith("test"))
+
+
+def test_scenarios_of_one_id_are_told_apart_by_their_folders(root: Path) -> None:
+    """A copy or subset beside the original has its ids; file names may differ from ids."""
+    shutil.copytree(root / "val", root / "copies" / "val")
+    shutil.copytree(root / "val" / "a8", root / "val" / "z8")
+    index = DatasetIndex(root)
+    folders = [card.folder for card in index.filter()]
+    walked = folders[:1]
+    while (card := index.after(walked[-1])) is not None:
+        walked.append(card.folder)
+        assert len(walked) <= len(folders)
+    assert walked == folders
+    while (card := index.before(walked[-1])) is not None:
+        walked.append(card.folder)
+        assert len(walked) < 2 * len(folders)
+    assert walked == folders + folders[-2::-1]

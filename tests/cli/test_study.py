@@ -3,6 +3,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from pd_editor.errors import EditError, ExportError
 from tests.cli.shell import Shell
 from tests.evaluation.small_dataset import write_dataset
 
@@ -81,3 +82,33 @@ def test_an_empty_root_is_refused(shell: Shell, tmp_path: Path):
     result = shell.run("study", "--data", tmp_path / "empty", "--out", out)
     assert result.code == 2
     assert "no Argoverse 2 scenario" in result.err
+
+
+def test_scenes_that_cannot_be_written_are_told(
+    shell: Shell, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The report says so as well, and the study does not end as if all were well."""
+    reason = "gallery: cannot be written (No space left on device)."
+
+    def full(*_: object, **__: object) -> None:
+        raise ExportError(reason) from OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pd_editor.studies.gallery.export_into", full)
+    options = (*GRID, "--gallery", 1, "--workers", 1)
+    out = tmp_path / "out"
+    assert shell.refused("study", "--data", data, "--out", out, *options) == reason
+    assert reason in (out / "report.md").read_text()
+    assert (out / "variants.parquet").exists()
+
+
+def test_a_scene_that_cannot_be_made_again_is_told(
+    shell: Shell, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def refused(*_: object, **__: object) -> None:
+        raise EditError("Agent 5 would move at 250 m/s.")
+
+    monkeypatch.setattr("pd_editor.studies.gallery.EditorSession.apply", refused)
+    options = (*GRID, "--gallery", 2, "--workers", 1)
+    result = shell.run("study", "--data", data, "--out", tmp_path / "out", *options)
+    assert result.code == 0
+    assert "Agent 5 would move at 250 m/s" in result.out

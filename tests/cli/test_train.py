@@ -97,6 +97,23 @@ def test_the_shell_says_what_came_out(
     assert "stage" in shell.refused("train", "init", "--resume", "--out", out)
 
 
+def test_a_run_that_was_killed_before_its_model_is_resumed(
+    runs: Path, cache: Path, tmp_path: Path
+):
+    """Killed between the last state and the model, it could never be gone on with."""
+    run = tmp_path / "run"
+    shutil.copytree(runs / "init", run)
+    shutil.rmtree(run / "model")
+    found = pd_editor.train("init", out=run, resume=True, cache=cache, device="cpu")
+    assert found.steps == 6
+    ours, theirs = run / "model", runs / "init" / "model"
+    assert {one.name for one in ours.iterdir()} == {
+        one.name for one in theirs.iterdir()
+    }
+    (weights,) = ours.glob("*.safetensors")
+    assert weights.read_bytes() == (theirs / weights.name).read_bytes()
+
+
 def test_a_finished_run_can_be_given_more_time(runs: Path, cache: Path, tmp_path: Path):
     shutil.copytree(runs / "traj", tmp_path / "run")
     found = pd_editor.train(

@@ -1,5 +1,6 @@
 """Studies from plan to folder: rows, failures, resumption, curves and worst cases."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -245,7 +246,8 @@ def test_worst_cases_are_exported_for_the_editor(root, tmp_path):
     record = run_study(items, folder, OneByOne())
     settings = SearchSettings(metric="lateral_deviation_mean", agents="movers")
     cases = worst_of_scenes(grid_worst_cases(record.rows, settings), 2)
-    entries = export_cases(cases, list(items.values()), tmp_path / "gallery")
+    entries, failures = export_cases(cases, list(items.values()), tmp_path / "gallery")
+    assert not failures
     assert len(entries) == 2
     for entry in entries:
         scenario = open_scenario(entry.folder)
@@ -263,6 +265,24 @@ def test_worst_cases_are_exported_for_the_editor(root, tmp_path):
         rows = scenario.agents.rows(view.agents.ids)
         found = scenario.agents.position_m[rows, scenario.current_step :]
         assert np.allclose(found, view.agents.position_m, atol=1e-3)
+
+
+def test_scenes_of_one_id_are_studied_apart(tmp_path):
+    """An original and a copy: the worst of each is exported, of its own folder."""
+    root = write_dataset(tmp_path / "data")
+    shutil.copytree(root / "val", root / "copies")
+    (root / "copies" / "ccc").rename(root / "copies" / "renamed")
+    plan = plan_for(root, "constant-velocity")
+    items = study_items(plan, scenes_of(plan.data).scenes)
+    folder = StudyFolder(tmp_path / "out", plan.settings, resume=False)
+    record = run_study(items, folder, OneByOne())
+    settings = SearchSettings(metric="lateral_deviation_mean", agents="movers")
+    cases = worst_of_scenes(grid_worst_cases(record.rows, settings), 10)
+    assert {case.folder for case in cases} == {item.folder for item in items.values()}
+    gallery = tmp_path / "gallery"
+    entries, failures = export_cases(cases, list(items.values()), gallery)
+    assert not failures
+    assert len({entry.folder for entry in entries}) == len(entries) == 4
 
 
 def test_an_anchor_that_is_not_there_fails_alone(root, tmp_path):

@@ -62,6 +62,7 @@ class DatasetPanel:
         ui.on_click(self._previous, lambda: self.go(-1))
         ui.on_click(self._next, lambda: self.go(+1))
         self._shown: tuple[DatasetSearch, int, bool] | None = None
+        self._cards: dict[str, ScenarioCard] = {}
 
     def go(self, direction: int) -> None:
         """Open the next (+1) or previous (-1) scenario under the filter."""
@@ -69,6 +70,7 @@ class DatasetPanel:
             raise InputError("Start the editor with --data DIR to browse a dataset.")
         self._ui.commit_gesture()
         self._workspace.open_neighbour(direction)
+        self.follow()
 
     def show(self) -> None:
         """Show the list as far as the search has come."""
@@ -83,20 +85,22 @@ class DatasetPanel:
         _offer(self._city, (ANY_CITY, *search.cities()))
         _offer(self._split, (ANY_SPLIT, *(one or ROOT for one in search.splits())))
         found = search.cards
-        labels = tuple(_label(card) for card in found[:MAX_LISTED])
+        self._cards = {_label(card): card for card in found[:MAX_LISTED]}
+        labels = tuple(self._cards)
         if tuple(self._list.options) != (labels or (NONE_FOUND,)):
             self._list.options = labels or (NONE_FOUND,)
         if search.is_complete:
-            self.follow(self._workspace.session.base.scenario_id)
+            self.follow()
         more = "" if len(found) <= MAX_LISTED else f", the first {MAX_LISTED} listed"
         state = "" if search.is_complete else ", still reading"
         text = f"{len(found)} of {search.num_seen} scenarios{more}{state}"
         set_property(self._count, "content", text)
 
-    def follow(self, scenario_id: str) -> None:
+    def follow(self) -> None:
         """Choose in the list what is open, if it is listed."""
-        for label in self._list.options:
-            if _id_of(label) == scenario_id:
+        folder = self._workspace.dataset_folder
+        for label, card in self._cards.items():
+            if card.folder == folder:
                 set_value(self._list, label)
 
     def _filter(self) -> None:
@@ -114,11 +118,12 @@ class DatasetPanel:
         )
 
     def _open_chosen(self) -> None:
-        chosen = str(self._list.value)
-        if chosen == NONE_FOUND:
+        chosen = self._cards.get(str(self._list.value))
+        if chosen is None:
             raise InputError("No scenario passes the filter; widen it.")
         self._ui.commit_gesture()
-        self._workspace.open_from_dataset(_id_of(chosen))
+        self._workspace.open_from_dataset(chosen)
+        self.follow()
 
 
 def _offer(dropdown: Any, options: tuple[str, ...]) -> None:
@@ -134,9 +139,7 @@ def _label(card: ScenarioCard) -> str:
     about = [card.split] if card.split else []
     if not card.has_future:
         about.append("no logged future")
-    parts = (card.city, f"{card.num_agents} agents", *about, card.scenario_id)
-    return " · ".join(parts)
-
-
-def _id_of(label: str) -> str:
-    return label.rsplit(" · ", 1)[-1]
+    name = card.folder.name
+    # Folders of one split may hold scenarios of one id.
+    names = (card.scenario_id, *([f"in {name}"] if name != card.scenario_id else []))
+    return " · ".join((card.city, f"{card.num_agents} agents", *about, *names))

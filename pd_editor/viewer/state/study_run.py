@@ -102,10 +102,9 @@ class StudyRun:
     def _finished(self, study: Study) -> None:
         self.study = study
         self.curves = tuple(study.findings.curves)
-        failed = study.record.num_failed_variants
-        words = f", {failed} variants failed" if failed else ""
         took = time.monotonic() - self._began
-        self._end((f"Done in {took:.0f} s{words}.", f"Results: {study.folder}"))
+        done = f"Done in {took:.0f} s."
+        self._end((done, *study.remarks, f"Results: {study.folder}"))
 
     def _failed(self, error: PdEditorError) -> None:
         self._error = error

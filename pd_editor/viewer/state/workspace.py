@@ -155,6 +155,8 @@ class Workspace:
         )
         self.guided_runs = GuidedRuns(obeying)
         self.dataset = dataset
+        self._opened: tuple[Scenario, Path] | None = None
+        """Base of the scenario that was opened from the dataset last, and its folder."""
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 
     @property
@@ -330,14 +332,22 @@ class Workspace:
         self.search.go_on()
         return True
 
-    def open_from_dataset(self, scenario_id: str) -> None:
+    def open_from_dataset(self, card: ScenarioCard) -> None:
         """Open a scenario that the search has found."""
-        cards = [] if self.search is None else self.search.cards
-        for card in cards:
-            if card.scenario_id == scenario_id:
-                self.open_reference(str(card.folder))
-                return
-        raise InputError(f"The dataset search has not found {scenario_id}.")
+        self.open_reference(str(card.folder))
+        self._opened = self.session.base, card.folder
+
+    @property
+    def dataset_folder(self) -> Path | None:
+        """Folder of the open scenario as the dataset lists it; None if it is elsewhere."""
+        base = self.session.base
+        if self._opened is not None and self._opened[0] is base:
+            return self._opened[1]
+        source = Path(base.provenance.source)
+        root = None if self.dataset is None else self.dataset.root
+        if root is None or root.resolve() not in source.parents:
+            return None
+        return root / source.relative_to(root.resolve())
 
     def open_neighbour(self, direction: int) -> None:
         """Open the next (+1) or previous (-1) scenario under the filter.
@@ -347,16 +357,16 @@ class Workspace:
         """
         if self.dataset is None or self.search is None:
             raise InputError("Start the editor with --data DIR to browse a dataset.")
-        base, wanted = self.session.base, self.search.wanted
-        if self.dataset.root.resolve() in Path(base.provenance.source).parents:
+        folder = self.dataset_folder
+        if folder is not None:
             step = self.dataset.after if direction > 0 else self.dataset.before
-            card = step(base.scenario_id, wanted)
+            card = step(folder, self.search.wanted)
         else:
             # The open scenario is not in the dataset: start at the beginning.
             card = next(iter(self.search.cards), None)
         if card is None:
             raise InputError("There is no further scenario under this filter.")
-        self.open_reference(str(card.folder))
+        self.open_from_dataset(card)
 
     def exported_zip(self) -> tuple[str, bytes]:
         """Name and bytes of a zip with the scenario and its recipe.

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from pd_editor.av2_io.dataset import DatasetIndex
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import TransformAgents
 from pd_editor.editor.recipe import is_recipe
@@ -242,3 +243,42 @@ def test_edits_of_a_scenario_that_is_not_here_name_it(workspace: Workspace, root
     assert workspace.session.base.scenario_id == IDS[1]
     with pytest.raises(RecipeError):
         workspace.open_edits(b'{"format": "pd-editor recipe", "version": 99}')
+
+
+def test_next_reaches_every_folder_whatever_the_ids(tmp_path: Path):
+    """An original beside its copy and a subset; a file's name may differ from its id."""
+    root = tmp_path / "data"
+    for split, names in (("edited", "ac"), ("val", "ab")):
+        for name in names:
+            scenario = replace(two_agents_that_pass(), scenario_id=name)
+            files = scenario_files(scenario)
+            write_files(files, root / split / name, forbidden=None)
+    files = {key.replace("_b.", "_other."): data for key, data in files.items()}
+    write_files(files, root / "val" / "last", forbidden=None)
+    index = DatasetIndex(root)
+    (root / "linked").symlink_to(root / "edited")
+    made = Workspace(
+        open_scenario("roundabout"), dataset=index, journals=tmp_path / "journals"
+    )
+    while made.search_on():
+        pass
+    assert made.search is not None
+    folders = [card.folder for card in made.search.cards]
+    assert len(folders) == 7
+    walked = []
+    for _ in folders:
+        made.open_neighbour(1)
+        walked.append(made.dataset_folder)
+    assert walked == folders
+    with pytest.raises(InputError, match="no further scenario"):
+        made.open_neighbour(1)
+    for card in made.search.cards:
+        made.open_from_dataset(card)
+        assert made.session.base.provenance.source == str(card.folder.resolve())
+        assert made.dataset_folder == card.folder
+    for _ in folders[1:]:
+        made.open_neighbour(-1)
+    assert made.dataset_folder == folders[0]
+    made.open_reference(str(folders[-1]))
+    assert made.dataset_folder == folders[-1]
+    made.close()

@@ -17,6 +17,7 @@ from pd_editor.generation import (
     GuidanceSetting,
     Quality,
     Region,
+    check_future,
     guidance_settings,
 )
 from pd_editor.generators import GeneratorCatalogue
@@ -580,6 +581,8 @@ class GenerationPanel:
     def _live_switched(self) -> None:
         self._ui.end_gesture()
         self._on_run()
+        if self.live_switch.is_on:
+            check_future(self._ui.session.scenario)
 
     def _live_failed(self, error: PdEditorError) -> None:
         self._ui.notify("Not regenerated", str(error), "error")

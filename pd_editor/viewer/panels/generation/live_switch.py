@@ -59,6 +59,8 @@ class LiveSwitch:
             wanted = set(generated_agent_ids(self._ui.session.commands_in_force))
             for term in scenario.guidance:
                 wanted.update(term.guided_ids if term.is_on else ())
+        if not scenario.time_axis.num_future_steps:
+            return ()
         there = scenario.agents.row_of
         names = None if wanted is None else [name for name in there if name in wanted]
         if names == []:
