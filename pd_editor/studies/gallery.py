@@ -46,7 +46,7 @@ class GalleryEntry:
 
 def worst_of_scenes(cases: Sequence[WorstCase], count: int) -> tuple[WorstCase, ...]:
     """The worst cases, at most one of each scene and method."""
-    found: dict[tuple[str, str], WorstCase] = {}
+    found: dict[tuple[Path, str], WorstCase] = {}
     for case in sorted(cases, key=lambda one: -one.value):
         if case.condition and np.isfinite(case.value):
             found.setdefault((case.folder, case.method), case)
