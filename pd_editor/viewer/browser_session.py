@@ -115,6 +115,7 @@ class BrowserSession:
             self._configure_page()
             self.overlay = Overlay(self._ui)
             self.overlay.on_ready = self._page_ready
+            self.overlay.show("connection", {"isNew": workspace.is_new})
             self._banner = Banner(self.overlay)
             self.timeline = Timeline(
                 self.overlay, self._banner, workspace.playback, self._request_frame
@@ -209,6 +210,7 @@ class BrowserSession:
         self._viewpoint.restore()
         self.picture.size_for_view()
         self.picture.draw()
+        self._viewpoint.hold_picture(self.picture.map.road_nodes)
 
     def _build_panels(self) -> None:
         ui, overlay, generators = self._ui, self.overlay, self._generators

@@ -134,6 +134,26 @@ def test_escape_takes_a_drag_back(editor):
     assert not session.entries
 
 
+def test_a_drag_of_an_agent_draws_no_selection_box_and_one_of_the_road_does(editor):
+    """From above, a lilac box was drawn from the press on an agent to the pointer."""
+    look_from_above(editor)
+    box = "__viserMutable.canvas2d"
+    is_seen = f"{box}.width > 0 && getComputedStyle({box}).visibility === 'visible'"
+    (agent_id,) = vehicles_near_focal(editor, 1)
+    x, y = editor.pixel(roof(editor, agent_id))
+    for start, draws in (((x, y), False), ((x - 260, y - 160), True), ((x, y), False)):
+        editor.page.mouse.move(*start)
+        editor.page.wait_for_timeout(200)
+        editor.page.mouse.down()
+        for step in range(1, 8):
+            editor.page.mouse.move(start[0] + 6 * step, start[1] + 6 * step)
+            editor.page.evaluate("new Promise(requestAnimationFrame)")
+        assert editor.page.evaluate(is_seen) is draws
+        editor.page.mouse.move(*start)
+        editor.page.mouse.up()
+        editor.settle()
+
+
 @pytest.mark.slow
 def test_a_drag_right_after_the_view_key_moves_by_what_was_dragged(editor):
     """(D36) Only the camera that the browser showed counts."""

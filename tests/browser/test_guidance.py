@@ -81,6 +81,57 @@ def steered(open_editor):
     return Steered(editor)
 
 
+def test_a_path_is_clicked_point_by_point(steered):
+    """Each click was refused as a path that is too short."""
+    editor, page = steered.editor, steered.page
+    points = [steered.ahead(12.0, 0.5), steered.ahead(24.0, -0.5), steered.ahead(34.0)]
+
+    def begun() -> None:
+        steered.tool("Path")
+        steered.banner("click its points")
+        for point in points[:2]:
+            steered.click(point)
+        assert page.locator(".pd-guide-point").count() == 3
+
+    def drawn(*ends) -> None:
+        editor.until(lambda: steered.guidance, "a path")
+        (path,) = steered.guidance
+        assert isinstance(path, FollowPath)
+        there = [steered.place[steered.row], *ends]
+        assert np.allclose(path.points_m, there, atol=0.3)
+        assert steered.session.selection == (steered.agent_id,)
+        editor.key("Control+z")
+        editor.until(lambda: not steered.guidance, "undo")
+
+    begun()
+    page.mouse.dblclick(*editor.pixel(points[2]))
+    drawn(*points)
+    # Enter ends it as well; Backspace takes a point back, and deletes no agent.
+    begun()
+    page.keyboard.press("Backspace")
+    steered.click(points[2])
+    page.keyboard.press("Enter")
+    drawn(points[0], points[2])
+    # A drag goes on with what was clicked; Escape leaves nothing.
+    begun()
+    editor.drag_pixels(editor.pixel(points[1]), editor.pixel(points[2]))
+    page.keyboard.press("Escape")
+    page.get_by_role("status", name="Mode").wait_for(state="hidden")
+    assert page.locator(".pd-guide-point").count() == 0
+    assert not steered.guidance
+
+
+def test_an_offered_flag_is_dragged_by_its_foot(steered):
+    """The point that is meant drew a selection box, which dropped the selection."""
+    editor = steered.editor
+    steered.flag(OFFER)
+    foot = editor.pixel(_end_of(steered.session.scenario, steered.row))
+    editor.drag_pixels(foot, editor.pixel(steered.ahead(12.0)))
+    editor.until(lambda: steered.num_edits() == 1, "a goal")
+    assert np.linalg.norm(steered.guidance[0].point_m - steered.ahead(12.0)) < 1.0
+    assert steered.session.selection == (steered.agent_id,)
+
+
 def test_a_goal_flag_is_dragged_along_the_road_and_undone(steered):
     editor, page, session = steered.editor, steered.page, steered.session
     before = session.scenario

@@ -74,7 +74,7 @@ def path_term(
     line = shapely.LineString(points_m) if len(points_m) > 1 else None
     if line is None or line.length < LEAST_PATH_M:
         raise EditError(
-            f"The path is too short; drag over at least {LEAST_PATH_M:g} m of road."
+            f"The path is too short; it takes at least {LEAST_PATH_M:g} m of road."
         )
     tolerance = PATH_TOLERANCE_M
     simple = shapely.get_coordinates(line.simplify(tolerance))

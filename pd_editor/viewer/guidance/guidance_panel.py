@@ -48,7 +48,7 @@ FORM_KINDS: Final = (
 )
 HINTS: Final[Mapping[str, str]] = {
     "goal-point": "Click where the agent should drive to (T)",
-    "follow-path": "Draw the path that the agent should follow (D)",
+    "follow-path": "Draw or click the path that the agent should follow (D)",
     "follow-lane": "Click the lane that the agent should reach",
     "stop-at-line": "Click the lane where the agent should stop (B)",
     "yield-to": "Click the agent that passes first (Y)",

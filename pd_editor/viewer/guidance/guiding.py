@@ -55,7 +55,7 @@ TOOLS: Final[Mapping[str, Tool]] = {
     ),
     FollowPath.kind: Tool(
         title="Path",
-        banner="press on the road and drag along the path.",
+        banner="click its points and double click the last, or drag along the path.",
         gesture="draw",
     ),
     FollowLane.kind: Tool(

@@ -10,6 +10,7 @@ import http
 import io
 import logging
 import types
+import warnings
 from collections.abc import Awaitable, Callable
 from typing import Any, Final
 
@@ -55,6 +56,8 @@ class GuardedServer(viser.ViserServer):
         infra = types.SimpleNamespace(
             **{**vars(_viser.infra), "WebsockServer": guarded}
         )
+        # A page may leave at any time, also while it is drawn: nothing is wrong then.
+        warnings.filterwarnings("ignore", r"Queued a \w+ on a closed connection")
         start = _with_names(viser.ViserServer.__init__, infra=infra)
         with contextlib.redirect_stdout(io.StringIO()):
             start(self, host=host, port=port, verbose=False)

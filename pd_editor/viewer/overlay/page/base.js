@@ -16,6 +16,7 @@
   let number = 0;
   let answerUuid = null;
   let isAlive = true;
+  let heardAt = Date.now();
 
   const root = document.createElement("div");
   root.id = "pd-overlay";
@@ -171,7 +172,13 @@
         return element;
       },
     };
-    mounted.set(name, definitions.get(name)(api) ?? (() => {}));
+    const update = definitions.get(name)(api);
+    // What the server has not spoken of yet would be a frame without words.
+    box.hidden = Boolean(update);
+    mounted.set(name, (state) => {
+      box.hidden = false;
+      update?.(state);
+    });
     if (waiting.has(name)) {
       const state = waiting.get(name);
       waiting.delete(name);
@@ -220,10 +227,15 @@
   window.pdOverlay = {
     project,
     ground,
+    // The picture that was there when the former connection was lost, and since when
+    // nothing was heard of this one.
+    lostPicture: former?.picture ?? null,
+    heardAt: () => heardAt,
     define: (name, factory) => definitions.set(name, factory),
     setStyle: (text) => { style.textContent = text; },
     start(uuid) { answerUuid = uuid; start(); },
     update(name, state) {
+      heardAt = Date.now();
       const update = mounted.get(name);
       if (update) update(state);
       else waiting.set(name, state);

@@ -1,6 +1,7 @@
 // Another scenario comes as a whole: the former picture stays until the new road is
 // there. The camera and the agents of the page change at once, while it takes a few
 // frames to read the meshes of a road; in between it would show one with the other.
+// A page that is connected again shows the picture from before the loss in the same way.
 pdOverlay.define("curtain", (api) => {
   const LONGEST_MS = 2000;
   // A layer that is as it was, or has nothing in it, never changes. It is not waited
@@ -19,6 +20,8 @@ pdOverlay.define("curtain", (api) => {
     return found;
   }
 
+  if (pdOverlay.lostPicture) raise(pdOverlay.lostPicture);
+
   function raise(canvas) {
     // Still up for the scenario before: what is under it may be half of either.
     if (!still.classList.contains("pd-gone")) return;
@@ -29,9 +32,12 @@ pdOverlay.define("curtain", (api) => {
   }
 
   return ({ nodes }) => {
-    const canvas = api.canvas();
-    if (!canvas || document.hidden) return;
     number += 1;
+    const canvas = number > 1 ? api.canvas() : pdOverlay.lostPicture;
+    if (!canvas || document.hidden) {
+      still.classList.add("pd-gone");
+      return;
+    }
     const mine = number;
     const start = performance.now();
     const former = nodes.map(meshOf);

@@ -23,6 +23,11 @@ pdOverlay.define("guidance_marks", (api) => {
     ["pd-crosshair", "pd-drawing-region", "pd-guiding"].some((name) =>
       document.body.classList.contains(name));
   const held = () => press ?? settling;
+  // Boxes of pixels that names of agents do not cover.
+  const taken = [];
+  pdOverlay.taken = taken;
+  const take = (left, top, right, bottom) =>
+    taken.push({ left, top, width: right - left, height: bottom - top });
 
   // Not drawn from the server's state: the held mark, and the term it has just become.
   function isHeldBack(mark) {
@@ -72,6 +77,7 @@ pdOverlay.define("guidance_marks", (api) => {
     const picture = flag(mark.isOffer);
     for (const [key, value] of Object.entries(moved(foot))) picture.setAttribute(key, value);
     parent.append(picture);
+    take(foot[0] - 9, foot[1] - 34, foot[0] + 24, foot[1] + 8);
     if (mark.isBad) warn(parent, foot[0] + 20, foot[1] - 31);
   }
 
@@ -109,6 +115,8 @@ pdOverlay.define("guidance_marks", (api) => {
     if (pixels.some((point) => !point)) return;
     for (const name of ["pd-guide-hit-line", "pd-guide-halo", "pd-guide-line"])
       parent.append(shape("path", name, { d: along(pixels) }));
+    const [xs, ys] = [0, 1].map((axis) => pixels.map((point) => point[axis]));
+    take(Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys));
     const [first, last] = pixels;
     const length = Math.hypot(last[0] - first[0], last[1] - first[1]) || 1;
     const end = [0, 1].map((axis) =>
@@ -166,6 +174,7 @@ pdOverlay.define("guidance_marks", (api) => {
 
   function draw() {
     layer.replaceChildren();
+    taken.length = 0;
     for (const mark of state.marks) if (!isHeldBack(mark)) drawMark(mark);
     const hold = held();
     if (!hold?.point) return;

@@ -41,13 +41,13 @@ pdOverlay.guidance = (() => {
     return group;
   }
 
-  // A flag whose foot is the origin. That of an offer leaves the ground to the agents.
+  // A flag whose foot is the origin. That of an offer leaves the ground beside to agents.
   function flag(isOffer = false) {
     const group = shape("g", "pd-guide-flag");
     const cloth = "M0 -29H19L14 -22.5L19 -16H0z";
     group.append(
       shape("path", "pd-guide-hit", {
-        d: isOffer ? "M-6 -34H23V-12H-6z" : "M-9 -34H24V8H-9z",
+        d: isOffer ? "M-6 -34H23V-12H8V6H-8V-12H-6z" : "M-9 -34H24V8H-9z",
       }),
       shape("ellipse", "pd-guide-foot", { rx: 6, ry: 3.4 }),
       shape("path", "pd-guide-halo", { d: `M0 0V-29${cloth}` }),

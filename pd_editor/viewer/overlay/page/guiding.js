@@ -1,4 +1,6 @@
-// Drawing a guidance term: a click on the road, a line drawn on it, or another agent.
+// Drawing a guidance term: a click on the road, a line drawn on it, or another agent. A line
+// is drawn by a drag, or from point to point by clicks: Enter, or another click on the last
+// point, such as a double click, ends it; Backspace takes the last point back.
 //
 // While the mode is on, left presses on the picture belong to it: viser does not hear
 // them, so that neither the camera turns nor a rectangle is drawn.
@@ -6,6 +8,7 @@ pdOverlay.define("guiding", (api) => {
   const { shape, flag, along, head, bow } = pdOverlay.guidance;
   const ASK_MS = 60;
   const APART_PX = 2;
+  const SAME_PX = 8;
   const MAX_POINTS = 1500;
   const layer = shape("svg", "pd-guide-marks pd-guide-drawing");
   const tip = api.make("div", "pd-tip pd-guide-tip", { role: "tooltip" });
@@ -14,6 +17,7 @@ pdOverlay.define("guiding", (api) => {
   let state = { isActive: false };
   let at = null;
   let press = null;
+  let line = []; // Points on the ground that were clicked, after the agent's place.
   let askedAt = 0;
   let late = null;
 
@@ -34,8 +38,13 @@ pdOverlay.define("guiding", (api) => {
     const parent = shape("g",
       `pd-guide pd-guide-${state.kind} pd-guide-chosen ${ghost.isBad ? "pd-guide-refused" : ""}`);
     layer.append(parent);
-    if (press?.points) stroke(parent, press.points.map(ground), true);
-    else if (state.gesture === "pick") {
+    if (state.gesture === "draw") {
+      const rest = press?.points ?? [line.length && at && api.ground(...at)];
+      const points = [...line, ...rest].filter(Boolean).map(ground);
+      if (points.length > 1) stroke(parent, points, true);
+      for (const [x, y] of line.map(ground).filter(Boolean))
+        parent.append(shape("circle", "pd-guide-point", { cx: x, cy: y, r: 4 }));
+    } else if (state.gesture === "pick") {
       const from = api.project(state.from);
       const to = ghost.to ? api.project(ghost.to) : at;
       if (from && to) stroke(parent, bow(from, to).points, true);
@@ -99,13 +108,41 @@ pdOverlay.define("guiding", (api) => {
     press = null;
     draw();
   }
+  function finish() {
+    const points = line.map((point) => point.map((v) => Math.round(v * 100) / 100));
+    line = [];
+    event("drawn", { points });
+  }
+  const isNear = (one, other) =>
+    Boolean(one && other) && Math.hypot(one[0] - other[0], one[1] - other[1]) <= SAME_PX;
+
+  // A drag is the whole line, or goes on with one that was begun by clicks.
+  function addToLine(points) {
+    const isClick = points.length && points.every(
+      (point) => isNear(ground(point), ground(points[0])));
+    if (isClick && line.length > 1 && isNear(ground(points[0]), ground(line.at(-1)))) {
+      finish();
+      return;
+    }
+    const isWhole = !isClick && !line.length;
+    if (isClick && !line.length) line.push(state.from.slice(0, 2));
+    line.push(...(isClick ? [points[0]] : points));
+    if (isWhole) finish();
+  }
+  api.listen(window, "keydown", (key) => {
+    if (!state.isActive || !line.length || press) return;
+    if (key.key !== "Enter" && key.key !== "Backspace") return;
+    api.take(key);
+    if (key.key === "Enter") finish();
+    else if (line.pop() && line.length === 1) line = [];
+    draw();
+  }, { capture: true });
+
   function release(up) {
     const { points } = press;
     const pixel = api.local(up);
-    if (points) {
-      const rounded = points.map((point) => point.map((v) => Math.round(v * 100) / 100));
-      event("drawn", { points: rounded });
-    } else {
+    if (points) addToLine(points);
+    else {
       const ray = api.ray(...pixel);
       if (ray) event("click", { at: pixel, ray });
     }
@@ -116,7 +153,7 @@ pdOverlay.define("guiding", (api) => {
   api.onView(draw);
   api.onDispose(() => document.body.classList.remove("pd-guiding"));
   return (next) => {
-    if (!next.isActive || next.kind !== state.kind) press = null;
+    if (!next.isActive || next.kind !== state.kind) [press, line] = [null, []];
     state = next;
     document.body.classList.toggle("pd-guiding", state.isActive);
     draw();

@@ -1,5 +1,6 @@
-// viser outlines what the pointer is on by 10 px of yellow: from above, a blob that hides
-// a small car. The outline of agents is made as thin as their size on the screen allows.
+// What viser draws about the pointer. It outlines what the pointer is on by 10 px of yellow:
+// from above, a blob that hides a small car. The outline of agents is made as thin as their
+// size on the screen allows.
 pdOverlay.define("hover_outline", (api) => {
   const WIDTH_PX = 2.5;
   let lookedAt = 0;
@@ -18,6 +19,18 @@ pdOverlay.define("hover_outline", (api) => {
       });
     }
   }
+
+  // From above it draws its selection box also while an agent is dragged.
+  function hideBox() {
+    const locks = window.__viserPointer?.cameraLockReasons?.() ?? [];
+    const isDrag = locks.includes("node-drag");
+    document.body.classList.toggle("pd-holds-agent", isDrag);
+    const box = api.viewer()?.canvas2d;
+    if (box) box.style.visibility = isDrag ? "hidden" : "";
+  }
+  // After viser's own listeners, and before the frame is painted.
+  for (const type of ["pointermove", "pointerup"])
+    api.listen(window, type, () => requestAnimationFrame(hideBox), { passive: true });
 
   api.listen(window, "pointermove", () => {
     const now = performance.now();

@@ -28,7 +28,7 @@ pdOverlay.define("labels", (api) => {
   }
 
   // Beside the agent: right or left, above or below, whatever lies in the picture and
-  // on no label placed before.
+  // on no label placed before, flag or stop line.
   function choose(x, y, radius, width, height, placed) {
     const reach = radius * Math.SQRT1_2 + GAP_PX * Math.SQRT1_2;
     let best = null;
@@ -49,7 +49,7 @@ pdOverlay.define("labels", (api) => {
   }
 
   function place() {
-    const placed = [];
+    const placed = [...(pdOverlay.taken ?? [])];
     labels.forEach(({ point, radius }, index) => {
       const shown = plate(index);
       const at = api.project(point);
