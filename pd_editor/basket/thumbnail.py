@@ -20,8 +20,8 @@ HALF_HEIGHT_M: Final = 36.0
 LEAST_SIZE_M: Final = 1.6
 """Least rendered size; smaller agents would be a fraction of a pixel."""
 _SIMPLER_M: Final = 0.3
-_HELD_SHARE: Final = 0.9
-_MOST_SCALE: Final = 1.4
+_HELD_QUANTILES: Final = (0.01, 0.99)
+_MOST_SCALE: Final = 3.0
 _WIDE_LINE_M: Final = 1.5
 """Width of trajectories in small pictures of a given frame, per scale."""
 _EVERY_STEPS: Final = 10
@@ -47,20 +47,21 @@ class PictureFrame:
 
     @classmethod
     def around_agents(
-        cls, scenario: Scenario, agent_ids: Sequence[str]
+        cls, shown: Sequence[tuple[Scenario, Sequence[str]]]
     ) -> "PictureFrame":
-        """A frame that holds most of some agents at the current step."""
-        x, y = _middle(scenario).tolist()
-        agents, now = scenario.agents, scenario.current_step
-        rows = agents.rows(agent_ids)
-        rows = rows[agents.is_valid[rows, now]]
-        if not len(rows):
-            return cls(middle_m=(x, y))
-        middle = np.median(agents.position_m[rows, now], axis=0)
-        away = np.abs(agents.position_m[rows, now] - middle)
-        wanted = np.quantile(away, _HELD_SHARE, axis=0) / [HALF_WIDTH_M, HALF_HEIGHT_M]
+        """A frame that holds nearly all of some agents of each scenario, at t = 0."""
+        scenario, _ = shown[0]
+        now, places = scenario.current_step, [_middle(scenario)[None]]
+        for one, agent_ids in shown:
+            rows = one.agents.rows(agent_ids)
+            places.append(
+                one.agents.position_m[rows[one.agents.is_valid[rows, now]], now]
+            )
+        low, high = np.quantile(np.concatenate(places), _HELD_QUANTILES, axis=0)
+        wanted = (high - low) / 2 / [HALF_WIDTH_M, HALF_HEIGHT_M]
         scale = float(np.clip(wanted.max() * 1.1, 1.0, _MOST_SCALE))
-        return cls(middle_m=(float(middle[0]), float(middle[1])), scale=scale)
+        x, y = ((low + high) / 2).tolist()
+        return cls(middle_m=(x, y), scale=scale)
 
 
 def thumbnail(scenario: Scenario, frame: PictureFrame | None = None) -> str:

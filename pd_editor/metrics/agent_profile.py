@@ -29,7 +29,11 @@ class AgentProfile:
     """Relative to the current step."""
     speed_mps: Float[np.ndarray, "T"]
     acceleration_mps2: Float[np.ndarray, "T"]
-    """Along the heading, of cubics fitted over two seconds as in ``kinematics``."""
+    """Along the heading, of cubics fitted over two seconds as in ``kinematics``.
+
+    NaN also within a second of where a recorded track begins or ends: a fit is worst at
+    its ends, and so are the positions of a tracker.
+    """
     gap_m: Float[np.ndarray, "T"]
     """Distance between its box and the nearest other road user's."""
 
@@ -67,7 +71,11 @@ def _acceleration(scenario: Scenario, row: int) -> Float[np.ndarray, "T"]:
         heading = agents.heading_rad[row, start:end]
         forward = unit_vector(heading)
         vector = second @ agents.position_m[row, start:end]
-        found[start:end] = (vector * forward).sum(axis=-1)
+        first = 0 if start == axis.current_step else window // 2
+        inner = slice(start + first, end - window // 2)
+        found[inner] = (vector * forward).sum(axis=-1)[
+            first : end - start - window // 2
+        ]
     return found
 
 

@@ -21,8 +21,9 @@ class Activity(IntEnum):
 
     @property
     def in_words(self) -> str:
-        """As users read it."""
-        return "not known" if self is Activity.UNKNOWN else self.name.lower()
+        """As users read it; people do not drive."""
+        words = {Activity.UNKNOWN: "not known", Activity.DRIVING: "moving"}
+        return words.get(self, self.name.lower())
 
 
 def stands(speed_mps: Float[np.ndarray, "*s"]) -> Bool[np.ndarray, "*s"]:

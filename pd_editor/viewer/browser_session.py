@@ -12,6 +12,7 @@ from pd_editor.editor.session import SessionState
 from pd_editor.errors import LockedAgentError, PdEditorError
 from pd_editor.findings.finding import Finding
 from pd_editor.generators import GeneratorCatalogue
+from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.context_menu import ContextMenu
 from pd_editor.viewer.interaction.framing import FreePart
@@ -122,7 +123,9 @@ class BrowserSession:
             )
             self._viewpoint = Viewpoint(self._ui, self.overlay, self._view_switched)
             self._ui.on_playhead_moved = self._playhead_moved
-            SidePanel(self.overlay, self._ui, is_debug=self._is_debug)
+            self._side_panel = SidePanel(
+                self.overlay, self._ui, is_debug=self._is_debug
+            )
             self._build_picture()
         self._send_now()
         with client.atomic():
@@ -160,7 +163,12 @@ class BrowserSession:
 
     def _build_picture(self) -> None:
         ui, overlay = self._ui, self.overlay
-        self.pointer = Pointer(ui, lambda: self.picture.agents, self._ground_clicked)
+        self.pointer = Pointer(
+            ui,
+            lambda: self.picture.agents,
+            self._ground_clicked,
+            self._side_panel.agent_clicked,
+        )
         self.modes = Modes(
             ui,
             overlay,
@@ -288,7 +296,9 @@ class BrowserSession:
                 regenerate=generation.regenerate_agents,
                 cancel=generation.cancel,
                 use_result=generation.use_result,
-                run_guidance=generation.regenerate,
+                run_guidance=lambda: generation.regenerate_agents(
+                    steered_agent_ids(self._workspace.session.scenario)
+                ),
                 download=self.panels.export.download,
                 frame=lambda problem, share: self._viewpoint.frame_place(
                     problem.place_m, FreePart.left_of(share)

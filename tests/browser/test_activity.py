@@ -32,10 +32,10 @@ def test_standing_agents_are_parked_and_moving_ones_stay_driving(open_editor):
 
     # What contradicts the speed is refused in a sentence, and the field shows it.
     session.select((moving,))
-    editor.until(lambda: field.input_value() == "driving", "what moves")
+    editor.until(lambda: field.input_value() == "moving", "what moves")
     editor.choose("Activity", "waiting")
     editor.page.get_by_text("cannot be waiting at").first.wait_for()
-    editor.until(lambda: field.input_value() == "driving", "driving again")
+    editor.until(lambda: field.input_value() == "moving", "driving again")
     assert len(session.entries) == 1
     editor.key("Control+z")
     editor.until(lambda: session.scenario is before, "the scenario before")

@@ -93,7 +93,7 @@ def test_the_list_searches_selects_and_lights_up_agents(editor):
     editor.until(lambda: session.selection == (ids[0],), "a page back")
     assert session.base is base
     assert np.allclose(looked_at, editor.client.camera.look_at)
-    assert page.get_by_text("Not done").count() == 0
+    assert page.get_by_text("Not possible").count() == 0
 
     # The row of an agent that is selected elsewhere comes into sight.
     select(editor, ids[-1])

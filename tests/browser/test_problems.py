@@ -141,7 +141,7 @@ def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
     num_edits = len(session.entries)
     page.get_by_role("button", name="to the limit").last.click()
     editor.until(lambda: len(session.entries) == num_edits + 1, "the cure")
-    assert session.entries[-1].label == "Road: agents slowed at friction 0.7"
+    assert session.entries[-1].label == "Road: friction limit 0.7"
     editor.open_tab("Road")
     setting = editor.row("Slow agents to the friction limit")
     expect(setting.get_by_role("checkbox")).to_be_checked()
@@ -347,7 +347,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     editor.until(lambda: 2 < active() < len(known) - 1, "a page on")
     page.keyboard.press("PageUp")
     editor.until(lambda: active() == 0, "a page back")
-    assert page.get_by_text("Not done").count() == 0
+    assert page.get_by_text("Not possible").count() == 0
 
     page.mouse.move(still[0]["x"] + 100, still[0]["y"] + 80)
     page.mouse.wheel(0, 4000)

@@ -129,7 +129,7 @@ class SetAgentActivity(Command):
                 f"{subject[:1].upper()}{subject[1:]} cannot be {self.activity.in_words} at"
                 f" {agents.speed_mps()[rows, scenario.current_step].max():.1f} m/s:"
                 f" what is slower than {MOVING_MPS:g} m/s is parked or waiting,"
-                " the rest is driving."
+                " the rest is moving."
             )
         if (agents.activity[rows[suits]] == self.activity).all():
             return scenario

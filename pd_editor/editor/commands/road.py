@@ -129,8 +129,8 @@ def _shape_changes(
 
 def _friction_changes(before: float | None, after: float | None) -> Iterator[str]:
     if before is None and after is not None:
-        yield f"agents slowed at friction {after:g}"
+        yield f"friction limit {after:g}"
     elif before is not None and after is None:
-        yield "agents not slowed any more"
+        yield "friction limit off"
     elif before != after:
         yield f"friction {before:g} to {after:g}"

@@ -1,6 +1,6 @@
 """Selection of the agents that a generator may replace or drive."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
@@ -64,6 +64,21 @@ def drivable_agent_ids(
             "future to generate."
         )
     return tuple(agents.ids[row] for row in rows)
+
+
+def steered_agent_ids(
+    scenario: Scenario, selection: Sequence[str] = ()
+) -> tuple[str, ...] | None:
+    """Ids of the agents that guidance is about: the selected ones, else the guided ones.
+
+    None stands for all agents: a term in force guides all of them, or there is none.
+    """
+    if selection:
+        return tuple(selection)
+    guided = [term.guided_ids for term in scenario.guidance if term.is_on]
+    if not all(guided):
+        return None
+    return tuple(dict.fromkeys(name for ids in guided for name in ids)) or None
 
 
 def trajectory_locked_ids(scenario: Scenario) -> frozenset[str]:

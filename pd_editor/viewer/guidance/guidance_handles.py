@@ -124,6 +124,8 @@ class GuidanceHandles:
             agent_id = None
         if agent_id is None:
             return None
+        if agent_id and agent_id not in session.selection:
+            session.select((agent_id,))
         return _Grab(
             owner=f"guidance handle {next(self._numbers)}",
             index=index,
@@ -133,9 +135,6 @@ class GuidanceHandles:
 
     def _choose(self, grab: _Grab) -> None:
         """A click without a drag chooses the term, and selects its agent."""
-        session = self._ui.session
-        if grab.agent_id and grab.agent_id not in session.selection:
-            session.select((grab.agent_id,))
         if grab.index != OFFER:
             self._on_chosen(grab.index)
 

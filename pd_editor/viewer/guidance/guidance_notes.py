@@ -17,7 +17,7 @@ from pd_editor.viewer.state.ui_context import UiContext
 
 Tone = Literal["plain", "good", "warn", "bad"]
 TAKE_UNGUIDED: Final = "Take the unguided sample"
-CHANGED: Final = "Terms have changed since this run:"
+NOT_RUN: Final = "Not run yet: Regenerate to apply it."
 FIGURES: Final = (
     (
         "Agents that collide after t = 0",
@@ -121,6 +121,8 @@ class GuidanceNotes:
         if term in self._awaited:
             lines.append(CHECKING)
         if run is not None:
+            if term.is_on and term not in run.request.scenario.guidance:
+                lines.append(Line(tone="warn", text=NOT_RUN))
             lines += [
                 outcome_line(outcome)
                 for outcome in run.report.outcomes
@@ -144,9 +146,15 @@ class GuidanceNotes:
         if run is None:
             return RunReport()
         report = report_of(run.report)
-        if _in_force(scenario) != _in_force(run.request.scenario):
-            lines = (Line(tone="plain", text=CHANGED), *report.lines)
-            report = replace(report, lines=lines)
+        now, then = _in_force(scenario), _in_force(run.request.scenario)
+        if now != then:
+            count = sum(term not in then for term in now)
+            unrun = f"{count} of {len(now)} terms not run yet. " if count else ""
+            head = Line(
+                tone="warn", text=f"{unrun}The run before it, with other terms:"
+            )
+            former = (replace(line, tone="plain") for line in report.lines)
+            report = replace(report, lines=(head, *former))
         return report
 
 

@@ -20,6 +20,7 @@ from pd_editor.scene.guidance_terms import (
     StayOnRoad,
     TargetSpeed,
 )
+from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.drawn_terms import usual_term
 from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
@@ -67,7 +68,8 @@ NEEDS_ONE: Final = "Select one agent first"
 class GuidanceActions:
     """What the panel asks others to do."""
 
-    regenerate: Callable[[], None]
+    regenerate: Callable[[tuple[str, ...] | None], None]
+    """Of some agents, or of all (None)."""
     is_running: Callable[[], bool]
     take_unguided: Callable[[], None]
 
@@ -123,6 +125,7 @@ class GuidancePanel:
         self._guiding.follow()
         report = self._notes.report()
         is_running = self._actions.is_running()
+        steered = steered_agent_ids(scenario, selection)
         self._overlay.show(
             "guidance_panel",
             {
@@ -136,7 +139,8 @@ class GuidancePanel:
                     for index in listed(scenario.guidance, selection)
                 ],
                 "run": {
-                    "label": "Regenerating ..." if is_running else "Regenerate",
+                    "label": "Regenerating ..." if is_running else run_label(steered),
+                    "all": "Everybody" if steered is not None else "",
                     "isEnabled": not is_running,
                 },
                 "report": [
@@ -198,7 +202,9 @@ class GuidancePanel:
         if kind == "tool":
             self._use_tool(str(event.get("tool")))
         elif kind == "run":
-            self._actions.regenerate()
+            session = self._ui.session
+            steered = steered_agent_ids(session.scenario, session.selection)
+            self._actions.regenerate(None if event.get("isAll") is True else steered)
         elif kind == "take":
             self._actions.take_unguided()
         elif event.get("version") == self._version:
@@ -288,6 +294,13 @@ def listed(guidance: tuple[GuidanceTerm, ...], selection: tuple[str, ...]) -> li
         for index, term in enumerate(guidance)
         if not selection or not term.named_ids or set(term.named_ids) & set(selection)
     ]
+
+
+def run_label(steered: tuple[str, ...] | None) -> str:
+    """What the main button does, to some agents or to all (None)."""
+    if steered is None or len(steered) > 2:
+        return f"Regenerate {'all' if steered is None else len(steered)} agents"
+    return f"Regenerate {' and '.join(steered)}"
 
 
 def about_in_words(scenario: Scenario, selection: tuple[str, ...]) -> str:

@@ -54,9 +54,12 @@ class Steering:
         self.mode.on_term = self._choose
 
     def build_panel(
-        self, *, regenerate: Callable[[], None], is_running: Callable[[], bool]
+        self,
+        *,
+        regenerate: Callable[[tuple[str, ...] | None], None],
+        is_running: Callable[[], bool],
     ) -> None:
-        """Build the panel into the current tab."""
+        """Build the panel into the current tab; None regenerates all agents."""
         self._panel = GuidancePanel(
             self._ui,
             self._overlay,

@@ -154,14 +154,20 @@ def facing_square(
 
 
 def agents_extent(
-    scenario: Scenario, agent_ids: Iterable[str]
+    scenario: Scenario, agent_ids: Iterable[str], *, with_tracks: bool = True
 ) -> Float[np.ndarray, "8 3"] | None:
-    """Corners of the box around agents and their trajectories; None without any."""
+    """Corners of the box around agents and their trajectories; None without any.
+
+    Without tracks, it is the box of those that are there at the current step, if any is.
+    """
     agents = scenario.agents
     rows = [agents.row_of[agent] for agent in agent_ids if agent in agents.row_of]
     is_there = agents.is_valid[rows]
     if not is_there.any():
         return None
+    is_now = is_there & (np.arange(agents.num_steps) == scenario.current_step)
+    if is_now.any() and not with_tracks:
+        is_there = is_now
     reach = np.linalg.norm(agents.size_m[rows], axis=-1)[:, None, None] / 2
     positions = agents.position_m[rows]
     low = (positions - reach)[is_there].min(axis=0)

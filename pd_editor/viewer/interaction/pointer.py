@@ -28,15 +28,18 @@ class Pointer:
         ui: UiContext,
         agents_view: Callable[[], AgentsView],
         on_ground: GroundClick,
+        on_agent: Callable[[], None] = lambda: None,
     ) -> None:
         """Listen to the canvas.
 
         ``on_ground`` is called for every click on the ground; it returns whether it
-        handled it (placing an agent, choosing a candidate).
+        handled it (placing an agent, choosing a candidate). ``on_agent`` is called when
+        a click has selected an agent.
         """
         self._ui = ui
         self._agents_view = agents_view
         self._on_ground = on_ground
+        self._on_agent = on_agent
         self._seen_camera = SeenCamera(ui.client)
         self._drag = AgentDrag(ui, agents_view, self._seen_camera)
         self._last_node_click: tuple[float, float] | None = None
@@ -111,6 +114,7 @@ class Pointer:
         else:
             selection = (*selection, agent_id)
         self._ui.session.select(selection)
+        self._on_agent()
 
     def _ground_clicked(
         self, origin: Any, direction: Any, screen_position: tuple[float, float]

@@ -36,7 +36,7 @@ from pd_editor.viewer.state.view_memory import Vector, ViewPose, vector
 NORTH_RAD: Final = float(np.pi / 2)
 AHEAD_M: Final = 70.0
 """Length of road ahead of a pose that is framed with it."""
-PLACE_HALF_SIDE_M: Final = 13.0
+PLACE_HALF_SIDE_M: Final = 24.0
 """Half side of the area that is shown around a position."""
 UNCOVERED_AT: Final = 0.75
 """Where an agent is brought that an element covered: a share of the uncovered height."""
@@ -118,10 +118,13 @@ class Viewpoint:
         self.frame_agents(self._ui.session.selection or (self._scenario.focal_id,))
 
     def frame_agents(self, agent_ids: Iterable[str]) -> None:
-        """Show agents with their trajectories; nothing happens if none exists."""
-        extent = agents_extent(self._scenario, agent_ids)
-        if extent is not None:
+        """Show agents, from above with their trajectories, else in the middle."""
+        extent = agents_extent(self._scenario, agent_ids, with_tracks=self.is_top)
+        if extent is not None and self.is_top:
             self._fit(extent)
+        elif extent is not None:
+            half_side_m = float(np.hypot(*np.ptp(extent, axis=0)[:2])) / 2
+            self._fit_square(extent.mean(axis=0), half_side_m)
 
     def uncover(self) -> None:
         """Move along the ground if an element covers the selection or the focal agent."""
@@ -160,9 +163,13 @@ class Viewpoint:
         self, place_m: tuple[float, float], free: FreePart | None = None
     ) -> None:
         """Show a place and its surroundings, the place in the middle of the free part."""
+        self._fit_square(np.array([*place_m, 0.0]), PLACE_HALF_SIDE_M, free)
+
+    def _fit_square(
+        self, center_m: np.ndarray, half_side_m: float, free: FreePart | None = None
+    ) -> None:
         forward, up, _ = self._direction(LOWEST_RAD)
-        center = np.array([*place_m, 0.0])
-        square = facing_square(center, PLACE_HALF_SIDE_M, forward=forward, up=up)
+        square = facing_square(center_m, half_side_m, forward=forward, up=up)
         self._fit(square, free=free)
 
     def show_3d(self) -> None:

@@ -86,12 +86,12 @@ class SampleCards:
                 scenarios, samples.commands, checks, strict=True
             )
         )
-        there = [
-            name
-            for name in samples.samples[0].ids
-            if name in scenarios[0].agents.row_of
-        ]
-        frame = PictureFrame.around_agents(scenarios[0], there)
+        frame = PictureFrame.around_agents(
+            [
+                (one, [name for name in sample.ids if name in one.agents.row_of])
+                for one, sample in zip(scenarios, samples.samples, strict=True)
+            ]
+        )
         count = len(samples.samples)
         return cls(
             scenarios=scenarios,

@@ -8,6 +8,8 @@ from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.ui_context import UiContext
 
 MAX_TITLE: Final = 60
+SCENE: Final = "Scene"
+AGENTS: Final = "Agents"
 
 
 class SidePanel:
@@ -20,9 +22,19 @@ class SidePanel:
     def __init__(self, overlay: Overlay, ui: UiContext, *, is_debug: bool) -> None:
         """Open the tab that was open; viser's own settings are offered to debug only."""
         self._ui = ui
-        workspace = ui.workspace
+        self._overlay = overlay
+        self._is_debug = is_debug
+        self._stays = False
         overlay.on("panel", self._heard)
-        overlay.show("panel", {"tab": workspace.view.panel_tab, "isDebug": is_debug})
+        self._show(ui.workspace.view.panel_tab)
+
+    def agent_clicked(self) -> None:
+        """Show the agent instead of the scene, unless that was opened again since."""
+        if self._ui.workspace.view.panel_tab in (None, SCENE) and not self._stays:
+            self._show(AGENTS)
+
+    def _show(self, tab: str | None) -> None:
+        self._overlay.show("panel", {"tab": tab, "isDebug": self._is_debug})
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         kind, title = event.get("kind"), event.get("title")
@@ -32,4 +44,5 @@ class SidePanel:
             self._ui.release_slider()
         elif kind == "tab" and isinstance(title, str):
             workspace = self._ui.workspace
+            self._stays |= title == SCENE and workspace.view.panel_tab == AGENTS
             workspace.view = replace(workspace.view, panel_tab=title[:MAX_TITLE])

@@ -106,6 +106,9 @@ class StatusChip:
                 which = "" if unrun == count else f"{unrun} "
                 text += f", {which}not yet guided"
             tone, action = "busy", _REGENERATE
+        study = self._ui.workspace.study
+        if study.is_running:
+            text, tone = f"{text} \u00b7 study at {study.fraction:.0%}", "busy"
         problem = self._ui.session.journal_problem
         self._overlay.show(
             "status",

@@ -74,7 +74,7 @@ class AgentPanel:
         self._activity = gui.add_dropdown(
             "Activity",
             tuple(ACTIVITIES),
-            hint="Read by the model: fewer parked agents start. What moves is driving",
+            hint="Read by the model: fewer parked agents start",
         )
         self._heading = gui.add_number("Heading (deg)", 0.0, step=1.0)
         self._position = gui.add_vector2("Position (m)", (0.0, 0.0), step=0.1)

@@ -1,6 +1,7 @@
 """The road panel: warps the road ahead of an anchor, live."""
 
 import contextlib
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Literal
 
@@ -540,7 +541,7 @@ class RoadPanel:
             else (pose.x_m, pose.y_m, float(np.degrees(pose.rotation_rad)))
         )
         set_value(self._anchor_at, (round(x, 1), round(y, 1)))
-        set_value(self._anchor_heading, round(heading, 1))
+        set_value(self._anchor_heading, round(math.remainder(heading, 360.0), 1))
         is_marked = applied is not None or self._marks_anchor
         self._view.show(
             pose if is_marked else None,

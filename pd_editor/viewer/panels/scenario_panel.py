@@ -17,6 +17,7 @@ from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.ui_context import UiContext, set_value
 
 CARD_LINES: Final = 4
+NO_DEMO: Final = "Choose a demo"
 UPLOAD_TYPES: Final = ".zip,.parquet,.json,application/zip,application/json"
 
 
@@ -33,9 +34,8 @@ class ScenarioPanel:
         gui = ui.client.gui
         self._card = FixedText(gui, CARD_LINES)
         with gui.add_folder("Open"):
-            self._demo = gui.add_dropdown("Demo", demo_names() or ("-",))
+            self._demo = gui.add_dropdown("Demo", (NO_DEMO, *demo_names()))
             self._shows = FixedText(gui, 2)
-            self._tell_demo(str(self._demo.value))
             open_demo = gui.add_button("Open demo", icon=viser.Icon.FOLDER_OPEN)
             self._folder = gui.add_text(
                 "Folder", "", hint="A scenario folder: parquet and map JSON."
@@ -67,9 +67,9 @@ class ScenarioPanel:
         if self._base is not self._ui.session.base:
             self._base = self._ui.session.base
             name = self._base.provenance.source.removeprefix(DEMO_PREFIX)
-            if name in self._demo.options:
-                set_value(self._demo, name)
-                self._tell_demo(name)
+            name = name if name in self._demo.options else NO_DEMO
+            set_value(self._demo, name)
+            self._tell_demo(name)
             self._ui.post(self._offer_continuation)
         agents, road = scenario.agents, scenario.road_map
         has_future = bool(agents.is_valid[:, scenario.current_step + 1 :].any())
@@ -118,6 +118,8 @@ class ScenarioPanel:
         self._shows.show("", _shows(name))
 
     def _open_demo(self) -> None:
+        if self._demo.value == NO_DEMO:
+            raise InputError("Choose a demo first.")
         self._ui.commit_gesture()
         self._workspace.open_reference(str(self._demo.value))
 
@@ -167,5 +169,7 @@ class ScenarioPanel:
 
 
 def _shows(name: str) -> str:
+    if name == NO_DEMO:
+        return "Small scenes that come with the editor."
     sentence = demo_sentence(name)
     return f"{sentence[:1].upper() + sentence[1:]}." if sentence else ""

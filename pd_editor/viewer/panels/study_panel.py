@@ -99,7 +99,12 @@ class StudyPanel:
                 hint="Folder of Argoverse 2 scenarios, name of a demo, or demos for all",
             )
             self._limit = gui.add_number(
-                "Scenes", 12, min=1, max=MAX_SCENES, step=1, hint="The first so many"
+                "Scenes",
+                12,
+                min=1,
+                max=MAX_SCENES,
+                step=1,
+                hint="The first N of the dataset",
             )
             self._method = gui.add_dropdown("Method", names)
             self._other = gui.add_dropdown(

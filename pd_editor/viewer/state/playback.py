@@ -34,7 +34,8 @@ class Playback:
         return self._last_time is not None
 
     def open(self, axis: TimeAxis) -> None:
-        """Take another time axis; the playhead goes to its current step."""
+        """Take another time axis; the playhead stands at its current step."""
+        self.pause()
         self.axis = axis
         self.first_step, self.last_step = 0, axis.num_steps - 1
         self.step = float(axis.current_step)

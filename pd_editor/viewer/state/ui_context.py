@@ -27,7 +27,7 @@ LONGEST_REFINING_S: Final = 8.0
 """Time after which an edit is committed without its final trajectories."""
 NOTICE_S: Final = 5.0
 """Duration of a notice that closes by itself."""
-_NOT_DONE: Final = "Not done"
+_NOT_DONE: Final = "Not possible"
 _REFINING: Final = "refining"
 """Owner of a gesture that has ended, and whose final trajectories are awaited."""
 

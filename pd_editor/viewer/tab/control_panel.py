@@ -7,6 +7,7 @@ from pd_editor.generators import GeneratorCatalogue
 from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.overlay.agent_list import AgentList
 from pd_editor.viewer.overlay.banner import Banner
+from pd_editor.viewer.overlay.side_panel import AGENTS, SCENE
 from pd_editor.viewer.panels.agent_panel import AgentPanel
 from pd_editor.viewer.panels.basket_panel import BasketPanel
 from pd_editor.viewer.panels.dataset_panel import DatasetPanel
@@ -53,7 +54,7 @@ class ControlPanel:
         self._agent_list = agent_list
         self._is_built = False
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Scene"):
+        with tabs.add_tab(SCENE):
             self.scenario = ScenarioPanel(ui)
             self.export = ExportPanel(ui, lambda: problems.new, self.star)
             self.unfinished = UnfinishedPanel(ui)
@@ -67,7 +68,7 @@ class ControlPanel:
                 on_ghost=picture.set_original_road_shown,
                 on_frame=viewpoint.frame_pose,
             )
-        with tabs.add_tab("Agents"):
+        with tabs.add_tab(AGENTS):
             self.agent = AgentPanel(ui, modes.placing, banner, agent_list.toggle)
         with tabs.add_tab("Guide"):
             modes.steering.build_panel(
@@ -86,6 +87,7 @@ class ControlPanel:
                 picture.samples,
                 on_run,
             )
+            style.in_sight(self.generation.run_buttons)
         with tabs.add_tab("Study"):
             self.study = StudyPanel(ui, generators.offers)
         with tabs.add_tab("History"):
@@ -129,5 +131,5 @@ class ControlPanel:
         """Put the current state into the basket."""
         self.basket.star()
 
-    def _regenerate(self) -> None:
-        self.generation.regenerate()
+    def _regenerate(self, agent_ids: tuple[str, ...] | None) -> None:
+        self.generation.regenerate_agents(agent_ids)

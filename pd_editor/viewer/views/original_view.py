@@ -147,7 +147,7 @@ def changed_rows(original: AgentTracks, now: AgentTracks) -> Int[np.ndarray, "N"
 def difference_notes(
     original: Scenario, scenario: Scenario, agent_ids: tuple[str, ...]
 ) -> dict[str, str]:
-    """How far each agent is from its original, and how much faster, in words."""
+    """How far each agent is from its original, and how much faster, in two lines."""
     notes = {}
     for agent_id in agent_ids:
         before = original.agents.row_of.get(agent_id)
@@ -163,14 +163,15 @@ def difference_notes(
         current = scenario.current_step
         parts = []
         if current < steps and is_both[current]:
-            parts.append(f"{_difference(original, scenario, before, after, current)}")
+            now = _difference(original, scenario, before, after, current)
+            parts.append(f"now {now}")
         ahead = np.flatnonzero(is_both[current + 1 :])
         if len(ahead):
             last = current + 1 + int(ahead[-1])
             end = _difference(original, scenario, before, after, last)
             time_s = (last - current) * scenario.time_axis.step_s
-            parts.append(f"{end} at {time_s:.1f} s")
-        notes[agent_id] = "original " + "; ".join(parts) if parts else "not comparable"
+            parts.append(f"at {time_s:.1f} s {end}")
+        notes[agent_id] = "\n".join(parts) if parts else "not comparable"
     return notes
 
 
@@ -182,8 +183,10 @@ def _difference(
     faster = np.hypot(*new.velocity_mps[after, step]) - np.hypot(
         *old.velocity_mps[before, step]
     )
-    # Adding zero turns minus zero into zero.
-    return f"{float(gap):+.1f} m, {round(float(faster), 1) + 0.0:+.1f} m/s"
+    pace = f"{abs(faster):.1f} m/s {'faster' if faster > 0 else 'slower'}"
+    return (
+        f"{gap:.1f} m from the original, {pace if abs(faster) >= 0.05 else 'as fast'}"
+    )
 
 
 def _rows_now(original: AgentTracks, now: AgentTracks) -> Int[np.ndarray, "A"]:

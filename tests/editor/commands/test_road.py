@@ -94,7 +94,7 @@ def test_history_says_what_differs_from_the_warp_in_force():
         "Road: anchor moved 38 m",
         "Road: length of the bend 10 to 20 m",
         "Road: waves +2 added",
-        "Road: agents slowed at friction 0.7",
+        "Road: friction limit 0.7",
         "Road: friction 0.7 to 0.5",
         "Reset the road",
     ]

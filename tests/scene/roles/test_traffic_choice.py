@@ -5,7 +5,11 @@ import pytest
 
 from pd_editor.errors import EditError, GenerationError
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
+from pd_editor.scene.guidance_terms import GoalPoint, TargetSpeed
+from pd_editor.scene.roles.traffic_choice import (
+    drivable_agent_ids,
+    steered_agent_ids,
+)
 from tests.builders import scenario_with, straight_drivers
 
 KINDS = tuple(AgentKind)
@@ -19,6 +23,21 @@ def every_kind():
     is_valid = np.array(agents.is_valid)
     is_valid[0, 50] = False
     return scenario_with(replace(agents, is_valid=is_valid))
+
+
+def test_guidance_is_about_the_selected_or_the_guided_agents():
+    goal = GoalPoint(agent_id="3", point_m=(0.0, 0.0))
+    speed = TargetSpeed(agent_ids=("2", "3"), speed_mps=1.0)
+    everybody = TargetSpeed(agent_ids=(), speed_mps=1.0)
+
+    def steered(*terms, selection=()):
+        return steered_agent_ids(replace(every_kind(), guidance=terms), selection)
+
+    assert steered() is None
+    assert steered(goal, speed) == ("3", "2")
+    assert steered(goal, everybody) is None
+    assert steered(goal, replace(everybody, is_on=False)) == ("3",)
+    assert steered(goal, everybody, selection=("1",)) == ("1",)
 
 
 def test_all_road_users_at_the_current_step_are_driven():

@@ -30,7 +30,7 @@ from pd_editor.scene.guidance_terms import (
     TargetSpeed,
     Threaten,
 )
-from pd_editor.viewer.guidance.guidance_notes import CHANGED, TAKE_UNGUIDED
+from pd_editor.viewer.guidance.guidance_notes import NOT_RUN, TAKE_UNGUIDED
 from pd_editor.viewer.panels.generation.generation_run import GenerationInput
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
@@ -165,10 +165,12 @@ def test_a_term_that_changes_after_the_run_has_no_outcome(guided: FakeTab):
     changed = TargetSpeed(agent_ids=("100",), speed_mps=6.0)
     guided.run(lambda: guided.ui.apply(ChangeGuidance(index=0, term=changed)))
     state = panel(guided)
-    assert state["rows"][0]["notes"] == []
+    assert state["rows"][0]["notes"] == [{"tone": "warn", "text": NOT_RUN}]
     assert state["action"] == TAKE_UNGUIDED
     # (W20) "Terms obeyed: 1 of 1" stood there as if it were of the present terms.
-    assert state["report"][0] == {"tone": "plain", "text": CHANGED}
+    head, *former = state["report"]
+    assert head["text"].startswith("1 of 1 terms not run yet.")
+    assert {"tone": "plain", "text": "Terms obeyed: 1 of 1"} in former
     guided.run(guided.session.undo)
     assert panel(guided)["report"][0]["text"] == "Terms obeyed: 1 of 1"
 

@@ -17,6 +17,7 @@ from pd_editor.scene.guidance_terms import (
     Threaten,
     YieldTo,
 )
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.viewer.guidance.guidance_panel import listed
 from pd_editor.viewer.guidance.guiding import like, replaced_index
 from pd_editor.viewer.guidance.term_marks import OFFER
@@ -306,6 +307,23 @@ def test_a_regeneration_carries_the_terms_of_the_scenario(tab: FakeTab, monkeypa
     heard(tab, kind="run")
     (request,) = requests
     assert request.scenario.guidance == guidance(tab)
+    # It regenerated everybody, whatever was guided and whatever the tab Drive said.
+    assert shown(tab, "guidance_panel")["run"]["label"] == f"Regenerate {agent_id}"
+    assert request.agent_ids == (agent_id,)
+    tab.run(lambda: tab.session.select(()))
+    assert shown(tab, "guidance_panel")["run"]["label"] == f"Regenerate {agent_id}"
+    heard(tab, kind="run")
+    assert requests[-1].agent_ids == (agent_id,)
+    heard(tab, kind="run", isAll=True)
+    everybody = drivable_agent_ids(tab.session.scenario)
+    assert requests[-1].agent_ids == everybody
+    assert len(everybody) > 1
+    heard(tab, kind="remove", index=0)
+    assert shown(tab, "guidance_panel")["run"] == {
+        "label": "Regenerate all agents",
+        "all": "",
+        "isEnabled": True,
+    }
 
 
 def test_what_a_new_term_replaces():

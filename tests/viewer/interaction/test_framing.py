@@ -109,6 +109,16 @@ def test_the_extent_of_agents_holds_their_trajectories(scenario):
     assert agents_extent(scenario, ("nothing",)) is None
 
 
+def test_without_trajectories_the_extent_is_about_the_agent(scenario):
+    """In 3-D, F put a fast agent into a corner of the picture."""
+    agents = scenario.agents
+    agent_id = agents.ids[int(agents.speed_mps().mean(axis=1).argmax())]
+    corners = agents_extent(scenario, (agent_id,), with_tracks=False)
+    assert corners is not None
+    place = agents.position_m[agents.row_of[agent_id], scenario.current_step]
+    assert np.allclose(corners.mean(axis=0)[:2], place)
+
+
 def test_one_parked_car_does_not_fill_the_picture(scenario):
     agents = scenario.agents
     still = agents.ids[int(agents.speed_mps().max(axis=1).argmin())]

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pd_editor.basket.thumbnail import PictureFrame
 from pd_editor.editor.commands import traffic_command
 from pd_editor.generation import GeneratedTraffic, GenerationRequest
 from pd_editor.viewer.overlay.overlay import Overlay
@@ -21,6 +22,21 @@ from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
 from tests.findings.builders import finding
 from tests.findings.test_sample_ranking import PLAIN
 from tests.metrics.traffic_builders import sample_of
+
+
+def test_the_pictures_hold_the_agents_of_all_samples_and_the_focal_agent():
+    """They showed what was around the agents of the first sample."""
+    near, far = (
+        scenario_with(straight_drivers([(0.0, 0.0, 0.0, 0.0), (x_m, 0.0, 0.0, 0.0)]))
+        for x_m in (20.0, 120.0)
+    )
+    frame = PictureFrame.around_agents([(near, ("101",)), (far, ("101",))])
+    (x, y), (half_width, half_height) = frame.middle_m, frame.half_size_m
+    for place in ((0.0, 0.0), (20.0, 0.0), (118.0, 0.0)):
+        assert abs(place[0] - x) < half_width
+        assert abs(place[1] - y) < half_height
+    # A picture of a few agents is no closer than any other.
+    assert PictureFrame.around_agents([(near, ())]).scale == 1.0
 
 
 class Page(Overlay):

@@ -55,14 +55,14 @@ def test_activities_are_shown_and_set(tab: FakeTab):
     select(tab, *ids[:2])
     assert panel._activity.value == MIXED
     select(tab, ids[1])
-    assert panel._activity.value == "driving"
+    assert panel._activity.value == "moving"
     panel._activity.value = "waiting"
     before = tab.session.scenario
     with pytest.raises(EditError, match="cannot be waiting at"):
         tab.run(lambda: panel._set_activity("waiting"))
     # Refused in one sentence, and the field shows again what holds.
     assert tab.session.scenario is before
-    assert panel._activity.value == "driving"
+    assert panel._activity.value == "moving"
 
 
 def test_without_a_selection_fields_are_empty_and_off(tab: FakeTab):

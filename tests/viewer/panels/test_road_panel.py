@@ -204,7 +204,13 @@ def test_the_anchor_can_be_typed(tab: FakeTab, panel):
     assert (anchor.x_m, anchor.y_m) == (12.0, 3.0)
     assert anchor.rotation_rad == pytest.approx(np.radians(30.0))
     assert panel._anchor.value == POINT
-    label = tab.session.entries[-1].label
+    # 223.3 degrees were shown where -136.7 had been typed.
+    panel._anchor_heading.value = 223.3
+    tab.run(panel._pose_typed)
+    tab.run(tab.ui.commit_gesture)
+    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    assert panel._anchor_heading.value == pytest.approx(-136.7)
+    label = tab.session.entries[-2].label
     assert "anchor moved" in label
     assert "anchor turned" in label
 

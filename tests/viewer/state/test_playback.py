@@ -25,6 +25,16 @@ def test_opens_at_the_current_step_and_stands():
     assert playback.advance() == (False, None)
 
 
+def test_another_scene_stands_at_its_current_step():
+    """It went on playing, from wherever the scene before had been."""
+    playback, _ = make()
+    playback.seek(101.0)
+    playback.play()
+    playback.open(TimeAxis())
+    assert playback.step == 50
+    assert not playback.is_playing
+
+
 def test_one_second_is_ten_steps_at_normal_speed():
     playback, clock = make()
     playback.play()

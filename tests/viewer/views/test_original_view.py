@@ -40,9 +40,13 @@ def test_the_note_tells_the_difference_now_and_at_the_end():
         moved(scenario, 3.0)
     )
     note = difference_notes(scenario, slower, ("100", "101"))
-    assert note["100"].startswith("original +3.0 m, -4.0 m/s; ")
-    assert note["100"].endswith(" at 5.9 s")
-    assert note["101"] == "original +0.0 m, +0.0 m/s; +0.0 m, +0.0 m/s at 5.9 s"
+    now, then = note["100"].splitlines()
+    assert now == "now 3.0 m from the original, 4.0 m/s slower"
+    assert then.startswith("at 5.9 s ")
+    assert note["101"].splitlines() == [
+        "now 0.0 m from the original, as fast",
+        "at 5.9 s 0.0 m from the original, as fast",
+    ]
 
 
 def test_an_agent_of_no_original_is_said_to_be_new():

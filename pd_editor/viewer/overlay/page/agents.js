@@ -284,7 +284,7 @@
           event.key.toLowerCase() === "f") {
         event.preventDefault();
         if (/^(INPUT|TEXTAREA)$/.test(event.target?.tagName ?? ""))
-          api.send({ kind: "open" });
+          api.send({ kind: event.target === search ? "close" : "open" });
       }
     }, true);
 

@@ -11,8 +11,14 @@ pdOverlay.define("guidance_panel", (api) => {
   const list = api.make("ul", "pd-guidance-list", { "aria-label": "Guidance terms" });
   const foot = api.make("div", "pd-guidance-foot", { role: "status" });
   const run = api.make("button", "pd-guidance-run", { type: "button" });
-  run.addEventListener("click", () => send({ kind: "run" }));
-  box.append(about, tools, run, foot, list);
+  const runAll = api.make("button", "pd-guidance-all", {
+    type: "button", title: "Regenerate the trajectories of all agents",
+  });
+  run.addEventListener("click", () => send({ kind: "run", isAll: false }));
+  runAll.addEventListener("click", () => send({ kind: "run", isAll: true }));
+  const runs = api.make("div", "pd-guidance-runs");
+  runs.append(run, runAll);
+  box.append(about, tools, runs, foot, list);
   let state = {
     tools: [], rows: [], weights: [], report: [], figures: [], answered: 0,
   };
@@ -241,7 +247,10 @@ pdOverlay.define("guidance_panel", (api) => {
     attach();
     about.textContent = state.about;
     run.textContent = state.run.label;
-    run.disabled = !state.run.isEnabled;
+    run.title = state.run.label;
+    runAll.textContent = state.run.all;
+    runAll.hidden = !state.run.all;
+    run.disabled = runAll.disabled = !state.run.isEnabled;
     showTools();
     showRows();
     showFoot();

@@ -1,6 +1,5 @@
-// What viser draws about the pointer. It outlines what the pointer is on by 10 px of yellow:
-// from above, a blob that hides a small car. The outline of agents is made as thin as their
-// size on the screen allows.
+// viser outlines what the pointer is on by 10 px of yellow: from above, a blob that hides
+// a small car. The outline of agents is made as thin as their size on the screen allows.
 pdOverlay.define("hover_outline", (api) => {
   const WIDTH_PX = 2.5;
   let lookedAt = 0;
@@ -22,9 +21,8 @@ pdOverlay.define("hover_outline", (api) => {
 
   // From above it draws its selection box also while an agent is dragged.
   function hideBox() {
-    const locks = window.__viserPointer?.cameraLockReasons?.() ?? [];
-    const isDrag = locks.includes("node-drag");
-    document.body.classList.toggle("pd-holds-agent", isDrag);
+    const isDrag = window.__viserPointer?.cameraLockReasons?.().includes("node-drag");
+    document.body.classList.toggle("pd-holds-agent", Boolean(isDrag));
     const box = api.viewer()?.canvas2d;
     if (box) box.style.visibility = isDrag ? "hidden" : "";
   }

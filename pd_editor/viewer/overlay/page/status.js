@@ -122,6 +122,7 @@ pdOverlay.define("status", (api) => {
           parts.push(make("div", "pd-problem-more", {}, `... and ${group.more} more`));
       }
       rows.replaceChildren(...parts);
+      detail.hidden = !rows.querySelector("[data-problem]");
       if (isOpen) fit();
       rows.scrollTop = top;
       if (focused)

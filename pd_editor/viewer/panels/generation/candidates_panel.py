@@ -75,7 +75,7 @@ class CandidatesPanel:
         set_property(self._legend, "content", _legend(palette))
         if self._agent_id is None:
             self._note.show("", "" if len(selection) == 1 else SELECT_ONE)
-            set_property(self._choice, "disabled", True)
+            self._set_shown(False)
             return
         if selection != (self._agent_id,):
             self.hide_candidates()
@@ -103,9 +103,7 @@ class CandidatesPanel:
         self._view.show(None)
         set_property(self._show, "label", SHOW)
         self._offer((NO_CANDIDATE,))
-        set_property(self._choice, "disabled", True)
-        for button in (self._adopt, self._guide):
-            set_property(button, "disabled", True)
+        self._set_shown(False)
         self._note.show()
 
     def point_at(self, point_m: np.ndarray | None) -> bool:
@@ -144,9 +142,14 @@ class CandidatesPanel:
         )
         self._view.show(found, scenario.road_map)
         self._offer((NO_CANDIDATE, *candidate_labels(found, scenario)))
-        set_property(self._choice, "disabled", False)
+        self._set_shown(True)
         set_property(self._show, "label", HIDE)
         self._highlight()
+
+    def _set_shown(self, is_shown: bool) -> None:
+        """Offer what chooses among trajectories only while these are shown."""
+        for handle in (self._choice, self._legend, self._adopt, self._guide):
+            set_property(handle, "visible", is_shown)
 
     def _offer(self, options: tuple[str, ...]) -> None:
         if tuple(self._choice.options) != options:

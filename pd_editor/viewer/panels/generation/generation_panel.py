@@ -275,6 +275,11 @@ class GenerationPanel:
         if region is not None or not counts_region:
             self._settings.restore(kind.value for kind in self._counts)
 
+    @property
+    def run_buttons(self) -> tuple[viser.GuiButtonHandle, ...]:
+        """Buttons that start a run."""
+        return self._run, self._resample
+
     def show(self, scenario: Scenario) -> None:
         """Follow the session."""
         self._result.show()

@@ -52,13 +52,16 @@ class LiveSwitch:
     def reacting_ids(self, scenario: Scenario) -> tuple[str, ...]:
         """Ids of the agents that react to an edit; empty if none does.
 
-        Besides generated agents, those react whose trajectory guidance changes.
+        Besides generated agents, those react whose trajectory guidance changes. An edit
+        of the guidance of some agents is about these alone, as Regenerate in Guide is.
         """
         wanted = None
         if self._ui.workspace.view.live_agents == "generated":
-            wanted = set(generated_agent_ids(self._ui.session.commands_in_force))
-            for term in scenario.guidance:
-                wanted.update(term.guided_ids if term.is_on else ())
+            wanted = self._guided_anew(scenario)
+            if not wanted:
+                wanted.update(generated_agent_ids(self._ui.session.commands_in_force))
+                for term in scenario.guidance:
+                    wanted.update(term.guided_ids if term.is_on else ())
         if not scenario.time_axis.num_future_steps:
             return ()
         there = scenario.agents.row_of
@@ -69,6 +72,14 @@ class LiveSwitch:
             return drivable_agent_ids(scenario, names)
         except GenerationError:
             return ()
+
+    def _guided_anew(self, scenario: Scenario) -> set[str]:
+        """Agents of changed terms, if nothing else was edited; empty for terms of all."""
+        before = self._ui.session.committed_scenario
+        terms = [term for term in scenario.guidance if term not in before.guidance]
+        if scenario.agents is not before.agents or not all(t.guided_ids for t in terms):
+            return set()
+        return {name for term in terms for name in term.guided_ids}
 
     def _set(self, is_on: bool) -> None:
         self._ui.workspace.view = replace(self._ui.workspace.view, is_live=is_on)

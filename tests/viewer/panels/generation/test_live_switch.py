@@ -2,6 +2,7 @@
 
 import json
 import threading
+from dataclasses import replace
 
 import pytest
 
@@ -15,7 +16,7 @@ from pd_editor.editor.commands import (
 from pd_editor.exporters.bundle import write_files
 from pd_editor.generation import GeneratorSpec
 from pd_editor.generators import registry
-from pd_editor.scene.guidance_terms import GoalPoint
+from pd_editor.scene.guidance_terms import GoalPoint, GuidanceTerm, TargetSpeed
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.viewer.panels.generation.live_switch import ALL, GENERATED
 from tests.builders import two_agents_that_pass
@@ -84,6 +85,23 @@ def test_recorded_agents_stay_unless_they_are_guided_or_all_shall_react(tab: Fak
     tab.run(tab.session.undo)
     generate(tab)
     assert reacting(tab) == (first, second)
+
+
+def test_an_edit_of_guidance_is_about_the_agents_that_it_guides(tab: FakeTab):
+    """A goal of one agent regenerated all generated ones."""
+    generate(tab)
+    first, second = tab.session.scenario.agents.ids
+    switch = tab.tab.panels.generation.live_switch
+
+    def reacting_to(*terms: GuidanceTerm) -> tuple[str, ...]:
+        edited = replace(tab.session.scenario, guidance=terms)
+        return tab.run(lambda: switch.reacting_ids(edited))
+
+    assert reacting_to(GoalPoint(agent_id=second, point_m=(0.0, 0.0))) == (second,)
+    assert reacting_to(TargetSpeed(agent_ids=(), speed_mps=3.0)) == (first, second)
+    choose(tab, ALL)
+    goal = GoalPoint(agent_id=second, point_m=(0.0, 0.0))
+    assert reacting_to(goal) == (first, second)
 
 
 def test_a_gesture_becomes_one_entry_with_the_reaction(tab: FakeTab):
