@@ -143,7 +143,9 @@ def test_holding_o_shows_the_original(editor):
     editor.until(lambda: comparison.is_on, "the original")
     plate = editor.page.get_by_text("Original: 1 agent differs")
     plate.wait_for()
-    note = editor.page.get_by_role("note").filter(has_text="original +6.0 m, +0.0 m/s")
+    note = editor.page.get_by_role("note").filter(
+        has_text="now: 6.0 m from the original, as fast"
+    )
     note.wait_for()
     editor.settle()
     outline = "__viserMutable.nodeRefFromName['/original/boxes']?.visible"

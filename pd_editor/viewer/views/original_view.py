@@ -164,13 +164,13 @@ def difference_notes(
         parts = []
         if current < steps and is_both[current]:
             now = _difference(original, scenario, before, after, current)
-            parts.append(f"now {now}")
+            parts.append(f"now: {now}")
         ahead = np.flatnonzero(is_both[current + 1 :])
         if len(ahead):
             last = current + 1 + int(ahead[-1])
             end = _difference(original, scenario, before, after, last)
             time_s = (last - current) * scenario.time_axis.step_s
-            parts.append(f"at {time_s:.1f} s {end}")
+            parts.append(f"at {time_s:.1f} s: {end}")
         notes[agent_id] = "\n".join(parts) if parts else "not comparable"
     return notes
 
