@@ -77,7 +77,11 @@ class LiveSwitch:
         """Agents of changed terms, if nothing else was edited; empty for terms of all."""
         before = self._ui.session.committed_scenario
         terms = [term for term in scenario.guidance if term not in before.guidance]
-        if scenario.agents is not before.agents or not all(t.guided_ids for t in terms):
+        is_other = (
+            scenario.agents is not before.agents
+            or scenario.road_map is not before.road_map
+        )
+        if is_other or not all(term.guided_ids for term in terms):
             return set()
         return {name for term in terms for name in term.guided_ids}
 
