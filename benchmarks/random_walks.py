@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.figures import load_in_words
 from pd_editor.scenario_store import open_scenario
+from pd_editor.viewer.state.session_shelf import SessionShelf
 from pd_editor.viewer.state.workspace import Workspace
 from tests.random_walk import walk
 
@@ -50,7 +51,7 @@ def main() -> None:
         here = folder / "block"
         shutil.rmtree(here, ignore_errors=True)
         workspace = Workspace(
-            open_scenario(chosen[0]), dataset=None, journals=here / "journals"
+            open_scenario(chosen[0]), dataset=None, shelf=SessionShelf(here)
         )
         counts = walk(workspace, chosen, rng, BLOCK, here / "out")
         workspace.close()

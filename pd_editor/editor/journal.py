@@ -25,7 +25,7 @@ from filelock import FileLock, Timeout
 from pd_editor.editor.commands import command_to_json
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.json_values import to_json
-from pd_editor.editor.variant import Variant
+from pd_editor.editor.variant import ExportMark, Variant
 from pd_editor.errors import RecipeError
 from pd_editor.scene.scenario import Scenario
 
@@ -125,6 +125,11 @@ class Journal:
             self._variant = variant
             return
         self._append({"do": "describe", "time_s": time_s, "variant": to_json(variant)})
+
+    def exported(self, mark: ExportMark, time_s: float) -> None:
+        """Record that the state was exported; without an edit there is nothing to keep."""
+        if self._file is not None or self._waiting:
+            self._append({"do": "export", "time_s": time_s, "mark": to_json(mark)})
 
     def retry(self) -> None:
         """Write the waiting lines, if any."""

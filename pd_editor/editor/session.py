@@ -13,7 +13,7 @@ from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.edit_findings import unrun_terms
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
 from pd_editor.editor.recipe import MAX_COMMANDS, Recipe, check_base, moment
-from pd_editor.editor.variant import Variant, proposed_name
+from pd_editor.editor.variant import ExportMark, Variant, proposed_name
 from pd_editor.errors import EditError, PdEditorError, RecipeError
 from pd_editor.scene.scenario import Scenario
 
@@ -57,6 +57,10 @@ class EditRecorder(Protocol):
 
     def described(self, variant: Variant, time_s: float) -> None:
         """Record a new name, tags and note."""
+        ...
+
+    def exported(self, mark: ExportMark, time_s: float) -> None:
+        """Record that the current state was exported or starred."""
         ...
 
     def retry(self) -> None:
@@ -109,6 +113,7 @@ class EditorSession:
         self._gesture_start: Snapshot | None = None
         self._previewed: Command | None = None
         self._variant = Variant()
+        self._exports: tuple[tuple[Scenario, ExportMark], ...] = ()
         self._replayed: tuple[str, tuple[Command, ...]] = ("", ())
         """Name that the program gave to the result of a recipe, with its commands."""
         if journal is not None:
@@ -227,6 +232,22 @@ class EditorSession:
             if self._journal is not None:
                 self._journal.described(variant, self._clock())
 
+    @property
+    def exports(self) -> tuple[tuple[Scenario, ExportMark], ...]:
+        """All states that were exported or starred."""
+        return self._exports
+
+    @property
+    def exports_of_state(self) -> tuple[ExportMark, ...]:
+        """Exports of the current state, the oldest first."""
+        return tuple(mark for kept, mark in self._exports if kept is self.scenario)
+
+    def mark_exported(self, mark: ExportMark) -> None:
+        """Keep in mind that the current state was exported or starred."""
+        self._exports = (*self._exports, (self.scenario, mark))
+        if self._journal is not None:
+            self._journal.exported(mark, self._clock())
+
     def retry_journal(self) -> None:
         """Write edits to disk that could not be written before, if any."""
         if self._journal is not None:
@@ -241,7 +262,7 @@ class EditorSession:
         other.commit_gesture()
         before = self.state
         parts = ("_base", "_now", "_history", "_journal", "_variant", "_clock")
-        for name in (*parts, "_replayed"):
+        for name in (*parts, "_replayed", "_exports"):
             mine, theirs = getattr(self, name), getattr(other, name)
             setattr(self, name, theirs)
             setattr(other, name, mine)

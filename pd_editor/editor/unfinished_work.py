@@ -30,7 +30,7 @@ from pd_editor.editor.recipe import (
     variant_from_json,
 )
 from pd_editor.editor.session import EditorSession
-from pd_editor.editor.variant import Variant
+from pd_editor.editor.variant import ExportMark, Variant
 from pd_editor.errors import PdEditorError, RecipeError
 from pd_editor.regular_file import read_regular
 from pd_editor.scene.base_reference import BaseReference
@@ -39,7 +39,7 @@ from pd_editor.scene.scenario import Scenario
 __all__ = ["Journal", "UnfinishedWork", "find_unfinished", "restore"]
 
 _logger: Final = logging.getLogger(__name__)
-_DOINGS: Final = ("commit", "go", "describe")
+_DOINGS: Final = ("commit", "go", "describe", "export")
 _looking: Final = threading.Lock()
 
 
@@ -57,6 +57,8 @@ class UnfinishedWork:
     """Time of the last edit, in seconds since 1970."""
     variant: Variant
     """Name, tags and note that the user gave."""
+    exports: tuple[ExportMark, ...]
+    """Exports of its last state; with one the work is finished."""
     base_files: tuple[Path, ...]
     """Uploaded files that the base was opened from; empty if it has a source."""
 
@@ -104,18 +106,19 @@ def find_unfinished(folder: Path) -> list[UnfinishedWork]:
 def _summary(path: Path, _changed_ns: int, _size: int) -> UnfinishedWork | None:
     """Summary of a journal; None without any edit."""
     header, entries = _read(path)
-    edits = [entry for entry in entries if entry.variant is None]
-    if not edits:
+    position, exports = _final_state(entries)
+    if all(entry.is_remark for entry in entries):
         return None
     beside = path.with_suffix(BASE_FILES_SUFFIX)
     described = [entry.variant for entry in entries if entry.variant is not None]
     return UnfinishedWork(
         path=path,
         base=header.base,
-        num_edits=_final_position(edits),
+        num_edits=position,
         started_at=header.time_s,
         last_time=entries[-1].time_s,
         variant=described[-1] if described else header.variant,
+        exports=exports,
         base_files=tuple(sorted(beside.iterdir())) if beside.is_dir() else (),
     )
 
@@ -171,6 +174,12 @@ class _Entry:
     selection: tuple[str, ...] = ()
     command: dict[str, Any] | None = None
     variant: Variant | None = None
+    mark: ExportMark | None = None
+
+    @property
+    def is_remark(self) -> bool:
+        """Whether it changes nothing of the scenario."""
+        return self.variant is not None or self.mark is not None
 
 
 @dataclass
@@ -189,6 +198,9 @@ def _redo(session: EditorSession, entry: _Entry) -> None:
     try:
         if entry.variant is not None:
             session.describe(entry.variant)
+            return
+        if entry.mark is not None:
+            session.mark_exported(entry.mark)
             return
         if entry.position is not None:
             session.jump_to(entry.position)
@@ -237,7 +249,7 @@ def _entry(number: int, line: bytes) -> _Entry:
     where = f"Line {number} of the journal"
     data = parsed_json(line, where)
     if not isinstance(data, dict) or data.get("do") not in _DOINGS:
-        raise RecipeError(f"{where} is neither a commit, a move nor a description.")
+        raise RecipeError(f"{where} is no commit, move, description or export.")
     time_s = from_json(float, data.get("time_s"), f"{where}: its time")
     if data["do"] == "go":
         position = from_json(int, data.get("position"), f"{where}: its position")
@@ -245,6 +257,9 @@ def _entry(number: int, line: bytes) -> _Entry:
     if data["do"] == "describe":
         variant = variant_from_json(data.get("variant"))
         return _Entry(number=number, time_s=time_s, position=None, variant=variant)
+    if data["do"] == "export":
+        mark = from_json(ExportMark, data.get("mark"), f"{where}: its export")
+        return _Entry(number=number, time_s=time_s, position=None, mark=mark)
     names = from_json(tuple[str, ...], data.get("selection"), f"{where}: selection")
     command = {
         key: value
@@ -256,8 +271,17 @@ def _entry(number: int, line: bytes) -> _Entry:
     )
 
 
-def _final_position(entries: list[_Entry]) -> int:
+def _final_state(entries: list[_Entry]) -> tuple[int, tuple[ExportMark, ...]]:
+    """Number of edits in force at the end, and the exports of that state."""
     position = 0
+    exports: dict[int, list[ExportMark]] = {}
     for entry in entries:
-        position = position + 1 if entry.position is None else entry.position
-    return position
+        if entry.mark is not None:
+            exports.setdefault(position, []).append(entry.mark)
+        elif entry.position is not None:
+            position = entry.position
+        elif not entry.is_remark:
+            position += 1
+            # Undone states from here on are gone for good.
+            exports = {at: marks for at, marks in exports.items() if at < position}
+    return position, tuple(exports.get(position, ()))

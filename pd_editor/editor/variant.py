@@ -57,6 +57,15 @@ class Variant:
             raise EditError("The note has control characters; expected plain text.")
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExportMark:
+    """That a state of a session was exported, or is kept in the basket."""
+
+    name: str
+    starred_at: float | None = None
+    """Time of starring, which tells entries of one name apart; None if exported."""
+
+
 def name_from_text(text: str) -> str:
     """Convert a user's text to a name, with hyphens for characters that are not allowed."""
     words = re.findall(r"[A-Za-z0-9]+", text)

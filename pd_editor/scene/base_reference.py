@@ -26,6 +26,11 @@ class BaseReference:
         """First scenario of the chain, which is not an export."""
         return self if self.base is None else self.base.root
 
+    @property
+    def contents(self) -> tuple[str, str]:
+        """Id and hash, which are equal for scenarios that were opened from equal files."""
+        return self.scenario_id, self.content_sha256
+
     def check_contents(self, scenario_id: str, content_sha256: str) -> None:
         """Raise for another scenario, or other contents under the same id.
 

@@ -348,7 +348,7 @@ class BrowserSession:
             self._show_panels(after)
             if is_other_scene:
                 self.panels.dataset.follow()
-                self._ui.post(self.panels.unfinished.refresh)
+                self._ui.post(self.panels.unfinished.follow)
         # The end of a gesture does not change the scenario of the last preview.
         is_edited = after.scenario is not before.scenario or before.is_previewing
         if is_edited and not after.is_previewing:
@@ -446,6 +446,7 @@ class BrowserSession:
         if now >= self._follows_basket_at:
             self._follows_basket_at = now + BASKET_FOLLOW_S
             self.panels.basket.follow()
+            self.panels.unfinished.follow()
         is_searching = self._workspace.search_on()
         if is_searching:
             self.panels.dataset.show()

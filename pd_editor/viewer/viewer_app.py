@@ -1,5 +1,6 @@
 """The web application: one server, one workspace per browser tab."""
 
+import hashlib
 import json
 import logging
 import os
@@ -17,11 +18,14 @@ from pd_editor.generators import catalogue_with
 from pd_editor.scenario_store import open_scenario
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.server.server_guard import LOOPBACK_HOSTS, guarded_server
+from pd_editor.viewer.state.session_shelf import SessionShelf
 from pd_editor.viewer.state.workspace import Workspace
 
 _LOG = logging.getLogger(__name__)
 STORAGE_KEY: Final = "pd-editor-sessions"
 STORAGE_TIMEOUT_S: Final = 2.0
+VISITORS_NAME: Final = "visitors"
+"""Folder of the library with kept work of browsers of other machines."""
 ENDING_PATIENCE_S: Final = 12.0
 """How long a page that is loaded again waits for the end of the former one, whose worker
 may be in the middle of a message."""
@@ -62,7 +66,9 @@ class ViewerApp:
         self._generators = catalogue_with(models)
         self._scenario = open_scenario(reference)
         self._dataset = None if data_root is None else DatasetIndex(data_root)
-        self._journals = (library or default_library()) / "journals"
+        self._library = library or default_library()
+        self._shelves: dict[str, SessionShelf] = {}
+        """Kept work by visitor."""
         self._workspaces: dict[str, Workspace] = {}
         self._tabs: dict[int, tuple[str, BrowserSession]] = {}
         self._is_debug = debug
@@ -91,10 +97,12 @@ class ViewerApp:
             self._tabs.clear()
             workspaces = list(self._workspaces.values())
             self._workspaces.clear()
+            shelves = list(self._shelves.values())
+            self._shelves.clear()
         for _, tab in tabs:
             tab.close()
-        for workspace in workspaces:
-            workspace.close()
+        for kept in (*workspaces, *shelves):
+            kept.close()
         self.server.stop()
 
     def workspaces(self) -> tuple[Workspace, ...]:
@@ -104,10 +112,11 @@ class ViewerApp:
 
     def _connected(self, client: viser.ClientHandle) -> None:
         try:
-            known = _stored_keys(client)
+            visitor, known = _stored_keys(client)
         except (RuntimeError, TimeoutError) as error:
             _LOG.info("A browser's storage cannot be read: %s", error)
-            known = []
+            visitor, known = "", []
+        visitor = visitor or secrets.token_urlsafe(16)
         with self._lock:
             # Of a page that is loaded again, the former worker may not have ended yet.
             self._lock.wait_for(
@@ -123,7 +132,7 @@ class ViewerApp:
                 self._workspaces[key] = Workspace(
                     self._scenario,
                     dataset=self._dataset,
-                    journals=self._journals,
+                    shelf=self._shelf_of(visitor),
                     is_local=self._is_local,
                     obeying={
                         name
@@ -142,7 +151,8 @@ class ViewerApp:
                 self._warms_up = True
                 self._warm_up.start()
             remembered = [k for k in known if k in self._workspaces and k != key]
-        client.local_storage.set_item(STORAGE_KEY, json.dumps([key, *remembered]))
+        stored = {"visitor": visitor, "sessions": [key, *remembered]}
+        client.local_storage.set_item(STORAGE_KEY, json.dumps(stored))
         tab.start()
 
     def _disconnected(self, client: viser.ClientHandle) -> None:
@@ -187,17 +197,39 @@ class ViewerApp:
         except PdEditorError as error:
             _LOG.info("%s cannot be prepared: %s", name, error)
 
+    def _shelf_of(self, visitor: str) -> SessionShelf:
+        """Kept work of a visitor: of this machine all have one, other browsers their own.
+
+        Folders are named by a hash, so that their names give no access.
+        """
+        name = "" if self._is_local else hashlib.sha256(visitor.encode()).hexdigest()
+        if name not in self._shelves:
+            folder = (
+                self._library / VISITORS_NAME / name[:32] if name else self._library
+            )
+            self._shelves[name] = SessionShelf(folder)
+        return self._shelves[name]
+
     def _forget_old(self, in_use: set[str]) -> None:
         idle = [key for key in self._workspaces if key not in in_use]
         for key in idle[: max(len(idle) - MAX_KEPT_WORKSPACES + 1, 0)]:
             self._workspaces.pop(key).close()
+        used = {workspace.shelf for workspace in self._workspaces.values()}
+        for name, shelf in tuple(self._shelves.items()):
+            if shelf not in used:
+                self._shelves.pop(name).close()
 
 
-def _stored_keys(client: viser.ClientHandle) -> list[str]:
-    """Keys of the browser's earlier sessions; other stored values are ignored."""
+def _stored_keys(client: viser.ClientHandle) -> tuple[str, list[str]]:
+    """Keys of the visitor and of earlier sessions; other stored values are ignored."""
     text = client.local_storage.get_item(STORAGE_KEY, timeout=STORAGE_TIMEOUT_S)
     try:
-        keys = json.loads(text or "[]")
+        stored = json.loads(text or "{}")
     except ValueError:
-        return []
-    return [k for k in keys if isinstance(k, str)] if isinstance(keys, list) else []
+        stored = {}
+    if not isinstance(stored, dict):
+        return "", []
+    visitor, keys = stored.get("visitor"), stored.get("sessions")
+    return visitor if isinstance(visitor, str) else "", [
+        key for key in (keys if isinstance(keys, list) else []) if isinstance(key, str)
+    ]

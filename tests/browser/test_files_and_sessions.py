@@ -134,16 +134,17 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
     code = (
         "import sys, time; from pathlib import Path;"
         "from pd_editor.scenario_store import open_scenario;"
+        "from pd_editor.viewer.state.session_shelf import SessionShelf;"
         "from pd_editor.viewer.state.workspace import Workspace;"
         "from pd_editor.editor.commands import SetAgentSpeed;"
         "scene = open_scenario('signalised-junction');"
-        "work = Workspace(scene, dataset=None, journals=Path(sys.argv[1]));"
+        "work = Workspace(scene, dataset=None, shelf=SessionShelf(Path(sys.argv[1])));"
         "ids = (scene.focal_id,);"
         "[work.session.apply(SetAgentSpeed(agent_ids=ids, speed_mps=s)) for s in (3., 4.)];"
         "work.session.undo(); print('ready', flush=True); time.sleep(60)"
     )
     process = subprocess.Popen(
-        [sys.executable, "-c", code, str(library / "journals")],
+        [sys.executable, "-c", code, str(library)],
         stdout=subprocess.PIPE,
         text=True,
     )
@@ -223,5 +224,5 @@ def test_unfinished_work_is_discarded_when_asked_twice(open_editor):
     editor.press("Discard")
     editor.press("Discard for good?")
     notice(editor, "There is none")
-    assert editor.workspace.unfinished_work() == []
+    assert editor.workspace.shelf.unfinished() == []
     editor.press("Close")

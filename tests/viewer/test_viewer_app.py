@@ -4,7 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from pd_editor.editor.commands import SetAgentSpeed
+from pd_editor.errors import InputError
+from pd_editor.viewer.state.workspace import Workspace
+from pd_editor.viewer.viewer_app import ViewerApp
 from tests.cli.shell import ROOT
+from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
 
 SCRIPT = """
 import sys, time
@@ -31,3 +36,46 @@ def test_ending_while_a_model_is_loaded_is_a_clean_end(tmp_path: Path, seconds: 
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def one_workspace(app: ViewerApp, tab: FakeTab) -> Workspace:
+    return next(one for one in app.workspaces() if one.session is tab.session)
+
+
+@pytest.mark.parametrize(("host", "shares"), [("127.0.0.1", True), ("0.0.0.0", False)])
+def test_visitors_of_an_open_server_see_only_their_own_work(
+    tmp_path: Path, host: str, shares: bool
+):
+    """Another browser listed, downloaded and removed what was starred here."""
+    with (
+        running_app(tmp_path, "queue", host=host) as app,
+        connected_tab(app) as one,
+        connected_tab(app) as other,
+    ):
+        first, second = one_workspace(app, one), one_workspace(app, other)
+        for name in ("crosswalk", "bus-stop"):
+            ids = (one.session.scenario.focal_id,)
+            edit = SetAgentSpeed(agent_ids=ids, speed_mps=3.0)
+            one.run(lambda edit=edit: one.session.apply(edit))
+            one.run(first.star if name == "crosswalk" else lambda: None)
+            one.run(lambda name=name: first.open_reference(name))
+        assert len(first.shelf.unfinished()) == len(first.basket.entries()) == 1
+        assert (first.shelf is second.shelf) == shares
+        assert len(second.shelf.unfinished()) == (1 if shares else 0)
+        assert len(second.basket.entries()) == (1 if shares else 0)
+        if not shares:
+            (starred,) = first.basket.entries()
+            second.basket.remove(starred.name)
+            with pytest.raises(InputError):
+                second.basket.zipped([starred.name])
+            assert first.basket.entries() == [starred]
+
+
+def test_a_visitor_finds_its_work_again_after_a_restart(tmp_path: Path):
+    folders: list[Path] = []
+    for visitor in ("key of one", "key of one", "../../other"):
+        with running_app(tmp_path, "queue", host="0.0.0.0") as app:
+            folders.append(app._shelf_of(visitor).folder)
+    assert folders[0] == folders[1] != folders[2]
+    assert all(folder.parent == tmp_path / "visitors" for folder in folders)
+    assert "one" not in folders[0].name

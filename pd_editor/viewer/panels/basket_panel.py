@@ -1,16 +1,15 @@
 """The basket: starred scenarios, listed at the end of the tab, downloaded together."""
 
-import base64
 from collections.abc import Callable
 
 import viser
 
 from pd_editor.basket.basket import BasketEntry
 from pd_editor.findings.finding import open_in_words
+from pd_editor.viewer.panels.panel_style import PictureRows
 from pd_editor.viewer.state.ui_context import UiContext, set_property
 
 ZIP_NAME = "scenarios.zip"
-ROW_PX = 72
 
 
 class BasketPanel:
@@ -43,7 +42,7 @@ class BasketPanel:
                 "Put back", color="gray", hint="What was removed last", visible=False
             )
             self._hint = gui.add_markdown("")
-            self._style = gui.add_html("")
+            self._pictures = PictureRows(gui)
         ui.on_click(self._download, self.download)
         ui.on_click(self._remove, self._remove_ticked)
         ui.on_click(self._put_back, self._put_removed_back)
@@ -80,17 +79,12 @@ class BasketPanel:
         self._entries = self._workspace.basket.entries()
         now = {entry.name: entry for entry in self._entries}
         for name in [one for one in self._rows if former.get(one) != now.get(one)]:
-            self._rows.pop(name).remove()
+            self._pictures.remove(self._rows.pop(name))
         self._workspace.unticked &= set(now)
         with self._folder:
             for entry in self._entries:
                 if entry.name not in self._rows:
                     self._add_row(entry)
-        rules = [
-            _look(self._rows[entry.name]._impl.uuid, entry.thumbnail)
-            for entry in self._entries
-        ]
-        set_property(self._style, "content", f"<style>{''.join(rules)}</style>")
         self._show_count()
 
     def download(self) -> None:
@@ -115,9 +109,9 @@ class BasketPanel:
     def _add_row(self, entry: BasketEntry) -> None:
         count = entry.row.num_problems
         problems = f" ({count} problem{'s' if count != 1 else ''})" if count else ""
-        row = self._ui.client.gui.add_button(
+        row = self._pictures.add(
             f"{entry.name}{problems}",
-            color="gray",
+            entry.thumbnail,
             hint="; ".join(entry.row.edits)[:500] or "without edits",
             # One that is shown anew keeps its place.
             order=entry.starred_at,
@@ -175,20 +169,3 @@ class BasketPanel:
 
 def _scenarios(count: int) -> str:
     return f"{count} scenario{'s' if count != 1 else ''}"
-
-
-def _look(uuid: str, thumbnail: str) -> str:
-    """Style rules of a row: the picture at the left, the name beside it."""
-    row = f'[id="{uuid}"]'
-    content = base64.b64encode(thumbnail.encode()).decode()
-    picture = f'url("data:image/svg+xml;base64,{content}")' if thumbnail else "none"
-    return (
-        f"{row}{{height:{ROW_PX}px !important;padding:0 0.6em 0 {ROW_PX * 3 // 2 + 8}px;"
-        "font-weight:500;color:var(--mantine-color-text);border-radius:3px;"
-        "border:1px solid rgba(128,144,160,0.4);"
-        f"background:{picture} no-repeat left center/{ROW_PX * 3 // 2}px {ROW_PX - 2}px,"
-        "rgba(128,144,160,0.1)}"
-        f"{row} .mantine-Button-inner{{justify-content:flex-start}}"
-        f"{row} .mantine-Button-label{{display:block;height:auto;text-box:normal;line-height:1.3;"
-        "text-align:left;white-space:normal;overflow-wrap:anywhere}"
-    )

@@ -1,5 +1,6 @@
 """Looks of single inputs that viser's own options do not reach."""
 
+import base64
 import html
 from collections.abc import Iterable
 from typing import Any, Final
@@ -9,6 +10,7 @@ import viser
 from pd_editor.viewer.state.ui_context import set_property
 
 LINE_PX: Final = 20
+ROW_PX: Final = 72
 
 
 class PanelStyle:
@@ -65,6 +67,57 @@ class PanelStyle:
         for handle in handles:
             self._rules += [f'[id="{handle._impl.uuid}"]{rule}' for rule in rules]
         self._element.content = f"<style>{''.join(self._rules)}</style>"
+
+
+class PictureRows:
+    """A list of buttons with a small picture at the left of each, and its text beside it."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        """Begin an empty list in the current container."""
+        self._gui = gui
+        self._rules: dict[str, str] = {}
+        self._element = gui.add_html("")
+
+    def add(
+        self,
+        label: str,
+        picture: str = "",
+        *,
+        hint: str = "",
+        order: float | None = None,
+    ) -> viser.GuiButtonHandle:
+        """Add a row to the current container; ``picture`` is SVG."""
+        row = self._gui.add_button(label, color="gray", hint=hint or None, order=order)
+        self.draw(row, picture)
+        return row
+
+    def draw(self, row: viser.GuiButtonHandle, picture: str) -> None:
+        """Show another picture in a row."""
+        uuid = row._impl.uuid
+        content = base64.b64encode(picture.encode()).decode()
+        image = f'url("data:image/svg+xml;base64,{content}")' if picture else "none"
+        name = f'[id="{uuid}"]'
+        self._rules[uuid] = (
+            f"{name}{{height:{ROW_PX}px !important;"
+            f"padding:0 0.6em 0 {ROW_PX * 3 // 2 + 8}px;"
+            "font-weight:500;color:var(--mantine-color-text);border-radius:3px;"
+            "border:1px solid rgba(128,144,160,0.4);"
+            f"background:{image} no-repeat left center/"
+            f"{ROW_PX * 3 // 2}px {ROW_PX - 2}px,rgba(128,144,160,0.1)}}"
+            f"{name} .mantine-Button-inner{{justify-content:flex-start}}"
+            f"{name} .mantine-Button-label{{display:block;height:auto;text-box:normal;"
+            "line-height:1.3;text-align:left;white-space:normal;overflow-wrap:anywhere}"
+        )
+        self._show()
+
+    def remove(self, row: viser.GuiButtonHandle) -> None:
+        """Remove a row."""
+        del self._rules[row._impl.uuid]
+        row.remove()
+        self._show()
+
+    def _show(self) -> None:
+        self._element.content = f"<style>{''.join(self._rules.values())}</style>"
 
 
 class FixedText:

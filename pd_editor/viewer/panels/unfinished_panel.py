@@ -1,15 +1,23 @@
 """Unfinished work of all scenarios: a button with its amount, and a dialog."""
 
+import logging
+from functools import lru_cache
 from typing import Any, Final
 
 import viser
 
+from pd_editor.basket.thumbnail import thumbnail
 from pd_editor.editor.recipe import moment
-from pd_editor.viewer.state.page_text import plain
+from pd_editor.editor.unfinished_work import UnfinishedWork
+from pd_editor.editor.variant import short_id
+from pd_editor.errors import PdEditorError
+from pd_editor.viewer.panels.panel_style import PictureRows
+from pd_editor.viewer.state.session_shelf import KeptWork
 from pd_editor.viewer.state.ui_context import UiContext, set_property
-from pd_editor.viewer.state.workspace import KeptWork
+from pd_editor.viewer.state.workspace import base_of
 
-MAX_LISTED: Final = 20
+MAX_LISTED: Final = 40
+_LOG: Final = logging.getLogger(__name__)
 
 
 class UnfinishedPanel:
@@ -19,8 +27,10 @@ class UnfinishedPanel:
         """Build the button into the current container."""
         self._ui = ui
         self._workspace = ui.workspace
+        self._shelf = ui.workspace.shelf
         self._dialog: Any = None
         self._count = -1
+        self._stamp: tuple[int, ...] = ()
         self._notice: viser.NotificationHandle | None = None
         self._button = ui.client.gui.add_button(
             "Unfinished work",
@@ -29,7 +39,7 @@ class UnfinishedPanel:
             hint="Edits of other scenarios, to continue or to discard",
         )
         ui.on_click(self._button, self.open_dialog)
-        self.refresh()
+        self.follow()
         if self._count and self._workspace.is_new:
             self._notice = ui.notify(
                 "Unfinished work found",
@@ -37,53 +47,92 @@ class UnfinishedPanel:
                 stays=True,
             )
 
-    def refresh(self) -> None:
-        """Update the count of unfinished work."""
-        self._show_count(len(self._workspace.unfinished_work()))
+    def follow(self) -> None:
+        """Show how much unfinished work there is, also of other tabs."""
+        stamp = self._shelf.stamp()
+        if stamp != self._stamp:
+            self._stamp = stamp
+            self._show_count(len(self._shelf.unfinished()))
 
     def open_dialog(self) -> None:
         """Show the list in a dialog."""
         self._ui.commit_gesture()
         self._close_dialog()
         self._remove_notice()
-        found = self._workspace.unfinished_work()
+        found = self._shelf.unfinished()
         self._show_count(len(found))
         gui = self._ui.client.gui
+        ticked: dict[int, bool] = {}
         self._dialog = gui.add_modal("Unfinished work")
         with self._dialog:
-            if not found:
-                gui.add_markdown(
-                    "There is none: no scenario but the open one is edited."
-                )
-            for work in found[:MAX_LISTED]:
-                self._add_row(gui, work)
+            gui.add_markdown(
+                "Click the one to continue."
+                if found
+                else "There is none: no scenario but the open one is edited."
+            )
+            rows = PictureRows(gui)
+            buttons = [rows.add(_described(work)) for work in found[:MAX_LISTED]]
             if len(found) > MAX_LISTED:
                 gui.add_markdown(f"... and {len(found) - MAX_LISTED} older ones")
+            discard = gui.add_button(
+                "Discard some ...", color="gray", disabled=not found
+            )
             close = gui.add_button("Close", color="gray")
-        self._ui.on_click(close, self._close_dialog)
 
-    def _add_row(self, gui: viser.GuiApi, work: KeptWork) -> None:
-        gui.add_markdown(_described(work))
-        resume = gui.add_button(f"Continue {work.scenario_id}"[:60])
-        discard = gui.add_button("Discard", color="gray")
-        is_asked = False
+        def pressed(number: int) -> None:
+            if not ticked:
+                self._close_dialog()
+                self._workspace.resume(found[number])
+                return
+            ticked[number] = not ticked[number]
+            show_ticks()
+
+        def show_ticks() -> None:
+            for number, button in enumerate(buttons):
+                icon = viser.Icon.TRASH if ticked[number] else viser.Icon.SQUARE
+                set_property(button, "icon", icon)
+            count = sum(ticked.values())
+            set_property(discard, "disabled", not count)
+            set_property(discard, "color", "red")
+            set_property(discard, "label", f"Discard {count} for good")
 
         def discarded() -> None:
-            nonlocal is_asked
-            if not is_asked:
-                is_asked = True
-                discard.label, discard.color = "Discard for good?", "red"
+            if not ticked:
+                ticked.update(dict.fromkeys(range(len(buttons)), False))
+                show_ticks()
                 return
-            self._workspace.discard(work)
+            for number, is_meant in ticked.items():
+                if is_meant:
+                    self._shelf.discard(found[number])
             self.open_dialog()
 
-        self._ui.on_click(resume, lambda: self._resume(work))
+        for number, button in enumerate(buttons):
+            self._ui.on_click(button, lambda number=number: pressed(number))
         self._ui.on_click(discard, discarded)
+        self._ui.on_click(close, self._close_dialog)
+        self._draw_next(self._dialog, rows, list(zip(buttons, found, strict=False)))
 
-    def _resume(self, work: KeptWork) -> None:
-        self._close_dialog()
-        self._workspace.resume(work)
-        self.refresh()
+    def _draw_next(
+        self,
+        dialog: object,
+        rows: PictureRows,
+        remaining: list[tuple[viser.GuiButtonHandle, KeptWork]],
+    ) -> None:
+        """Draw one picture after another, so that the page goes on meanwhile."""
+        if self._dialog is not dialog or not remaining:
+            return
+        (button, work), *others = remaining
+        try:
+            # Of one that is on disk alone, the base: a replay would take too long.
+            rows.draw(
+                button,
+                _base_picture(work.place)
+                if isinstance(work.place, UnfinishedWork)
+                else thumbnail(work.place.scenario),
+            )
+        except PdEditorError as error:
+            _LOG.info("No picture of %s: %s", work.scenario_id, error)
+        self._ui.post(lambda: self._draw_next(dialog, rows, others))
 
     def _close_dialog(self) -> None:
         if self._dialog is not None:
@@ -103,8 +152,12 @@ class UnfinishedPanel:
         set_property(self._button, "disabled", count == 0)
 
 
+@lru_cache(maxsize=64)
+def _base_picture(work: UnfinishedWork) -> str:
+    return thumbnail(base_of(work))
+
+
 def _described(work: KeptWork) -> str:
-    when = moment(work.last_time)
     edits = f"{work.num_edits} edit{'s' if work.num_edits != 1 else ''}"
-    name = f"  \n{plain(work.name)}" if work.name else ""
-    return f"**{plain(work.scenario_id)}**{name}  \n{edits}, last {when:%d %b %H:%M}"
+    name = work.name or short_id(work.scenario_id)
+    return f"{name} · {edits}, last {moment(work.last_time):%d %b %H:%M}"

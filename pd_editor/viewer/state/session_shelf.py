@@ -1,170 +1,208 @@
-"""Sessions of one workspace that are not open at the moment."""
+"""Work of one visitor that is not open at the moment, in memory and on disk."""
 
 import contextlib
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import threading
+import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pd_editor.basket.basket import Basket
+from pd_editor.basket.basket import KEPT_S, Basket
+from pd_editor.editor.journal import Journal
 from pd_editor.editor.session import EditorSession
-from pd_editor.editor.unfinished_work import find_unfinished, restore
+from pd_editor.editor.unfinished_work import UnfinishedWork, find_unfinished, restore
+from pd_editor.editor.variant import ExportMark
 from pd_editor.errors import RecipeError
 from pd_editor.scene.scenario import Scenario
 
 MAX_LIVE: Final = 4
 """Number of sessions in memory; older ones are restored from their journals."""
 
-Key = tuple[str, str]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ExportedState:
-    """A state of a session that was exported or starred."""
+class KeptWork:
+    """Unfinished work of one scenario, to continue or to discard."""
 
-    scenario: Scenario
-    starred_as: str | None = None
-    """Its name in the basket if that is the only copy; None if it was exported."""
-
-
-@dataclass(kw_only=True, eq=False)
-class ShelvedSession:
-    """A session that is not open, with its last exported state."""
-
-    session: EditorSession
-    exported: ExportedState | None
-
-    def is_exported(self, basket: Basket) -> bool:
-        """Whether the last state was exported, or is in the basket."""
-        exported = self.exported
-        if exported is None or exported.scenario is not self.session.scenario:
-            return False
-        return exported.starred_as is None or basket.has(exported.starred_as)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _StoredSession:
-    """A session that is in its journal alone."""
-
-    key: Key
-    exported: ExportedState | None
-
-    def is_exported(self, basket: Basket) -> bool:
-        if self.exported is None:
-            return False
-        name = self.exported.starred_as
-        return name is None or basket.has(name)
+    scenario_id: str
+    name: str
+    """The name that the user gave, or a proposed one; empty if there is none."""
+    num_edits: int
+    last_time: float
+    """Time of the last edit, in seconds since 1970."""
+    place: EditorSession | UnfinishedWork
+    """The session in memory, or the journal on disk."""
 
 
 class SessionShelf:
-    """Keeps sessions that were left, so that opening their scenario resumes them.
+    """Basket and left sessions of one visitor, whose tabs share them.
 
-    Journals of exported work stay on disk as long as the shelf exists: opening such
-    a scenario again restores its edits.
+    Opening the scenario of a left session resumes it. Journals of exported work stay on
+    disk as long as the shelf exists, and those of a killed process for a day.
     """
 
-    def __init__(
-        self,
-        journals: Path,
-        basket: Basket,
-        on_restored: Callable[[Scenario, Scenario], None],
-    ) -> None:
-        """Begin with none.
+    def __init__(self, folder: Path) -> None:
+        """Use a folder, which is created when needed."""
+        self.folder = folder
+        self.journals = folder / "journals"
+        self.basket = Basket(folder / "basket")
+        self._live: list[EditorSession] = []
+        self._stored: set[Path] = set()
+        """Journals of this shelf's sessions that are no longer in memory."""
+        self._changes = 0
+        self._lock = threading.Lock()
+        self._discard_finished(older_than_s=KEPT_S)
 
-        ``journals`` is the folder where sessions go on that are no longer in memory;
-        ``on_restored`` is called with an exported state and with its equal afterwards.
-        """
-        self._journals = journals
-        self._basket = basket
-        self._on_restored = on_restored
-        self._live: list[ShelvedSession] = []
-        self._stored: dict[Path, _StoredSession] = {}
+    def new_journal(self) -> Journal:
+        """Journal for a session that is opened."""
+        return Journal(self.journals)
 
     @property
-    def live(self) -> tuple[ShelvedSession, ...]:
-        """Sessions in memory, the most recent one last."""
-        return tuple(self._live)
+    def live(self) -> tuple[EditorSession, ...]:
+        """Left sessions in memory, the most recent one last."""
+        with self._lock:
+            return tuple(self._live)
 
-    def put(self, left: ShelvedSession) -> None:
+    def stamp(self) -> tuple[int, ...]:
+        """Numbers that change when any tab changes what is unfinished."""
+        try:
+            on_disk = self.journals.stat().st_mtime_ns
+        except OSError:
+            on_disk = 0
+        return self._changes, on_disk, self.basket.stamp()
+
+    def is_finished(self, work: EditorSession | UnfinishedWork) -> bool:
+        """Whether the last state was exported, or is in the basket."""
+        is_open = isinstance(work, EditorSession)
+        marks = work.exports_of_state if is_open else work.exports
+        return any(one.starred_at is None or self._has(one) for one in marks)
+
+    def _has(self, mark: ExportMark) -> bool:
+        entry = self.basket.entry(mark.name)
+        return entry is not None and entry.starred_at == mark.starred_at
+
+    def put(self, left: EditorSession) -> None:
         """Store a session; one without edits is closed."""
-        if not left.session.entries:
-            left.session.close(discard=True)
+        if not left.entries:
+            left.close(discard=True)
             return
-        self._live.append(left)
-        for old in tuple(self._live[:-MAX_LIVE]):
-            path = old.session.journal_path
-            if path is None or old.session.journal_problem is not None:
-                # This is the only copy.
-                continue
-            self._live.remove(old)
-            self._stored[path] = _StoredSession(
-                key=_key_of(old.session.base),
-                exported=old.exported if old.is_exported(self._basket) else None,
-            )
-            old.session.close()
+        with self._lock:
+            self._changes += 1
+            self._live.append(left)
+            for old in self._live[:-MAX_LIVE]:
+                path = old.journal_path
+                if path is None or old.journal_problem is not None:
+                    # This is the only copy.
+                    continue
+                self._live.remove(old)
+                self._stored.add(path)
+                old.close()
 
-    def take(self, base: Scenario) -> ShelvedSession | None:
-        """Remove and return the most recent session on a scenario."""
-        wanted = _key_of(base)
-        for left in reversed(self._live):
-            if _key_of(left.session.base) == wanted:
-                self._live.remove(left)
-                return left
-        paths = {path for path, left in self._stored.items() if left.key == wanted}
-        if not paths:
-            return None
-        for work in find_unfinished(self._journals):
-            if work.path in paths:
-                stored = self._stored.pop(work.path)
-                try:
-                    session = restore(work, base)
-                except RecipeError:
-                    # It stays in the list of unfinished work, with the reason.
-                    return None
-                return ShelvedSession(
-                    session=session, exported=self._exported_again(stored, session)
-                )
+    def take(self, base: Scenario) -> EditorSession | None:
+        """Remove and return the most recent session on a scenario, also an earlier run's.
+
+        Work on disk that was exported comes back only if it was left in this shelf.
+        """
+        with self._lock:
+            for left in reversed(self._live):
+                if is_same_base(left.base, base):
+                    self._live.remove(left)
+                    self._changes += 1
+                    return left
+        for work in find_unfinished(self.journals):
+            is_own = work.path in self._stored or not self.is_finished(work)
+            if is_own and work.base.contents == base.reference.contents:
+                # What cannot be restored stays in the list, which tells the reason.
+                with contextlib.suppress(RecipeError):
+                    return self.restored(work, base)
         return None
 
-    def _exported_again(
-        self, stored: "_StoredSession", session: EditorSession
-    ) -> ExportedState | None:
-        if stored.exported is None:
-            return None
-        self._on_restored(stored.exported.scenario, session.scenario)
-        return replace(stored.exported, scenario=session.scenario)
+    def restored(self, work: UnfinishedWork, base: Scenario) -> EditorSession:
+        """The session of a journal.
 
-    def is_finished(self, journal: Path) -> bool:
-        """Whether a journal holds work of this shelf that was exported or is starred."""
-        stored = self._stored.get(journal)
-        return stored is not None and stored.is_exported(self._basket)
+        Raises:
+            RecipeError: it cannot be replayed on this base, or is open elsewhere.
+        """
+        session = restore(work, base)
+        self._stored.discard(work.path)
+        self._changes += 1
+        return session
 
-    def remove(self, left: ShelvedSession) -> None:
-        """Remove a session; the caller continues or closes it."""
-        self._live.remove(left)
+    def claim(self, left: EditorSession) -> bool:
+        """Remove a session, which the caller continues or closes; false if it is gone."""
+        with self._lock:
+            if left not in self._live:
+                return False
+            self._live.remove(left)
+            self._changes += 1
+            return True
+
+    def unfinished(self) -> list[KeptWork]:
+        """Edited scenarios that are not open and not exported, the newest first."""
+        here = [
+            KeptWork(
+                scenario_id=left.base.scenario_id,
+                name=left.name,
+                num_edits=left.state.position,
+                last_time=left.entries[-1].time_s,
+                place=left,
+            )
+            for left in self.live
+            if not self.is_finished(left)
+        ]
+        stored = [
+            KeptWork(
+                scenario_id=work.scenario_id,
+                name=work.variant.name,
+                num_edits=work.num_edits,
+                last_time=work.last_time,
+                place=work,
+            )
+            for work in find_unfinished(self.journals)
+            if not self.is_finished(work)
+        ]
+        return sorted(here + stored, key=lambda one: one.last_time, reverse=True)
+
+    def discard(self, work: KeptWork) -> None:
+        """Delete unfinished work permanently.
+
+        Raises:
+            RecipeError: it is open in another session.
+        """
+        if isinstance(work.place, UnfinishedWork):
+            work.place.discard()
+            self._changes += 1
+        elif self.claim(work.place):
+            work.place.close(discard=True)
 
     def retry_journals(self) -> None:
         """Write edits to disk that could not be written before."""
-        for left in self._live:
-            left.session.retry_journal()
+        with self._lock:
+            for left in self._live:
+                left.retry_journal()
 
     def close(self) -> None:
         """End all sessions; edits that were not exported stay in their journals."""
-        for left in self._live:
-            left.session.close(discard=left.is_exported(self._basket))
-        self._live.clear()
-        for work in find_unfinished(self._journals) if self._stored else ():
-            if self.is_finished(work.path):
+        with self._lock:
+            for left in self._live:
+                left.close(discard=self.is_finished(left))
+            self._live.clear()
+        if self._stored:
+            self._discard_finished(self._stored)
+        self._stored = set()
+
+    def _discard_finished(
+        self, paths: set[Path] | None = None, *, older_than_s: float = 0.0
+    ) -> None:
+        """Delete journals of exported work: some, or all old ones."""
+        for work in find_unfinished(self.journals):
+            is_old = time.time() - work.last_time > older_than_s
+            is_meant = is_old if paths is None else work.path in paths
+            if is_meant and self.is_finished(work):
                 # Another session may just have taken it up.
                 with contextlib.suppress(RecipeError):
                     work.discard()
-        self._stored.clear()
 
 
 def is_same_base(one: Scenario, other: Scenario) -> bool:
     """Whether two scenarios were opened from the same contents under the same id."""
-    return _key_of(one) == _key_of(other)
-
-
-def _key_of(scenario: Scenario) -> Key:
-    return scenario.scenario_id, scenario.provenance.content_sha256
+    return one.reference.contents == other.reference.contents

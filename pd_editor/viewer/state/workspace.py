@@ -10,18 +10,18 @@ from weakref import WeakKeyDictionary
 
 from pd_editor.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
 from pd_editor.av2_io.upload import file_in_upload, scenario_from_upload
-from pd_editor.basket.basket import Basket, BasketEntry
+from pd_editor.basket.basket import BasketEntry
 from pd_editor.basket.index_table import index_row
 from pd_editor.basket.thumbnail import thumbnail
 from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe
 from pd_editor.editor.session import EditorSession
-from pd_editor.editor.unfinished_work import (
-    Journal,
-    UnfinishedWork,
-    find_unfinished,
-    restore,
+from pd_editor.editor.unfinished_work import UnfinishedWork
+from pd_editor.editor.variant import (
+    ExportMark,
+    free_name,
+    name_from_text,
+    short_id,
 )
-from pd_editor.editor.variant import free_name, name_from_text, short_id
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import zip_files
 from pd_editor.findings.finding import FindingKey
@@ -39,9 +39,8 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.guided_runs import GuidedRuns
 from pd_editor.viewer.state.playback import Playback
 from pd_editor.viewer.state.session_shelf import (
-    ExportedState,
+    KeptWork,
     SessionShelf,
-    ShelvedSession,
     is_same_base,
 )
 from pd_editor.viewer.state.study_run import StudyRun
@@ -83,20 +82,6 @@ class DatasetSearch:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class KeptWork:
-    """Unfinished work of one scenario, to continue or to discard."""
-
-    scenario_id: str
-    name: str
-    """The name that the user gave, or a proposed one; empty if there is none."""
-    num_edits: int
-    last_time: float
-    """Time of the last edit, in seconds since 1970."""
-    place: ShelvedSession | UnfinishedWork
-    """The session in this workspace, or the journal on disk."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class OpenedEdits:
     """Edits of an opened export, with the source of their base."""
 
@@ -112,32 +97,28 @@ class Workspace:
         scenario: Scenario,
         *,
         dataset: DatasetIndex | None,
-        journals: Path,
+        shelf: SessionShelf,
         is_local: bool = True,
         obeying: Collection[str] = (),
     ) -> None:
-        """Open a scenario; edits are journaled in the folder ``journals``.
+        """Open a scenario; what is left for another one goes to the visitor's shelf.
 
         ``obeying`` are the names of the generators that take guidance.
         """
         self.is_local = is_local
-        self._journals = journals
-        self._exported: ExportedState | None = None
+        self.shelf = shelf
         self.tell: Callable[[str, str], object] = lambda _title, _body: None
         """Shows a title and a sentence to the user; set by the connected tab."""
-        self.basket = Basket(journals.parent / "basket")
-        self._shelf = SessionShelf(journals, self.basket, self._restored)
+        self.basket = shelf.basket
         self._given: dict[str, Scenario] = {}
         """Exported or starred states by their names."""
-        self._starred: dict[str, BasketEntry] = {}
-        """Entries of the basket that were starred here."""
         self.unticked: set[str] = set()
         """Scenarios of the basket that are not selected for download."""
         self.removed: tuple[str, ...] = ()
         """Scenarios that were removed last from the basket, and can be put back."""
         self.continuation: OpenedEdits | None = None
         """Edits that can be continued, if the open scenario is an export of the editor."""
-        self.session = EditorSession(scenario, journal=Journal(journals))
+        self.session = EditorSession(scenario, journal=shelf.new_journal())
         self.playback = Playback()
         self.playback.open(scenario.time_axis)
         self.playback.limit(scenario.first_step, scenario.last_step)
@@ -222,10 +203,10 @@ class Workspace:
         base = opened if source is None else open_scenario(source)
         self.session.commit_gesture()
         session = EditorSession.from_recipe(
-            recipe, base, journal=Journal(self._journals)
+            recipe, base, journal=self.shelf.new_journal()
         )
         self.continuation = None
-        self._exchange(ShelvedSession(session=session, exported=None))
+        self._exchange(session)
 
     def _offer(self, recipe: Recipe | None) -> None:
         """Offer to continue the edits of an opened export."""
@@ -261,12 +242,12 @@ class Workspace:
         exported = self.session.base
         base = open_scenario(offered.source)
         session = EditorSession.from_recipe(
-            offered.recipe, base, journal=Journal(self._journals)
+            offered.recipe, base, journal=self.shelf.new_journal()
         )
         is_same = has_same_content(session.scenario, exported)
-        self._exchange(ShelvedSession(session=session, exported=None))
+        self._exchange(session)
         if is_same:
-            self._exported = ExportedState(scenario=self.session.scenario)
+            self.session.mark_exported(ExportMark(name=offered.recipe.result_id))
         else:
             self.tell(
                 "The result differs from the export",
@@ -286,28 +267,26 @@ class Workspace:
                 "tab to begin anew.",
             )
             return
-        kept = self._shelf.take(scenario)
-        if kept is None:
-            session = EditorSession(
-                scenario, journal=Journal(self._journals), base_files=base_files
-            )
-            kept = ShelvedSession(session=session, exported=None)
+        kept = self.shelf.take(scenario) or EditorSession(
+            scenario, journal=self.shelf.new_journal(), base_files=base_files
+        )
         self._exchange(kept)
 
-    def _exchange(self, taken: ShelvedSession) -> None:
+    def _exchange(self, taken: EditorSession) -> None:
         """Switch to a session; the open one is shelved."""
-        left = ShelvedSession(session=taken.session, exported=self._exported)
-        self._exported = taken.exported
-        self.guided_runs.read_again(taken.session.entries)
-        self.session.exchange(taken.session)
-        if left.session.entries:
-            name = short_id(left.session.base.scenario_id)
-            count = left.session.state.position
+        self.guided_runs.read_again(taken.entries)
+        self.session.exchange(taken)
+        left = taken
+        # States that were read from a journal keep their names.
+        self._given |= {mark.name: kept for kept, mark in self.session.exports}
+        if left.entries:
+            name = short_id(left.base.scenario_id)
+            count = left.state.position
             self.tell(
                 f"{_edits(count)} of {name} {'is' if count == 1 else 'are'} kept",
                 "Open it again to continue.",
             )
-        self._shelf.put(left)
+        self.shelf.put(left)
         if self.session.entries:
             self.tell(
                 f"Back to {short_id(self.session.base.scenario_id)}",
@@ -315,10 +294,9 @@ class Workspace:
             )
 
     @property
-    def _is_exported(self) -> bool:
+    def is_exported(self) -> bool:
         """Whether the current state was exported, or is in the basket."""
-        open_one = ShelvedSession(session=self.session, exported=self._exported)
-        return open_one.is_exported(self.basket)
+        return self.shelf.is_finished(self.session)
 
     def search_for(self, wanted: CardFilter) -> None:
         """Start another search through the dataset."""
@@ -413,7 +391,7 @@ class Workspace:
 
     def _exported_as(self, name: str) -> None:
         self._given[name] = self.session.scenario
-        self._exported = ExportedState(scenario=self.session.scenario)
+        self.session.mark_exported(ExportMark(name=name))
 
     def star(self) -> BasketEntry:
         """Add the current state to the basket; one that is there is described anew.
@@ -435,13 +413,11 @@ class Workspace:
             replaces=None if former is None else former.name,
         )
         self._given[entry.name] = session.scenario
-        self._starred[entry.name] = entry
+        self.session.mark_exported(
+            ExportMark(name=entry.name, starred_at=entry.starred_at)
+        )
         if former is not None and former.name in self.unticked:
             self.unticked.add(entry.name)
-        if not self._is_exported:
-            self._exported = ExportedState(
-                scenario=session.scenario, starred_as=entry.name
-            )
         return entry
 
     def is_starred(self) -> bool:
@@ -457,13 +433,11 @@ class Workspace:
         )
 
     def starred_entry(self) -> BasketEntry | None:
-        """Entry of the current state in the basket; those of other tabs do not count."""
-        for name, given in self._given.items():
-            starred = self._starred.get(name)
-            if given is self.session.scenario and starred is not None:
-                entry = self.basket.entry(name)
-                if entry == starred:
-                    return entry
+        """Entry of the current state in the basket; None if it is not there."""
+        for mark in self.session.exports_of_state:
+            entry = self.basket.entry(mark.name)
+            if entry is not None and entry.starred_at == mark.starred_at:
+                return entry
         return None
 
     def _recipe_to_star(self, former: BasketEntry | None) -> Recipe:
@@ -474,12 +448,6 @@ class Workspace:
                 name != kept and (self.basket.has(name) or self._is_given(name))
             )
         )
-
-    def _restored(self, exported: Scenario, again: Scenario) -> None:
-        """Let an exported state that was read from its journal keep its names."""
-        for name, given in self._given.items():
-            if given is exported:
-                self._given[name] = again
 
     def _is_given(self, name: str) -> bool:
         """Whether another state was exported under the name."""
@@ -499,32 +467,6 @@ class Workspace:
         variant = replace(recipe.variant, name=name, is_proposed=is_proposed)
         return replace(recipe, variant=variant)
 
-    def unfinished_work(self) -> list[KeptWork]:
-        """Edited scenarios that are not open and not exported, the newest first."""
-        here = [
-            KeptWork(
-                scenario_id=left.session.base.scenario_id,
-                name=left.session.name,
-                num_edits=left.session.state.position,
-                last_time=left.session.entries[-1].time_s,
-                place=left,
-            )
-            for left in self._shelf.live
-            if not left.is_exported(self.basket)
-        ]
-        stored = [
-            KeptWork(
-                scenario_id=work.scenario_id,
-                name=work.variant.name,
-                num_edits=work.num_edits,
-                last_time=work.last_time,
-                place=work,
-            )
-            for work in find_unfinished(self._journals)
-            if not self._shelf.is_finished(work.path)
-        ]
-        return sorted(here + stored, key=lambda one: one.last_time, reverse=True)
-
     def resume(self, work: KeptWork) -> None:
         """Resume unfinished work; the open session is shelved.
 
@@ -532,55 +474,40 @@ class Workspace:
             InputError: its base scenario does not exist any more.
             RecipeError: the journal cannot be replayed, or is open elsewhere.
         """
-        if isinstance(work.place, UnfinishedWork):
-            self.restore(work.place)
-        elif work.place in self._shelf.live:
-            self._shelf.remove(work.place)
-            self._exchange(work.place)
-
-    def discard(self, work: KeptWork) -> None:
-        """Delete unfinished work permanently.
-
-        Raises:
-            RecipeError: it is open in another session.
-        """
-        if isinstance(work.place, UnfinishedWork):
-            work.place.discard()
-        elif work.place in self._shelf.live:
-            self._shelf.remove(work.place)
-            work.place.session.close(discard=True)
+        place = work.place
+        if isinstance(place, UnfinishedWork):
+            place = self.shelf.restored(place, base_of(place))
+        elif not self.shelf.claim(place):
+            raise RecipeError("This work is open in another tab by now.")
+        self._exchange(place)
 
     def retry_journals(self) -> None:
         """Write edits to disk that could not be written before, if any."""
         self.session.retry_journal()
-        self._shelf.retry_journals()
-
-    def restore(self, work: UnfinishedWork) -> None:
-        """Restore unfinished work; the open session stays in its own journal.
-
-        Raises:
-            InputError: its base scenario does not exist any more.
-            RecipeError: the journal cannot be replayed.
-        """
-        if work.base_files:
-            try:
-                files = {path.name: path.read_bytes() for path in work.base_files}
-            except OSError as error:
-                raise InputError(
-                    f"The uploaded files of {work.scenario_id} are gone."
-                ) from error
-            base, _ = _from_upload(files)
-        else:
-            base = open_scenario(work.base.source)
-        session = restore(work, base)
-        self._exchange(ShelvedSession(session=session, exported=None))
+        self.shelf.retry_journals()
 
     def close(self) -> None:
         """Close the workspace; edits that were not exported stay in their journals."""
         self.study.cancel()
         self.session.commit_gesture()
-        self.session.close(discard=self._is_exported)
-        self._shelf.close()
+        self.session.close(discard=self.is_exported)
+
+
+def base_of(work: UnfinishedWork) -> Scenario:
+    """Open the base of unfinished work.
+
+    Raises:
+        InputError: it does not exist any more, or cannot be read.
+    """
+    if not work.base_files:
+        return open_scenario(work.base.source)
+    try:
+        files = {path.name: path.read_bytes() for path in work.base_files}
+    except OSError as error:
+        raise InputError(
+            f"The uploaded files of {work.scenario_id} are gone."
+        ) from error
+    return _from_upload(files)[0]
 
 
 def _from_upload(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | None]:

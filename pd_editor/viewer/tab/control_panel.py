@@ -59,7 +59,7 @@ class ControlPanel:
             self.export = ExportPanel(ui, lambda: problems.new, self.star)
             self.unfinished = UnfinishedPanel(ui)
             self.dataset = DatasetPanel(ui)
-            self.basket = BasketPanel(ui, self.unfinished.refresh)
+            self.basket = BasketPanel(ui, self.unfinished.follow)
         with tabs.add_tab("Road"):
             self.road = RoadPanel(
                 ui,

@@ -259,7 +259,7 @@ def test_a_run_is_told_again_after_its_work_was_continued(tmp_path: Path):
             tab.run(lambda command=command: tab.ui.apply(command))
         assert panel(tab)["rows"][0]["notes"] == []
     with running_app(library, reference) as app, connected_tab(app) as tab:
-        (work,) = tab.ui.workspace.unfinished_work()
+        (work,) = tab.ui.workspace.shelf.unfinished()
         tab.run(lambda: tab.ui.workspace.resume(work))
         state = panel(tab)
         (note,) = state["rows"][0]["notes"]

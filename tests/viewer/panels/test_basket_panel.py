@@ -71,7 +71,7 @@ def test_a_star_takes_the_name_tags_and_note_that_were_typed_after_it(tabs):
     now = tab.tab._workspace.basket.entry("near-miss")
     assert now.starred_at == first.starred_at
     tab.tab._workspace.basket.remove("near-miss")
-    assert not tab.tab._workspace._is_exported
+    assert not tab.tab._workspace.is_exported
 
 
 def test_another_state_under_the_name_of_a_star_is_one_more(tabs):

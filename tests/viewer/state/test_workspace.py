@@ -14,7 +14,8 @@ from pd_editor.editor.variant import Variant
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scenario_store import open_scenario
-from pd_editor.viewer.state.session_shelf import MAX_LIVE
+from pd_editor.viewer.state import session_shelf
+from pd_editor.viewer.state.session_shelf import MAX_LIVE, SessionShelf
 from pd_editor.viewer.state.workspace import Workspace
 from tests.builders import two_agents_that_pass
 
@@ -32,10 +33,15 @@ def root(tmp_path: Path) -> Path:
 @pytest.fixture
 def workspace(root: Path):
     made = Workspace(
-        open_scenario(root / IDS[0]), dataset=None, journals=root / "journals"
+        open_scenario(root / IDS[0]), dataset=None, shelf=SessionShelf(root)
     )
     yield made
-    made.close()
+    close(made)
+
+
+def close(workspace: Workspace) -> None:
+    workspace.close()
+    workspace.shelf.close()
 
 
 def shift(workspace: Workspace, dx: float) -> None:
@@ -57,9 +63,9 @@ def test_every_scenario_goes_on_with_its_own_edits(workspace: Workspace, root: P
         shift(workspace, 10.0)
         workspace.session.undo()
     assert told[0] == "1 edit of scene-0 is kept"
-    live = workspace._shelf.live
+    live = workspace.shelf.live
     assert len(live) == MAX_LIVE
-    listed = workspace.unfinished_work()
+    listed = workspace.shelf.unfinished()
     assert {work.scenario_id for work in listed} == set(IDS[:-1])
     for number, name in enumerate(IDS):
         workspace.open_reference(str(root / name))
@@ -88,17 +94,17 @@ def test_unfinished_work_is_resumed_and_discarded(workspace: Workspace, root: Pa
     for name in IDS:
         workspace.open_reference(str(root / name))
         shift(workspace, 1.0)
-    listed = workspace.unfinished_work()
+    listed = workspace.shelf.unfinished()
     assert [work.num_edits for work in listed] == [1] * (len(IDS) - 1)
     for work in listed:
         if work.scenario_id in (IDS[0], IDS[-2]):
             workspace.resume(work)
             assert workspace.session.base.scenario_id == work.scenario_id
             assert workspace.session.state.position == 1
-    for work in workspace.unfinished_work():
-        workspace.discard(work)
-    assert workspace.unfinished_work() == []
-    workspace.close()
+    for work in workspace.shelf.unfinished():
+        workspace.shelf.discard(work)
+    assert workspace.shelf.unfinished() == []
+    close(workspace)
     (left,) = find_unfinished(root / "journals")
     assert left.scenario_id == IDS[0]
 
@@ -107,12 +113,12 @@ def test_what_was_exported_is_not_unfinished(workspace: Workspace, root: Path):
     shift(workspace, 1.0)
     workspace.exported_zip()
     workspace.open_reference(str(root / IDS[1]))
-    assert workspace.unfinished_work() == []
+    assert workspace.shelf.unfinished() == []
     workspace.open_reference(str(root / IDS[0]))
     assert workspace.session.state.position == 1
     shift(workspace, 2.0)
     workspace.open_reference(str(root / IDS[1]))
-    assert len(workspace.unfinished_work()) == 1
+    assert len(workspace.shelf.unfinished()) == 1
 
 
 def test_a_state_that_was_taken_out_of_the_basket_is_unfinished(
@@ -125,12 +131,12 @@ def test_a_state_that_was_taken_out_of_the_basket_is_unfinished(
     shift(workspace, 1.0)
     both_ways = workspace.star()
     workspace.exported_zip()
-    assert workspace.unfinished_work() == []
+    assert workspace.shelf.unfinished() == []
     workspace.basket.remove(starred.name)
     workspace.basket.remove(both_ways.name)
-    listed = workspace.unfinished_work()
+    listed = workspace.shelf.unfinished()
     assert [work.scenario_id for work in listed] == [IDS[0]]
-    workspace.close()
+    close(workspace)
     left = find_unfinished(root / "journals")
     assert [work.scenario_id for work in left] == [IDS[0]]
 
@@ -149,8 +155,8 @@ def test_exported_work_goes_on_after_it_fell_out_of_memory(
     for name in IDS[1:]:
         workspace.open_reference(str(root / name))
         shift(workspace, 1.0)
-    assert len(workspace._shelf.live) == MAX_LIVE
-    assert IDS[0] not in {w.scenario_id for w in workspace.unfinished_work()}
+    assert len(workspace.shelf.live) == MAX_LIVE
+    assert IDS[0] not in {w.scenario_id for w in workspace.shelf.unfinished()}
     workspace.open_reference(str(root / IDS[0]))
     assert position(workspace) == pytest.approx(edited)
     assert len(workspace.session.entries) == 1
@@ -158,19 +164,19 @@ def test_exported_work_goes_on_after_it_fell_out_of_memory(
     workspace.session.redo()
     # It is known as exported, and under its name.
     workspace.open_reference(str(root / IDS[1]))
-    assert IDS[0] not in {w.scenario_id for w in workspace.unfinished_work()}
+    assert IDS[0] not in {w.scenario_id for w in workspace.shelf.unfinished()}
     for name in IDS[2:]:
         workspace.open_reference(str(root / name))
         shift(workspace, 1.0)
     if way == "starred":
         assert len(workspace.basket.entries()) == 1
         workspace.basket.remove(starred.name)
-        listed = {w.scenario_id for w in workspace.unfinished_work()}
+        listed = {w.scenario_id for w in workspace.shelf.unfinished()}
         assert IDS[0] in listed
-        workspace.close()
+        close(workspace)
         assert IDS[0] in {w.scenario_id for w in find_unfinished(root / "journals")}
     else:
-        workspace.close()
+        close(workspace)
         left = {w.scenario_id for w in find_unfinished(root / "journals")}
         assert IDS[0] not in left
 
@@ -183,14 +189,14 @@ def test_a_session_that_is_nowhere_on_disk_stays_in_memory(
     for name in IDS:
         workspace.open_reference(str(root / name))
         shift(workspace, 1.0)
-    assert len(workspace._shelf.live) == len(IDS) - 1
+    assert len(workspace.shelf.live) == len(IDS) - 1
     (root / "journals").unlink()
     workspace.retry_journals()
     assert workspace.session.journal_problem is None
     for name in IDS:
         workspace.open_reference(str(root / name))
         assert len(workspace.session.entries) == 1
-    assert len(workspace._shelf.live) == MAX_LIVE
+    assert len(workspace.shelf.live) == MAX_LIVE
 
 
 def test_downloaded_edits_are_opened_as_a_history(workspace: Workspace, root: Path):
@@ -258,7 +264,7 @@ def test_next_reaches_every_folder_whatever_the_ids(tmp_path: Path):
     index = DatasetIndex(root)
     (root / "linked").symlink_to(root / "edited")
     made = Workspace(
-        open_scenario("roundabout"), dataset=index, journals=tmp_path / "journals"
+        open_scenario("roundabout"), dataset=index, shelf=SessionShelf(tmp_path)
     )
     while made.search_on():
         pass
@@ -281,4 +287,113 @@ def test_next_reaches_every_folder_whatever_the_ids(tmp_path: Path):
     assert made.dataset_folder == folders[0]
     made.open_reference(str(folders[-1]))
     assert made.dataset_folder == folders[-1]
-    made.close()
+    close(made)
+
+
+def run_of(root: Path, shelf: SessionShelf | None = None, name: str = IDS[0]):
+    """A tab, of another process unless it shares a shelf."""
+    return Workspace(
+        open_scenario(root / name), dataset=None, shelf=shelf or SessionShelf(root)
+    )
+
+
+def kill(workspace: Workspace) -> None:
+    """Release journals as the system does when a process is killed."""
+    for session in (workspace.session, *workspace.shelf.live):
+        session.close()
+
+
+@pytest.mark.parametrize("way", ["exported", "starred", "edited since", "undone"])
+def test_exported_work_stays_exported_after_a_kill(root: Path, way: str):
+    """Sessions that had been exported came back as unfinished."""
+    first = run_of(root)
+    shift(first, 1.0)
+    if way == "starred":
+        starred = first.star()
+    else:
+        first.exported_zip()
+    if way == "edited since":
+        shift(first, 1.0)
+    if way == "undone":
+        first.session.undo()
+        first.session.redo()
+    kill(first)
+    second = run_of(root, name=IDS[1])
+    left = [work.scenario_id for work in second.shelf.unfinished()]
+    assert left == ([IDS[0]] if way == "edited since" else [])
+    if way == "starred":
+        second.basket.remove(starred.name)
+        assert [work.scenario_id for work in second.shelf.unfinished()] == [IDS[0]]
+        second.open_reference(str(root / IDS[0]))
+        second.basket.put_back(starred.name)
+        assert second.is_starred(), "its entry is known again"
+    close(second)
+
+
+def test_another_branch_at_an_exported_position_is_unfinished(root: Path):
+    first = run_of(root)
+    shift(first, 1.0)
+    first.exported_zip()
+    first.session.undo()
+    shift(first, 2.0)
+    kill(first)
+    second = run_of(root, name=IDS[1])
+    assert [work.num_edits for work in second.shelf.unfinished()] == [1]
+    close(second)
+
+
+def test_old_exported_journals_of_a_killed_process_are_removed(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+):
+    first = run_of(root)
+    for name in IDS[:2]:
+        first.open_reference(str(root / name))
+        shift(first, 1.0)
+    first.exported_zip()
+    kill(first)
+    assert len(find_unfinished(root / "journals")) == 2
+    SessionShelf(root)
+    assert len(find_unfinished(root / "journals")) == 2
+    monkeypatch.setattr(session_shelf, "KEPT_S", -1.0)
+    SessionShelf(root)
+    (left,) = find_unfinished(root / "journals")
+    assert left.scenario_id == IDS[0]
+
+
+def test_opening_a_scenario_after_a_restart_resumes_its_edits(root: Path):
+    """It opened without its edits and without a word."""
+    first = run_of(root)
+    shift(first, 3.0)
+    edited = position(first)
+    kill(first)
+    second = run_of(root, name=IDS[1])
+    told: list[str] = []
+    second.tell = lambda title, body: told.append(f"{title}. {body}")
+    second.open_reference(str(root / IDS[0]))
+    assert position(second) == pytest.approx(edited)
+    assert told == ["Back to scene-0. It goes on with its 1 edit."]
+    second.session.undo()
+    assert second.session.can_redo
+    close(second)
+
+
+def test_all_tabs_of_a_visitor_see_the_same_unfinished_work(root: Path):
+    """One tab counted 4, another one 11."""
+    shelf = SessionShelf(root)
+    one, other = run_of(root, shelf), run_of(root, shelf, IDS[-1])
+    before = shelf.stamp()
+    for name in IDS[:3]:
+        one.open_reference(str(root / name))
+        shift(one, 1.0)
+    assert shelf.stamp() != before
+    assert len(one.shelf.unfinished()) == len(other.shelf.unfinished()) == 2
+    (newest, _) = other.shelf.unfinished()
+    other.resume(newest)
+    assert other.session.base.scenario_id == IDS[1]
+    with pytest.raises(RecipeError, match="open in another tab"):
+        one.resume(newest)
+    assert len(shelf.unfinished()) == 1
+    one.close()
+    other.close()
+    shelf.close()
+    assert len(find_unfinished(root / "journals")) == 3
