@@ -64,7 +64,7 @@ STORIES: Final[tuple[Story, ...]] = (
         family="arterial",
         seed=12,
         demand=_MANY_BUSES,
-        current_step=155,
+        current_step=154,
         focal_id="suv-0036",
         without=("car-0000",),
         cast_seed=1,
@@ -75,7 +75,7 @@ STORIES: Final[tuple[Story, ...]] = (
         family="grid",
         seed=33,
         demand=_MIXED_TOWN,
-        current_step=365,
+        current_step=364,
         focal_id="car-0012",
         without=("car-0028",),
     ),
@@ -85,7 +85,7 @@ STORIES: Final[tuple[Story, ...]] = (
         family="downtown",
         seed=44,
         demand=_DENSE_DOWNTOWN,
-        current_step=155,
+        current_step=154,
         focal_id="car-0214",
         without=("truck-0348", "van-0342"),
     ),
@@ -101,7 +101,7 @@ STORIES: Final[tuple[Story, ...]] = (
             pedestrians_per_km=3,
             parking=_parking(),
         ),
-        current_step=185,
+        current_step=184,
         focal_id="suv-0380",
     ),
     Story(
@@ -110,7 +110,7 @@ STORIES: Final[tuple[Story, ...]] = (
         family="arterial",
         seed=50,
         demand=replace(_CROWDED_TOWN, flow_per_lane=600),
-        current_step=135,
+        current_step=134,
         focal_id="suv-0148",
         without=("car-0057", "pedestrian-0030", "suv-0162"),
     ),
@@ -122,7 +122,7 @@ STORIES: Final[tuple[Story, ...]] = (
         demand=replace(
             _BRISK, flow_per_lane=420, pedestrians_per_km=4, parking=_parking()
         ),
-        current_step=65,
+        current_step=64,
         focal_id="car-0012",
         without=("van-0112",),
     ),
@@ -132,7 +132,7 @@ STORIES: Final[tuple[Story, ...]] = (
         family="downtown",
         seed=49,
         demand=_CROWDED_TOWN,
-        current_step=375,
+        current_step=374,
         focal_id="suv-0133",
         without=("car-0041", "car-0073", "motorcycle-0172"),
     ),
@@ -144,7 +144,7 @@ STORIES: Final[tuple[Story, ...]] = (
         demand=replace(
             _BRISK, flow_per_lane=260, pedestrians_per_km=8, parking=_parking(0.75)
         ),
-        current_step=245,
+        current_step=244,
         focal_id="car-0010",
     ),
 )

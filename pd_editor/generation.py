@@ -136,6 +136,8 @@ class GenerationRequest:
     """Quality of sampled states: "high" takes more denoising steps."""
     refines_states: bool = True
     """Whether sampled states are guided and repaired; if not, they are raw output."""
+    back_casts: bool = True
+    """Whether agents with sampled states get a made-up past."""
     num_samples: int = 1
     num_denoising_steps: int | None = None
     """Denoising steps of trajectories; None: the generator's default."""

@@ -74,6 +74,7 @@ def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
     """
     if recipe.result_id != scenario.scenario_id or not recipe.commands:
         return scenario
+    scenario = scenario.as_referred_to(recipe.base)
     root = recipe.base.root
     labels = "; ".join(command.label for command in recipe.commands[:MAX_LABELS])
     more = len(recipe.commands) - MAX_LABELS

@@ -111,7 +111,7 @@ def straight_drivers(
         heading_rad=heading,
         velocity_mps=np.repeat(velocity[:, None], axis.num_steps, axis=1),
         is_valid=np.ones((count, axis.num_steps), bool),
-        observed=np.tile(steps < axis.current_step, (count, 1)),
+        observed=np.tile(steps <= axis.current_step, (count, 1)),
     )
 
 

@@ -103,7 +103,7 @@ def test_gives_way_to_a_walker_that_is_kept():
         agents, RoadMap(lanes=(straight_lane(1, (-90, 0), (90, 0)),))
     )
     (sample,) = drive(scenario, "100", seed=1)
-    walker = agents.position_m[1, 50:]
+    walker = agents.position_m[1, 49:]
     gap = np.abs(sample.position_m[0] - walker)
     assert not ((gap[:, 0] < 2.3 + 0.35) & (gap[:, 1] < 0.95 + 0.35)).any()
 
@@ -115,7 +115,7 @@ def test_parked_cars_stay_and_walkers_walk_on():
     )
     for sample in drive(scenario_with(agents), num_samples=5):
         assert (np.ptp(sample.position_m[:2], axis=1) == 0).all()
-        assert np.allclose(sample.position_m[2], agents.position_m[2, 50:])
+        assert np.allclose(sample.position_m[2], agents.position_m[2, 49:])
 
 
 def test_a_queue_starts_in_some_samples_only():
@@ -191,7 +191,7 @@ def test_what_it_refuses():
     with pytest.raises(GenerationError, match="seed"):
         drive(scenario, seed=-1)
     gone = scenario.agents.is_valid.copy()
-    gone[0, 50] = False
+    gone[0, 49] = False
     absent = scenario.with_agents(replace(scenario.agents, is_valid=gone))
     with pytest.raises(GenerationError, match="100 is not there"):
         drive(absent, "100")
@@ -208,10 +208,10 @@ def test_agents_off_the_lanes_are_reported_and_go_straight_on():
 
 def test_no_agents_or_no_lanes_is_fine():
     empty = scenario_with(straight_drivers([]))
-    assert drive(empty)[0].position_m.shape == (0, 60, 2)
+    assert drive(empty)[0].position_m.shape == (0, 61, 2)
     bare = scenario_with(straight_drivers([(0, 0, 0, 5)]), RoadMap(lanes=()))
-    assert drive(bare)[0].position_m.shape == (1, 60, 2)
-    axis = TimeAxis(num_steps=52)
+    assert drive(bare)[0].position_m.shape == (1, 61, 2)
+    axis = TimeAxis(num_steps=51)
     last = straight_drivers([(0, 0, 0, 10)], time_axis=axis)
     scenario = replace(bare, agents=last, time_axis=axis)
     assert drive(scenario)[0].position_m.shape == (1, 2, 2)

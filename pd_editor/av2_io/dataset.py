@@ -31,6 +31,8 @@ _CARD_COLUMNS: Final = (
     "num_timestamps",
     "observed",
     "current_step",
+    "start_timestamp",
+    "end_timestamp",
 )
 
 

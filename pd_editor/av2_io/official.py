@@ -7,8 +7,11 @@ from pd_editor.errors import ExportError
 from pd_editor.scene.agent_kind import AgentCategory
 
 
-def check_with_official_loaders(folder: Path) -> None:
+def check_with_official_loaders(folder: Path) -> frozenset[str]:
     """Load a scenario folder with the package ``av2``.
+
+    Returns the ids of the tracks that have a state at the last observed step: loaders of
+    predictors keep these.
 
     Raises:
         ExportError: the folder lacks a file, av2 refuses one, or there is not exactly
@@ -48,3 +51,11 @@ def check_with_official_loaders(folder: Path) -> None:
             f" category 3 are {', '.join(map(repr, focal)) or 'none'}; expected exactly"
             " one track of category 3, the focal one."
         )
+    seen = {
+        track.track_id: max(
+            (one.timestep for one in track.object_states if one.observed), default=-1
+        )
+        for track in scenario.tracks
+    }
+    last = max(seen.values())
+    return frozenset(name for name, step in seen.items() if step == last >= 0)

@@ -26,8 +26,8 @@ from pd_editor.scene.scene_limits import (
 )
 from pd_editor.scene.time_axis import TimeAxis
 
-FIRST_FUTURE_STEP: Final = 50
-"""Argoverse 2: steps 0..49 are observed; the state at 50 is where a forecast starts."""
+PAST_S: Final = TimeAxis().current_step * TimeAxis().step_s
+"""Past of a file that does not tell observed steps from predicted ones."""
 FAST_MPS: Final = 60.0
 """Recorded speeds, and jumps between steps, above this get a note."""
 MAX_HEADING_RAD: Final = 1_000.0
@@ -46,6 +46,7 @@ _OWN_COLUMNS: Final = (
     "width_m",
     "has_known_size",
     "activity",
+    "is_made_up",
     "current_step",
 )
 ACTIVITY_NAMES: Final = {one: one.name.lower() for one in Activity}
@@ -129,37 +130,42 @@ def _time_axis(table: TrackTable) -> tuple[TimeAxis, Int[np.ndarray, "R"]]:
     if is_bad.any():
         expected = f"a step from 0 to {num_steps - 1:g}"
         raise table.row_error("timestep", is_bad, expected)
-    start = table.one_number("start_timestamp")
-    end = table.one_number("end_timestamp")
-    step_s = NOMINAL_STEP_S
-    if num_steps > 1:
-        step_s = (end - start) / (num_steps - 1) * 1e-9
-        if not 1e-3 <= step_s <= 10:
-            raise table.error(
-                f"its timestamps are {step_s:g} s apart; expected 0.1 s between steps."
-            )
-        if abs(step_s - NOMINAL_STEP_S) < 0.02 * NOMINAL_STEP_S:
-            step_s = NOMINAL_STEP_S
     axis = TimeAxis(
         num_steps=int(num_steps),
         current_step=current_step_of(table, step, int(num_steps)),
-        step_s=step_s,
-        start_timestamp_ns=start,
-        end_timestamp_ns=end,
+        step_s=_step_s(table, int(num_steps)),
+        start_timestamp_ns=table.one_number("start_timestamp"),
+        end_timestamp_ns=table.one_number("end_timestamp"),
     )
     return axis, step
+
+
+def _step_s(table: TrackTable, num_steps: int) -> float:
+    """Time between two steps; what is nearly 0.1 s is 0.1 s."""
+    if num_steps == 1:
+        return NOMINAL_STEP_S
+    end, start = table.one_number("end_timestamp"), table.one_number("start_timestamp")
+    step_s = (end - start) / (num_steps - 1) * 1e-9
+    if not 1e-3 <= step_s <= 10:
+        raise table.error(
+            f"its timestamps are {step_s:g} s apart; expected 0.1 s between steps."
+        )
+    is_nominal = abs(step_s - NOMINAL_STEP_S) < 0.02 * NOMINAL_STEP_S
+    return NOMINAL_STEP_S if is_nominal else step_s
 
 
 def current_step_of(
     table: TrackTable, step: Int[np.ndarray, "R"], num_steps: int
 ) -> int:
-    """Current step of a table: its own column says it, or the first predicted step.
+    """Current step of a table: its own column says it, or the last observed step.
 
     Raises:
         ScenarioFileError: the column says a step that is not there.
     """
     if "current_step" not in table.table.column_names:
-        return default_current_step(step, table.flags("observed"))
+        return default_current_step(
+            step, table.flags("observed"), _step_s(table, num_steps)
+        )
     current = table.one_number("current_step")
     if not (0 <= current < num_steps and current == int(current)):
         raise table.error(
@@ -170,12 +176,16 @@ def current_step_of(
 
 
 def default_current_step(
-    step: Int[np.ndarray, "R"], observed: Bool[np.ndarray, "R"]
+    step: Int[np.ndarray, "R"], observed: Bool[np.ndarray, "R"], step_s: float
 ) -> int:
-    """Current step of a file that does not store one."""
-    if step.max() >= FIRST_FUTURE_STEP:
-        return FIRST_FUTURE_STEP
-    return int(step[observed].max() if observed.any() else step.max())
+    """Current step of a file that does not store one: the last observed step.
+
+    A file that tells observed steps from predicted ones nowhere has the past of
+    Argoverse 2, in seconds, if it is longer.
+    """
+    if 0 < observed.sum() < len(observed):
+        return int(step[observed].max())
+    return min(int(step.max()), round(PAST_S / step_s))
 
 
 def _check_numbers(
@@ -292,7 +302,16 @@ def _agents(
         is_valid=unfolded(np.ones(len(table), bool)),
         observed=unfolded(table.flags("observed")),
         activity=_activities(table, track, len(ids)),
+        has_made_up_past=_have_made_up_past(table, track, len(ids)),
     )
+
+
+def _have_made_up_past(
+    table: TrackTable, track: Int[np.ndarray, "R"], num_agents: int
+) -> Bool[np.ndarray, "A"]:
+    if "is_made_up" not in table.table.column_names:
+        return np.zeros(num_agents, bool)
+    return np.bincount(track[table.flags("is_made_up")], minlength=num_agents) > 0
 
 
 def _per_track(

@@ -1,8 +1,9 @@
 """Writer of Argoverse 2 motion forecasting tracks (parquet).
 
 Files have additional columns that ``av2`` ignores: ``length_m``, ``width_m`` and
-``has_known_size`` always, ``activity`` where that of any agent is known, and
-``current_step`` where it does not follow from the rows.
+``has_known_size`` always, ``activity`` where that of any agent is known,
+``is_made_up`` where any past is, and ``current_step`` where it does not follow from the
+rows.
 """
 
 import io
@@ -45,7 +46,7 @@ def tracks_bytes(scenario: Scenario) -> bytes:
         "focal_track_id": pa.scalar(scenario.focal_id),
         "city": pa.scalar(scenario.city),
     }
-    if default_current_step(step, observed) != axis.current_step:
+    if default_current_step(step, observed, axis.step_s) != axis.current_step:
         same["current_step"] = pa.scalar(axis.current_step, pa.int64())
     for name, value in scenario.source_fields.items():
         same.setdefault(name, _source_scalar(value))
@@ -56,6 +57,9 @@ def tracks_bytes(scenario: Scenario) -> bytes:
     if agents.activity.any():
         names = [ACTIVITY_NAMES[Activity(int(one))] for one in agents.activity]
         columns["activity"] = pa.array(names, pa.string()).take(pa.array(row))
+    if agents.has_made_up_past.any():
+        is_made_up = agents.has_made_up_past[row] & (step < axis.current_step)
+        columns["is_made_up"] = pa.array(is_made_up)
     sink = io.BytesIO()
     pq.write_table(pa.table(columns), sink)
     return sink.getvalue()

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
+import numpy as np
 import tyro
 
 from pd_editor.av2_io.official import check_with_official_loaders
@@ -80,17 +81,38 @@ def export(
         return Outcome(
             folders=(_zipped(Path(out), sessions, overwrite),), scenarios=opened
         )
-    written = []
+    written, remarks = [], []
     for session in sessions:
         folder = write_session(out, session, overwrite=overwrite)
         if verify:
-            check_with_official_loaders(folder)
-            open_scenario(folder)
-            read_recipe(folder)
+            remarks.append(_verified(folder))
         written.append(folder)
-    checked = "Loaded again with av2's own loaders and the editor's reader."
-    remarks = (checked,) if verify else ()
-    return Outcome(folders=tuple(written), scenarios=opened, remarks=remarks)
+    return Outcome(folders=tuple(written), scenarios=opened, remarks=tuple(remarks))
+
+
+def _verified(folder: Path) -> str:
+    """Load a written folder with all loaders, and say what they see.
+
+    Raises:
+        ExportError: a loader refuses it, or misses an agent.
+        InputError: the editor's own reader refuses it.
+    """
+    visible, scenario = check_with_official_loaders(folder), open_scenario(folder)
+    read_recipe(folder)
+    agents, now = scenario.agents, scenario.current_step
+    present = [agents.ids[row] for row in np.flatnonzero(agents.is_valid[:, now])]
+    hidden = [name for name in present if name not in visible]
+    if hidden:
+        raise ExportError(
+            f"{folder}: loaders do not see agent {hidden[0]}"
+            + (f" and {len(hidden) - 1} more" if hidden[1:] else "")
+            + " at the last observed step; sample them again, with a past."
+        )
+    return (
+        "Loaded again with av2's own loaders and the editor's reader; "
+        f"{len(present)} of {len(present)} agents are visible to loaders at the last "
+        "observed step."
+    )
 
 
 def _session(reference: str, variant: Variant) -> EditorSession:

@@ -123,6 +123,7 @@ def generate(
     replace_ego_and_focal: Switch = False,
     moving_share: ShareOption = None,
     only_on_road: Switch = False,
+    no_past: Switch = False,
     region: RegionOption = None,
     only_kinds: KindsOption = (),
     lock: LocksOption = (),
@@ -155,6 +156,7 @@ def generate(
         replace_ego_and_focal: Let new agents replace the ego and the focal agent as well.
         moving_share: Fraction of the sampled agents of each kind that moves, 0 to 1.
         only_on_road: Sample no vehicles far from lanes, such as on parking lots.
+        no_past: Give agents whose states are sampled no made-up past; loaders that look for agents at the last observed steps then see a single state of them.
         region: Square in metres of the scene or of the city: agents in it alone are regenerated, resampled or replaced, and states are sampled in it.
         only_kinds: Kinds of the agents that are regenerated, resampled or replaced; the others are kept.
         lock: What is kept of single agents, as ID=WHAT: state, trajectory, or the first seconds of it, such as AV=2.5.
@@ -205,6 +207,7 @@ def generate(
         else (),
         moving_share=moving_share,
         only_on_road=only_on_road,
+        back_casts=not no_past,
         region=asked_region if resample_states or num_agents else None,
         quality=quality,
         num_samples=samples,

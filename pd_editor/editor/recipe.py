@@ -177,13 +177,14 @@ class Recipe:
         )
 
 
-def check_base(reference: BaseReference, base: Scenario) -> None:
-    """Raise for another base scenario, or other contents under the same id.
+def checked_base(reference: BaseReference, base: Scenario) -> Scenario:
+    """The base scenario, with the current step that its reference names.
 
     Raises:
-        RecipeError: id or contents differ.
+        RecipeError: it is another scenario, or has other contents under the same id.
     """
     reference.check_contents(base.scenario_id, base.provenance.content_sha256)
+    return base.as_referred_to(reference)
 
 
 def replay(
@@ -198,9 +199,11 @@ def replay(
     Raises:
         RecipeError: the base differs, or an entry does not apply.
     """
-    if not allow_other_base:
-        check_base(recipe.base, base)
-    scenario = base
+    scenario = (
+        base.as_referred_to(recipe.base)
+        if allow_other_base
+        else checked_base(recipe.base, base)
+    )
     for number, command in enumerate(recipe.commands, start=1):
         scenario = applied(command, scenario, number)
         if on_step is not None:
@@ -232,8 +235,7 @@ def regenerate(
         RecipeError: as ``replay``, or an entry was sampled by another generator.
         GenerationError: the generator refused.
     """
-    check_base(recipe.base, base)
-    scenario = base
+    scenario = checked_base(recipe.base, base)
     checked: list[RegeneratedEntry] = []
     for number, command in enumerate(recipe.commands, start=1):
         fresh = command

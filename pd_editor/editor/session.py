@@ -12,7 +12,7 @@ from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.edit_findings import unrun_terms
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
-from pd_editor.editor.recipe import MAX_COMMANDS, Recipe, check_base, moment
+from pd_editor.editor.recipe import MAX_COMMANDS, Recipe, checked_base, moment
 from pd_editor.editor.variant import ExportMark, Variant, proposed_name
 from pd_editor.errors import EditError, PdEditorError, RecipeError
 from pd_editor.scene.scenario import Scenario
@@ -128,8 +128,7 @@ class EditorSession:
         Raises:
             RecipeError: the base differs, or a command does not apply.
         """
-        check_base(recipe.base, base)
-        session = cls(base, journal=journal)
+        session = cls(checked_base(recipe.base, base), journal=journal)
         try:
             for number, command in enumerate(recipe.commands, start=1):
                 try:

@@ -24,8 +24,8 @@ from pd_editor.editor.journal import (
     whole_lines,
 )
 from pd_editor.editor.recipe import (
-    check_base,
     check_version,
+    checked_base,
     parsed_json,
     variant_from_json,
 )
@@ -138,7 +138,7 @@ def restore(
         RecipeError: the base differs, a line does not apply, or another session has
             resumed the work meanwhile.
     """
-    check_base(work.base, base)
+    base = checked_base(work.base, base)
     journal = Journal.resumed(work.path, clock=clock)
     try:
         replay_clock = _ReplayClock(live=clock)

@@ -142,6 +142,20 @@ class PlannedPaths:
     """Index into the choice; -1 without a route."""
     choice: RouteChoice
 
+    def beyond_lanes_m(
+        self, path: Int[np.ndarray, "K"], reached_m: Float[np.ndarray, "K H"]
+    ) -> Float[np.ndarray, "K H"]:
+        """Length that is driven straight on beyond the end of the map's lanes."""
+        choice, route = self.choice, self.route[path]
+        ends = np.array(
+            [one.extends_m if one.is_dead_end else np.inf for one in choice.routes]
+        )
+        beyond = np.zeros_like(reached_m)
+        on_route = route >= 0
+        along = choice.along_m[route[on_route], None] + reached_m[on_route]
+        beyond[on_route] = np.maximum(along - ends[route[on_route], None], 0.0)
+        return beyond
+
 
 def plan_paths(road_map: RoadMap, start: Start, duration_s: float) -> PlannedPaths:
     """Paths along routes; agents without a route get free paths."""

@@ -240,17 +240,6 @@ def _packed(chosen: _Chosen, step_s: float, max_candidates: int) -> CandidateSet
     velocity = velocity_of(position, start.velocity_mps[agent], step_s)
     heading[:, 0] = start.heading_rad[agent]
     choice = plans.choice
-    ends = np.array(
-        [one.extends_m if one.is_dead_end else np.inf for one in choice.routes]
-    )
-    beyond = np.zeros(len(path))
-    on_route = route >= 0
-    beyond[on_route] = np.maximum(
-        choice.along_m[route[on_route]]
-        + reached_m[on_route, -1]
-        - ends[route[on_route]],
-        0,
-    )
     lanes: list[list[tuple[int, ...]]] = [[] for _ in start.kinds]
     for index, one in zip(agent.tolist(), route.tolist(), strict=True):
         lanes[index].append(choice.routes[one].lane_ids if one >= 0 else ())
@@ -262,7 +251,7 @@ def _packed(chosen: _Chosen, step_s: float, max_candidates: int) -> CandidateSet
         lane_ids=tuple(map(tuple, lanes)),
         target_speed_mps=placed(chosen.target_mps),
         lateral_shift_m=placed(plans.shift_m[path]),
-        beyond_lanes_m=placed(beyond),
+        beyond_lanes_m=placed(plans.beyond_lanes_m(path, reached_m[:, -1:])[:, 0]),
         is_standstill=placed(chosen.stands),
         is_lane_change=placed(plans.role[path] == Role.CHANGE),
         has_lane=np.isin(np.arange(shape[0]), choice.agent),

@@ -26,8 +26,8 @@ from pd_editor.scene.time_axis import TimeAxis
 
 SIDE_M: Final = 200.0
 """Side of the square around the window's centre whose agents are in a scenario."""
-PAST_STEPS: Final = 50
-FUTURE_STEPS: Final = 59
+PAST_STEPS: Final = TimeAxis().current_step
+FUTURE_STEPS: Final = TimeAxis().num_future_steps
 MIN_TRACK_STEPS: Final = 10
 MEAN_NUM_SCORED: Final = 2.6
 _NEAR_M: Final = 14.0
@@ -165,7 +165,7 @@ def _gathered(
         heading_rad=np.where(is_valid, recording.heading_rad[row], 0.0),
         velocity_mps=np.where(is_valid[..., None], recording.velocity_mps[row], 0.0),
         is_valid=is_valid,
-        observed=is_valid & (np.arange(num_steps) < current),
+        observed=is_valid & (np.arange(num_steps) <= current),
         activity=true_activity(recording.is_parked[there], speed).astype(np.int8),
     )
 
@@ -240,6 +240,6 @@ def _finished(
         heading_rad=np.where(is_valid, tracks.heading_rad[rows], 0.0),
         velocity_mps=np.where(is_valid[..., None], tracks.velocity_mps[rows], 0.0),
         is_valid=is_valid,
-        observed=is_valid & (np.arange(tracks.num_steps) < current),
+        observed=is_valid & (np.arange(tracks.num_steps) <= current),
         activity=tracks.activity[rows],
     )

@@ -25,13 +25,18 @@ class AgentTracks(AgentStates):
     """Argoverse 2's ``observed``: whether the step belongs to the given past."""
     activity: Int[np.ndarray, "A"] = field(default_factory=lambda: np.zeros(0, np.int8))
     """``Activity`` of each agent at the current step; empty if unknown for all."""
+    has_made_up_past: Bool[np.ndarray, "A"] = field(
+        default_factory=lambda: np.zeros(0, bool)
+    )
+    """Whether the states before the current step are made up; empty: of none."""
 
     def __post_init__(self) -> None:
         num_agents = len(self.ids)
         assert len(self.kinds) == len(self.categories) == num_agents
         assert len(set(self.ids)) == num_agents, "agent ids must be unique"
-        if not len(self.activity):
-            object.__setattr__(self, "activity", np.zeros(num_agents, np.int8))
+        for name, kind in (("activity", np.int8), ("has_made_up_past", bool)):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros(num_agents, kind))
         for one in fields(self):
             value = getattr(self, one.name)
             if isinstance(value, np.ndarray):

@@ -20,6 +20,8 @@ class BaseReference:
     """Whether its road was warped already."""
     edited_ids: tuple[str, ...] = ()
     """Ids of its agents that were generated or edited already."""
+    current_step: int | None = None
+    """Its current step; None in files written when that was the first predicted step."""
 
     @property
     def root(self) -> "BaseReference":

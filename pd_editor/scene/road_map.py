@@ -90,6 +90,21 @@ class Lane:
         """Outline of the lane as an open ring: left boundary, then the right one reversed."""
         return np.concatenate([self.left_m, self.right_m[::-1]])
 
+    def reversed(self) -> "Lane":
+        """The lane in the opposite driving direction."""
+        return replace(
+            self,
+            centerline=self.centerline[::-1],
+            left=self.right[::-1],
+            right=self.left[::-1],
+            left_mark=self.right_mark,
+            right_mark=self.left_mark,
+            successors=self.predecessors,
+            predecessors=self.successors,
+            left_neighbor=self.right_neighbor,
+            right_neighbor=self.left_neighbor,
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Crosswalk:
@@ -171,6 +186,11 @@ class RoadMap:
             ),
             source_fields=self.source_fields,
         )
+
+    @cached_property
+    def reversed(self) -> "RoadMap":
+        """The map with all lanes in the opposite direction, to follow them backwards."""
+        return replace(self, lanes=tuple(lane.reversed() for lane in self.lanes))
 
     @cached_property
     def dense(self) -> "RoadMap":

@@ -16,6 +16,8 @@ from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.time_axis import TimeAxis
 
+_FORMER_STEP: Final = 50
+"""Current step of recipes that do not name theirs: Argoverse 2's first predicted step."""
 EGO_ID: Final = "AV"
 """Track id of the recording vehicle in Argoverse 2."""
 
@@ -110,6 +112,40 @@ class Scenario:
             base=self.provenance.base,
             is_bent=self.provenance.is_bent,
             edited_ids=tuple(sorted(self.provenance.edited_ids)),
+            current_step=self.current_step,
+        )
+
+    def as_referred_to(self, reference: BaseReference) -> "Scenario":
+        """This scenario as opened, with the current step that a reference names."""
+        step = reference.current_step
+        if step is None:
+            last = self.time_axis.num_steps - 1
+            step = _FORMER_STEP if last >= _FORMER_STEP else self.current_step
+        return self.at_step(min(step, self.time_axis.num_steps - 1))
+
+    def at_step(self, current_step: int) -> "Scenario":
+        """This scenario as opened, with another current step and the origin of that one.
+
+        Origins are whole metres, so positions in the city frame stay what they are.
+        """
+        if current_step == self.current_step:
+            return self
+        axis = replace(self.time_axis, current_step=current_step)
+        row = self.agents.row_of.get(self.focal_id)
+        shift = np.zeros(2)
+        if row is not None and (there := self.agents.is_valid[row]).any():
+            steps = np.flatnonzero(there)
+            nearest = steps[np.abs(steps - current_step).argmin()]
+            place = self.agents.position_m[row, nearest] + self.origin_city_m
+            shift = self.origin_city_m - np.rint(place)
+        is_valid = self.agents.is_valid[..., None]
+        position = np.where(is_valid, self.agents.position_m + shift, 0.0)
+        return replace(
+            self,
+            time_axis=axis,
+            origin_city_m=self.origin_city_m - shift,
+            road_map=self.road_map.moved(lambda points: points + shift),
+            agents=replace(self.agents, position_m=position),
         )
 
     @property

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -12,8 +12,11 @@ class TimeAxis:
 
     num_steps: int = 110
     """Number of steps T."""
-    current_step: int = 50
-    """Step that edits act on; later steps are the future."""
+    current_step: int = 49
+    """Step that edits act on (t = 0): the last observed one, as Argoverse 2 has it.
+
+    Later steps are the future: 60 of them, 6.0 s.
+    """
     step_s: float = 0.1
     start_timestamp_ns: float = 0.0
     """Time of the first step, as the source file has it."""
@@ -33,6 +36,11 @@ class TimeAxis:
     def duration_s(self) -> float:
         """Time from the first to the last step."""
         return (self.num_steps - 1) * self.step_s
+
+    @property
+    def is_past(self) -> Bool[np.ndarray, "T"]:
+        """Whether each step is observed: the current one and those before it."""
+        return np.arange(self.num_steps) <= self.current_step
 
     def times_s(self) -> Float[np.ndarray, "T"]:
         """Time of each step, zero at the current one."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Float32
 
 from pd_editor.errors import GenerationError
 from pd_editor.scene.activity import Activity
@@ -50,3 +50,33 @@ class TrafficSample:
             velocity_mps=self.velocity_mps[rows],
             activity=tuple(self.activity[row] for row in rows if self.activity),
         )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MadeUpPast:
+    """Made-up motion of G agents at the P steps before the current one."""
+
+    ids: tuple[str, ...]
+    num_steps: tuple[int, ...]
+    """Number of the last steps at which each agent exists; it enters the scene then."""
+    position_m: Float32[np.ndarray, "G P 2"]
+    heading_rad: Float32[np.ndarray, "G P"]
+    velocity_mps: Float32[np.ndarray, "G P 2"]
+
+    def __post_init__(self) -> None:
+        for name in ("position_m", "heading_rad", "velocity_mps"):
+            check_finite(name, getattr(self, name), self.ids, ("step",))
+        steps = self.heading_rad.shape[1]
+        if len(self.num_steps) != len(self.ids) or not all(
+            0 <= count <= steps for count in self.num_steps
+        ):
+            raise GenerationError(
+                "The made-up past needs a number of steps for each agent, from 0 to"
+                f" {steps}."
+            )
+
+    @property
+    def exists(self) -> Bool[np.ndarray, "G P"]:
+        """Whether each agent exists at each step."""
+        steps = self.heading_rad.shape[1]
+        return np.arange(steps) >= steps - np.array(self.num_steps, int)[:, None]

@@ -6,7 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pd_editor.av2_io.tracks_file import TracksFile, read_tracks
+from pd_editor.av2_io.tracks_file import (
+    TracksFile,
+    default_current_step,
+    read_tracks,
+)
 from pd_editor.av2_io.tracks_writer import tracks_bytes
 from pd_editor.errors import ScenarioFileError
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
@@ -153,7 +157,7 @@ def test_columns_and_types_are_the_official_ones() -> None:
 def test_origin_is_the_focal_agents_place_in_whole_metres() -> None:
     found = read(TRACKS)
     np.testing.assert_array_equal(found.origin_city_m, [1000.0, -2000.0])
-    np.testing.assert_allclose(found.agents.position_m[0, 50], 0, atol=1e-9)
+    np.testing.assert_allclose(found.agents.position_m[0, 49], 0, atol=1e-9)
 
 
 def test_observed_rows_only_make_the_last_observed_step_current() -> None:
@@ -161,6 +165,26 @@ def test_observed_rows_only_make_the_last_observed_step_current() -> None:
     found = read(rows(np.flatnonzero(step < 50)))
     assert found.time_axis.current_step == 49
     assert found.time_axis.num_steps == 110
+
+
+@pytest.mark.parametrize(
+    ("num_steps", "num_observed", "step_s", "expected"),
+    [
+        (110, 50, 0.1, 49),
+        (110, 80, 0.1, 79),
+        (50, 50, 0.1, 49),
+        (110, 110, 0.1, 49),
+        (110, 0, 0.1, 49),
+        (22, 22, 0.5, 10),
+        (22, 11, 0.5, 10),
+        (5, 5, 0.5, 4),
+    ],
+)
+def test_the_last_observed_step_is_current_or_the_usual_past_is_taken(
+    num_steps: int, num_observed: int, step_s: float, expected: int
+) -> None:
+    step = np.arange(num_steps)
+    assert default_current_step(step, step < num_observed, step_s) == expected
 
 
 def test_agents_come_in_the_order_of_their_first_rows() -> None:

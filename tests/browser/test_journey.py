@@ -114,7 +114,7 @@ def test_a_candidate_clicked_on_the_road_is_adopted(editor):
     editor.press("Show possible trajectories")
     fan = editor.until(lambda: editor._tab().picture.candidates.shown, "the fan")
     agents = session.scenario.agents
-    others = agents.position_m[agents.is_valid[:, 50], 50]
+    others = agents.position_m[agents.is_valid[:, 49], 49]
     moving = np.flatnonzero(fan.is_valid[0] & ~fan.is_standstill[0])
     paths = fan.position_m[0, moving]
     gap = np.linalg.norm(paths[:, :, None] - others, axis=-1).min(axis=-1)
@@ -145,7 +145,7 @@ def test_a_candidate_chosen_in_the_list_is_adopted(editor):
     editor.press("Use this trajectory")
     editor.until(lambda: len(session.entries) == 1, "the adoption")
     index = int(np.flatnonzero(view.is_valid[0])[labels_shown.index(still) - 1])
-    future = session.scenario.agents.position_m[session_row, 50:]
+    future = session.scenario.agents.position_m[session_row, 49:]
     assert np.allclose(future, view.position_m[0, index], atol=1e-4)
 
 
@@ -164,8 +164,8 @@ def test_place_duplicate_turn_and_delete(editor):
     agents = session.scenario.agents
     row = agents.row_of[placed]
     assert agents.kinds[row] is AgentKind.BUS
-    assert not agents.is_valid[row, :50].any()
-    assert agents.is_valid[row, 50:].all()
+    assert not agents.is_valid[row, :49].any()
+    assert agents.is_valid[row, 49:].all()
 
     editor.fill("Heading (deg)", 30)
     editor.until(

@@ -75,7 +75,7 @@ def test_right_clicks_offer_what_there_is_to_do(editor):
     right_click(editor, point)
     item(editor, "Place a vehicle here").click()
     editor.until(lambda: len(session.scenario.agents) == before + 1, "a new agent")
-    assert np.linalg.norm(session.scenario.agents.position_m[-1, 50] - point) < 0.3
+    assert np.linalg.norm(session.scenario.agents.position_m[-1, 49] - point) < 0.3
 
     # Escape closes the menu and nothing else.
     selection = session.selection
@@ -104,7 +104,7 @@ def test_selecting_all_the_others_and_the_same_kind(editor):
     """(D34)"""
     session = editor.session
     agents = session.scenario.agents
-    present = set(np.array(agents.ids)[agents.is_valid[:, 50]])
+    present = set(np.array(agents.ids)[agents.is_valid[:, 49]])
     editor.key("Control+a")
     editor.until(lambda: set(session.selection) == present, "all")
     assert editor.page.evaluate("getSelection().toString()") == ""

@@ -65,8 +65,8 @@ def test_placing_shows_its_mode_and_turns_by_dragging(editor):
     editor.drag_pixels(start, end)
     agents, row = placed(editor, before + 1)
     assert agents.kinds[row] is AgentKind.BUS
-    assert agents.heading_rad[row, 50] == pytest.approx(np.pi / 4, abs=0.05)
-    assert np.linalg.norm(agents.position_m[row, 50] - point) < 0.3
+    assert agents.heading_rad[row, 49] == pytest.approx(np.pi / 4, abs=0.05)
+    assert np.linalg.norm(agents.position_m[row, 49] - point) < 0.3
     assert np.allclose(editor.client.camera.position, view, atol=0.01)
     assert len(session.entries) == 1
 
@@ -93,7 +93,7 @@ def test_placing_in_the_top_view_draws_no_box(editor):
     point, _ = focal_ahead(editor, 14.0)
     editor.drag(point, point + np.array([-8.0, 0.0]))
     agents, row = placed(editor, before + 1)
-    assert abs(abs(agents.heading_rad[row, 50]) - np.pi) < 0.05
+    assert abs(abs(agents.heading_rad[row, 49]) - np.pi) < 0.05
     assert session.selection == (agents.ids[row],)
 
 
@@ -105,18 +105,20 @@ def test_edits_away_from_t_0_bring_the_playhead_there(editor):
     banner(editor).get_by_text("You see t = 3.1 s; edits act at t = 0 s.").wait_for()
     editor.screenshot("10_other_time")
     editor.press("Go to t = 0")
-    editor.until(lambda: playback.step == 50, "t = 0")
+    editor.until(lambda: playback.step == playback.axis.current_step, "t = 0")
     banner(editor).wait_for(state="hidden")
 
     editor.seek(3.1)
     editor.key("p")
-    editor.until(lambda: playback.step == 50, "placing to begin at t = 0")
+    editor.until(
+        lambda: playback.step == playback.axis.current_step, "placing to begin at t = 0"
+    )
     editor.seek(3.1)
     point, _ = focal_ahead(editor, 15.0)
     editor.click_at(point)
     agents, row = placed(editor, before + 1)
-    assert np.linalg.norm(agents.position_m[row, 50] - point) < 0.3
-    assert playback.step == 50
+    assert np.linalg.norm(agents.position_m[row, 49] - point) < 0.3
+    assert playback.step == playback.axis.current_step
     poses = editor.until(
         lambda: (
             (p := editor._tab().picture.agents.poses) and len(p.position_m) > row and p
@@ -130,7 +132,7 @@ def test_edits_away_from_t_0_bring_the_playhead_there(editor):
     editor.open_tab("Agents")
     editor.fill("Speed (m/s)", 3.0)
     editor.until(lambda: len(session.entries) == 2, "a speed")
-    assert playback.step == 50
+    assert playback.step == playback.axis.current_step
 
 
 def test_a_drag_away_from_t_0_moves_nothing(editor):
@@ -141,7 +143,7 @@ def test_a_drag_away_from_t_0_moves_nothing(editor):
     row = opened.agents.row_of[opened.focal_id]
     x, y = editor._tab().picture.agents.poses.position_m[row]
     editor.drag((x, y, 1.2), (x + 4.0, y + 3.0, 1.2))
-    editor.until(lambda: playback.step == 50, "t = 0")
+    editor.until(lambda: playback.step == playback.axis.current_step, "t = 0")
     assert session.scenario is opened
     assert not session.entries
     assert session.selection == (opened.focal_id,)

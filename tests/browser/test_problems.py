@@ -126,7 +126,7 @@ def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
 
     # A tick of the timeline leads there as well.
     last = watch.new[-1]
-    name = f"Problem at {(last.first_step - 50) / 10:.1f} s"
+    name = f"Problem at {(last.first_step - session.scenario.current_step) / 10:.1f} s"
     page.get_by_role("button", name=name).click()
     editor.until(lambda: playback.step == last.first_step, "the tick's time")
     editor.until(lambda: session.selection == last.agent_ids, "the tick's agents")
@@ -161,12 +161,12 @@ def test_what_cannot_help_is_not_offered(editor):
     other = next(
         row
         for row in range(len(scenario.agents))
-        if scenario.agents.is_valid[row, 50]
+        if scenario.agents.is_valid[row, 49]
         and scenario.agents.kinds[row] == scenario.agents.kinds[focal]
         and scenario.agents.ids[row] not in (scenario.focal_id, "AV")
     )
     dx, dy = (
-        scenario.agents.position_m[focal, 50] - scenario.agents.position_m[other, 50]
+        scenario.agents.position_m[focal, 49] - scenario.agents.position_m[other, 49]
     )
     name = scenario.agents.ids[other]
     move = TransformAgents(agent_ids=(name,), dx_m=float(dx), dy_m=float(dy))

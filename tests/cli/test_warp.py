@@ -73,7 +73,7 @@ def test_friction_slows_agents(tmp_path: Path):
 
 def travelled_m(agents):
     """Way from the current step on."""
-    steps = np.diff(agents.position_m[:, 50:], axis=1)
+    steps = np.diff(agents.position_m[:, 49:], axis=1)
     return np.linalg.norm(steps, axis=-1).cumsum(axis=1)
 
 

@@ -30,6 +30,7 @@ from tests.editor.random_edits import random_command
 from tests.editor.same_scenario import same_scenario
 
 BASE = busy_scenario()
+NOW = BASE.current_step
 ROOT = Path(__file__).parents[2]
 
 
@@ -90,12 +91,12 @@ def test_a_killed_process_loses_nothing_that_was_committed(tmp_path: Path):
         "tracks.parquet": b"PAR1",
     }
     session = restored(work, BASE)
-    assert session.scenario.agents.position_m[0, 50, 0] == sum(range(1, 7))
+    assert session.scenario.agents.position_m[0, NOW, 0] == sum(range(1, 7))
     assert session.state.position == 6
     assert session.state.num_entries == 7
     assert session.selection == ("100", "101")
     session.redo()
-    assert session.scenario.agents.position_m[0, 50, 0] == sum(range(1, 8))
+    assert session.scenario.agents.position_m[0, NOW, 0] == sum(range(1, 8))
     session.jump_to(0)
     assert session.scenario is BASE
 
@@ -170,7 +171,7 @@ def test_a_torn_last_line_is_ignored_and_written_over(tmp_path: Path, torn: byte
     session.close()
     assert path.read_bytes().startswith(whole + b'{"do": "commit"')
     (work,) = find_unfinished(tmp_path)
-    assert restored(work, BASE).scenario.agents.position_m[0, 50, 0] == 7
+    assert restored(work, BASE).scenario.agents.position_m[0, NOW, 0] == 7
 
 
 def test_every_prefix_of_a_journal_is_a_journal(tmp_path: Path):
@@ -221,7 +222,7 @@ def test_an_exchange_keeps_both_journals(tmp_path: Path):
     other = restored(work, BASE)
     session.exchange(other)
     assert heard == [2]
-    assert session.scenario.agents.position_m[0, 50, 0] == 3
+    assert session.scenario.agents.position_m[0, NOW, 0] == 3
     session.undo()
     other.apply(shift(1.0))
     session.close()
@@ -336,7 +337,7 @@ def test_a_disk_that_fails_is_tried_again_and_nothing_is_lost(tmp_path: Path, ca
     session.apply(shift(4.0))
     session.close()
     (work,) = find_unfinished(blocked / "folder")
-    assert restored(work).scenario.agents.position_m[0, 50, 0] == 6
+    assert restored(work).scenario.agents.position_m[0, NOW, 0] == 6
 
 
 def test_a_full_disk_leaves_whole_lines_and_the_rest_follows(tmp_path, monkeypatch):
@@ -361,7 +362,7 @@ def test_a_full_disk_leaves_whole_lines_and_the_rest_follows(tmp_path, monkeypat
     assert session.journal_problem is None
     session.close()
     (work,) = find_unfinished(tmp_path)
-    assert restored(work).scenario.agents.position_m[0, 50, 0] == 7
+    assert restored(work).scenario.agents.position_m[0, NOW, 0] == 7
 
 
 def test_a_journal_that_was_deleted_is_written_again(tmp_path: Path):
@@ -379,4 +380,4 @@ def test_a_journal_that_was_deleted_is_written_again(tmp_path: Path):
     session.close()
     (work,) = find_unfinished(folder)
     assert [path.name for path in work.base_files] == ["map.json"]
-    assert restored(work).scenario.agents.position_m[0, 50, 0] == 7
+    assert restored(work).scenario.agents.position_m[0, NOW, 0] == 7

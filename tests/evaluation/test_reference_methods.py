@@ -33,7 +33,7 @@ def test_constant_velocity_moves_by_velocity_times_time():
     wanted = request(states=[(5.0, 1.0, 0.3, 7.0)])
     (view,) = REFERENCE_METHODS["constant-velocity"].traffic(wanted)
     way = view.agents.position_m[0, -1] - view.agents.position_m[0, 0]
-    np.testing.assert_allclose(way, 5.9 * 7 * np.array([np.cos(0.3), np.sin(0.3)]))
+    np.testing.assert_allclose(way, 6.0 * 7 * np.array([np.cos(0.3), np.sin(0.3)]))
 
 
 def test_no_candidate_is_nearer_than_the_best_one():

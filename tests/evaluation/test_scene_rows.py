@@ -61,7 +61,7 @@ def test_known_values_of_known_traffic(tmp_path):
             "vehicle",
             "movers",
         )
-    assert [one["path_length"] for one in log] == pytest.approx([59.0, 0.0], abs=1e-3)
+    assert [one["path_length"] for one in log] == pytest.approx([60.0, 0.0], abs=1e-3)
     for sample in (0, 1):
         first, second = rows_of(rows, "sideways", sample)
         assert second["ade"] == pytest.approx(1 + sample, abs=1e-3)
@@ -132,7 +132,7 @@ def test_what_is_not_valid_is_null(tmp_path):
 def test_a_method_that_fails_stops_no_other(tmp_path, name, reason):
     rows = judged(tmp_path, "ground-truth", name, "sideways")
     if name == "short":
-        reason = "Sample 0: position_m has the shape (2, 59, 2); expected (2, 60, 2)."
+        reason = "Sample 0: position_m has the shape (2, 60, 2); expected (2, 61, 2)."
     assert rows.failures == {name: reason}
     assert set(rows.table["method"].to_pylist()) == {"ground-truth", "sideways"}
 

@@ -34,9 +34,9 @@ PLAIN = SampleNumbers(
 
 def paths(*rows: tuple[float, float, float]) -> np.ndarray:
     """Paths along x: start, y, speed."""
-    time = 0.1 * np.arange(60)
+    time = 0.1 * np.arange(61)
     return np.stack(
-        [np.stack([x + speed * time, np.full(60, y)], axis=-1) for x, y, speed in rows]
+        [np.stack([x + speed * time, np.full(61, y)], axis=-1) for x, y, speed in rows]
     )
 
 
@@ -142,5 +142,5 @@ def test_an_agent_that_one_sample_lacks_is_far_away():
     one = sample_of(("a", "b"), paths((0, 0, 5), (50, 0, 5)))
     two = sample_of(("a",), paths((0, 0, 5)))
     assert distances_m([one, two])[0, 1] == pytest.approx(MOST_APART_M / 2)
-    nothing = sample_of((), np.zeros((0, 60, 2)))
+    nothing = sample_of((), np.zeros((0, 61, 2)))
     assert distances_m([nothing, nothing])[0, 1] == 0

@@ -45,7 +45,7 @@ def test_what_can_be_met_has_no_problem(term: GuidanceTerm):
         (GoalPoint(agent_id="100", point_m=(3.0, 0.0)), "to stop"),
         (GoalPoint(agent_id="100", point_m=(40.0, 80.0)), "off the road"),
         (GoalPoint(agent_id="100", point_m=(-30.0, 0.0)), "paths"),
-        (GoalPoint(agent_id="100", point_m=(55.0, 0.0), at_s=20.0), "last 5.9 s"),
+        (GoalPoint(agent_id="100", point_m=(55.0, 0.0), at_s=20.0), "last 6.0 s"),
         (TargetSpeed(agent_ids=("100",), speed_mps=50.0), "ask for less"),
         (StopAtLine(agent_id="100", line_m=((5.0, -2.0), (5.0, 2.0))), "brake with"),
         (StopAtLine(agent_id="100", line_m=((1.0, -2.0), (1.0, 2.0))), "already"),

@@ -52,7 +52,7 @@ CROSSES = [(0.0, 0.0, 0.0, 8.0), (24.0, -45.0, np.pi / 2, 8.0)]
     ("states", "term", "achieved", "error", "is_obeyed"),
     [
         ([(0, 0, 0, 10), (14.6, 0, 0, 10)], KeepGap(gap_m=8.0), "10.0 m", 0, True),
-        ([(0, 0, 0, 10), (12.6, 0, 0, 9)], KeepGap(gap_m=8.0), "2.1 m", 5.9, False),
+        ([(0, 0, 0, 10), (12.6, 0, 0, 9)], KeepGap(gap_m=8.0), "2.0 m", 6.0, False),
         ([(0, 0, 0, 10)], KeepGap(gap_m=8.0), "no agent ahead", 0, True),
         # Agents cannot reverse, and agents beside are not ahead.
         (
@@ -189,9 +189,9 @@ def test_gaps_are_those_of_the_guidance() -> None:
         acceleration_mps2=tensor(0 * sample.velocity_mps)[None],
         heading_rad=tensor(sample.heading_rad)[None],
         size_m=tensor(sample.size_m),
-        exists=torch.ones(12, 60, dtype=torch.bool),
+        exists=torch.ones(12, 61, dtype=torch.bool),
         is_sampled=torch.ones(12, dtype=torch.bool),
-        time_s=0.1 * torch.arange(60),
+        time_s=0.1 * torch.arange(61),
         level=0.0,
     )
     gap, now = gaps_ahead_of_prediction(motion, torch.from_numpy(rows))

@@ -53,8 +53,8 @@ def braking() -> TrafficSample:
 @pytest.mark.parametrize(
     ("term", "error", "is_obeyed"),
     [
-        (GoalPoint(agent_id="100", point_m=(59.0, 0.0)), 0.0, True),
-        (GoalPoint(agent_id="100", point_m=(59.0, 2.0)), 2.0, False),
+        (GoalPoint(agent_id="100", point_m=(60.0, 0.0)), 0.0, True),
+        (GoalPoint(agent_id="100", point_m=(60.0, 2.0)), 2.0, False),
         (GoalPoint(agent_id="100", point_m=(20.0, 0.0), at_s=2.0), 0.0, True),
         (TargetSpeed(agent_ids=("101",), speed_mps=5.0), 0.0, True),
         (TargetSpeed(speed_mps=5.0), 5.0, False),
@@ -62,7 +62,7 @@ def braking() -> TrafficSample:
         (SpeedLimit(agent_ids=("101",), speed_mps=2.0), 3.0, False),
         (StopAtLine(agent_id="101", line_m=((9.0, 2.0), (9.0, 5.0))), 0.0, True),
         (FollowLane(agent_id="100", lane_ids=(1, 2)), 0.0, True),
-        (FollowPath(agent_id="100", points_m=((0.0, 0.0), (60.0, 0.0))), 0.0, True),
+        (FollowPath(agent_id="100", points_m=((0.0, 0.0), (61.0, 0.0))), 0.0, True),
         (ComfortLimits(), 0.0, True),
         (StayOnRoad(), 0.0, True),
     ],
@@ -86,7 +86,7 @@ def test_errors_are_those_of_the_motion(term: GuidanceTerm, error, is_obeyed):
             "at most 9.5 m/s, 1.5 more than braking from 10.0 m/s allows",
             False,
         ),
-        (7.0, -0.5, "at most 9.9 m/s", False),
+        (7.0, -0.5, "at most 10.0 m/s", False),
         (7.0, 0.0, "at most 7.0 m/s", True),
     ],
 )
@@ -109,12 +109,12 @@ def test_an_overrun_is_measured_at_the_front():
     line = StopAtLine(agent_id="100", line_m=((50.0, -2.0), (50.0, 2.0)))
     (found,) = term_outcomes(SCENE, recorded(), (line,))
     length = SCENE.agents.size_m[0, 0]
-    assert found.error == pytest.approx(59.0 + length / 2 - 50.0, abs=0.01)
+    assert found.error == pytest.approx(60.0 + length / 2 - 50.0, abs=0.01)
     assert "crosses it by" in found.achieved
 
 
 @pytest.mark.parametrize(
-    ("line_x_m", "is_obeyed"), [(62.0, False), (70.0, False), (75.0, True)]
+    ("line_x_m", "is_obeyed"), [(63.0, False), (71.0, False), (76.0, True)]
 )
 def test_an_agent_that_is_too_fast_to_stop_before_the_line_does_not_obey(
     line_x_m, is_obeyed
@@ -125,12 +125,12 @@ def test_an_agent_that_is_too_fast_to_stop_before_the_line_does_not_obey(
     assert found.is_obeyed is is_obeyed
     assert ("too fast to stop there" in found.achieved) is not is_obeyed
     length = SCENE.agents.size_m[0, 0]
-    past = 59.0 + length / 2 + 10.0 - line_x_m
+    past = 60.0 + length / 2 + 10.0 - line_x_m
     assert found.error == pytest.approx(max(past, 0.0), abs=0.1)
 
 
 def test_slowed_agents_and_absent_ones():
-    goal = GoalPoint(agent_id="100", point_m=(59.0, 0.0))
+    goal = GoalPoint(agent_id="100", point_m=(60.0, 0.0))
     (found,) = term_outcomes(SCENE, recorded(), (goal,), (goal,), ("100",))
     assert "slowed to avoid a collision" in found.achieved
     assert not found.is_feasible
@@ -154,7 +154,7 @@ def test_slowed_agents_and_absent_ones():
 
 def test_a_worse_sample_holds_the_best_unguided_one():
     """A drift off the road is worse; the unguided sample is offered."""
-    goal = GoalPoint(agent_id="100", point_m=(59.0, 30.0))
+    goal = GoalPoint(agent_id="100", point_m=(60.0, 30.0))
     good, bad = recorded(), recorded(shift_m=30.0)
     _, report = guidance_reports(SCENE, (bad, bad), (goal,), (bad, good))
     assert report.cost is not None
@@ -186,13 +186,13 @@ def test_impossible_motion_is_told():
     (found,) = motion_problems(SCENE, replace(swerve, position_m=position))
     assert "Agent 100" in found
     back = replace(swerve, position_m=swerve.position_m.copy())
-    back.position_m[0, :, 0] = 20 * np.sin(np.linspace(0, 2.5, 60))
+    back.position_m[0, :, 0] = 20 * np.sin(np.linspace(0, 2.5, 61))
     assert any("backwards" in one for one in motion_problems(SCENE, back))
 
 
 def test_the_cost_of_a_term_is_that_of_its_agents():
     terms = (
-        GoalPoint(agent_id="100", point_m=(59.0, 0.0)),
+        GoalPoint(agent_id="100", point_m=(60.0, 0.0)),
         TargetSpeed(agent_ids=("101",), speed_mps=5.0),
         SpeedLimit(speed_mps=30.0),
     )

@@ -25,12 +25,12 @@ SCENARIO = scenario_with(straight_drivers(STATES, kinds=KINDS))
 def test_recorded_road_users_at_the_state_are_judged_in_groups():
     view = recorded_traffic(SCENARIO)
     assert view.agents.ids == ("100", "101", "102")
-    assert view.num_steps == 60
+    assert view.num_steps == 61
     assert view.agents.is_in("movers").tolist() == [True, False, False]
     assert view.agents.is_in("pedestrians").tolist() == [False, True, False]
     assert view.agents.is_in("cyclists").tolist() == [False, False, True]
     np.testing.assert_array_equal(
-        view.agents.position_m, SCENARIO.agents.position_m[:3, 50:]
+        view.agents.position_m, SCENARIO.agents.position_m[:3, SCENARIO.current_step :]
     )
 
 
@@ -51,12 +51,13 @@ def test_agents_that_come_later_are_not_in_the_scene():
 
 
 def test_generated_agents_keep_their_recording_and_new_ones_have_none():
-    path = np.zeros((2, 60, 2))
+    path = np.zeros((2, 61, 2))
     sample = sample_of(("102", "new"), path)
     view = generated_traffic(SCENARIO, sample)
     assert view.context.ids == ("100", "101")
     np.testing.assert_array_equal(
-        view.logged.position_m[0], SCENARIO.agents.position_m[2, 50:]
+        view.logged.position_m[0],
+        SCENARIO.agents.position_m[2, SCENARIO.current_step :],
     )
     assert view.logged.is_valid[0].all()
     assert not view.logged.is_valid[1].any()
@@ -66,7 +67,7 @@ def test_a_scenario_without_a_future_is_padded_for_generated_traffic():
     axis = TimeAxis(num_steps=50, current_step=49)
     agents = straight_drivers(STATES[:2], kinds=KINDS[:2], time_axis=axis)
     scenario = replace(scenario_with(agents_of_110()), agents=agents, time_axis=axis)
-    view = generated_traffic(scenario, sample_of(("100",), np.ones((1, 60, 2))))
+    view = generated_traffic(scenario, sample_of(("100",), np.ones((1, 61, 2))))
     assert view.context.is_valid.sum() == 1
     assert view.logged.is_valid.sum() == 1
     values = agent_values(view)

@@ -179,7 +179,7 @@ def test_absent_steps_are_zero_and_do_not_disturb_the_rest():
     position, heading, velocity, valid = straight(10.0)
     valid = valid.copy()
     valid[0, 20:25] = False
-    valid[0, 50:] = False
+    valid[0, 49:] = False
     mask = valid[..., None]
     moved, turned, new_velocity = with_new_speed(
         position * mask,

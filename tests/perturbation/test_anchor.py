@@ -26,7 +26,7 @@ def test_it_is_the_current_pose():
 
 def test_a_warp_in_force_does_not_move_it():
     bent = BEND.apply(SCENARIO)
-    assert bent.agents.position_m[1, 50, 1] > 10
+    assert bent.agents.position_m[1, bent.current_step, 1] > 10
     assert pose_on_original_road(bent, "101") == pose_on_original_road(SCENARIO, "101")
 
 
@@ -56,7 +56,7 @@ def test_missing_anchors_are_refused():
     with pytest.raises(EditError, match="There is no agent '101' here"):
         pose_of_anchor(gone, "101")
     is_valid = np.array(SCENARIO.agents.is_valid)
-    is_valid[0, 50] = False
+    is_valid[0, 49] = False
     absent = replace(SCENARIO, agents=replace(SCENARIO.agents, is_valid=is_valid))
     with pytest.raises(EditError, match="Agent 100 is not there at the current step"):
         pose_of_anchor(absent, "focal")

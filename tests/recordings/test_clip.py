@@ -34,7 +34,7 @@ def test_a_scenario_has_argoverse_form(noise):
         categories = np.array(agents.categories)
         is_full = agents.is_valid.all(axis=1)
         assert agents.num_steps == 110
-        assert scenario.current_step == 50
+        assert scenario.current_step == 49
         assert ((categories != AgentCategory.FRAGMENT) == is_full).all()
         assert (agents.is_valid.sum(axis=1) >= MIN_TRACK_STEPS).all()
         assert (np.abs(np.diff(agents.is_valid.astype(int))).sum(axis=1) <= 2).all()
@@ -53,7 +53,7 @@ def test_states_are_those_of_the_recording():
     recording = drive()
     window = window_about(recording, 1, 150)
     agents = cut_scenario(recording, window).agents
-    row = recording.first_row[1] + 100 - recording.first_step[1]
+    row = recording.first_row[1] + 150 - 49 - recording.first_step[1]
     focal = agents.row_of[window.focal_id]
     np.testing.assert_array_equal(
         agents.position_m[focal], recording.position_m[row : row + 110]
@@ -68,7 +68,7 @@ def test_agents_outside_the_square_now_are_there_while_inside_it():
     away = np.abs(agents.position_m - np.array(window.center_m)).max(axis=-1)
     for row in range(len(agents)):
         valid = agents.is_valid[row]
-        if valid[50] and away[row, 50] <= 30:
+        if valid[49] and away[row, 49] <= 30:
             continue
         assert (away[row, valid] <= 30).all()
 
@@ -119,7 +119,7 @@ def test_a_real_scenario_cut_from_itself_keeps_its_main_agents(av2_scenario_fold
     folder = next(one for one in av2_scenario_folders if one.parent.name == "train")
     real = read_scenario(folder)
     recording = recording_of(real)
-    window = window_about(recording, real.agents.row_of[real.focal_id], 50)
+    window = window_about(recording, real.agents.row_of[real.focal_id], 49)
     cut = cut_scenario(recording, window, side_m=2000.0)
     same = [name for name in cut.agents.ids if name in real.agents.row_of]
     assert len(same) >= len(real.agents) - 1

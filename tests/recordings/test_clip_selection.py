@@ -18,12 +18,12 @@ def test_windows_are_about_agents_that_move_and_stay(seed):
     for window in windows:
         row = recording.ids.index(window.focal_id)
         assert not recording.is_parked[row]
-        assert 50 <= window.current_step < recording.num_steps - 59
+        assert 49 <= window.current_step < recording.num_steps - 60
         scenario = cut_scenario(recording, window)
         focal = scenario.agents.row_of[window.focal_id]
         position = scenario.agents.position_m[focal]
         assert np.linalg.norm(position[-1] - position[0]) >= MIN_FOCAL_PATH_M
-        np.testing.assert_allclose(position[50], window.center_m)
+        np.testing.assert_allclose(position[49], window.center_m)
 
 
 def test_a_recording_that_is_too_short_has_no_windows():

@@ -9,10 +9,11 @@ from pd_editor.repair import slow_for_gaps
 from pd_editor.repair.braking_speeds import _TOUCH_M, STANDING_GAP_M
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import changed_ids, crowded_road, crowds, overlaps_at
 
-NOW = 50
+NOW = TimeAxis().current_step
 State = tuple[float, float, float, float]
 
 

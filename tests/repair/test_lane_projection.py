@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from pd_editor.errors import EditError
 from pd_editor.repair import project_to_lanes
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import (
     changed_ids,
@@ -14,7 +15,7 @@ from tests.repair.scenes import (
     overlaps_at,
 )
 
-NOW = 50
+NOW = TimeAxis().current_step
 
 
 @given(crowds())
@@ -39,7 +40,7 @@ def test_a_driver_beside_the_road_is_put_onto_its_lane():
     np.testing.assert_allclose(agents.heading_rad[1], 0, atol=1e-9)
     np.testing.assert_allclose(agents.velocity_mps[1], [[10, 0]] * 110, atol=1e-9)
     # The whole track came along rigidly.
-    np.testing.assert_allclose(agents.position_m[1, -1], [30 + 59, 0], atol=1e-9)
+    np.testing.assert_allclose(agents.position_m[1, -1], [30 + 60, 0], atol=1e-9)
     assert changed_ids(scenario, repaired) == {"101"}
 
 

@@ -8,10 +8,11 @@ from pd_editor.repair import yield_to_others
 from pd_editor.repair.yielding import MAX_BRAKING_MPS2
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
 from tests.repair.scenes import changed_ids, crowded_road, crowds, overlaps_later
 
-NOW = 50
+NOW = TimeAxis().current_step
 STEP_S = 0.1
 
 
@@ -73,7 +74,7 @@ def test_too_near_to_brake_at_all_it_goes_on():
 
 
 def test_a_queue_stops_one_behind_the_other():
-    states = [(-25.0 * k, 0.0, 0.0, 10.0) for k in range(4)] + [(40.0, 0.0, 0.0, 0.0)]
+    states = [(-25.0 * k, 0.0, 0.0, 10.0) for k in range(4)] + [(45.0, 0.0, 0.0, 0.0)]
     scenario = scenario_with(straight_drivers(states))
     repaired, yielded = yield_to_others(scenario, keep_ids=())
     assert overlaps_later(repaired) == set()

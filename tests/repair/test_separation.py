@@ -4,6 +4,7 @@ from hypothesis import given, settings
 
 from pd_editor.repair import separate_overlaps
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
+from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import (
     changed_ids,
@@ -13,7 +14,7 @@ from tests.repair.scenes import (
     overlaps_at,
 )
 
-NOW = 50
+NOW = TimeAxis().current_step
 
 
 @given(crowds())

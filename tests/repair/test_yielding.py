@@ -19,10 +19,11 @@ from pd_editor.repair.yielding import (
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import Crowd, crowded_road, crowds
 
-NOW, STEP_S = 50, 0.1
+NOW, STEP_S = TimeAxis().current_step, 0.1
 
 
 def yielded(scenario: Scenario) -> Yielded:
@@ -92,7 +93,7 @@ def test_one_that_stands_waits_before_it_starts() -> None:
     scenario = scenario_with(straight_drivers([(0, 0, 0, 0), (12, -33, np.pi / 2, 10)]))
     agents = scenario.agents
     position = agents.position_m.copy()
-    time = STEP_S * np.arange(60)
+    time = STEP_S * np.arange(position.shape[1] - NOW)
     position[0, NOW:, 0] = 0.5 * 2.5 * np.maximum(time - 0.2, 0) ** 2
     scenario = scenario.with_agents(agents.with_rows(np.arange(2), position_m=position))
     assert conflicts(scenario) == {(0, 1)}
@@ -169,7 +170,9 @@ def test_an_agent_brakes_no_harder_than_asked_where_that_is_enough(
         asked = None if asked_mps2 is None else np.full((2, 2), asked_mps2)
         found = yielding(agents, NOW, first, STEP_S, asked_mps2=asked)
         assert conflicts(driven(scenario, found)) == set()
-        _, second, _ = derivative_operators(60, WINDOW_STEPS, STEP_S)
+        _, second, _ = derivative_operators(
+            found.position_m.shape[1], WINDOW_STEPS, STEP_S
+        )
         return -(second @ found.position_m[0, :, 0]).min()
 
     assert hardest(None) > 2.0

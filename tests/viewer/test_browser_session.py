@@ -102,7 +102,7 @@ def drag(tab: FakeTab, agent_id: str, end: tuple[float, float], rotates: bool = 
     """A whole drag as viser reports it."""
     agents = tab.session.scenario.agents
     row = agents.row_of[agent_id]
-    x, y = agents.position_m[row, 50]
+    x, y = agents.position_m[row, 49]
     pointer = DragByHand(tab, agent_id, rotates=rotates)
     pointer.say("start", (x, y))
     pointer.say("update", (x + 1, y))
@@ -113,7 +113,7 @@ def drag(tab: FakeTab, agent_id: str, end: tuple[float, float], rotates: bool = 
 def test_a_drag_moves_the_agent_and_is_one_undo_step(tab):
     opened = tab.session.scenario
     agent_id = opened.agents.ids[1]
-    x, y = opened.agents.position_m[1, 50]
+    x, y = opened.agents.position_m[1, 49]
     drag(tab, agent_id, (x + 7.0, y - 2.0))
     assert tab.session.selection == (agent_id,)
     assert labels(tab) == [f"Move agent {agent_id} by 7.3 m"]
@@ -125,7 +125,7 @@ def test_a_drag_moves_the_agent_and_is_one_undo_step(tab):
 
 def test_a_drag_ends_when_its_agent_goes(tab):
     agent_id = tab.session.scenario.agents.ids[1]
-    x, y = tab.session.scenario.agents.position_m[1, 50]
+    x, y = tab.session.scenario.agents.position_m[1, 49]
     pointer = DragByHand(tab, agent_id)
     pointer.say("start", (x, y))
     tab.run(lambda: tab.ui.apply(DeleteAgents(agent_ids=(agent_id,))))
@@ -136,9 +136,12 @@ def test_a_drag_ends_when_its_agent_goes(tab):
 
 def test_overlaps_that_edits_cause_are_told_and_marked(tab):
     first, second = tab.session.scenario.agents.ids
-    x, y = tab.session.scenario.agents.position_m[0, 50]
+    x, y = tab.session.scenario.agents.position_m[0, 49]
     drag(tab, second, (x + 1.0, y))
-    assert tab.tab.problems.agents_at(50) == {first, second}
+    assert tab.tab.problems.agents_at(tab.session.scenario.current_step) == {
+        first,
+        second,
+    }
     (problem,) = tab.tab.problems.new
     assert "collide" in problem.message
 
@@ -161,14 +164,14 @@ def test_clicks_select_toggle_and_clear(tab):
 
 def test_placing_takes_the_lanes_heading_and_speed(tab):
     tab.run(tab.tab.modes.placing.toggle)
-    x, y = tab.session.scenario.agents.position_m[0, 50]
+    x, y = tab.session.scenario.agents.position_m[0, 49]
     ray = ((x + 20.0, y + 0.4, 10.0), (0.0, 0.0, -1.0))
     tab.run(lambda: tab.tab.pointer._ground_clicked(*ray, (0.3, 0.3)))
     agents = tab.session.scenario.agents
     row = agents.row_of[tab.session.selection[0]]
-    assert agents.heading_rad[row, 50] == pytest.approx(0.0, abs=1e-6)
+    assert agents.heading_rad[row, 49] == pytest.approx(0.0, abs=1e-6)
     # The other agent on that lane drives at 10 m/s.
-    assert np.hypot(*agents.velocity_mps[row, 50]) == pytest.approx(10.0, abs=0.1)
+    assert np.hypot(*agents.velocity_mps[row, 49]) == pytest.approx(10.0, abs=0.1)
 
 
 def test_deleting_the_focal_agent_is_refused_in_words_and_changes_nothing(tab):

@@ -120,6 +120,13 @@ class TrajectoryTask:
         """Move the tensors to a device."""
         return replace(self, scene=self.scene.to(device), _contexts={})
 
+    @property
+    def _guided_steps(self) -> int:
+        """Number of steps of the network, or to the end of a longer future."""
+        axis = self.scenario.time_axis
+        end = round(axis.num_future_steps * axis.step_s / STEP_S)
+        return max(NUM_FUTURE_STEPS, end)
+
     def term_context(self, config: TermGuidance) -> TermContext:
         """What guidance terms are made from."""
         agents, now = self.scenario.agents, self.scenario.current_step
@@ -132,7 +139,7 @@ class TrajectoryTask:
             is_sampled=self.is_sampled,
             is_standing=agents.speed_mps()[rows, now] < STANDING_MPS,
             like=self.scene.agent_speed,
-            duration_s=NUM_FUTURE_STEPS * STEP_S,
+            duration_s=self._guided_steps * STEP_S,
         )
 
     def latent_motion(self, decoder: TrajectoryDecoder) -> LatentMotion:
@@ -144,7 +151,7 @@ class TrajectoryTask:
         def tensor(values: np.ndarray) -> torch.Tensor:
             return torch.from_numpy(values).to(like)
 
-        count = decoder.num_steps
+        count = self._guided_steps
         steps = slice(now, now + count + 1)
         exists = agents.is_valid[rows, steps]
         missing = [(0, 0), (0, count + 1 - exists.shape[1])]

@@ -13,9 +13,9 @@ from pd_editor.editor.commands.edit_limits import (
     check_speed,
 )
 from pd_editor.editor.commands.motion import agents_with_trajectory
-from pd_editor.editor.commands.reconstructed_history import reconstructed_positions
 from pd_editor.geometry.angles import unit_vector, wrap_angle
 from pd_editor.paths.motion_primitives import candidates
+from pd_editor.repair.back_casting import made_up_past, with_past
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.roles.focal_agent import with_focal_agent
@@ -24,11 +24,11 @@ from pd_editor.scene.scenario import Scenario
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceAgent(Command):
-    """Add an agent with a current state, a trajectory at its speed, and no past.
+    """Add an agent with a current state, a trajectory at its speed, and a past.
 
     The trajectory follows the agent's lane, else it goes straight ahead; an agent that
-    rolls backwards goes straight. With ``back_cast`` it gets a reconstructed history at
-    the same speed along the lane, which provenance records.
+    rolls backwards goes straight. With ``back_cast`` it gets a made-up past along the
+    lane, which provenance records.
     """
 
     agent_id: str
@@ -37,7 +37,7 @@ class PlaceAgent(Command):
     y_m: float
     heading_rad: float
     speed_mps: float
-    back_cast: bool = False
+    back_cast: bool = True
 
     def __post_init__(self) -> None:
         check_position(self.x_m, self.y_m)
@@ -66,32 +66,28 @@ class PlaceAgent(Command):
         placed = self._track(scenario)
         joined = scenario.with_agents(
             scenario.agents.joined(placed),
-            f"The history of agent {self.agent_id} was reconstructed at its speed."
+            f"The past of agent {self.agent_id} was made up."
             if self.back_cast
             else None,
         )
+        row = len(joined.agents) - 1
         if self.speed_mps >= 0:
-            joined = _on_its_lane(joined, len(joined.agents) - 1)
+            joined = _on_its_lane(joined, row)
+        if self.back_cast and joined.current_step:
+            rows, now = np.array([row]), joined.current_step
+            past = made_up_past(joined, rows, seed=0)
+            joined = joined.with_agents(with_past(joined.agents, rows, now, past))
         return with_focal_agent(joined)
 
     def _track(self, scenario: Scenario) -> AgentTracks:
-        """Track of the agent: its history, if requested, and a straight trajectory."""
+        """Straight track of the agent from the current step on."""
         axis = scenario.time_axis
-        times, now = axis.times_s(), axis.current_step
+        times = axis.times_s()
         state = np.array([self.x_m, self.y_m], float)
         heading = wrap_angle(np.full(len(times), self.heading_rad))
-        position = state + times[:, None] * self.speed_mps * unit_vector(heading)
-        is_past = np.arange(len(times)) < now
-        if self.back_cast and self.speed_mps > 0:
-            position[:now], heading[:now] = reconstructed_positions(
-                scenario.road_map,
-                self.kind,
-                state,
-                self.heading_rad,
-                -times[:now] * self.speed_mps,
-            )
         velocity = self.speed_mps * unit_vector(heading)
-        is_valid = ~is_past | self.back_cast
+        position = state + times[:, None] * velocity
+        is_valid = times >= 0
         return AgentTracks(
             ids=(self.agent_id,),
             kinds=(self.kind,),
@@ -102,7 +98,7 @@ class PlaceAgent(Command):
             heading_rad=np.where(is_valid, wrap_angle(heading), 0.0)[None],
             velocity_mps=np.where(is_valid[:, None], velocity, 0.0)[None],
             is_valid=is_valid[None],
-            observed=(is_past & is_valid)[None],
+            observed=(axis.is_past & is_valid)[None],
         )
 
 

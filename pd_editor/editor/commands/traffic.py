@@ -30,6 +30,7 @@ from pd_editor.generation import (
 )
 from pd_editor.metrics.traffic_view import SAME_STATE_M
 from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain
+from pd_editor.repair.back_casting import made_up_past, with_past
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -37,6 +38,7 @@ from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import kept_steps
 from pd_editor.scene.roles.focal_agent import focal_place_m, with_focal_agent
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.traffic_sample import MadeUpPast
 
 NEW_PREFIX: Final = "new"
 """Prefix of the ids of generated agents: ``new-1``, ``new-2``, ..."""
@@ -58,6 +60,8 @@ class RequestSummary:
     only_on_road: bool = False
     region: Region | None = None
     quality: Quality = "fast"
+    back_casts: bool = False
+    """Whether agents with sampled states get a made-up past."""
     removed_ids: tuple[str, ...] = ()
     """Ids of agents that were removed before the generation."""
     num_samples: int = 1
@@ -91,9 +95,9 @@ class ReplaceTraffic(Command):
     vehicle nearest to it becomes the focal agent.
 
     Agents of the scenario keep their kind, their size and, if the sample agrees with it,
-    their current state; otherwise the sample's state is applied and the history, which
-    no longer leads there, is removed. States that a lock keeps are not written. Arrays
-    are stored as float32.
+    their current state; otherwise the sample's state is applied, and ``past`` takes the
+    place of the history, which no longer leads there. States that a lock keeps are not
+    written. Arrays are stored as float32.
     """
 
     sample: TrafficSample
@@ -101,11 +105,13 @@ class ReplaceTraffic(Command):
     model_sha256: str = ""
     seed: int = 0
     request: RequestSummary
+    past: MadeUpPast | None = None
 
     def __post_init__(self) -> None:
         check_sample(self.sample)
-        check_positions(self.sample.position_m)
-        check_velocities(self.sample.velocity_mps)
+        for motion in filter(None, (self.sample, self.past)):
+            check_positions(motion.position_m)
+            check_velocities(motion.velocity_mps)
         asked = self.request
         check_numbers(
             num_samples=asked.num_samples,
@@ -173,6 +179,11 @@ class ReplaceTraffic(Command):
             scenario = scenario.with_agents(
                 scenario.agents, f"The ego vehicle ({EGO_ID}) was removed."
             )
+        if self.past is not None and self.past.heading_rad.shape[1] > axis.current_step:
+            raise EditError(
+                f"The made-up past has {self.past.heading_rad.shape[1]} steps; this"
+                f" scenario has {axis.current_step} before the current one."
+            )
         if not sample.ids:
             return with_focal_agent(scenario, place)
         what = "Motion" if set(sample.ids) <= set(there) else "State and motion"
@@ -211,7 +222,7 @@ class ReplaceTraffic(Command):
                     heading_rad=sample.heading_rad[some, first - now :],
                     velocity_mps=sample.velocity_mps[some, first - now :],
                 )
-        agents = _without_past(agents, rows[~same], now)
+        agents = with_past(agents, rows[~same], now, self.past)
         agents = _with_activity(agents, rows, ~same, sample)
         return with_focal_agent(scenario.with_agents(agents, note), place)
 
@@ -285,7 +296,7 @@ def traffic_command(
                 f"{traffic.generator} generated agent {name}, which was to be kept."
             )
     check_kept(sample, request)
-    return ReplaceTraffic(
+    command = ReplaceTraffic(
         sample=_with_unused_ids(sample, request),
         generator=traffic.generator,
         model_sha256=traffic.model_sha256,
@@ -296,6 +307,17 @@ def traffic_command(
             **{name: getattr(request, name) for name in _REQUEST_FIELDS},
         ),
     )
+    if not request.back_casts:
+        return command
+    kept = replace(command, request=replace(command.request, removed_ids=()))
+    scenario = kept.apply(request.scenario)
+    agents, now = scenario.agents, scenario.current_step
+    rows = agents.rows(command.sample.ids)
+    rows = rows[~agents.is_valid[rows, :now].any(axis=1)]
+    if not now or not len(rows):
+        return command
+    seed = request.scene_seed + sample_index
+    return replace(command, past=made_up_past(scenario, rows, seed))
 
 
 def _with_unused_ids(
@@ -358,16 +380,3 @@ def _with_activity(
     kept = agents.activity[rows]
     activity = np.where(is_sampled | (known != Activity.UNKNOWN), known, kept)
     return agents.with_rows(rows, activity=activity)
-
-
-def _without_past(agents: AgentTracks, rows: np.ndarray, now: int) -> AgentTracks:
-    """Remove the history of some agents."""
-    if not len(rows):
-        return agents
-    cut: dict[str, np.ndarray] = {}
-    names = ("position_m", "heading_rad", "velocity_mps", "is_valid", "observed")
-    for name in names:
-        values = getattr(agents, name)[rows]
-        values[:, :now] = 0
-        cut[name] = values
-    return agents.with_rows(rows, **cut)

@@ -38,7 +38,7 @@ class PlacingMode:
         self._listeners: list[Callable[[], None]] = []
         self.is_active = False
         self.kind = AgentKind.VEHICLE
-        self.with_past = False
+        self.with_past = True
         overlay.on("placing", self._heard)
 
     def on_change(self, listener: Callable[[], None]) -> None:

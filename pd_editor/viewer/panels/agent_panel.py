@@ -30,7 +30,7 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.placing import PlacingMode
 from pd_editor.viewer.overlay.banner import Banner
 from pd_editor.viewer.panels.lock_controls import LockControls
-from pd_editor.viewer.panels.panel_style import FixedText
+from pd_editor.viewer.panels.panel_style import WITH_PAST, FixedText
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
 KINDS: Final = tuple(str(kind) for kind in AgentKind)
@@ -93,9 +93,9 @@ class AgentPanel:
         with gui.add_folder("Place an agent"):
             self._new_kind = gui.add_dropdown("New agent", KINDS)
             self._back_cast = gui.add_checkbox(
-                "With a made-up past (5 s)",
-                False,
-                hint="Driven along its lane at its speed; the export says so.",
+                WITH_PAST,
+                True,
+                hint="Driven up to here along its lane; the export says so.",
             )
             self._place = gui.add_button(
                 PLACE,

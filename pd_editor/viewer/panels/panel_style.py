@@ -11,6 +11,7 @@ from pd_editor.viewer.state.ui_context import set_property
 
 LINE_PX: Final = 20
 ROW_PX: Final = 72
+WITH_PAST: Final = "With a made-up past (5 s)"
 
 
 class PanelStyle:

@@ -103,12 +103,12 @@ def test_a_guided_run_tells_what_was_achieved_and_replays_with_its_terms(
     outcome = generate(
         "roundabout",
         out=tmp_path,
-        guide=("goal-point:agent=car-0012,point=-40/0", "speed-limit:speed=30"),
+        guide=("goal-point:agent=car-0012,point=-40/1", "speed-limit:speed=30"),
         agents=("car-0012", "AV"),
     )
     lines = [line for line in outcome.remarks if "goal point of agent car-0012" in line]
     assert len(lines) == 1
-    assert "asked at (-40.0, 0.0) m" in lines[0]
+    assert "asked at (-40.0, 1.0) m" in lines[0]
     (path,) = tmp_path.glob("*-guidance.csv")
     with path.open() as file:
         rows = list(csv.DictReader(file))

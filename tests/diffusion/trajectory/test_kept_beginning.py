@@ -24,12 +24,13 @@ from pd_editor.scene.roles.traffic_choice import (
     resamplable_agent_ids,
 )
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import scenario_with, straight_drivers
 from tests.diffusion.generated_traffic import generated
 from tests.diffusion.trajectory.scenes import small_model
 
 BASIS = small_model().decoder.basis
-NOW = 50
+NOW = TimeAxis().current_step
 
 
 def locked(scenario: Scenario, kept_s: float) -> Scenario:

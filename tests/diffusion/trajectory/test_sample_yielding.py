@@ -10,10 +10,11 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.guidance_terms import ComfortLimits
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import scenario_with, straight_drivers
 from tests.repair.scenes import crowded_road, crowds, overlaps_later
 
-NOW = 50
+NOW = TimeAxis().current_step
 
 
 def straight_on(scenario: Scenario, rows: np.ndarray) -> TrafficSample:

@@ -146,7 +146,7 @@ def test_an_adopted_trajectory_is_followed_and_the_rest_stays():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda a: {k: v[:-1] for k, v in a.items()}, "has 59 steps; this scenario n"),
+        (lambda a: {k: v[:-1] for k, v in a.items()}, "has 60 steps; this scenario n"),
         (lambda a: a | {"position_m": a["position_m"] + 2}, "starts 2.8 m away"),
         (lambda a: a | {"position_m": a["position_m"] * np.nan}, "NaN"),
         (lambda a: a | {"heading_rad": a["heading_rad"] * np.inf}, "NaN or infinity"),

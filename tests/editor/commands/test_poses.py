@@ -143,7 +143,7 @@ def test_agents_far_from_lanes_are_not_snapped():
 )
 def test_an_agent_without_state_cannot_be_moved(command):
     with pytest.raises(
-        EditError, match="Agent 105 has no state at the current step 50"
+        EditError, match="Agent 105 has no state at the current step 49"
     ):
         command.apply(BASE)
 

@@ -49,7 +49,7 @@ def test_edits_made_on_a_warped_road_survive_its_reset():
     moved = TransformAgents(agent_ids=("101",), dx_m=-5).apply(warped)
     reset = SetRoadWarp(warp=None).apply(moved)
     assert reset.road_map is BASE.road_map
-    gap = reset.agents.position_m[1, 50] - BASE.agents.position_m[1, 50]
+    gap = reset.agents.position_m[1, 49] - BASE.agents.position_m[1, 49]
     assert np.allclose(gap, [-5, 0])
     assert (reset.agents.position_m[0] == BASE.agents.position_m[0]).all()
 

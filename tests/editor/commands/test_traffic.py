@@ -88,7 +88,7 @@ def test_a_redrawn_state_drops_the_past():
     agents = command.apply(BASE).agents
     rows = agents.rows(REQUEST.agent_ids)
     assert not agents.is_valid[rows, :NOW].any()
-    assert not agents.observed[rows].any()
+    assert (agents.observed[rows] == (np.arange(110) == NOW)).all()
     assert np.allclose(agents.position_m[rows, NOW:], moved.position_m, atol=1e-3)
 
 
@@ -248,11 +248,11 @@ def other_sample(**changes: np.ndarray | tuple) -> GeneratedTraffic:
         (lambda: replace(traffic(), samples=()), "Sample 0 was asked for, but drift"),
         (
             lambda: other_sample(
-                position_m=np.zeros((2, 59, 2)),
-                heading_rad=np.zeros((2, 59)),
-                velocity_mps=np.zeros((2, 59, 2)),
+                position_m=np.zeros((2, 60, 2)),
+                heading_rad=np.zeros((2, 60)),
+                velocity_mps=np.zeros((2, 60, 2)),
             ),
-            r"position_m has shape \[2, 59, 2\]; the scenario needs 60",
+            r"position_m has shape \[2, 60, 2\]; the scenario needs 61",
         ),
         (
             lambda: other_sample(ids=("104", "101")),
@@ -272,7 +272,7 @@ def test_nonsense_is_refused(answer, message):
 
 
 def test_agents_far_outside_are_refused():
-    far = np.full((2, 60, 2), 2 * MAX_POSITION_M)
+    far = np.full((2, 61, 2), 2 * MAX_POSITION_M)
     with pytest.raises(EditError, match="more than 5000 m"):
         traffic_command(REQUEST, other_sample(position_m=far))
 
@@ -292,9 +292,9 @@ def test_an_empty_sample_changes_nothing():
         ids=(),
         kinds=(),
         size_m=np.zeros((0, 2)),
-        position_m=np.zeros((0, 60, 2)),
-        heading_rad=np.zeros((0, 60)),
-        velocity_mps=np.zeros((0, 60, 2)),
+        position_m=np.zeros((0, 61, 2)),
+        heading_rad=np.zeros((0, 61)),
+        velocity_mps=np.zeros((0, 61, 2)),
     )
     summary = RequestSummary(agent_ids=())
     command = ReplaceTraffic(sample=no_agent, generator="test", request=summary)

@@ -12,7 +12,7 @@ def test_a_follower_that_runs_into_a_standing_car_overlaps_newly_and_both_count(
     assert overlap.at_state().value.tolist() == [0, 0, 0]
     assert overlap.newly().value.tolist() == [1, 1, 0]
     # Boxes of 4.6 m x 1.9 m share 0.05 m^2 from 20 - 4.6 + 0.05/1.9 m on; passed at 24.6.
-    steps = (np.arange(1, 60) > 15.43) & (np.arange(1, 60) < 24.57)
+    steps = (np.arange(1, 61) > 15.43) & (np.arange(1, 61) < 24.57)
     np.testing.assert_allclose(overlap.new_steps().value, [steps.mean()] * 2 + [0])
 
 
@@ -32,7 +32,7 @@ def test_pedestrians_among_themselves_and_things_never_count():
 
 def test_kept_agents_can_be_hit_but_have_no_row():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 0), (20, 0, 0, 0)]))
-    path = np.stack([np.arange(60.0), np.zeros(60)], axis=-1)[None]
+    path = np.stack([np.arange(61.0), np.zeros(61)], axis=-1)[None]
     overlap = box_overlap(generated(scenario, ("100",), path))
     assert overlap.newly().value.tolist() == [1]
 

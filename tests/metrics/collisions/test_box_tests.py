@@ -52,7 +52,7 @@ def first_by_shapely(agents, steps):
 @given(STATES)
 def test_pairs_and_first_steps_are_those_of_shapely(states):
     agents = straight_drivers(states)
-    steps = np.arange(51, 110, 4)
+    steps = np.arange(50, 110, 4)
     pairs, first = first_overlap(agents, steps)
     found = {
         tuple(pair): step for pair, step in zip(pairs.tolist(), first, strict=True)
@@ -67,17 +67,17 @@ def test_passing_agents_never_touch():
 
 def test_a_collision_is_seen_when_the_boxes_meet():
     agents = two_agents_that_collide().agents
-    assert len(overlapping_pairs(agents, 50)) == 0
-    pairs, first = first_overlap(agents, np.arange(51, 110))
+    assert len(overlapping_pairs(agents, 49)) == 0
+    pairs, first = first_overlap(agents, np.arange(50, 110))
     # 20 m apart, each 4.6 m long, 10 m/s: contact after 1.54 s.
     np.testing.assert_array_equal(pairs, [[0, 1]])
-    np.testing.assert_array_equal(first, [66])
+    np.testing.assert_array_equal(first, [65])
 
 
 def test_a_touch_does_not_count():
     agents = straight_drivers([(0, 0, 0, 0), (4.6 - 0.02, 0, 0, 0)])
-    assert 0 < shared_m2(agents, 50).max() < MIN_OVERLAP_M2
-    assert len(overlapping_pairs(agents, 50)) == 0
+    assert 0 < shared_m2(agents, 49).max() < MIN_OVERLAP_M2
+    assert len(overlapping_pairs(agents, 49)) == 0
 
 
 def test_absent_agents_do_not_overlap():
@@ -85,8 +85,8 @@ def test_absent_agents_do_not_overlap():
     valid = agents.is_valid.copy()
     valid[1, :80] = False
     agents = replace(agents, is_valid=valid)
-    assert len(overlapping_pairs(agents, 50)) == 0
-    np.testing.assert_array_equal(first_overlap(agents, np.arange(51, 110))[1], [80])
+    assert len(overlapping_pairs(agents, 49)) == 0
+    np.testing.assert_array_equal(first_overlap(agents, np.arange(50, 110))[1], [80])
 
 
 @pytest.mark.real_data
@@ -102,9 +102,9 @@ def test_a_pile_of_agents_is_judged_in_portions():
     """Memory does not grow with the square of the agents (fault 1)."""
     agents = straight_drivers([(0.01 * row, 0, 0, 10) for row in range(300)])
     tracemalloc.start()
-    pairs, first = first_overlap(agents, np.arange(51, 110))
+    pairs, first = first_overlap(agents, np.arange(50, 110))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(pairs) == 300 * 299 // 2
-    assert (first == 51).all()
+    assert (first == 50).all()
     assert peak < 300 * 2**20

@@ -26,9 +26,9 @@ def test_only_the_own_group_counts_and_pedestrians_come_closer():
 
 
 def test_actor_collision_is_the_share_of_agent_steps():
-    # 1 m/s towards a standing car 4 m ahead: within 2 m from 2.0 s to 5.9 s.
+    # 1 m/s towards a standing car 4 m ahead: within 2 m from 2.0 s to 6.0 s.
     values = actor_collision_2m(recorded([(0, 0, 0, 1), (4, 0, 0, 0)]))
-    np.testing.assert_allclose(values.value, 40 / 60)
+    np.testing.assert_allclose(values.value, 41 / 61)
 
 
 def test_invalid_steps_are_left_out_of_the_share():
@@ -37,4 +37,4 @@ def test_invalid_steps_are_left_out_of_the_share():
     is_valid[1, 80:] = False
     scenario = scenario_with(agents.with_rows(np.arange(2), is_valid=is_valid))
     values = actor_collision_2m(recorded_traffic(scenario))
-    np.testing.assert_allclose(values.value, [30 / 60, 1.0])
+    np.testing.assert_allclose(values.value, [31 / 61, 1.0])

@@ -25,25 +25,25 @@ def test_density_holds_the_five_nearest():
 
 def test_spread_of_samples_in_closed_form():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10)]))
-    time = np.arange(60) * 0.1
+    time = np.arange(61) * 0.1
     views = [
-        generated(scenario, ("100",), np.stack([v * time, np.zeros(60)], axis=-1)[None])
+        generated(scenario, ("100",), np.stack([v * time, np.zeros(61)], axis=-1)[None])
         for v in (10.0, 11.0, 13.0)
     ]
     values = diversity_values(views)
     # Pairs differ by 1, 2 and 3 m/s.
     np.testing.assert_allclose(values["pairwise_ade"].value, 2 * time[1:].mean())
-    np.testing.assert_allclose(values["end_spread"].value, 2 * 5.9)
+    np.testing.assert_allclose(values["end_spread"].value, 2 * 6.0)
     assert not diversity_values(views[:1])["end_spread"].is_valid.any()
 
 
 def test_coverage_counts_lanes_that_samples_visit():
-    # From lane 1 (and 3 beside it), 59 m lead on to lanes 2 and 4.
+    # From lane 1 (and 3 beside it), 60 m lead on to lanes 2 and 4.
     scenario = scenario_with(straight_drivers([(20, 0, 0, 10)]))
-    time = np.arange(60) * 0.1
-    straight = np.stack([20 + 10 * time, np.zeros(60)], axis=-1)[None]
-    aside = straight + np.stack([np.zeros(60), 3.5 * time / 5.9], axis=-1)
-    short = np.stack([20 + time, np.zeros(60)], axis=-1)[None]
+    time = np.arange(61) * 0.1
+    straight = np.stack([20 + 10 * time, np.zeros(61)], axis=-1)[None]
+    aside = straight + np.stack([np.zeros(61), 3.5 * time / 6.0], axis=-1)
+    short = np.stack([20 + time, np.zeros(61)], axis=-1)[None]
 
     def coverage(*paths):
         views = [generated(scenario, ("100",), path) for path in paths]

@@ -63,7 +63,7 @@ def test_boxes_meet_just_when_a_swept_box_does():
 
 def test_closed_form_behind_a_slower_car():
     closer = safety_values(recorded([(0, 0, 0, 10), (20, 0, 0, 8)]))
-    gap = 20 - LENGTH - 2 * 5.9
+    gap = 20 - LENGTH - 2 * 6.0
     np.testing.assert_allclose(closer["minimum_gap"].value, gap)
     np.testing.assert_allclose(closer["time_to_collision"].value, gap / 2)
     assert closer["critical_time_to_collision"].value.tolist() == [0, 0]
@@ -152,11 +152,11 @@ def test_post_encroachment_is_the_least_lag_at_which_boxes_meet(seed):
     states = random.uniform([-30, -30, -np.pi, 2], [30, 30, np.pi, 12], (6, 4))
     view = recorded([tuple(state) for state in states.tolist()])
     agents = view.agents
-    size = np.broadcast_to(agents.size_m[:, None], (6, 60, 2))
+    size = np.broadcast_to(agents.size_m[:, None], (6, 61, 2))
     boxes = np.asarray(
         shapely.polygons(box_corners(agents.position_m, agents.heading_rad, size))
     )
-    lag = np.abs(np.arange(60)[:, None] - np.arange(60)) * 0.1
+    lag = np.abs(np.arange(61)[:, None] - np.arange(61)) * 0.1
     expected = np.full(6, np.inf)
     for one in range(6):
         for two in range(one + 1, 6):

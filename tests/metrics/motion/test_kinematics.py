@@ -11,11 +11,11 @@ from tests.builders import scenario_with, straight_drivers
 from tests.metrics.traffic_builders import generated
 
 SCENARIO = scenario_with(straight_drivers([(0, 0, 0, 10)]))
-TIME = np.arange(60) * 0.1
+TIME = np.arange(61) * 0.1
 
 
 def along_x(x: np.ndarray):
-    return generated(SCENARIO, ("100",), np.stack([x, np.zeros(60)], axis=-1)[None])
+    return generated(SCENARIO, ("100",), np.stack([x, np.zeros(61)], axis=-1)[None])
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_no_vehicle_turns_on_three_metres():
 def test_fits_across_missing_steps_are_not_valid():
     agents = SCENARIO.agents
     is_valid = agents.is_valid.copy()
-    is_valid[0, 90] = False  # step 40 of the window
+    is_valid[0, SCENARIO.current_step + 40] = False  # step 40 of the window
     view = recorded_traffic(
         SCENARIO.with_agents(agents.with_rows(np.arange(1), is_valid=is_valid))
     )
@@ -88,5 +88,5 @@ def test_who_stands_may_start():
     assert values["standing"].value.tolist() == [1, 1, 0]
     assert values["starts"].value.tolist() == [0, 1, 0]
     assert values["starts"].is_valid.tolist() == [True, True, False]
-    np.testing.assert_allclose(values["path_length"].value, [0, 1.18, 2.36])
+    np.testing.assert_allclose(values["path_length"].value, [0, 1.2, 2.4])
     np.testing.assert_allclose(values["speed"].value, [0, 0.2, 0.4])

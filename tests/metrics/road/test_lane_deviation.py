@@ -13,7 +13,7 @@ from pd_editor.scene.road_map import RoadMap
 from tests.builders import scenario_with, straight_drivers, straight_lane
 from tests.metrics.traffic_builders import generated, recorded
 
-TIME = np.arange(60) * 0.1
+TIME = np.arange(61) * 0.1
 
 
 def test_a_parallel_offset_is_the_deviation():
@@ -26,7 +26,7 @@ def test_a_parallel_offset_is_the_deviation():
 def test_drifting_off_the_road_is_seen_at_the_end():
     # 1 m/s to the right of the right lane; heading atan(1/10).
     values = lane_deviation(recorded([(0, 0, np.arctan(-0.1), 101**0.5)])).values()
-    np.testing.assert_allclose(values["lateral_deviation_final"].value, 5.9)
+    np.testing.assert_allclose(values["lateral_deviation_final"].value, 6.0)
     np.testing.assert_allclose(values["lateral_deviation_mean"].value, TIME[1:].mean())
     np.testing.assert_allclose(
         values["angular_deviation_mean"].value, np.degrees(np.arctan(0.1))
@@ -35,7 +35,7 @@ def test_drifting_off_the_road_is_seen_at_the_end():
 
 def test_a_dead_end_goes_straight_on_and_a_lane_change_costs_nothing():
     x = 190 + 10 * TIME
-    y = 3.5 * TIME / 5.9
+    y = 3.5 * TIME / 6.0
     scenario = scenario_with(straight_drivers([(190, 0, 0, 10)]))
     view = generated(scenario, ("100",), np.stack([x, y], axis=-1)[None])
     final = lane_deviation(view).values()["lateral_deviation_final"]
@@ -59,7 +59,7 @@ def test_lanes_that_cannot_be_reached_do_not_help():
     up = np.maximum(TIME - 3, 0) * 10
     view = generated(scenario, ("100",), np.stack([corner, up], axis=-1)[None])
     final = lane_deviation(view).values()["lateral_deviation_final"]
-    np.testing.assert_allclose(final.value, 29.0)
+    np.testing.assert_allclose(final.value, 30.0)
 
 
 def test_the_wrong_way_is_against_every_lane_below():
@@ -82,9 +82,9 @@ def test_one_point_on_the_road_saves_a_path_in_the_papers_rule_only():
     values = off_lane(recorded([(0, 0, -np.pi / 2, 10), (0, -30, 0, 10)])).values()
     assert values["off_road_4m_whole_path"].value.tolist() == [0, 1]
     assert values["off_road_4m"].value.tolist() == [1, 1]
-    np.testing.assert_allclose(values["off_road_4m_steps"].value, [55 / 60, 1])
+    np.testing.assert_allclose(values["off_road_4m_steps"].value, [56 / 61, 1])
     # The drivable area ends at y = -1.75.
-    np.testing.assert_allclose(values["off_drivable_steps"].value, [58 / 60, 1])
+    np.testing.assert_allclose(values["off_drivable_steps"].value, [59 / 61, 1])
     assert values["init_off_road_4m"].value.tolist() == [0, 1]
 
 

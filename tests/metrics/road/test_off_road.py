@@ -21,14 +21,14 @@ def turn(power, x=0.0, y=0.0):
 
 
 def off_road_now(scenario):
-    return is_off_road(scenario, scenario.agents.position_m[:, 50])
+    return is_off_road(scenario, scenario.agents.position_m[:, scenario.current_step])
 
 
 def test_centres_and_corners_off_the_road():
     agents = straight_drivers([(0, 0, 0, 0), (30, -1.2, 0, 0), (60, -4, 0, 0)])
     scenario = scenario_with(agents)
     np.testing.assert_array_equal(off_road_now(scenario), [False, False, True])
-    corners = agents.at(slice(None), 50).corners_m()
+    corners = agents.at(slice(None), scenario.current_step).corners_m()
     assert is_off_road(scenario, corners).sum(axis=1).tolist() == [0, 2, 4]
 
 
@@ -60,7 +60,7 @@ def test_the_ground_is_built_once():
 def test_a_warp_takes_the_road_along():
     scenario = scenario_with(straight_drivers([(40, 0, 0, 10), (20, 3.5, 0, 5)]))
     warped = warp_scenario(scenario, turn(8.0))
-    later = slice(51, 80)
+    later = slice(50, 80)
     assert not is_off_road(warped, warped.agents.position_m[:, later]).any()
     assert is_off_road(warped, scenario.agents.position_m[:, later]).any()
 

@@ -2,9 +2,10 @@ import numpy as np
 
 from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import scenario_with, straight_drivers
 
-NOW = 50
+NOW = TimeAxis().current_step
 
 
 def with_times(

@@ -21,7 +21,7 @@ def every_kind():
         [(10 * row, 0, 0, 1) for row in range(len(KINDS))], kinds=KINDS
     )
     is_valid = np.array(agents.is_valid)
-    is_valid[0, 50] = False
+    is_valid[0, 49] = False
     return scenario_with(replace(agents, is_valid=is_valid))
 
 

@@ -35,7 +35,7 @@ def values(scenario: Scenario, name: str) -> np.ndarray:
 def test_quantities_of_a_known_scene() -> None:
     moving = scene(6.0)
     assert values(moving, "speed") == pytest.approx([6.0] * 4)
-    assert values(moving, "path in 6 s") == pytest.approx([6.0 * 5.9] * 4)
+    assert values(moving, "path in 6 s") == pytest.approx([6.0 * 6.0] * 4)
     assert values(moving, "nearest agent") == pytest.approx([20.0] * 4)
     assert values(moving, "offset from lane, moving") == pytest.approx([0.4] * 4)
     assert values(moving, "offset from lane, standing").size == 0

@@ -31,7 +31,7 @@ class DragByHand:
         batch = tab.tab.picture.agents._batches[self._kind]
         self._instance = int(np.flatnonzero(batch.rows == row)[0])
         self._rotates = rotates
-        self._start = agents.position_m[row, 50]
+        self._start = agents.position_m[row, 49]
         self.camera = camera_above(*self._start)
         """The camera that the browser shows the picture through."""
         self.known_camera: CameraPose | None = None

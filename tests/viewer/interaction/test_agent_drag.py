@@ -31,7 +31,9 @@ def start_of(tab, row=0):
     scenario = tab.session.scenario
     present = np.flatnonzero(scenario.agents.is_valid[:, scenario.current_step])
     row = int(present[row])
-    return scenario.agents.ids[row], scenario.agents.position_m[row, 50]
+    return scenario.agents.ids[row], scenario.agents.position_m[
+        row, scenario.current_step
+    ]
 
 
 def by(start, dx_m, dy_m):
@@ -40,7 +42,8 @@ def by(start, dx_m, dy_m):
 
 def shift_of(tab, agent_id, start):
     scenario = tab.session.scenario
-    return scenario.agents.position_m[scenario.agents.row_of[agent_id], 50] - start
+    row, now = scenario.agents.row_of[agent_id], scenario.current_step
+    return scenario.agents.position_m[row, now] - start
 
 
 @pytest.mark.parametrize("order", ["box first", "end first"])

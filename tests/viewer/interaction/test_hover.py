@@ -16,7 +16,7 @@ from tests.builders import two_agents_that_pass
 def test_an_agent_is_told_with_speed_lane_and_marks():
     base = two_agents_that_pass()
     focal = base.agents.row_of[base.focal_id]
-    lines = agent_lines(base, base, focal, 50.0)
+    lines = agent_lines(base, base, focal, 49.0)
     assert lines[0] == f"vehicle {base.focal_id}"
     assert lines[1] == "10.0 m/s (36 km/h)"
     assert lines[2].startswith("lane ")
@@ -28,11 +28,11 @@ def test_edited_agents_are_told_as_edited_and_no_others(row):
     base = two_agents_that_pass()
     agent_id = base.agents.ids[row]
     moved = TransformAgents(agent_ids=(agent_id,), dx_m=2.0).apply(base)
-    said = [", ".join(agent_lines(moved, base, r, 50.0)) for r in (0, 1)]
+    said = [", ".join(agent_lines(moved, base, r, 49.0)) for r in (0, 1)]
     assert "edited" in said[row]
     assert "edited" not in said[1 - row]
     slower = SetAgentSpeed(agent_ids=(agent_id,), speed_mps=4.0).apply(base)
-    assert "edited" in agent_lines(slower, base, row, 50.0)[-1]
+    assert "edited" in agent_lines(slower, base, row, 49.0)[-1]
 
 
 def test_a_lane_is_told_with_its_paint():
@@ -66,7 +66,7 @@ class FakeDesk:
 
     class workspace:
         class playback:
-            is_playing, step = False, 50.0
+            is_playing, step = False, 49.0
 
 
 def test_answers_name_the_question_and_garbage_gets_none(monkeypatch):
@@ -74,7 +74,7 @@ def test_answers_name_the_question_and_garbage_gets_none(monkeypatch):
     hover = Hover.__new__(Hover)
     hover._ui, hover._overlay = FakeDesk, page
     hover._is_quiet = lambda: False
-    hover._poses = lambda: poses_at(FakeDesk.session.scenario.agents, 50.0)
+    hover._poses = lambda: poses_at(FakeDesk.session.scenario.agents, 49.0)
     asked = {"at": [3, 4], "ray": [[0, 0, 50], [0, 0, 0]], "ask": 7}
     hover._heard(asked)
     assert page.shown[0]["asked"] == 7

@@ -25,7 +25,7 @@ def ray_to(x, y, z=0.0, origin=(0.0, -30.0, 30.0)):
 
 def test_the_nearest_box_on_the_ray_counts():
     agents = two_agents_that_pass().agents
-    poses = poses_at(agents, 50)
+    poses = poses_at(agents, 49)
     above = (0.0, LANE_WIDTH_M, 80.0)
     assert agent_under(agents, poses, ray_to(0, LANE_WIDTH_M, origin=above)) == 1
     assert agent_under(agents, poses, ray_to(0, 0, 1.0)) == 0
@@ -36,7 +36,7 @@ def test_the_nearest_box_on_the_ray_counts():
 
 def test_agents_that_are_not_there_are_not_hit():
     agents = two_agents_that_pass().agents
-    poses = poses_at(agents, 50)
+    poses = poses_at(agents, 49)
     gone = type(poses)(
         position_m=poses.position_m,
         heading_rad=poses.heading_rad,

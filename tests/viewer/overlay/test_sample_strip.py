@@ -174,7 +174,7 @@ def test_a_sample_is_compared_with_the_one_in_use(strip, page):
     pair = page.shown["sample-pair"]
     assert [one["index"] for one in pair["samples"]] == [0, 2]
     left, right = (one["agents"][0]["path"] for one in pair["samples"])
-    assert len(left) == len(right) == 3 * 60
+    assert len(left) == len(right) == 3 * 61
     assert left[:2] == right[:2]
     assert left != right
     page.handlers["sample-pair"]({"kind": "use", "value": 2})

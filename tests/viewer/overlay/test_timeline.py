@@ -29,7 +29,7 @@ def test_steps_of_any_size_are_clamped_and_garbage_is_dropped(tab):
         tab.run(lambda: timeline._heard(event))
         return playback.step
 
-    assert heard(kind="seek", value=7) == 57
+    assert heard(kind="seek", value=7) == 56
     assert heard(kind="seek", value=10**400) == 109
     assert heard(kind="seek", value=-(10**400)) == 0
     assert heard(kind="step", value=10**400) == 109
@@ -38,7 +38,7 @@ def test_steps_of_any_size_are_clamped_and_garbage_is_dropped(tab):
         assert heard(kind="seek", value=value) == 100
     assert heard(kind="nothing of ours") == 100
     assert heard() == 100
-    assert heard(kind="current") == 50
+    assert heard(kind="current") == 49
 
 
 def test_a_seek_draws_the_picture_at_once(tab):

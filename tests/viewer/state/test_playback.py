@@ -21,7 +21,7 @@ def make():
 
 def test_opens_at_the_current_step_and_stands():
     playback, _ = make()
-    assert playback.step == 50
+    assert playback.step == 49
     assert playback.advance() == (False, None)
 
 
@@ -41,7 +41,7 @@ def test_one_second_is_ten_steps_at_normal_speed():
     for _ in range(40):
         clock.now += 0.025
         playback.advance()
-    assert playback.step == pytest.approx(60, abs=0.5)
+    assert playback.step == pytest.approx(59, abs=0.5)
 
 
 def test_frames_are_not_due_more_often_than_30_hz():
@@ -59,7 +59,7 @@ def test_loops_or_stops_at_the_end():
     playback.play()
     clock.now += 7.0
     playback.advance()
-    assert playback.step == pytest.approx(120 - 109)
+    assert playback.step == pytest.approx(119 - 109)
     playback.loops = False
     clock.now += 20.0
     playback.advance()
@@ -84,7 +84,7 @@ def test_ends_where_the_last_agent_does():
     playback.play()
     clock.now += 1.5
     playback.advance()
-    assert playback.step == pytest.approx(65 - 60)
+    assert playback.step == pytest.approx(64 - 60)
 
 
 def test_begins_again_where_most_agents_begin():

@@ -50,7 +50,11 @@ def shift(workspace: Workspace, dx: float) -> None:
 
 
 def position(workspace: Workspace) -> float:
-    return float(workspace.session.scenario.agents.position_m[0, 50, 0])
+    return float(
+        workspace.session.scenario.agents.position_m[
+            0, workspace.session.scenario.current_step, 0
+        ]
+    )
 
 
 def test_every_scenario_goes_on_with_its_own_edits(workspace: Workspace, root: Path):

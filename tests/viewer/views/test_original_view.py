@@ -42,10 +42,10 @@ def test_the_note_tells_the_difference_now_and_at_the_end():
     note = difference_notes(scenario, slower, ("100", "101"))
     now, then = note["100"].splitlines()
     assert now == "now: 3.0 m from the original, 4.0 m/s slower"
-    assert then.startswith("at 5.9 s: ")
+    assert then.startswith("at 6.0 s: ")
     assert note["101"].splitlines() == [
         "now: 0.0 m from the original, as fast",
-        "at 5.9 s: 0.0 m from the original, as fast",
+        "at 6.0 s: 0.0 m from the original, as fast",
     ]
 
 

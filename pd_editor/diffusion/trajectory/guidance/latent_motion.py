@@ -93,16 +93,20 @@ class LatentMotion:
         is_sampled: Bool[Tensor, "A"],
         known: KnownMotion,
     ) -> "LatentMotion":
-        """Make the tables for the current step and ``num_steps`` later ones."""
-        steps = torch.arange(num_steps, device=origin_m.device)
+        """Make the tables for the current step and ``num_steps`` later ones.
+
+        Beyond the last step of the decoder, agents keep their last velocity.
+        """
+        count = decoder.num_steps
+        steps = torch.arange(count, device=origin_m.device)
         matrix, mean, times = decoder.matrix(steps)
         step_s = float(decoder.get_buffer("step_s"))
-        across = matrix[NUM_ALONG:, num_steps:]
-        shares = torch.cat([matrix[:NUM_ALONG, :num_steps], across])
-        # At the current step the position is given: no latent changes it.
-        shares = torch.nn.functional.pad(shares, (1, 0))
-        mean = torch.nn.functional.pad(mean[:num_steps], (1, 0))
-        times = torch.nn.functional.pad(times[:num_steps], (1, 0))
+        across = matrix[NUM_ALONG:, count:]
+        shares = torch.cat([matrix[:NUM_ALONG, :count], across])
+        shares, mean, times = (
+            _at_steps(values, num_steps)
+            for values in (shares, mean[:count], times[:count])
+        )
         table = _derivatives(shares, torch.zeros_like(shares[:, 0]), step_s)
         pace = _derivatives(times[None], torch.ones_like(times[:1]), step_s)
         base = _derivatives(mean[None], torch.zeros_like(mean[:1]), step_s)
@@ -174,6 +178,16 @@ class LatentMotion:
         steps = torch.arange(course.shape[-1], device=course.device)
         last = torch.where(moves, steps, 0).cummax(dim=-1).values
         return course.gather(-1, last)
+
+
+def _at_steps(
+    values: Float[Tensor, "*shape H"], num_steps: int
+) -> Float[Tensor, "*shape T"]:
+    """Values at the current step, where no latent changes the position, and later."""
+    rate = values[..., -1:] - values[..., -2:-1]
+    beyond = torch.arange(1, num_steps - values.shape[-1] + 1, device=values.device)
+    values = torch.cat([values, values[..., -1:] + rate * beyond], dim=-1)
+    return torch.nn.functional.pad(values, (1, 0))
 
 
 def _derivatives(

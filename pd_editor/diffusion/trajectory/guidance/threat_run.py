@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
+from torch.nn.functional import pad
 
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.trajectory.guidance.latent_motion import PredictedMotion
@@ -287,11 +288,13 @@ class ThreatTerm:
         )
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
-        """Residuals to the planned positions."""
+        """Residuals to the planned positions, at the steps of the plan."""
         samples = motion.num_samples
-        target = self.target_m[:samples, None]
+        beyond = len(motion.time_s) - self.target_m.shape[1]
+        target = pad(self.target_m[:samples, None], (0, 0, 0, beyond))
         weight = row_weights(1.0, self.weight, target[..., 0])
-        weight = weight / self.accepted_m[:samples, None]
+        accepted = pad(self.accepted_m[:samples, None], (0, beyond), value=torch.inf)
+        weight = weight / accepted
         weight = torch.where(self.is_planned[:samples, None, None], weight, 0.0)
         axes = torch.eye(2, dtype=target.dtype, device=target.device)
         return [

@@ -22,6 +22,8 @@ from pd_editor.scene.time_axis import TimeAxis
 
 STAYS_M: Final = 0.5
 """A stationary agent that would move less than this stays exactly at its position."""
+_BEGINS_S: Final = 0.6
+"""Time constant with which trajectories leave the velocity of their current state."""
 _WALKING_MPS: Final = 1.5
 _CATCHES_UP_1PM: Final = 1.0
 """Turn per metre of a vehicle that is faster, and whose heading is not its course yet."""
@@ -109,7 +111,7 @@ def motion_of(
     velocity_mps: Float[np.ndarray, "A 2"],
     axis: TimeAxis,
 ) -> Motion:
-    """Decode trajectories that begin exactly at the given states.
+    """Decode trajectories that begin exactly at the given states and velocities.
 
     Beyond the last step of the basis, agents keep their last velocity.
     """
@@ -120,6 +122,14 @@ def motion_of(
     local = np.where(stays[..., None, None], 0.0, local)
     local = _at_steps(local, basis.step_s, axis)
     forward = unit_vector(heading_rad)[:, None]
+    first_mps = np.stack(
+        [
+            (velocity_mps * forward[:, 0]).sum(axis=-1),
+            (velocity_mps * left_of(forward[:, 0])).sum(axis=-1),
+        ],
+        axis=-1,
+    )
+    local -= np.where(stays[..., None, None], 0.0, _jump_m(local, first_mps, axis))
     position = position_m[:, None] + local[..., :1] * forward
     position += local[..., 1:] * left_of(forward)
     first = np.broadcast_to(heading_rad, position.shape[:2])
@@ -152,6 +162,29 @@ def turned_as_vehicles(
             possible == turn, heading[..., step + 1], later
         )
     return replace(motion, heading_rad=heading)
+
+
+def _jump_m(
+    local: Float[np.ndarray, "S A F_plus_1 2"],
+    velocity_mps: Float[np.ndarray, "A 2"],
+    axis: TimeAxis,
+) -> Float[np.ndarray, "S A F_plus_1 2"]:
+    """What trajectories leap by at the current step, in place and velocity, fading out.
+
+    Ten components describe six seconds and do not begin at just the current velocity.
+    """
+    if axis.num_future_steps < 3:
+        return np.zeros_like(local)
+    one, two, three = (local[..., step, :] for step in (1, 2, 3))
+    place = 3 * one - 3 * two + three
+    velocity = (8 * two - 5 * one - 3 * three) / (2 * axis.step_s) - velocity_mps
+    time_s = (np.arange(local.shape[-2]) * axis.step_s)[:, None]
+    fade = np.exp(-time_s / _BEGINS_S)
+    # The place fades without a velocity of its own.
+    place = place[..., None, :] * (1 + time_s / _BEGINS_S)
+    jump = (place + velocity[..., None, :] * time_s) * fade
+    jump[..., 0, :] = 0.0
+    return jump
 
 
 def _at_steps(

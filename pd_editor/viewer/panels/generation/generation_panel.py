@@ -42,6 +42,7 @@ from pd_editor.viewer.panels.generation.generation_run import (
 )
 from pd_editor.viewer.panels.generation.live_switch import LiveSwitch
 from pd_editor.viewer.panels.kept_settings import KeptSettings
+from pd_editor.viewer.panels.panel_style import WITH_PAST
 from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.run_state import RunState
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
@@ -202,6 +203,9 @@ class GenerationPanel:
             self._only_on_road = gui.add_checkbox(
                 "Only on the road", True, hint="No parked cars far from lanes"
             )
+            self._back_casts = gui.add_checkbox(
+                WITH_PAST, True, hint="Loaders look for agents in the past"
+            )
             self._keeps_focal = gui.add_checkbox(
                 "Keep focal agent", True, hint="With its recorded motion"
             )
@@ -248,6 +252,7 @@ class GenerationPanel:
             "fits": self._fits,
             "moving": self._moving,
             "only_on_road": self._only_on_road,
+            "back_casts": self._back_casts,
             "keeps_focal": self._keeps_focal,
             "keeps_ego": self._keeps_ego,
             "where": self._where,
@@ -495,6 +500,7 @@ class GenerationPanel:
             resampled_state_ids=resampled_state_ids,
             moving_share=MOVING_SHARES[self._moving.value] if samples_states else None,
             only_on_road=samples_states and bool(self._only_on_road.value),
+            back_casts=bool(self._back_casts.value),
             region=region,
             quality=QUALITIES[self._quality.value] if samples_states else "fast",
             num_samples=int(self._samples.value),
@@ -625,7 +631,8 @@ class GenerationPanel:
         places = not supports.isdisjoint(("states", "new-agents"))
         which = self._which.value
         of_states = (self._which, self._moving, self._only_on_road, self._where)
-        for handle in (*of_states, self._quality, self._draw_region):
+        of_states = (*of_states, self._quality, self._draw_region, self._back_casts)
+        for handle in of_states:
             set_property(handle, "disabled", not places)
         for handle in (self._keeps_focal, self._keeps_ego):
             set_property(handle, "disabled", not places or which != REPLACE_ALL)

@@ -30,7 +30,7 @@ def test_futures_begin_at_the_state_and_go_where_the_latents_say() -> None:
     for agent in range(3):
         cos, sin = np.cos(HEADING[agent]), np.sin(HEADING[agent])
         world = points[agent] @ np.array([[cos, sin], [-sin, cos]]) + POSITION[agent]
-        gap = np.linalg.norm(motion.position_m[0, agent, 1:] - world, axis=-1)
+        gap = np.linalg.norm(motion.position_m[0, agent, 1:60] - world, axis=-1)
         assert gap.max() < 0.3
     inner = motion.velocity_mps[0, :, 1:-1]
     ahead = motion.position_m[0, :, 2:] - motion.position_m[0, :, :-2]
@@ -45,7 +45,7 @@ def test_who_stands_and_hardly_moves_stays_exactly() -> None:
     for sample in (0, 1):
         assert np.ptp(motion.position_m[sample], axis=1).max() == 0.0
         assert np.array_equal(
-            motion.heading_rad[sample], np.repeat(HEADING[:, None], 60, axis=1)
+            motion.heading_rad[sample], np.repeat(HEADING[:, None], 61, axis=1)
         )
     assert np.ptp(motion.position_m[2], axis=1).max() > 1.0
 
