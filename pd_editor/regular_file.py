@@ -1,10 +1,11 @@
 """Reads regular files up to a size limit, and writes files atomically."""
 
 import contextlib
+import json
 import os
 import stat
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from pd_editor.errors import ExportError, InputError, PdEditorError
 from pd_editor.plain_text import is_plain
@@ -86,6 +87,21 @@ def check_regular(
         raise error(f"{path}: is not a regular file.")
     if status.st_size > max_bytes:
         raise _too_large(path, max_bytes, error)
+
+
+def json_value(data: str | bytes) -> Any:
+    """Parse a JSON text, which may begin with a byte-order mark.
+
+    Raises:
+        ValueError: it is not JSON, or nested too deeply.
+    """
+    try:
+        text = (
+            data if isinstance(data, str) else data.decode(json.detect_encoding(data))
+        )
+        return json.loads(text.removeprefix("\ufeff"))
+    except (RecursionError, MemoryError) as error:
+        raise ValueError("it is nested too deeply") from error
 
 
 def write_whole(

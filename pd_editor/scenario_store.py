@@ -3,6 +3,7 @@
 import dataclasses
 import logging
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +11,11 @@ import numpy as np
 
 from pd_editor.av2_io.file_names import map_name, tracks_name
 from pd_editor.av2_io.read import read_scenario
+from pd_editor.av2_io.upload import (
+    MAX_UPLOAD_BYTES,
+    file_in_upload,
+    scenario_from_upload,
+)
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe
 from pd_editor.errors import ExportError, InputError, PdEditorError, RecipeError
@@ -43,14 +49,55 @@ def open_scenario(reference: str | Path) -> Scenario:
         return dataclasses.replace(scenario, provenance=provenance)
     # os.path, unlike pathlib, does not raise for an unknown ~user or forbidden parent.
     folder = os.path.expanduser(text)
+    if os.path.isfile(folder) and folder.lower().endswith(".zip"):
+        return _open_zip(Path(folder))
     if not os.path.isdir(folder):
-        raise InputError(
-            f"{text}: is neither a scenario folder nor a demo "
-            f"({', '.join(demo_names())})."
-        )
+        raise _no_scenario(text, folder)
     scenario = read_scenario(Path(folder))
     recipe = recipe_of_export(Path(folder))
     return scenario if recipe is None else made_by(scenario, recipe)
+
+
+def _open_zip(path: Path) -> Scenario:
+    scenario, recipe = scenario_and_recipe(
+        {path.name: read_regular(path, max_bytes=MAX_UPLOAD_BYTES)}
+    )
+    source = dataclasses.replace(scenario.provenance, source=os.path.realpath(path))
+    scenario = dataclasses.replace(scenario, provenance=source)
+    return scenario if recipe is None else made_by(scenario, recipe)
+
+
+def _no_scenario(text: str, path: str) -> InputError:
+    """The error of a reference, which says what is there instead."""
+    if not os.path.isfile(path):
+        return InputError(
+            f"{text}: is neither a scenario folder nor a demo "
+            f"({', '.join(demo_names())})."
+        )
+    if path.endswith(".json"):
+        return InputError(
+            f"{text}: is a file; recipes are replayed by pd-editor replay, and scenarios"
+            " are opened by their folder."
+        )
+    return InputError(
+        f"{text}: is a file; expected the folder that holds scenario_<id>.parquet and"
+        " log_map_archive_<id>.json, or a zip of it."
+    )
+
+
+def scenario_and_recipe(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | None]:
+    """Scenario in uploaded files or a zip, and its recipe if one is there.
+
+    Raises:
+        InputError: the files cannot be read.
+    """
+    scenario = scenario_from_upload(files)
+    content = file_in_upload(files, RECIPE_NAME, MAX_RECIPE_BYTES)
+    try:
+        return scenario, None if content is None else Recipe.from_text(content)
+    except RecipeError as error:
+        _LOG.info("The recipe is passed over: %s", error)
+        return scenario, None
 
 
 def recipe_of_export(folder: Path) -> Recipe | None:
@@ -129,7 +176,7 @@ def exported_files(
     if len(agents) and (row is None or not agents.is_valid[row].any()):
         raise ExportError(
             f"Scenario {scenario.scenario_id} has no focal agent ({focal_id or 'none'} is"
-            " not there); make an agent the focal one first."
+            " not there); make an agent the focal one first (on the shell: --focal ID)."
         )
     if base is not None:
         recipe = recipe.judged(scenario, base)

@@ -1,6 +1,5 @@
 """Typed access to the fields of a parsed JSON map; errors name file and entry."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -10,9 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.errors import MapFileError
-
-MAX_COORDINATE_M: Final = 1e6
-"""Largest coordinate that is read."""
+from pd_editor.regular_file import json_value
+from pd_editor.scene.scene_limits import MAX_COORDINATE_M
 
 MAX_JSON_BYTES: Final = 16 * 2**20
 """Largest map that is parsed; official ones have less than 1 MiB."""
@@ -145,8 +143,8 @@ def parse_json_object(data: bytes, file_name: str) -> JsonObject:
             "that is read."
         )
     try:
-        fields = json.loads(data)
-    except (ValueError, RecursionError, MemoryError) as error:
+        fields = json_value(data)
+    except ValueError as error:
         raise MapFileError(
             f"{file_name}: this is not readable JSON; it may be cut off or damaged."
         ) from error

@@ -13,13 +13,11 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.errors import ScenarioFileError
 from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain
 from pd_editor.regular_file import check_regular
-from pd_editor.scene.scene_limits import MAX_STATES
+from pd_editor.scene.scene_limits import MAX_COORDINATE_M, MAX_STATES
 
 MAX_TRACKS_BYTES: Final = 64 * 2**20
 MAX_UNPACKED_BYTES: Final = 64 * 2**20
 MAX_COLUMNS: Final = 100
-MAX_MAGNITUDE: Final = 1e6
-"""Largest coordinate (m) that is read."""
 _MAX_VALUE_BYTES: Final = 64
 """Widest fixed-width value that is read."""
 
@@ -77,7 +75,7 @@ class TrackTable:
         return values
 
     def bounded_numbers(
-        self, name: str, most: float = MAX_MAGNITUDE
+        self, name: str, most: float = MAX_COORDINATE_M
     ) -> Float[np.ndarray, "R"]:
         """A column of numbers between ``-most`` and ``most``."""
         values = self.numbers(name)
@@ -107,8 +105,15 @@ class TrackTable:
         return values == 1
 
     def texts(self, name: str) -> tuple[Int[np.ndarray, "R"], tuple[str, ...]]:
-        """Code of each row and the texts of the codes, in order of first appearance."""
+        """Code of each row and the texts of the codes, in order of first appearance.
+
+        Whole numbers count as texts: a CSV file in between makes them of ids.
+        """
         column = self.column(name, "a text")
+        if _is_numeric(column.type):
+            column = pa.chunked_array([pa.array(map(str, self.integers(name)))])
+        if pa.types.is_string_view(column.type):
+            column = column.cast(pa.large_string())
         if not _is_text(column.type):
             raise self.type_error(name, "texts")
         encoded = column.combine_chunks()
@@ -241,7 +246,11 @@ def _read_within_limits(
 def _is_text(data_type: pa.DataType) -> bool:
     if pa.types.is_dictionary(data_type):
         data_type = data_type.value_type
-    return pa.types.is_string(data_type) or pa.types.is_large_string(data_type)
+    return (
+        pa.types.is_string(data_type)
+        or pa.types.is_large_string(data_type)
+        or pa.types.is_string_view(data_type)
+    )
 
 
 def is_readable(data_type: pa.DataType) -> bool:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.av2_io.recorded_units import headings_in_radians, notes_on_velocities
 from pd_editor.av2_io.track_table import TrackTable, is_readable, open_track_table
 from pd_editor.geometry.angles import wrap_angle
 from pd_editor.scene.activity import Activity
@@ -103,7 +104,7 @@ def read_tracks(data: bytes, file_name: str) -> TracksFile:
     _check_places(table, position)
     is_focal = track == (ids.index(focal_id) if focal_id in ids else -1)
     origin = _origin(position, step, is_focal, time_axis.current_step)
-    agents = _agents(table, track, ids, step, position - origin, time_axis.num_steps)
+    agents, told = _agents(table, track, ids, step, position - origin, time_axis)
     source_fields, notes = _other_columns(table)
     return TracksFile(
         scenario_id=table.one_text("scenario_id"),
@@ -113,7 +114,12 @@ def read_tracks(data: bytes, file_name: str) -> TracksFile:
         agents=agents,
         time_axis=time_axis,
         source_fields=source_fields,
-        notes=(*notes, *_notes_on_speed(agents, time_axis)),
+        notes=(
+            *notes,
+            *told,
+            *notes_on_velocities(agents, time_axis.step_s),
+            *_notes_on_speed(agents, time_axis),
+        ),
     )
 
 
@@ -269,12 +275,11 @@ def _agents(
     ids: tuple[str, ...],
     step: Int[np.ndarray, "R"],
     position_m: Float[np.ndarray, "R 2"],
-    num_steps: int,
-) -> AgentTracks:
+    axis: TimeAxis,
+) -> tuple[AgentTracks, tuple[str, ...]]:
+    """The agents, and notes on the units of their headings."""
     kinds, categories = _kinds(table, track), _categories(table, track)
     heading = table.bounded_numbers("heading", MAX_HEADING_RAD)
-    outside = (heading <= -np.pi) | (heading > np.pi)
-    heading = np.where(outside, wrap_angle(heading), heading)
     velocity = np.stack(
         [
             table.bounded_numbers("velocity_x", MAX_SPEED_MPS),
@@ -285,25 +290,32 @@ def _agents(
     size, has_known_size = _sizes(table, track, kinds)
 
     def unfolded(values: np.ndarray) -> np.ndarray:
-        shape = (len(ids), num_steps, *values.shape[1:])
+        shape = (len(ids), axis.num_steps, *values.shape[1:])
         full = np.zeros(shape, values.dtype)
         full[track, step] = values
         return full
 
-    return AgentTracks(
+    position, is_valid = unfolded(position_m), unfolded(np.ones(len(table), bool))
+    heading, notes = headings_in_radians(
+        unfolded(heading), position, is_valid, axis.step_s
+    )
+    outside = (heading <= -np.pi) | (heading > np.pi)
+    heading = np.where(outside & is_valid, wrap_angle(heading), heading)
+    agents = AgentTracks(
         ids=ids,
         kinds=kinds,
         categories=categories,
         size_m=size,
         has_known_size=has_known_size,
-        position_m=unfolded(position_m),
-        heading_rad=unfolded(heading),
+        position_m=position,
+        heading_rad=np.where(is_valid, heading, 0.0),
         velocity_mps=unfolded(velocity),
-        is_valid=unfolded(np.ones(len(table), bool)),
+        is_valid=is_valid,
         observed=unfolded(table.flags("observed")),
         activity=_activities(table, track, len(ids)),
         has_made_up_past=_have_made_up_past(table, track, len(ids)),
     )
+    return agents, notes
 
 
 def _have_made_up_past(

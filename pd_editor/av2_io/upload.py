@@ -147,12 +147,13 @@ def _check_member(member: zipfile.ZipInfo, label: str) -> None:
 def _choose(names: list[str], label: str) -> tuple[str, str]:
     """Names of the only track file and the only map among files that are not hidden."""
     names = [name for name in names if not _base(name).startswith(".")]
-    parquets = [name for name in names if name.lower().endswith(".parquet")]
+    tables = [name for name in names if name.lower().endswith(".parquet")]
+    tracks = [name for name in tables if is_tracks_name(_base(name))] or tables
     texts = [name for name in names if name.lower().endswith(".json")]
     maps = [name for name in texts if is_map_name(_base(name))] or [
         name for name in texts if _base(name) != "recipe.json"
     ]
-    for found, what in ((parquets, "track file (.parquet)"), (maps, "map (.json)")):
+    for found, what in ((tracks, "track file (.parquet)"), (maps, "map (.json)")):
         if len(found) == 1:
             continue
         if not found:
@@ -162,7 +163,7 @@ def _choose(names: list[str], label: str) -> tuple[str, str]:
             f"{label}: holds {len(found)} files that could be the {what}, "
             f"{_listed(found)}; expected exactly one scenario."
         )
-    return parquets[0], maps[0]
+    return tracks[0], maps[0]
 
 
 def _unpacked(
@@ -192,14 +193,17 @@ def _read(tracks: str, parquet: bytes, road_map: str, map_json: bytes) -> Scenar
     tracks, road_map = _base(tracks), _base(road_map)
     name = tracks.removeprefix(TRACKS_PREFIX).removesuffix(".parquet")
     map_id = road_map.removeprefix(MAP_PREFIX).removesuffix(".json")
+    label = name if is_scenario_id(name) else "upload"
+    scenario = read_scenario_bytes(parquet, map_json, name=label)
     both_official = is_tracks_name(tracks) and is_map_name(road_map)
-    if both_official and is_scenario_id(map_id) and map_id != name:
+    # A file that was downloaded twice has another name; what is in it counts.
+    ids = (name, scenario.scenario_id)
+    if both_official and is_scenario_id(map_id) and map_id not in ids:
         raise ArchiveError(
             f"The map {_shown(road_map)} belongs to another scenario than "
             f"{_shown(tracks)}."
         )
-    label = name if is_scenario_id(name) else "upload"
-    return read_scenario_bytes(parquet, map_json, name=label)
+    return scenario
 
 
 def _base(name: str) -> str:

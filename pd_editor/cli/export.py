@@ -9,6 +9,7 @@ import tyro
 from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.basket.index_table import INDEX_NAME, index_csv, index_row
 from pd_editor.cli.options.arguments import (
+    FocalOption,
     FolderOption,
     NameOption,
     NoteOption,
@@ -22,6 +23,7 @@ from pd_editor.cli.output.outcome import (
     write_session,
 )
 from pd_editor.cli.replay import open_base, read_recipe
+from pd_editor.editor.commands import SetFocalAgent
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, free_name
 from pd_editor.errors import EditError, ExportError
@@ -43,6 +45,7 @@ def export(
     *,
     out: FolderOption,
     format: Format = "av2",
+    focal: FocalOption = "",
     name: NameOption = "",
     tags: TagsOption = (),
     note: NoteOption = "",
@@ -56,6 +59,7 @@ def export(
         scenarios: Demos' names, Argoverse 2 scenario folders, or recipe.json files.
         out: Folder that receives DIR/<name>/, or the zip.
         format: The form to write: av2 is parquet tracks and a map JSON, all steps.
+        focal: Id of the agent that becomes the focal one.
         name: Id of the written scenario, for one scenario only.
         tags: Words to find it by, kept in its recipe.
         note: A sentence about it, kept in its recipe.
@@ -76,6 +80,8 @@ def export(
     if zip and verify:
         raise ExportError("--verify looks at folders; give --zip or --verify.")
     sessions = [_session(one, described(name, tags, note)) for one in references]
+    for session in sessions if focal else ():
+        session.apply(SetFocalAgent(agent_id=focal))
     opened = tuple(session.scenario for session in sessions)
     if zip:
         return Outcome(

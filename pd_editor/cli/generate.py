@@ -10,6 +10,7 @@ import numpy as np
 import tyro
 
 from pd_editor.cli.options.arguments import (
+    FocalOption,
     FolderOption,
     NameOption,
     ScenarioArgument,
@@ -33,7 +34,12 @@ from pd_editor.diffusion.defaults import (
     NUM_TRIES,
     DeviceName,
 )
-from pd_editor.editor.commands import AddGuidance, SetAgentActivity, traffic_command
+from pd_editor.editor.commands import (
+    AddGuidance,
+    SetAgentActivity,
+    SetFocalAgent,
+    traffic_command,
+)
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
@@ -141,6 +147,7 @@ def generate(
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
     device: DeviceName = "auto",
+    focal: FocalOption = "",
     name: NameOption = "",
     overwrite: Switch = False,
 ) -> Outcome:
@@ -174,12 +181,14 @@ def generate(
         seed: Random seed; the same seed gives the same files.
         model: path-diffuser, lane-follower (trajectories only), the folder of a trained model, or a generator or predictor of your own as package.module:attribute.
         device: Where a model computes; auto takes a GPU if there is one.
+        focal: Id of the agent that becomes the focal one.
         name: Id of the new scenario, such as 000c4929-s3.
         overwrite: Replace what earlier runs wrote.
     """
     generator, opened = make_generator(model, device=device), open_scenario(scenario)
     terms = guidance_terms_of((guide,) if isinstance(guide, str) else guide)
     edits = (
+        *([SetFocalAgent(agent_id=focal)] if focal else []),
         *_activities(parked, waiting),
         *(AddGuidance(term=term) for term in terms),
         *lock_commands(lock),

@@ -6,13 +6,14 @@ from typing import Annotated
 import tyro
 
 from pd_editor.cli.options.arguments import (
+    FocalOption,
     FolderOption,
     NameOption,
     ScenarioArgument,
     Switch,
 )
 from pd_editor.cli.output.outcome import Outcome, described, write_session
-from pd_editor.editor.commands import SetRoadWarp
+from pd_editor.editor.commands import SetFocalAgent, SetRoadWarp
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import EditError
 from pd_editor.geometry.rigid_motion import RigidMotion
@@ -50,6 +51,7 @@ def warp(
     friction: Annotated[
         float | None, tyro.conf.arg(metavar="MU", help_behavior_hint="(optional)")
     ] = None,
+    focal: FocalOption = "",
     name: NameOption = "",
     overwrite: Switch = False,
 ) -> Outcome:
@@ -65,17 +67,19 @@ def warp(
         exponent: Exponent of the turns, 2..8.
         anchor: focal, ego, an agent's id, or a pose x,y,heading in metres and degrees.
         friction: Slow agents to the speed that this friction coefficient allows.
+        focal: Id of the agent that becomes the focal one.
         name: Id of the warped scenario, such as 000c4929-double-turn-p6.
         overwrite: Replace what an earlier run wrote.
     """
     # Numbers are validated before files are read: cheap checks first.
     terms = _terms(kind, power, length, border, exponent)
-    opened = open_scenario(scenario)
+    session = EditorSession(open_scenario(scenario))
+    if focal:
+        session.apply(SetFocalAgent(agent_id=focal))
     command = SetRoadWarp(
-        warp=RoadWarp(anchor=_anchor_pose(opened, anchor), terms=terms),
+        warp=RoadWarp(anchor=_anchor_pose(session.scenario, anchor), terms=terms),
         friction_coefficient=None if friction is None else float(friction),
     )
-    session = EditorSession(opened)
     session.describe(described(name))
     session.apply(command)
     folder = write_session(out, session, overwrite=overwrite)

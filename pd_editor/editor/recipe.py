@@ -27,6 +27,7 @@ from pd_editor.errors import PdEditorError, RecipeError
 from pd_editor.findings.finding import FindingKey
 from pd_editor.generation import ScenarioGenerator, run_to_end
 from pd_editor.plain_text import is_note
+from pd_editor.regular_file import json_value
 from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.scenario import Scenario
 
@@ -291,8 +292,8 @@ def parsed_json(text: str | bytes, what: str) -> Any:
         RecipeError: the text is not JSON.
     """
     try:
-        return json.loads(text)
-    except (ValueError, RecursionError, MemoryError) as error:
+        return json_value(text)
+    except ValueError as error:
         raise RecipeError(f"{what} is not valid JSON.") from error
 
 

@@ -17,7 +17,10 @@ def pose_on_original_road(scenario: Scenario, agent_id: str) -> RigidMotion:
     _, agents = unwarped(scenario)
     (row,) = agents.rows([agent_id])
     if not agents.is_valid[row, step]:
-        raise EditError(f"Agent {agent_id} is not there at the current step.")
+        raise EditError(
+            f"Agent {agent_id} is not there at the current step; choose another anchor"
+            " (on the shell: --anchor ID, or X,Y,HEADING)."
+        )
     x, y = agents.position_m[row, step]
     return RigidMotion(
         x_m=float(x), y_m=float(y), rotation_rad=float(agents.heading_rad[row, step])
@@ -32,7 +35,10 @@ def pose_of_anchor(scenario: Scenario, name: str) -> RigidMotion:
     """
     there = scenario.agents.row_of
     if name == "focal" and scenario.focal_id not in there:
-        raise EditError("This scenario has no focal agent; choose another anchor.")
+        raise EditError(
+            "This scenario has no focal agent; choose another anchor (on the shell:"
+            " --anchor ID, and --focal ID for the export)."
+        )
     if name == "ego" and EGO_ID not in there:
         raise EditError(
             f"This scenario has no ego vehicle (track id {EGO_ID}); choose another "

@@ -19,6 +19,8 @@ MAX_STATES: Final = 200_000
 """Number of agents times steps."""
 MAX_POSITION_M: Final = 5_000.0
 """Distance from the scene's origin along each axis."""
+MAX_COORDINATE_M: Final = 1e8
+"""Largest coordinate of a file, whose frame may be that of a map projection."""
 MAX_SPEED_MPS: Final = 200.0
 """Faster states are refused along each axis: no road user reaches this."""
 MAX_LENGTH_M: Final = 100.0

@@ -182,7 +182,7 @@ BAD_MAPS = {
     ),
     "far": (
         changed_map(spoiled(centerline=[POINT, {**POINT, "x": 1e12}])),
-        "not finite, or beyond 1e\\+06 m",
+        "not finite, or beyond 1e\\+08 m",
     ),
     "text": (
         changed_map(spoiled(centerline=[POINT, {**POINT, "x": "1"}])),

@@ -50,6 +50,11 @@ def refused(files: Mapping[str, bytes], message: str) -> None:
         {TRACKS_NAME: TRACKS, MAP_NAME: MAP},
         {"my tracks.PARQUET": TRACKS, "map (1).json": MAP},
         {TRACKS_NAME: TRACKS, MAP_NAME: MAP, "recipe.json": b"{}"},
+        {"two.zip": zipped({**FILES, "predictions.parquet": b"x"})},
+        {TRACKS_NAME: TRACKS, MAP_NAME: MAP, "predictions.parquet": b"x"},
+        {f"scenario_{ID} (1).parquet": TRACKS, MAP_NAME: MAP},
+        {TRACKS_NAME: TRACKS, f"log_map_archive_{ID} (1).json": MAP},
+        {"scenario_copy.parquet": TRACKS, MAP_NAME: MAP},
         {"C:\\data\\" + TRACKS_NAME: TRACKS, "../" + MAP_NAME: MAP},
     ],
 )

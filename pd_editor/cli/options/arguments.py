@@ -27,6 +27,9 @@ TagsOption = Annotated[
     tuple[str, ...], tyro.conf.arg(metavar="TAG [TAG ...]", help_behavior_hint="")
 ]
 NoteOption = Annotated[str, tyro.conf.arg(metavar="TEXT", help_behavior_hint="")]
+FocalOption = Annotated[
+    str, tyro.conf.arg(metavar="ID", help_behavior_hint="(default: the scenario's)")
+]
 Switch = Annotated[
     bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")
 ]

@@ -9,11 +9,10 @@ from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 from pd_editor.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
-from pd_editor.av2_io.upload import file_in_upload, scenario_from_upload
 from pd_editor.basket.basket import BasketEntry
 from pd_editor.basket.index_table import index_row
 from pd_editor.basket.thumbnail import thumbnail
-from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe
+from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork
 from pd_editor.editor.variant import (
@@ -22,7 +21,7 @@ from pd_editor.editor.variant import (
     name_from_text,
     short_id,
 )
-from pd_editor.errors import InputError, RecipeError
+from pd_editor.errors import InputError
 from pd_editor.exporters.bundle import zip_files
 from pd_editor.findings.finding import FindingKey
 from pd_editor.installed_files import DEMO_PREFIX, demo_names
@@ -34,6 +33,7 @@ from pd_editor.scenario_store import (
     made_by,
     open_scenario,
     recipe_of_export,
+    scenario_and_recipe,
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.guided_runs import GuidedRuns
@@ -222,7 +222,7 @@ class Workspace:
         source = recipe.base.source
         if source.removeprefix(DEMO_PREFIX) in demo_names():
             return source
-        if self.is_local and source and os.path.isdir(source):
+        if self.is_local and source and os.path.exists(source):
             return source
         for card in () if self.search is None else self.search.cards:
             if card.scenario_id == recipe.base.scenario_id:
@@ -512,13 +512,8 @@ def base_of(work: UnfinishedWork) -> Scenario:
 
 def _from_upload(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | None]:
     """The scenario in an upload, and the recipe that made it if it is an export."""
-    scenario = scenario_from_upload(files)
-    content = file_in_upload(files, RECIPE_NAME, MAX_RECIPE_BYTES)
-    if content is None:
-        return scenario, None
-    try:
-        recipe = Recipe.from_text(content)
-    except RecipeError:
+    scenario, recipe = scenario_and_recipe(files)
+    if recipe is None:
         return scenario, None
     made = made_by(scenario, recipe)
     return made, None if made is scenario else recipe
