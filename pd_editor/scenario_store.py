@@ -22,8 +22,10 @@ from pd_editor.errors import ExportError, InputError, PdEditorError, RecipeError
 from pd_editor.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.installed_files import DEMO_PREFIX, demo_folder, demo_names
 from pd_editor.regular_file import check_path, read_regular
+from pd_editor.scene.base_reference import BaseReference, TimeCut
 from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_cut import cut_scenario
 
 MAX_LABELS: Final = 8
 """Number of edits that a note names; further ones are counted."""
@@ -32,12 +34,41 @@ SAME_M: Final = 0.02
 _LOG: Final = logging.getLogger(__name__)
 
 
-def open_scenario(reference: str | Path) -> Scenario:
-    """Open a demo or an Argoverse 2 scenario folder.
+def open_scenario(
+    reference: str | Path,
+    *,
+    current_s: float | None = None,
+    until_s: float | None = None,
+) -> Scenario:
+    """Open a demo, an Argoverse 2 scenario folder, or a zip of one.
+
+    Args:
+        reference: name or path.
+        current_s: seconds of the recording that count as observed; the last of their
+            steps becomes the current one. None: as the file has it.
+        until_s: seconds after the current step that are kept; None keeps all.
 
     Raises:
         InputError: there is no such demo or folder, or it cannot be read.
     """
+    opened = _opened(reference)
+    cut = TimeCut(current_s=current_s, until_s=until_s)
+    return opened if cut == TimeCut() else cut_scenario(opened, cut)
+
+
+def open_base(base: BaseReference, source: str | Path = "") -> Scenario:
+    """Open the base of a recipe, from another place if one is given.
+
+    Raises:
+        InputError: it is not there, or cannot be read.
+    """
+    cut = base.cut or TimeCut()
+    return open_scenario(
+        source or base.source, current_s=cut.current_s, until_s=cut.until_s
+    )
+
+
+def _opened(reference: str | Path) -> Scenario:
     text = str(reference)
     check_path(text)
     name = text.removeprefix(DEMO_PREFIX)

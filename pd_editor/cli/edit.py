@@ -9,12 +9,15 @@ from typing import Annotated
 import tyro
 
 from pd_editor.cli.options.arguments import (
+    CurrentOption,
     OptionalFolder,
     OptionalFolders,
     Switch,
+    UntilOption,
     several,
 )
 from pd_editor.errors import InputError
+from pd_editor.scene.base_reference import TimeCut
 
 DEFAULT_DEMO = "signalised-junction"
 
@@ -27,6 +30,8 @@ def edit(
     *,
     host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1",
     port: Annotated[int, tyro.conf.arg(metavar="PORT")] = 8080,
+    current: CurrentOption = None,
+    until: UntilOption = None,
     data: OptionalFolder = None,
     library: OptionalFolder = None,
     models: OptionalFolders = (),
@@ -38,6 +43,8 @@ def edit(
         scenario: A demo's name or an Argoverse 2 scenario folder.
         host: Address to listen on; 0.0.0.0 lets other machines in.
         port: Port to listen on; the next free one if it is taken.
+        current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
+        until: Seconds after the current step that are kept, such as 6.
         data: Root of an Argoverse 2 dataset to browse.
         library: Folder for unfinished work; ~/.local/state/pd-editor if not given.
         models: Folders of trained models to offer beside the shipped one, folders of such folders, and generators of your own as package.module:attribute.
@@ -51,6 +58,7 @@ def edit(
 
     app = ViewerApp(
         reference=str(scenario),
+        cut=TimeCut(current_s=current, until_s=until),
         host=host,
         port=port,
         data_root=data,

@@ -9,12 +9,14 @@ import tyro
 from pd_editor.av2_io.official import check_with_official_loaders
 from pd_editor.basket.index_table import INDEX_NAME, index_csv, index_row
 from pd_editor.cli.options.arguments import (
+    CurrentOption,
     FocalOption,
     FolderOption,
     NameOption,
     NoteOption,
     Switch,
     TagsOption,
+    UntilOption,
 )
 from pd_editor.cli.output.outcome import (
     Outcome,
@@ -30,6 +32,7 @@ from pd_editor.errors import EditError, ExportError
 from pd_editor.exporters.bundle import zip_folders
 from pd_editor.regular_file import write_whole
 from pd_editor.scenario_store import exported_files, open_scenario
+from pd_editor.scene.base_reference import TimeCut
 
 ZIP_NAME: Final = "scenarios.zip"
 Format = Literal["av2"]
@@ -45,6 +48,8 @@ def export(
     *,
     out: FolderOption,
     format: Format = "av2",
+    current: CurrentOption = None,
+    until: UntilOption = None,
     focal: FocalOption = "",
     name: NameOption = "",
     tags: TagsOption = (),
@@ -59,6 +64,8 @@ def export(
         scenarios: Demos' names, Argoverse 2 scenario folders, or recipe.json files.
         out: Folder that receives DIR/<name>/, or the zip.
         format: The form to write: av2 is parquet tracks and a map JSON, all steps.
+        current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
+        until: Seconds after the current step that are kept, such as 6.
         focal: Id of the agent that becomes the focal one.
         name: Id of the written scenario, for one scenario only.
         tags: Words to find it by, kept in its recipe.
@@ -79,7 +86,8 @@ def export(
         )
     if zip and verify:
         raise ExportError("--verify looks at folders; give --zip or --verify.")
-    sessions = [_session(one, described(name, tags, note)) for one in references]
+    cut = TimeCut(current_s=current, until_s=until)
+    sessions = [_session(one, described(name, tags, note), cut) for one in references]
     for session in sessions if focal else ():
         session.apply(SetFocalAgent(agent_id=focal))
     opened = tuple(session.scenario for session in sessions)
@@ -121,10 +129,12 @@ def _verified(folder: Path) -> str:
     )
 
 
-def _session(reference: str, variant: Variant) -> EditorSession:
+def _session(reference: str, variant: Variant, cut: TimeCut) -> EditorSession:
     """Open a session on a scenario, or on the result of a recipe."""
     if not reference.endswith(".json"):
-        session = EditorSession(open_scenario(reference))
+        session = EditorSession(
+            open_scenario(reference, current_s=cut.current_s, until_s=cut.until_s)
+        )
         session.describe(variant)
         return session
     recipe, where = read_recipe(Path(reference))

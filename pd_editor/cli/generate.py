@@ -10,11 +10,13 @@ import numpy as np
 import tyro
 
 from pd_editor.cli.options.arguments import (
+    CurrentOption,
     FocalOption,
     FolderOption,
     NameOption,
     ScenarioArgument,
     Switch,
+    UntilOption,
 )
 from pd_editor.cli.options.guide_option import guidance_terms_of
 from pd_editor.cli.options.kept_agents import (
@@ -147,6 +149,8 @@ def generate(
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
     device: DeviceName = "auto",
+    current: CurrentOption = None,
+    until: UntilOption = None,
     focal: FocalOption = "",
     name: NameOption = "",
     overwrite: Switch = False,
@@ -181,11 +185,14 @@ def generate(
         seed: Random seed; the same seed gives the same files.
         model: path-diffuser, lane-follower (trajectories only), the folder of a trained model, or a generator or predictor of your own as package.module:attribute.
         device: Where a model computes; auto takes a GPU if there is one.
+        current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
+        until: Seconds after the current step that are kept, such as 6.
         focal: Id of the agent that becomes the focal one.
         name: Id of the new scenario, such as 000c4929-s3.
         overwrite: Replace what earlier runs wrote.
     """
-    generator, opened = make_generator(model, device=device), open_scenario(scenario)
+    generator = make_generator(model, device=device)
+    opened = open_scenario(scenario, current_s=current, until_s=until)
     terms = guidance_terms_of((guide,) if isinstance(guide, str) else guide)
     edits = (
         *([SetFocalAgent(agent_id=focal)] if focal else []),

@@ -15,7 +15,8 @@ from pd_editor.editor.recipe import replay as replay_recipe
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.generators import make_generator
 from pd_editor.regular_file import check_path, read_regular
-from pd_editor.scenario_store import RECIPE_NAME, export_into, open_scenario
+from pd_editor.scenario_store import RECIPE_NAME, export_into
+from pd_editor.scenario_store import open_base as open_base_of
 from pd_editor.scene.scenario import Scenario
 
 
@@ -74,14 +75,14 @@ def open_base(recipe: Recipe, where: Path, base: str | Path | None) -> Scenario:
         RecipeError: the recipe does not say where it is.
     """
     if base is not None:
-        return open_scenario(base)
+        return open_base_of(recipe.base, base)
     if not recipe.base.source:
         raise RecipeError(
             f"{where}: its scenario {recipe.base.scenario_id} was uploaded; "
             "name its folder with --base."
         )
     try:
-        return open_scenario(recipe.base.source)
+        return open_base_of(recipe.base)
     except InputError as error:
         raise RecipeError(
             f"{where}: its scenario cannot be opened; if it was moved, name its "

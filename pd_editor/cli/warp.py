@@ -6,11 +6,13 @@ from typing import Annotated
 import tyro
 
 from pd_editor.cli.options.arguments import (
+    CurrentOption,
     FocalOption,
     FolderOption,
     NameOption,
     ScenarioArgument,
     Switch,
+    UntilOption,
 )
 from pd_editor.cli.output.outcome import Outcome, described, write_session
 from pd_editor.editor.commands import SetFocalAgent, SetRoadWarp
@@ -51,6 +53,8 @@ def warp(
     friction: Annotated[
         float | None, tyro.conf.arg(metavar="MU", help_behavior_hint="(optional)")
     ] = None,
+    current: CurrentOption = None,
+    until: UntilOption = None,
     focal: FocalOption = "",
     name: NameOption = "",
     overwrite: Switch = False,
@@ -67,13 +71,15 @@ def warp(
         exponent: Exponent of the turns, 2..8.
         anchor: focal, ego, an agent's id, or a pose x,y,heading in metres and degrees.
         friction: Slow agents to the speed that this friction coefficient allows.
+        current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
+        until: Seconds after the current step that are kept, such as 6.
         focal: Id of the agent that becomes the focal one.
         name: Id of the warped scenario, such as 000c4929-double-turn-p6.
         overwrite: Replace what an earlier run wrote.
     """
     # Numbers are validated before files are read: cheap checks first.
     terms = _terms(kind, power, length, border, exponent)
-    session = EditorSession(open_scenario(scenario))
+    session = EditorSession(open_scenario(scenario, current_s=current, until_s=until))
     if focal:
         session.apply(SetFocalAgent(agent_id=focal))
     command = SetRoadWarp(

@@ -48,7 +48,7 @@ def check_request(request: GenerationRequest) -> None:
     if axis.num_future_steps * axis.step_s > _LONGEST_S:
         raise GenerationError(
             f"The scenario's future lasts {axis.num_future_steps * axis.step_s:.1f} s; "
-            "the model samples 6 s."
+            "the model samples 6 s. Open it cut to --until 6 (open_scenario: until_s=6)."
         )
     if not scenario.road_map.lanes:
         raise GenerationError("The scenario has no lanes; the model needs a road.")

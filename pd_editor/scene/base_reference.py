@@ -1,8 +1,19 @@
 """Reference to the scenario that a recipe or an export starts from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pd_editor.errors import RecipeError
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeCut:
+    """What is used of a recording."""
+
+    current_s: float | None = None
+    """Seconds that count as observed; the last of their steps becomes the current one.
+    None: as the file has it."""
+    until_s: float | None = None
+    """Seconds after the current step that are kept; None keeps all."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,8 +31,13 @@ class BaseReference:
     """Whether its road was warped already."""
     edited_ids: tuple[str, ...] = ()
     """Ids of its agents that were generated or edited already."""
+<<<<<<< HEAD
     current_step: int | None = None
     """Its current step; None in files written when that was the first predicted step."""
+=======
+    cut: TimeCut | None = field(default=None, metadata={"omit_none": True})
+    """What is used of the source; None: all of it."""
+>>>>>>> 7b3b30e (Long recordings are opened cut: --until and --current in seconds on the shell, in the editor and in open_scenario; recipes replay the cut)
 
     @property
     def root(self) -> "BaseReference":

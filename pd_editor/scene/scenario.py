@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.scene.activity import Activity, activity_at, stands
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.base_reference import BaseReference
+from pd_editor.scene.base_reference import BaseReference, TimeCut
 from pd_editor.scene.guidance_terms import GuidanceTerm, terms_without
 from pd_editor.scene.locks import Lock, kept_steps
 from pd_editor.scene.road_map import RoadMap
@@ -40,6 +40,9 @@ class Provenance:
     """Ids of agents that were generated or edited before the source was exported."""
     recorded_findings: frozenset[tuple[str, tuple[str, ...], str]] | None = None
     """Keys of the findings of an export that were in the recording; None if unknown."""
+
+    cut: TimeCut | None = None
+    """What is used of the source; None: all of it."""
 
     def is_recorded(self, agent_ids: Collection[str]) -> bool:
         """Whether these agents and the road are as recorded."""
@@ -111,6 +114,7 @@ class Scenario:
             content_sha256=self.provenance.content_sha256,
             base=self.provenance.base,
             is_bent=self.provenance.is_bent,
+            cut=self.provenance.cut,
             edited_ids=tuple(sorted(self.provenance.edited_ids)),
             current_step=self.current_step,
         )

@@ -16,6 +16,7 @@ from pd_editor.av2_io.dataset import DatasetIndex
 from pd_editor.errors import PdEditorError
 from pd_editor.generators import catalogue_with
 from pd_editor.scenario_store import open_scenario
+from pd_editor.scene.base_reference import TimeCut
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.server.server_guard import LOOPBACK_HOSTS, guarded_server
 from pd_editor.viewer.state.session_shelf import SessionShelf
@@ -48,6 +49,7 @@ class ViewerApp:
         self,
         *,
         reference: str,
+        cut: TimeCut | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
         data_root: Path | None = None,
@@ -57,6 +59,7 @@ class ViewerApp:
     ) -> None:
         """Start serving, with models and plugins of one's own among the generators.
 
+        ``cut`` says what is used of each recording that is opened by its place.
         With ``debug`` the page offers viser's own settings and scene tree.
 
         Raises:
@@ -64,7 +67,10 @@ class ViewerApp:
             InputError: the scenario or the dataset root cannot be opened.
         """
         self._generators = catalogue_with(models)
-        self._scenario = open_scenario(reference)
+        self._cut = cut or TimeCut()
+        self._scenario = open_scenario(
+            reference, current_s=self._cut.current_s, until_s=self._cut.until_s
+        )
         self._dataset = None if data_root is None else DatasetIndex(data_root)
         self._library = library or default_library()
         self._shelves: dict[str, SessionShelf] = {}
@@ -140,6 +146,7 @@ class ViewerApp:
                         if "guidance" in offer.supports
                     },
                 )
+                self._workspaces[key].cut = self._cut
             workspace = self._workspaces[key]
             tab = BrowserSession(
                 client, workspace, self._generators, is_debug=self._is_debug

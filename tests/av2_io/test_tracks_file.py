@@ -241,7 +241,10 @@ BAD_FILES = {
     "far away": (with_cell("position_y", 5, 1e9), "'position_y', row 5 .* 1e\\+08"),
     "null": (with_cell("heading", 4, None), "'heading', row 4 .* found None"),
     "text as number": (with_column("heading", ["x"] * (LAST + 1)), "'heading' .* type"),
-    "number as text": (with_column("city", [1.5] * (LAST + 1)), "'city', row 0 .* whole"),
+    "number as text": (
+        with_column("city", [1.5] * (LAST + 1)),
+        "'city', row 0 .* whole",
+    ),
     "kind": (
         with_cell("object_type", 2, "horse"),
         "'object_type', row 2 .* one of vehicle, .* 'horse'",

@@ -30,6 +30,12 @@ NoteOption = Annotated[str, tyro.conf.arg(metavar="TEXT", help_behavior_hint="")
 FocalOption = Annotated[
     str, tyro.conf.arg(metavar="ID", help_behavior_hint="(default: the scenario's)")
 ]
+CurrentOption = Annotated[
+    float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: the file's)")
+]
+UntilOption = Annotated[
+    float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: all)")
+]
 Switch = Annotated[
     bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")
 ]

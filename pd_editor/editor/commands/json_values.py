@@ -23,6 +23,8 @@ _MAX_ARRAY_VALUES: Final = 2 * MAX_STATES
 _MAX_INTEGER: Final = 2**63 - 1
 FORMER_NAME: Final = "former_name"
 """Metadata of a dataclass field: its name in files of earlier versions."""
+OMIT_NONE: Final = "omit_none"
+"""Metadata of a dataclass field that is written only if it is not None."""
 _TAG: Final = "kind"
 """Class variable and JSON field that tell the dataclasses of a union apart."""
 _ARRAY_KEYS: Final = {"dtype", "shape", "zlib"}
@@ -39,7 +41,9 @@ def to_json(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         tag = {_TAG: _kind(type(value))} if _kind(type(value)) else {}
         return tag | {
-            item.name: to_json(getattr(value, item.name)) for item in fields(value)
+            item.name: to_json(getattr(value, item.name))
+            for item in fields(value)
+            if OMIT_NONE not in item.metadata or getattr(value, item.name) is not None
         }
     if isinstance(value, np.ndarray):
         packed = zlib.compress(np.ascontiguousarray(value, "<f4").tobytes())

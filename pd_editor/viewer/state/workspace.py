@@ -21,7 +21,7 @@ from pd_editor.editor.variant import (
     name_from_text,
     short_id,
 )
-from pd_editor.errors import InputError
+from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import zip_files
 from pd_editor.findings.finding import FindingKey
 from pd_editor.installed_files import DEMO_PREFIX, demo_names
@@ -31,10 +31,12 @@ from pd_editor.scenario_store import (
     exported_files,
     has_same_content,
     made_by,
+    open_base,
     open_scenario,
     recipe_of_export,
     scenario_and_recipe,
 )
+from pd_editor.scene.base_reference import TimeCut
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.guided_runs import GuidedRuns
 from pd_editor.viewer.state.playback import Playback
@@ -136,6 +138,8 @@ class Workspace:
         )
         self.guided_runs = GuidedRuns(obeying)
         self.dataset = dataset
+        self.cut = TimeCut()
+        """What is used of each recording that is opened."""
         self._opened: tuple[Scenario, Path] | None = None
         """Base of the scenario that was opened from the dataset last, and its folder."""
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
@@ -163,7 +167,9 @@ class Workspace:
         Raises:
             InputError: it cannot be read; what was open stays open.
         """
-        scenario = open_scenario(reference)
+        scenario = open_scenario(
+            reference, current_s=self.cut.current_s, until_s=self.cut.until_s
+        )
         recipe = None
         if scenario.provenance.base is not None:
             recipe = recipe_of_export(Path(scenario.provenance.source))
@@ -200,7 +206,7 @@ class Workspace:
                 f"The edits are of scenario {recipe.base.scenario_id}, which is not "
                 "here; open that scenario, and upload the file again."
             )
-        base = opened if source is None else open_scenario(source)
+        base = opened if source is None else open_base(recipe.base, source)
         self.session.commit_gesture()
         session = EditorSession.from_recipe(
             recipe, base, journal=self.shelf.new_journal()
@@ -240,7 +246,7 @@ class Workspace:
         if offered is None:
             return
         exported = self.session.base
-        base = open_scenario(offered.source)
+        base = open_base(offered.recipe.base, offered.source)
         session = EditorSession.from_recipe(
             offered.recipe, base, journal=self.shelf.new_journal()
         )
@@ -500,7 +506,7 @@ def base_of(work: UnfinishedWork) -> Scenario:
         InputError: it does not exist any more, or cannot be read.
     """
     if not work.base_files:
-        return open_scenario(work.base.source)
+        return open_base(work.base)
     try:
         files = {path.name: path.read_bytes() for path in work.base_files}
     except OSError as error:

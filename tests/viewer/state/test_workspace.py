@@ -14,10 +14,12 @@ from pd_editor.editor.variant import Variant
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.scenario_store import open_scenario
+from pd_editor.scene.base_reference import TimeCut
 from pd_editor.viewer.state import session_shelf
 from pd_editor.viewer.state.session_shelf import MAX_LIVE, SessionShelf
 from pd_editor.viewer.state.workspace import Workspace
 from tests.builders import two_agents_that_pass
+from tests.scene.test_time_cut import long_recording
 
 IDS = tuple(f"scene-{number}" for number in range(MAX_LIVE + 3))
 
@@ -401,3 +403,21 @@ def test_all_tabs_of_a_visitor_see_the_same_unfinished_work(root: Path):
     other.close()
     shelf.close()
     assert len(find_unfinished(root / "journals")) == 3
+
+
+def test_long_recordings_are_opened_cut_and_go_on_after_a_restart(root: Path):
+    """``edit --until 6``: what is opened, and opened again, is cut alike."""
+    write_files(scenario_files(long_recording()), root / "long", forbidden=None)
+    first = run_of(root)
+    first.cut = TimeCut(until_s=6.0)
+    first.open_reference(str(root / "long"))
+    axis = first.session.base.time_axis
+    assert axis.num_future_steps == 60
+    shift(first, 1.0)
+    kill(first)
+    second = run_of(root)
+    (work,) = second.shelf.unfinished()
+    second.resume(work)
+    assert second.session.base.time_axis == axis
+    assert len(second.session.entries) == 1
+    close(second)

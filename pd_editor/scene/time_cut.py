@@ -1,0 +1,66 @@
+"""Cuts a recording to the past and the future that are asked for."""
+
+import hashlib
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from pd_editor.errors import InputError
+from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.scenario import Scenario
+
+_MORE: Final = 1e-6
+"""Steps by which times may be off by rounding."""
+
+
+def cut_scenario(scenario: Scenario, cut: TimeCut) -> Scenario:
+    """Give a scenario another current step, and leave out what is later than asked.
+
+    Agents that are only there later are left out.
+
+    Raises:
+        InputError: the recording is shorter, or a number is not positive.
+    """
+    for name, value in (("current", cut.current_s), ("until", cut.until_s)):
+        if value is not None and not 0 < value < math.inf:
+            raise InputError(f"--{name} is {value:g}; expected seconds above 0.")
+    axis = scenario.time_axis
+    now, last = axis.current_step, axis.num_steps - 1
+    if cut.current_s is not None:
+        now = max(math.ceil(cut.current_s / axis.step_s - _MORE), 1) - 1
+    if cut.until_s is not None:
+        last = now + math.floor(cut.until_s / axis.step_s + _MORE)
+    if now > axis.num_steps - 1 or (cut.until_s is not None and now >= last):
+        raise InputError(
+            f"The recording has {axis.num_steps} steps of {axis.step_s:g} s; expected"
+            " a current step (--current) and a later one (--until) among them."
+        )
+    last = min(last, axis.num_steps - 1)
+    if (now, last) == (axis.current_step, axis.num_steps - 1):
+        return scenario
+    steps = slice(last + 1)
+    agents = scenario.agents
+    is_valid = agents.is_valid[:, steps]
+    agents = replace(
+        agents,
+        position_m=agents.position_m[:, steps],
+        heading_rad=agents.heading_rad[:, steps],
+        velocity_mps=agents.velocity_mps[:, steps],
+        is_valid=is_valid,
+        observed=is_valid & (np.arange(last + 1) <= now),
+    ).taken(np.flatnonzero(is_valid.any(axis=1)))
+    span = axis.end_timestamp_ns - axis.start_timestamp_ns
+    end = axis.start_timestamp_ns + span * last / max(axis.num_steps - 1, 1)
+    origin = scenario.provenance
+    # Edits of the cut recording do not fit the whole one.
+    digest = hashlib.sha256(f"{origin.content_sha256} {now} {last}".encode())
+    return replace(
+        scenario,
+        agents=agents,
+        time_axis=replace(
+            axis, num_steps=last + 1, current_step=now, end_timestamp_ns=end
+        ),
+        provenance=replace(origin, cut=cut, content_sha256=digest.hexdigest()),
+    )

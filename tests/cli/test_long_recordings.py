@@ -1,0 +1,39 @@
+"""Recordings with more future than the model samples are cut on the shell."""
+
+from pathlib import Path
+
+import pytest
+
+from pd_editor.av2_io.write import scenario_files
+from pd_editor.exporters.bundle import write_files
+from pd_editor.scenario_store import open_scenario
+from tests.cli.shell import Shell
+from tests.scene.test_time_cut import long_recording
+
+CUT = ("--current", 5, "--until", 6)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("generate", "--model", "path-diffuser", "--tries", 0),
+        ("warp", "--kind", "smooth-turn", "--power", 4),
+        ("export", "--name", "cut"),
+    ],
+)
+def test_long_recordings_are_cut_and_replayed(
+    command: tuple, shell: Shell, tmp_path: Path
+):
+    write_files(scenario_files(long_recording()), tmp_path / "long", forbidden=None)
+    name, *options = command
+    where = (name, tmp_path / "long", *options, "--out", tmp_path / "out")
+    if name == "generate":
+        assert "--until 6" in shell.refused(*where)
+    made = shell.run(*where, *CUT)
+    assert made.code == 0, made.err
+    assert open_scenario(made.lines[0]).time_axis.num_steps == 110
+    recipe = Path(made.lines[0]) / "recipe.json"
+    again = shell.run("replay", recipe, "--out", tmp_path / "again")
+    assert again.code == 0, again.err
+    for path in Path(made.lines[0]).iterdir():
+        assert (Path(again.lines[0]) / path.name).read_bytes() == path.read_bytes()
