@@ -31,13 +31,10 @@ class BaseReference:
     """Whether its road was warped already."""
     edited_ids: tuple[str, ...] = ()
     """Ids of its agents that were generated or edited already."""
-<<<<<<< HEAD
     current_step: int | None = None
     """Its current step; None in files written when that was the first predicted step."""
-=======
     cut: TimeCut | None = field(default=None, metadata={"omit_none": True})
     """What is used of the source; None: all of it."""
->>>>>>> 7b3b30e (Long recordings are opened cut: --until and --current in seconds on the shell, in the editor and in open_scenario; recipes replay the cut)
 
     @property
     def root(self) -> "BaseReference":
