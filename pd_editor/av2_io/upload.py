@@ -1,12 +1,13 @@
 """Reader of uploaded, untrusted scenario files."""
 
+import contextlib
 import io
 import re
 import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Final
 
@@ -16,6 +17,7 @@ from pd_editor.av2_io.file_names import (
     is_map_name,
     is_scenario_id,
     is_tracks_name,
+    map_name,
 )
 from pd_editor.av2_io.read import read_scenario_bytes
 from pd_editor.errors import ArchiveError
@@ -70,6 +72,36 @@ def scenario_from_upload(files: Mapping[str, bytes]) -> Scenario:
     return _read(tracks, files[tracks], road_map, files[road_map])
 
 
+def scenarios_in_upload(files: Mapping[str, bytes]) -> tuple[str, ...]:
+    """Names of the scenarios in a zip that has several; empty for other uploads.
+
+    Raises:
+        ArchiveError: unsafe, or no readable zip.
+    """
+    if not _is_one_zip(files):
+        return ()
+    ((name, data),) = files.items()
+    with _opened(_shown(name), data) as archive:
+        found = _scenarios(archive, _shown(name))
+    return tuple(found) if len(found) > 1 else ()
+
+
+def scenario_of_upload(files: Mapping[str, bytes], wanted: str) -> dict[str, bytes]:
+    """Files of one of the ``scenarios_in_upload``, to be opened as an upload.
+
+    Raises:
+        ArchiveError: as above, or it is too large.
+    """
+    ((name, data),) = files.items()
+    unpacked: dict[str, bytes] = {}
+    with _opened(_shown(name), data) as archive:
+        for member in _scenarios(archive, _shown(name))[wanted]:
+            room = MAX_UNPACKED_BYTES - sum(map(len, unpacked.values()))
+            content = _unpacked(archive, member, _shown(name), room)
+            unpacked[_base(member.filename)] = content
+    return unpacked
+
+
 def file_in_upload(files: Mapping[str, bytes], wanted: str, limit: int) -> bytes | None:
     """Contents of the file of a given name in an upload; None if there is none.
 
@@ -82,19 +114,14 @@ def file_in_upload(files: Mapping[str, bytes], wanted: str, limit: int) -> bytes
         if not _is_zip(name, data):
             continue
         label = _shown(name)
-        try:
-            with zipfile.ZipFile(io.BytesIO(data)) as archive:
-                found = [
-                    member
-                    for member in archive.infolist()
-                    if _base(member.filename) == wanted
-                ]
-                if len(found) == 1:
-                    return _unpacked(archive, found[0], label, limit)
-        except _ZIP_ERRORS as error:
-            raise ArchiveError(
-                f"{label}: this is not a readable zip; it may be cut off or damaged."
-            ) from error
+        with _opened(label, data) as archive:
+            found = [
+                member
+                for member in archive.infolist()
+                if _base(member.filename) == wanted
+            ]
+            if len(found) == 1:
+                return _unpacked(archive, found[0], label, limit)
     return None
 
 
@@ -102,26 +129,80 @@ def _is_zip(name: str, data: bytes) -> bool:
     return name.lower().endswith(".zip") or data.startswith(_ZIP_STARTS)
 
 
-def _scenario_from_zip(name: str, data: bytes) -> Scenario:
-    label = _shown(name)
+def _is_one_zip(files: Mapping[str, bytes]) -> bool:
+    return len(files) == 1 and all(
+        _is_zip(name, data) and len(data) <= MAX_UPLOAD_BYTES
+        for name, data in files.items()
+    )
+
+
+@contextlib.contextmanager
+def _opened(label: str, data: bytes) -> Iterator[zipfile.ZipFile]:
+    """Open a zip; what is wrong with it is told in one sentence."""
     # Counted before the directory is parsed, which may hold a million entries.
     if data.count(_CENTRAL_HEADER) > MAX_MEMBERS:
         raise ArchiveError(f"{label}: holds more than {MAX_MEMBERS} files.")
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            members = {}
-            for member in archive.infolist():
-                _check_member(member, label)
-                if not member.is_dir():
-                    members[member.filename] = member
-            tracks, road_map = _choose(list(members), label)
-            parquet = _unpacked(archive, members[tracks], label, MAX_UNPACKED_BYTES)
-            room = MAX_UNPACKED_BYTES - len(parquet)
-            map_json = _unpacked(archive, members[road_map], label, room)
+            yield archive
     except _ZIP_ERRORS as error:
         raise ArchiveError(
             f"{label}: this is not a readable zip; it may be cut off or damaged."
         ) from error
+
+
+def _members(archive: zipfile.ZipFile, label: str) -> dict[str, zipfile.ZipInfo]:
+    members: dict[str, zipfile.ZipInfo] = {}
+    for member in archive.infolist():
+        _check_member(member, label)
+        if not member.is_dir():
+            members[member.filename] = member
+    return members
+
+
+def _scenarios(
+    archive: zipfile.ZipFile, label: str
+) -> dict[str, tuple[zipfile.ZipInfo, ...]]:
+    """Members of each scenario by its name: track file, map, other JSON files beside them.
+
+    A map belongs to the track file of its folder that has its id, or is the only one.
+    """
+    members = _members(archive, label)
+    shown = [name for name in members if not _base(name).startswith(".")]
+    found: dict[str, tuple[zipfile.ZipInfo, ...]] = {}
+    for tracks in sorted(name for name in shown if name.lower().endswith(".parquet")):
+        folder = PurePosixPath(tracks).parent
+        beside = [name for name in shown if PurePosixPath(name).parent == folder]
+        parquets = [name for name in beside if name.lower().endswith(".parquet")]
+        scenario = _base(tracks).removeprefix(TRACKS_PREFIX).removesuffix(".parquet")
+        maps = [
+            name
+            for name in beside
+            if is_map_name(_base(name))
+            and (len(parquets) == 1 or _base(name) == map_name(scenario))
+        ]
+        if len(maps) != 1:
+            continue
+        is_alone = len(parquets) == 1
+        name = folder.name if is_alone and folder.name else scenario
+        names = [tracks, maps[0]]
+        if is_alone:
+            texts = [one for one in beside if one.lower().endswith(".json")]
+            names += [one for one in texts if one not in names]
+        if name in found:
+            name = str(folder if is_alone else folder / name)
+        found[name] = tuple(members[one] for one in names)
+    return found
+
+
+def _scenario_from_zip(name: str, data: bytes) -> Scenario:
+    label = _shown(name)
+    with _opened(label, data) as archive:
+        members = _members(archive, label)
+        tracks, road_map = _choose(list(members), label)
+        parquet = _unpacked(archive, members[tracks], label, MAX_UNPACKED_BYTES)
+        room = MAX_UNPACKED_BYTES - len(parquet)
+        map_json = _unpacked(archive, members[road_map], label, room)
     return _read(tracks, parquet, road_map, map_json)
 
 

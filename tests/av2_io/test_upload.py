@@ -3,13 +3,18 @@ import stat
 import struct
 import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pd_editor.av2_io import upload
-from pd_editor.av2_io.upload import scenario_from_upload
+from pd_editor.av2_io.upload import (
+    scenario_from_upload,
+    scenario_of_upload,
+    scenarios_in_upload,
+)
 from pd_editor.av2_io.write import scenario_files
 from pd_editor.errors import ArchiveError, InputError
 from pd_editor.exporters.bundle import zip_files
@@ -187,3 +192,78 @@ def test_a_damaged_zip_is_refused_or_readable(changes: list[tuple[int, int]]) ->
     except InputError:
         return
     assert found.agents.ids == SCENARIO.agents.ids
+
+
+def zip_of(files: Mapping[str, bytes]) -> dict[str, bytes]:
+    return {"several.zip": zipped(files, zipfile.ZIP_STORED)}
+
+
+def files_of(name: str) -> dict[str, bytes]:
+    return dict(scenario_files(replace(SCENARIO, scenario_id=name)))
+
+
+def in_folders(names: str) -> dict[str, bytes]:
+    return {
+        f"{name}/{file}": content
+        for name in names
+        for file, content in files_of(name).items()
+    }
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        pytest.param({**in_folders("abc"), "index.csv": b"id"}, id="folders"),
+        pytest.param(
+            {f"set/{name}": data for name, data in in_folders("abc").items()},
+            id="one folder deeper",
+        ),
+        pytest.param(
+            {**files_of("a"), **files_of("b"), **files_of("c")}, id="side by side"
+        ),
+        pytest.param(
+            {**in_folders("abc"), "d/only.parquet": b"", "__MACOSX/a/._x.parquet": b""},
+            id="with parts of others",
+        ),
+    ],
+)
+def test_each_scenario_of_a_zip_can_be_opened(files: dict[str, bytes]) -> None:
+    """A zip of several could not be opened, that of the editor's basket included."""
+    uploaded = zip_of(files)
+    assert scenarios_in_upload(uploaded) == ("a", "b", "c")
+    for name in "abc":
+        chosen = scenario_of_upload(uploaded, name)
+        assert scenario_from_upload(chosen).scenario_id == name
+
+
+def test_scenarios_of_one_name_are_told_apart() -> None:
+    files = {
+        f"{split}/{name}": data
+        for split in "xy"
+        for name, data in in_folders("a").items()
+    }
+    names = scenarios_in_upload(zip_of(files))
+    assert names == ("a", "y/a")
+    for name in names:
+        assert scenario_of_upload(zip_of(files), name)
+
+
+@pytest.mark.parametrize("files", [{}, in_folders("a"), {"x.txt": b""}])
+def test_other_uploads_have_no_choice(files: dict[str, bytes]) -> None:
+    assert scenarios_in_upload(zip_of(files)) == ()
+    assert scenarios_in_upload(files_of("a")) == ()
+
+
+@pytest.mark.parametrize("name", ["../a/x.parquet", "/x.parquet", "a\\x.parquet"])
+def test_a_choice_of_unsafe_members_is_refused(name: str) -> None:
+    with pytest.raises(ArchiveError, match="odd path"):
+        scenarios_in_upload(zip_of({**in_folders("ab"), name: b""}))
+
+
+def test_a_damaged_member_is_told_when_it_is_chosen() -> None:
+    ((name, data),) = zip_of(in_folders("ab")).items()
+    at = data.index(b"PAR1") + 100
+    damaged = {name: data[:at] + b"????" + data[at + 4 :]}
+    assert scenarios_in_upload(damaged) == ("a", "b")
+    with pytest.raises(ArchiveError, match="cut off or damaged"):
+        scenario_of_upload(damaged, "a")

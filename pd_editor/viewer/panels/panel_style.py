@@ -2,13 +2,16 @@
 
 import base64
 import html
-from collections.abc import Iterable
+import logging
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 import viser
 
+from pd_editor.errors import PdEditorError
 from pd_editor.viewer.state.ui_context import set_property
 
+_LOG: Final = logging.getLogger(__name__)
 LINE_PX: Final = 20
 ROW_PX: Final = 72
 WITH_PAST: Final = "With a made-up past (5 s)"
@@ -76,6 +79,8 @@ class PictureRows:
     def __init__(self, gui: viser.GuiApi) -> None:
         """Begin an empty list in the current container."""
         self._gui = gui
+        self.is_closed = False
+        """Whether the list is gone, so that no picture is needed any more."""
         self._rules: dict[str, str] = {}
         self._element = gui.add_html("")
 
@@ -110,6 +115,21 @@ class PictureRows:
             "line-height:1.3;text-align:left;white-space:normal;overflow-wrap:anywhere}"
         )
         self._show()
+
+    def draw_later(
+        self,
+        post: Callable[[Callable[[], None]], object],
+        pictures: Sequence[tuple[viser.GuiButtonHandle, Callable[[], str]]],
+    ) -> None:
+        """Make one picture after another, so that the page goes on meanwhile."""
+        if self.is_closed or not pictures:
+            return
+        (row, make), *others = pictures
+        try:
+            self.draw(row, make())
+        except PdEditorError as error:
+            _LOG.info("There is no picture of %s: %s", row.label, error)
+        post(lambda: self.draw_later(post, others))
 
     def remove(self, row: viser.GuiButtonHandle) -> None:
         """Remove a row."""

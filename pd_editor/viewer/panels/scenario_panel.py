@@ -1,20 +1,27 @@
 """The scenario panel: shows the open scenario, and opens demos, folders and uploads."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import viser
 
-from pd_editor.av2_io.upload import MAX_UPLOAD_BYTES
+from pd_editor.av2_io.upload import (
+    MAX_UPLOAD_BYTES,
+    scenario_from_upload,
+    scenario_of_upload,
+    scenarios_in_upload,
+)
+from pd_editor.basket.thumbnail import thumbnail
 from pd_editor.editor.recipe import is_recipe
 from pd_editor.errors import ArchiveError, InputError
 from pd_editor.installed_files import DEMO_PREFIX, demo_names, demo_sentence
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.panels.panel_style import FixedText
+from pd_editor.viewer.panels.panel_style import FixedText, PictureRows
 from pd_editor.viewer.server.server_guard import limit_uploads
 from pd_editor.viewer.state.page_text import plain
-from pd_editor.viewer.state.ui_context import UiContext, set_value
+from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
 CARD_LINES: Final = 4
 NO_DEMO: Final = "Choose a demo"
@@ -31,7 +38,10 @@ class ScenarioPanel:
         self._uploads: dict[str, bytes] = {}
         self._base: Scenario | None = None
         self._dialog: Any = None
+        self._zip: tuple[str, Mapping[str, bytes], tuple[str, ...]] | None = None
+        """Name, files and scenarios of the last upload with several scenarios."""
         gui = ui.client.gui
+        self._rows = PictureRows(gui)
         self._card = FixedText(gui, CARD_LINES)
         with gui.add_folder("Open"):
             self._demo = gui.add_dropdown("Demo", (NO_DEMO, *demo_names()))
@@ -48,6 +58,8 @@ class ScenarioPanel:
                 icon=viser.Icon.UPLOAD,
                 hint="Also edits that were downloaded alone (.recipe.json)",
             )
+            self._of_zip = gui.add_button("", color="gray", visible=False)
+        ui.on_click(self._of_zip, self._choose_scenario)
         ui.on_change(self._demo, self._tell_demo)
         ui.on_click(open_demo, self._open_demo)
         ui.on_click(open_folder, self._open_folder)
@@ -84,9 +96,7 @@ class ScenarioPanel:
     def _offer_continuation(self) -> None:
         """If an opened export's base is available, let the user choose between both."""
         offered = self._workspace.continuation
-        if self._dialog is not None:
-            self._dialog.close()
-            self._dialog = None
+        self._close_dialog()
         if offered is None:
             return
         gui = self._ui.client.gui
@@ -106,9 +116,7 @@ class ScenarioPanel:
         self._ui.on_click(as_it_is, lambda: self._answered(self._decline))
 
     def _answered(self, action: Callable[[], None]) -> None:
-        if self._dialog is not None:
-            self._dialog.close()
-            self._dialog = None
+        self._close_dialog()
         action()
 
     def _decline(self) -> None:
@@ -157,8 +165,54 @@ class ScenarioPanel:
                 )
                 return
         self._uploads = {}
+        several = scenarios_in_upload(files)
+        if several:
+            self._zip = name, files, several
+            self._choose_scenario()
+            return
         self._ui.commit_gesture()
         self._workspace.open_upload(files)
+
+    def _choose_scenario(self) -> None:
+        """Let the user choose among the scenarios of the zip that was uploaded last."""
+        assert self._zip is not None
+        name, files, several = self._zip
+        self._close_dialog()
+        label = f"Scenarios of {name[:40]}"
+        set_property(self._of_zip, "label", label)
+        set_property(self._of_zip, "visible", True)
+        gui = self._ui.client.gui
+        self._dialog = gui.add_modal(label)
+        with self._dialog:
+            rows = self._rows = PictureRows(gui)
+            buttons = [rows.add(one) for one in several]
+            cancel = gui.add_button("Cancel", color="gray")
+        for button, one in zip(buttons, several, strict=True):
+            self._ui.on_click(
+                button, lambda one=one: self._answered(lambda: self._open_one(one))
+            )
+        self._ui.on_click(cancel, self._close_dialog)
+
+        def picture(one: str) -> str:
+            return thumbnail(scenario_from_upload(scenario_of_upload(files, one)))
+
+        rows.draw_later(
+            self._ui.post,
+            [
+                (button, partial(picture, one))
+                for button, one in zip(buttons, several, strict=True)
+            ],
+        )
+
+    def _open_one(self, name: str) -> None:
+        assert self._zip is not None
+        self._ui.commit_gesture()
+        self._workspace.open_upload(scenario_of_upload(self._zip[1], name))
+
+    def _close_dialog(self) -> None:
+        if self._dialog is not None:
+            self._dialog.close()
+            self._rows.is_closed, self._dialog = True, None
 
     def _upload_refused(self, name: str, size_bytes: int) -> None:
         limit, size = MAX_UPLOAD_BYTES >> 20, size_bytes / 2**20

@@ -1,23 +1,21 @@
 """Unfinished work of all scenarios: a button with its amount, and a dialog."""
 
-import logging
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Final
 
 import viser
 
 from pd_editor.basket.thumbnail import thumbnail
 from pd_editor.editor.recipe import moment
+from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork
 from pd_editor.editor.variant import short_id
-from pd_editor.errors import PdEditorError
 from pd_editor.viewer.panels.panel_style import PictureRows
 from pd_editor.viewer.state.session_shelf import KeptWork
 from pd_editor.viewer.state.ui_context import UiContext, set_property
 from pd_editor.viewer.state.workspace import base_of
 
 MAX_LISTED: Final = 40
-_LOG: Final = logging.getLogger(__name__)
 
 
 class UnfinishedPanel:
@@ -70,13 +68,13 @@ class UnfinishedPanel:
                 if found
                 else "There is none: no scenario but the open one is edited."
             )
+            discard = gui.add_button(
+                "Discard some ...", color="gray", disabled=not found
+            )
             rows = PictureRows(gui)
             buttons = [rows.add(_described(work)) for work in found[:MAX_LISTED]]
             if len(found) > MAX_LISTED:
                 gui.add_markdown(f"... and {len(found) - MAX_LISTED} older ones")
-            discard = gui.add_button(
-                "Discard some ...", color="gray", disabled=not found
-            )
             close = gui.add_button("Close", color="gray")
 
         def pressed(number: int) -> None:
@@ -110,34 +108,19 @@ class UnfinishedPanel:
             self._ui.on_click(button, lambda number=number: pressed(number))
         self._ui.on_click(discard, discarded)
         self._ui.on_click(close, self._close_dialog)
-        self._draw_next(self._dialog, rows, list(zip(buttons, found, strict=False)))
-
-    def _draw_next(
-        self,
-        dialog: object,
-        rows: PictureRows,
-        remaining: list[tuple[viser.GuiButtonHandle, KeptWork]],
-    ) -> None:
-        """Draw one picture after another, so that the page goes on meanwhile."""
-        if self._dialog is not dialog or not remaining:
-            return
-        (button, work), *others = remaining
-        try:
-            # Of one that is on disk alone, the base: a replay would take too long.
-            rows.draw(
-                button,
-                _base_picture(work.place)
-                if isinstance(work.place, UnfinishedWork)
-                else thumbnail(work.place.scenario),
-            )
-        except PdEditorError as error:
-            _LOG.info("No picture of %s: %s", work.scenario_id, error)
-        self._ui.post(lambda: self._draw_next(dialog, rows, others))
+        self._rows = rows
+        rows.draw_later(
+            self._ui.post,
+            [
+                (button, partial(_picture, work.place))
+                for button, work in zip(buttons, found, strict=False)
+            ],
+        )
 
     def _close_dialog(self) -> None:
         if self._dialog is not None:
             self._dialog.close()
-            self._dialog = None
+            self._rows.is_closed, self._dialog = True, None
 
     def _remove_notice(self) -> None:
         if self._notice is not None:
@@ -150,6 +133,13 @@ class UnfinishedPanel:
             self._remove_notice()
         set_property(self._button, "label", f"Unfinished work ({count})")
         set_property(self._button, "disabled", count == 0)
+
+
+def _picture(place: EditorSession | UnfinishedWork) -> str:
+    """The scenario, or the base of one that is on disk: a replay would take too long."""
+    if isinstance(place, EditorSession):
+        return thumbnail(place.scenario)
+    return _base_picture(place)
 
 
 @lru_cache(maxsize=64)
