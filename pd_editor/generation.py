@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
+import shapely
 
 from pd_editor.errors import GenerationError
 from pd_editor.plain_text import is_plain, nearest_or_all
@@ -19,6 +20,7 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.finite_numbers import check_finite
 from pd_editor.scene.guidance_outcome import GuidanceCost, TermOutcome
 from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm
+from pd_editor.scene.road_map import LaneKind, RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
 from pd_editor.scene.traffic_sample import TrafficSample
@@ -92,6 +94,16 @@ class Region:
                 f"is more than {MAX_POSITION_M:g} m from the scene's origin."
             )
 
+    def has_road(self, road_map: RoadMap) -> bool:
+        """Whether a lane for vehicles is in it."""
+        (x, y), half = self.center_m, self.half_side_m
+        square = shapely.box(x - half, y - half, x + half, y + half)
+        return any(
+            shapely.intersects(square, shapely.LineString(lane.centerline[:, :2]))
+            for lane in road_map.lanes
+            if lane.kind is not LaneKind.BIKE
+        )
+
     def held(self, scenario: Scenario, agent_ids: Sequence[str]) -> tuple[str, ...]:
         """Those agents that are in it at the current step."""
         agents, step = scenario.agents, scenario.current_step
@@ -100,6 +112,39 @@ class Region:
         is_inside = (offset <= self.half_side_m).all(axis=1)
         is_inside &= agents.is_valid[rows, step]
         return tuple(agents.ids[row] for row in rows[is_inside])
+
+
+def check_room(request: "GenerationRequest", num_removed: int) -> None:
+    """Refuse a request that would only remove agents, because nothing fits there.
+
+    Raises:
+        GenerationError: as many as fit are asked for where there is no road.
+    """
+    region = request.region
+    if region is None or not (request.samples_num_agents and num_removed):
+        return
+    if not region.has_road(request.scenario.road_map):
+        raise GenerationError(
+            f"There is no mapped road in this region: {_would_go(num_removed)}."
+        )
+
+
+def check_placed(traffic: "GeneratedTraffic", num_removed: int) -> None:
+    """Refuse a result that would only remove agents.
+
+    Raises:
+        GenerationError: no sample has any agent.
+    """
+    if num_removed and not any(sample.ids for sample in traffic.samples):
+        raise GenerationError(
+            "No agent was placed: there are as many road users as suit the road, so "
+            f"{_would_go(num_removed)}."
+        )
+
+
+def _would_go(number: int) -> str:
+    agents = "1 agent" if number == 1 else f"{number} agents"
+    return f"{agents} would only be removed"
 
 
 def scene_seed(seed: int, scenario_id: str) -> int:

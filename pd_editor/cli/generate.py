@@ -54,6 +54,8 @@ from pd_editor.generation import (
     Quality,
     Region,
     ScenarioGenerator,
+    check_placed,
+    check_room,
     check_supported,
     guidance_settings,
     supported_by,
@@ -240,7 +242,9 @@ def generate(
     for one in names:
         check_free(out, one, opened, overwrite=overwrite)
     _tell_problems(request, terms)
+    check_room(request, len(removed))
     traffic = run_showing_progress(generator.generate(request))
+    check_placed(traffic, len(removed))
     commands = [
         traffic_command(request, traffic, index, removed_ids=removed)
         for index in range(len(names))

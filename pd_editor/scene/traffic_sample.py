@@ -38,6 +38,13 @@ class TrafficSample:
                 f"{MAX_SIZE_M:g} m."
             )
 
+    def is_equal(self, other: "TrafficSample") -> bool:
+        """Whether another sample has the same agents with the same trajectories."""
+        return self.ids == other.ids and all(
+            np.array_equal(getattr(self, name), getattr(other, name))
+            for name in ("position_m", "heading_rad", "velocity_mps")
+        )
+
     def without(self, gone: Collection[str]) -> "TrafficSample":
         """The sample without some agents."""
         rows = [row for row, name in enumerate(self.ids) if name not in gone]

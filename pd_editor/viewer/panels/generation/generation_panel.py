@@ -18,6 +18,7 @@ from pd_editor.generation import (
     Quality,
     Region,
     check_future,
+    check_room,
     guidance_settings,
 )
 from pd_editor.generators import GeneratorCatalogue
@@ -510,6 +511,7 @@ class GenerationPanel:
             guidance=self._guidance_settings(offer),
             seed=int(self._seed.value),
         )
+        check_room(request, len(removed_ids))
         task = GenerationInput(base=base, request=request, removed_ids=removed_ids)
         self._check_guidance(request)
         self._result.start(self._model.value, offer.make, task)

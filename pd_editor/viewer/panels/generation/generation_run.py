@@ -1,7 +1,7 @@
 """Runs one generation at a time: progress, samples, and their application."""
 
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -15,8 +15,10 @@ from pd_editor.generation import (
     GenerationProgress,
     GenerationRequest,
     ScenarioGenerator,
+    check_placed,
 )
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.traffic_sample import TrafficSample
 from pd_editor.viewer.overlay.sample_strip import SampleSet, SampleStrip
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.guided_runs import GuidedRun
@@ -170,7 +172,8 @@ class GenerationRun:
         is_shown = (
             self._applied is not None and self._ui.session.scenario is self._applied
         )
-        count = 0 if self._generated is None else len(self._generated[1].samples)
+        samples = () if self._generated is None else self._generated[1].samples
+        count = len(samples) if _differ(samples) else 1
         has_choice = is_shown and count > 1
         set_property(self._sample, "disabled", not has_choice)
         # The number of an earlier run would be taken for that of this scene.
@@ -285,6 +288,11 @@ class GenerationRun:
     ) -> None:
         self._job = None
         self._set_running(False)
+        try:
+            check_placed(traffic, len(task.removed_ids))
+        except GenerationError as error:
+            self._failed(error)
+            return
         self._generated = task, traffic
         self._took_s = time.monotonic() - started
         if self._ui.session.scenario is task.base:
@@ -326,7 +334,7 @@ class GenerationRun:
     def _offer_samples(self, before: Scenario, done: tuple[Command, ...]) -> None:
         assert self._generated is not None
         task, traffic = self._generated
-        if len(traffic.samples) < 2:
+        if not _differ(traffic.samples):
             return
         commands = tuple(
             traffic_command(task.request, traffic, index, removed_ids=task.removed_ids)
@@ -390,6 +398,11 @@ _WORDS_OF_USE: Final[Mapping[str | None, str]] = {
     None: "The state that the result was made for is no longer in the history, so it "
     "cannot be used.",
 }
+
+
+def _differ(samples: Sequence[TrafficSample]) -> bool:
+    """Whether there is a choice among some samples."""
+    return any(not samples[0].is_equal(one) for one in samples[1:])
 
 
 def _same_states(one: Scenario, other: Scenario) -> bool:

@@ -18,9 +18,12 @@ from pd_editor.exporters.bundle import write_files
 from pd_editor.generation import (
     CAPABILITIES,
     LANE_GUIDANCE,
+    GeneratedTraffic,
     GenerationProgress,
+    GenerationRequest,
     GeneratorSpec,
     GuidanceSetting,
+    TrafficSample,
 )
 from pd_editor.generators import registry
 from pd_editor.installed_files import models_folder
@@ -35,6 +38,7 @@ from pd_editor.viewer.panels.generation.generation_panel import (
     REGION_HALF_SIDE_M,
     SCOPE_ALL,
 )
+from pd_editor.viewer.panels.generation.generation_run import GenerationInput
 from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.viewer_app import ViewerApp
 from tests.builders import two_agents_that_pass
@@ -291,7 +295,7 @@ def test_the_quality_of_resampled_states_reaches_the_request(tab, placing):
 def same_browser(app: ViewerApp) -> Iterator[None]:
     """Its pages get the workspaces that pages before them have left."""
     with mock.patch.object(
-        viewer_app, "_stored_keys", side_effect=lambda _: [*app._workspaces]
+        viewer_app, "_stored_keys", side_effect=lambda _: ("", [*app._workspaces])
     ):
         yield
 
@@ -373,3 +377,53 @@ def test_a_run_that_a_reload_cancelled_is_told_once(app, placing):
         assert not tab.tab.panels.generation.is_running
     with connected_tab(app) as tab:
         assert tab.tab.panels.generation._result._report.text == ""
+
+
+def test_a_run_that_places_nobody_changes_nothing(tab):
+    before = tab.session.scenario
+    run = tab.tab.panels.generation._result
+    names = before.agents.ids
+    task = GenerationInput(
+        base=before,
+        request=GenerationRequest(
+            scenario=before.without_agents(names), agent_ids=(), samples_num_agents=True
+        ),
+        removed_ids=names,
+    )
+    nobody = two_samples_without(names, before)
+    traffic = GeneratedTraffic(samples=nobody, generator="ready")
+    with mock.patch.object(tab.ui, "report") as told:
+        tab.run(lambda: run._finished(task, traffic, 0.0))
+    assert "would only be removed" in str(told.call_args.args[0])
+    assert tab.session.scenario is before
+    assert not run.is_running
+
+
+def test_equal_samples_are_no_choice(tab):
+    before = tab.session.scenario
+    run = tab.tab.panels.generation._result
+    task = GenerationInput(
+        base=before,
+        request=GenerationRequest(scenario=before, agent_ids=before.agents.ids),
+    )
+    samples = two_samples_without((), before)
+    tab.run(
+        lambda: run._finished(
+            task, GeneratedTraffic(samples=samples, generator="r"), 0.0
+        )
+    )
+    assert tab.session.scenario is not before
+    assert run._sample.disabled
+
+
+def two_samples_without(gone: tuple[str, ...], scenario) -> tuple[TrafficSample, ...]:
+    agents, now = scenario.agents, scenario.current_step
+    every = TrafficSample(
+        ids=agents.ids,
+        kinds=agents.kinds,
+        size_m=agents.size_m,
+        position_m=agents.position_m[:, now:],
+        heading_rad=agents.heading_rad[:, now:],
+        velocity_mps=agents.velocity_mps[:, now:] + 0.1,
+    )
+    return (every.without(gone), every.without(gone))
