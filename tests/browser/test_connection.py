@@ -56,7 +56,7 @@ def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(open_edit
         reference="signalised-junction",
         host=host,
         port=port,
-        library=app._journals.parent,
+        library=app._library,
     )
     try:
         expect(alert).to_contain_text("started anew. Your edits are under")

@@ -166,7 +166,8 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
     # It was said again at each reload.
     assert not editor.page.get_by_text("Unfinished work found").count()
     editor.press("Unfinished work (1)")
-    editor.press("Continue signalised-junction")
+    row = editor.page.get_by_role("button", name="signalised-junction · ")
+    row.click()
     editor.until(lambda: len(editor.session.entries) == 2, "the work")
     assert editor.session.state.position == 1
     editor.key("Control+y")
@@ -221,8 +222,42 @@ def test_unfinished_work_is_discarded_when_asked_twice(open_editor):
     editor.press("Open demo")
     editor.until(lambda: session.scenario.scenario_id == "roundabout", "another demo")
     editor.press("Unfinished work (1)")
-    editor.press("Discard")
-    editor.press("Discard for good?")
+    editor.press("Discard some ...")
+    row = editor.page.get_by_role("button", name="signalised-junction-1-edit · ")
+    row.click()
+    editor.press("Discard 1 for good")
     notice(editor, "There is none")
     assert editor.workspace.shelf.unfinished() == []
     editor.press("Close")
+
+
+def test_a_basket_is_opened_again_as_a_list(open_editor, tmp_path):
+    """A zip with several scenarios was refused, the editor's own included."""
+    editor = open_editor()
+    session, workspace = editor.session, editor.workspace
+
+    def star_two() -> None:
+        for speed in (3.0, 4.0):
+            ids = (session.scenario.focal_id,)
+            session.apply(SetAgentSpeed(agent_ids=ids, speed_mps=speed))
+            workspace.star()
+
+    editor._tab()._ui.post(star_two)
+    editor.until(lambda: len(workspace.basket.entries()) == 2, "two stars")
+    first, second = (entry.name for entry in workspace.basket.entries())
+    upload = tmp_path / "basket.zip"
+    upload.write_bytes(workspace.basket.zipped((first, second)))
+    with editor.page.expect_file_chooser() as chooser:
+        editor.press("Upload zip, or parquet and map")
+    chooser.value.set_files(upload)
+    dialog = editor.page.get_by_role("dialog")
+    expect(dialog.get_by_role("button", name=first, exact=True)).to_be_visible()
+    editor.screenshot("41_zip")
+    dialog.get_by_role("button", name=second, exact=True).click()
+    editor.until(lambda: session.base.scenario_id == second, "the second one")
+    editor.press("Continue with its 2 edits")
+    editor.until(lambda: session.state.position == 2, "its edits")
+    editor.until(lambda: workspace.is_exported, "what the zip holds")
+    editor.press("Scenarios of basket.zip")
+    dialog.get_by_role("button", name=first, exact=True).click()
+    editor.until(lambda: session.base.scenario_id == first, "the first one")
