@@ -20,6 +20,7 @@ from pd_editor.cli.output.usage_error import usage_error
 from pd_editor.cli.replay import replay
 from pd_editor.cli.study import study
 from pd_editor.cli.synth import synth
+from pd_editor.cli.threats import threats
 from pd_editor.cli.train import train
 from pd_editor.cli.warp import warp
 from pd_editor.errors import InputError, PdEditorError
@@ -29,6 +30,7 @@ _COMMANDS = {
     "edit": edit,
     "warp": warp,
     "generate": generate,
+    "threats": threats,
     "export": export,
     "replay": replay,
     "evaluate": evaluate,

@@ -31,7 +31,7 @@ from pd_editor.threats.threat_feasibility import (
     recorded_track,
     threat_obstacle,
 )
-from pd_editor.threats.threat_outcome import obstacle_in_words
+from pd_editor.threats.threat_outcome import OBSTACLES, obstacle_in_words
 from pd_editor.threats.threat_plans import ThreatAim, ThreatObstacle
 
 _SAME_PLACE_M: Final = 2.5
@@ -77,7 +77,29 @@ def threat_problems(
     )
 
 
-@lru_cache(maxsize=32)
+def approach_obstacles(
+    scenario: Scenario, term: Threaten
+) -> dict[str, tuple[str, str]]:
+    """Why approaches are infeasible, in few words and in a sentence; none of others.
+
+    The threatened agent keeps its trajectory. Empty if an agent is not there.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    rows = [agents.row_of.get(name, -1) for name in term.named_ids]
+    if min(rows) < 0 or not agents.is_valid[rows, now].all():
+        return {}
+    duration_s = scenario.time_axis.num_future_steps * scenario.time_axis.step_s
+    found: dict[str, tuple[str, str]] = {}
+    for approach in get_args(Approach):
+        obstacle = _obstacle(scenario, replace(term, approach=approach), True)
+        if obstacle is not None:
+            other = f"agent {term.other_id}"
+            why = obstacle_in_words(obstacle, approach, other, duration_s)
+            found[approach] = (OBSTACLES[obstacle.kind], f"{why[0].upper()}{why[1:]}.")
+    return found
+
+
+@lru_cache(maxsize=256)
 def _obstacle(
     scenario: Scenario, term: Threaten, is_kept: bool
 ) -> ThreatObstacle | None:

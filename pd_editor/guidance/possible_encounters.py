@@ -1,13 +1,12 @@
 """What could happen to an agent: every threat to it, and every yield, that is feasible."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, get_args
 
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.geometry.angles import heading_of
 from pd_editor.guidance.agent_now import AgentNow
 from pd_editor.guidance.pair_checks import driven_paths_m, yield_problems
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
@@ -26,12 +25,12 @@ _MEETS_M: Final = 2.0
 _CROSSING_COS: Final = 0.94
 """Ways that differ less in direction lead on together: nobody waits there."""
 _DOES: Final[Mapping[Approach, str]] = {
-    "rear": "comes from behind",
+    "rear": "from behind",
     "cut-in": "cuts in",
-    "side": "crosses its way",
-    "head-on": "comes head-on",
+    "side": "crosses",
+    "head-on": "head-on",
     "brakes": "brakes in front",
-    "pulls-out": "pulls out in front",
+    "pulls-out": "pulls out",
 }
 
 
@@ -59,7 +58,8 @@ class PossibleEncounter:
 def endangered_id(scenario: Scenario, selection: tuple[str, ...] = ()) -> str | None:
     """The one selected agent, else the ego, else the focal agent; None if none is there."""
     agents, now = scenario.agents, scenario.current_step
-    wanted = (*selection, EGO_ID, scenario.focal_id)[len(selection) > 1 :]
+    chosen = selection if len(selection) == 1 else ()
+    wanted = (*chosen, EGO_ID, scenario.focal_id)
     there = (one for one in wanted if one in agents.row_of)
     return next(
         (one for one in there if agents.is_valid[agents.row_of[one], now]), None
@@ -67,13 +67,27 @@ def endangered_id(scenario: Scenario, selection: tuple[str, ...] = ()) -> str | 
 
 
 def possible_encounters(
-    scenario: Scenario, agent_id: str
-) -> Iterator[PossibleEncounter | None]:
+    scenario: Scenario, agent_id: str, is_stopped: Callable[[], bool] = lambda: False
+) -> tuple[PossibleEncounter, ...]:
     """Threats to an agent that keeps its trajectory, and yields to it and by it.
 
-    One of each approach, of the gravest severity that is feasible. None after each agent
-    that was looked at, the nearest ones first.
+    One of each approach, of the gravest severity that is feasible: contacts first, then
+    near misses, then yields, each by time. Looks no further once ``is_stopped``.
     """
+    found: list[PossibleEncounter] = []
+    for one in _possible_encounters(scenario, agent_id):
+        if is_stopped():
+            break
+        if one is not None:
+            found.append(one)
+    kinds = {0.0: 0, None: 2}
+    return tuple(sorted(found, key=lambda one: (kinds.get(one.gap_m, 1), one.at_s)))
+
+
+def _possible_encounters(
+    scenario: Scenario, agent_id: str
+) -> Iterator[PossibleEncounter | None]:
+    """None after each agent that was looked at."""
     agents, now = scenario.agents, scenario.current_step
     row = agents.row_of[agent_id]
     other = recorded_track(scenario, row)
@@ -84,7 +98,7 @@ def possible_encounters(
     reach = agents.speed_mps()[:, now, None] * time_s + _HARDEST_MPS2 / 2 * time_s**2
     size = np.hypot(*agents.size_m.T) + np.hypot(*other.size_m) + 1.0
     rows = np.flatnonzero(there & (away < reach + size[:, None]).any(axis=1))
-    for one in rows[np.argsort(away[rows, 0], kind="stable")].tolist():
+    for one in rows.tolist():
         locked = scenario.locks.get(agents.ids[one])
         if locked is None or not locked.keeps_trajectory:
             yield from _threats(scenario, one, row, other)
@@ -142,11 +156,12 @@ def _yields(
         place = int(meets.any(axis=1).argmax())
         step = int(gap[place].argmin())
         mine, other = (
-            heading_of(line[min(at + 1, len(line) - 1)] - line[max(at - 1, 0)])
+            line[min(at + 1, len(line) - 1)] - line[max(at - 1, 0)]
             for line, at in ((way, place), (theirs, step))
         )
         moved = np.linalg.norm(theirs[step] - theirs[0]) > _MEETS_M
-        if moved and np.cos(mine - other) < _CROSSING_COS:
+        along = _CROSSING_COS * np.linalg.norm(mine) * np.linalg.norm(other)
+        if moved and mine @ other < along:
             if not any(yield_problems(term, scenario, None)):
                 yield PossibleEncounter(
                     term=term,

@@ -30,6 +30,14 @@ _COURSES: Final[Mapping[Approach, str]] = {
     "{other} would have to drive",
 }
 """What an approach needs and no candidate has."""
+OBSTACLES: Final[Mapping[str, str]] = {
+    "course": "no way to that",
+    "limits": "too hard",
+    "road": "off the road",
+    "outcome": "not at this gap",
+    "traffic": "the way is blocked",
+}
+"""Kinds of obstacles in few words."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,6 +22,8 @@ from pd_editor.scene.guidance_terms import (
     MAX_TERMS,
     Approach,
     GuidanceTerm,
+    Threaten,
+    YieldTo,
 )
 
 MAX_FILE_BYTES: Final = 2**20
@@ -42,6 +44,16 @@ def guidance_terms_of(texts: Sequence[str]) -> tuple[GuidanceTerm, ...]:
     if len(terms) > MAX_TERMS:
         raise InputError(f"--guide: {len(terms)} terms; at most {MAX_TERMS} are taken.")
     return tuple(terms)
+
+
+def text_of(term: Threaten | YieldTo) -> str:
+    """The text of a term on two agents; values by default are left out."""
+    told = [
+        f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}"
+        for name, one in field_names(term.kind).items()
+        if (value := getattr(term, one.name)) != one.default
+    ]
+    return f"{term.kind}:{','.join(told)}"
 
 
 def field_names(kind: str) -> dict[str, Any]:

@@ -51,7 +51,12 @@ def with_yielding(
     waiting, ids = yield_to_others(
         scenario.with_agents(driven),
         sample.ids,
-        keep_ids={name for one in threats_in_force(terms) for name in one.named_ids},
+        keep_ids={
+            name
+            for one in threats_in_force(terms)
+            for name in one.named_ids
+            if name in agents.row_of
+        },
         last_ids={
             one.agent_id
             for one in terms

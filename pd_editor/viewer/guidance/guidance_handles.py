@@ -12,6 +12,7 @@ from pd_editor.errors import PdEditorError
 from pd_editor.scene.guidance_terms import GoalPoint, StopAtLine
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.drawn_terms import goal_term, stop_term
+from pd_editor.viewer.guidance.encounters import Encounters
 from pd_editor.viewer.guidance.guiding import like
 from pd_editor.viewer.guidance.term_marks import (
     OFFER,
@@ -50,16 +51,19 @@ class GuidanceHandles:
         overlay: Overlay,
         notes: Callable[[], Notes],
         on_chosen: Callable[[int], None],
+        encounters: Encounters,
     ) -> None:
         """Show nothing yet.
 
         ``notes`` are what is wrong with terms, by their indices; ``on_chosen`` is
-        called with the index of the term whose mark is clicked.
+        called with the index of the term whose mark is clicked. ``encounters`` are
+        drawn, pointed at and clicked as well.
         """
         self._ui = ui
         self._overlay = overlay
         self._notes = notes
         self._on_chosen = on_chosen
+        self._encounters = encounters
         self._numbers = count()
         self._grab: _Grab | None = None
         self._poses: AgentPoses | None = None
@@ -79,6 +83,7 @@ class GuidanceHandles:
         offer = None if playback.is_playing else offered_goal(scenario, selection)
         if offer is not None:
             marks.append(offer_mark(scenario, poses, *offer))
+        marks = [*self._encounters.marks(scenario, poses), *marks]
         grab = self._grab
         refusal = "" if grab is None else grab.refusal
         self._overlay.show("guidance_marks", {"marks": marks, "refusal": refusal})
@@ -90,6 +95,14 @@ class GuidanceHandles:
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Follow one message of a press on a mark."""
         what, index = event.get("kind"), event.get("index")
+        possible = index if isinstance(index, int) else 0
+        possible = self._encounters.made_of(possible)
+        if what == "point":
+            self._encounters.point(possible)
+            return
+        if what == "drop" and possible is not None:
+            self._encounters.make(possible)
+            return
         if what == "grab" and isinstance(index, int):
             self._grab = self._grabbed(index)
             return

@@ -5,6 +5,7 @@ from typing import Final, Literal
 
 from pd_editor.generation import GuidanceReport
 from pd_editor.guidance.feasibility import guidance_problems
+from pd_editor.guidance.pair_checks import approach_obstacles
 from pd_editor.scene.guidance_outcome import (
     GuidanceCost,
     GuidanceProblem,
@@ -65,6 +66,7 @@ class GuidanceNotes:
         """Make notes of a tab's session."""
         self._ui = ui
         self._problems: dict[GuidanceTerm, tuple[GuidanceProblem, ...]] = {}
+        self._obstacles: dict[GuidanceTerm, dict[str, tuple[str, str]]] = {}
         self._checked: Scenario | None = None
         self._is_partial = False
         """Whether some terms of the checked scenario were left for later."""
@@ -98,6 +100,13 @@ class GuidanceNotes:
         for problem in guidance_problems(scenario, tuple(checked)):
             found[problem.term] = (*found.get(problem.term, ()), problem)
         self._problems, self._terms, self._checked = found, terms, scenario
+        self._obstacles = {
+            term: approach_obstacles(scenario, term)
+            if term in checked
+            else self._obstacles.get(term, {})
+            for term in terms
+            if isinstance(term, Threaten)
+        }
         self._is_partial = len(checked) < len(terms)
         self._awaited = frozenset(
             term
@@ -129,6 +138,11 @@ class GuidanceNotes:
                 if outcome.term == term
             ]
         return tuple(lines)
+
+    def of_options(self, index: int, name: str) -> dict[str, tuple[str, str]]:
+        """Why approaches of a threat are infeasible, in few words and in a sentence."""
+        term = self._ui.session.scenario.guidance[index]
+        return self._obstacles.get(term, {}) if name == "approach" else {}
 
     def sentences(self) -> dict[int, tuple[str, ...]]:
         """Sentences of what is wrong with terms, by their indices."""

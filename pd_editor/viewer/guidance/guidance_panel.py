@@ -23,6 +23,7 @@ from pd_editor.scene.guidance_terms import (
 from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.drawn_terms import usual_term
+from pd_editor.viewer.guidance.encounters import Encounters
 from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
 from pd_editor.viewer.guidance.guiding import TOOLS, Guiding, replaced_index
 from pd_editor.viewer.guidance.term_rows import (
@@ -87,6 +88,7 @@ class GuidancePanel:
         guiding: Guiding,
         notes: GuidanceNotes,
         actions: GuidanceActions,
+        encounters: Encounters,
         on_chosen: Callable[[int | None], None],
     ) -> None:
         """Build it into the current tab; ``on_chosen`` hears of the chosen index."""
@@ -95,6 +97,7 @@ class GuidancePanel:
         self._guiding = guiding
         self._notes = notes
         self._actions = actions
+        self._encounters = encounters
         self._on_chosen = on_chosen
         self._chosen: int | None = None
         self._version = 0
@@ -134,6 +137,7 @@ class GuidancePanel:
                 "about": about_in_words(scenario, selection),
                 "weights": list(WEIGHTS),
                 "tools": [*self._tools(selection)],
+                "encounters": self._encounters.listed(),
                 "rows": [
                     self._row(index, scenario)
                     for index in listed(scenario.guidance, selection)
@@ -179,7 +183,10 @@ class GuidancePanel:
             "isOn": term.is_on,
             "isChosen": index == self._chosen,
             "stop": weight_stop(term.weight),
-            "inputs": [asdict(one) for one in inputs_of(term)],
+            "inputs": [
+                asdict(one) | {"notes": self._notes.of_options(index, one.name)}
+                for one in inputs_of(term)
+            ],
             "notes": [
                 {"tone": line.tone, "text": line.text}
                 for line in self._notes.of_term(index)
@@ -207,6 +214,12 @@ class GuidancePanel:
             self._actions.regenerate(None if event.get("isAll") is True else steered)
         elif kind == "take":
             self._actions.take_unguided()
+        elif kind == "look":
+            self._report_refused("What could happen", self._encounters.toggle)
+        elif kind == "point":
+            self._encounters.point(event.get("number"))
+        elif kind == "make":
+            self._encounters.make(event.get("number"))
         elif event.get("version") == self._version:
             index = event.get("index")
             terms = self._ui.session.scenario.guidance

@@ -12,6 +12,7 @@ from pd_editor.scene.guidance_terms import (
     Threaten,
     YieldTo,
 )
+from pd_editor.viewer.guidance.encounters import Encounters
 from pd_editor.viewer.guidance.guidance_handles import GuidanceHandles
 from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
 from pd_editor.viewer.guidance.guidance_panel import GuidanceActions, GuidancePanel
@@ -30,6 +31,7 @@ KEYS: Final = (
     (Threaten.kind, "Threaten an agent", "X"),
 )
 """Kinds of terms with the label and the hot key of their tool."""
+LOOK: Final = "What could happen to it"
 
 
 class Steering:
@@ -47,8 +49,9 @@ class Steering:
         self._overlay = overlay
         self.mode = Guiding(ui, overlay, banner, poses)
         self._notes = GuidanceNotes(ui)
+        self.encounters = Encounters(ui, self._choose, self._show_again)
         self._handles = GuidanceHandles(
-            ui, overlay, self._notes.sentences, self._choose
+            ui, overlay, self._notes.sentences, self._choose, self.encounters
         )
         self._panel: GuidancePanel | None = None
         self.mode.on_term = self._choose
@@ -70,6 +73,7 @@ class Steering:
                 is_running=is_running,
                 take_unguided=self.take_unguided,
             ),
+            self.encounters,
             self._chosen,
         )
 
@@ -86,10 +90,11 @@ class Steering:
                 failure=f"{tool.title}: not set",
                 arms=True,
             )
+        self._ui.hotkey(LOOK, self.encounters.toggle, "X", "shift")
 
     def show(self) -> None:
         """Follow the session, after the picture: terms are checked here."""
-        if self._notes.refresh():
+        if self._notes.refresh() | self.encounters.follow():
             self._handles.show_again()
         if self._panel is not None:
             self._panel.show()
@@ -106,14 +111,13 @@ class Steering:
 
     def agent_items(self, *, is_enabled: bool) -> tuple[MenuItem, ...]:
         """Items of the menu of the one selected agent."""
-        return tuple(
-            MenuItem(
-                label,
-                lambda kind=kind: self.mode.toggle(kind),
-                is_enabled=is_enabled,
-                key=key,
-            )
+        tools = tuple(
+            (label, lambda kind=kind: self.mode.toggle(kind), key)
             for kind, label, key in KEYS
+        )
+        return tuple(
+            MenuItem(label, act, is_enabled=is_enabled, key=key)
+            for label, act, key in (*tools, (LOOK, self.encounters.toggle, "Shift+X"))
         )
 
     def pair_items(self, agent_id: str, other_id: str) -> tuple[MenuItem, ...]:
@@ -158,6 +162,12 @@ class Steering:
             # Its agents are there already: the guided sample is taken back first.
             session.undo()
         self._ui.apply(command)
+
+    def _show_again(self) -> None:
+        """Show a change of the possible encounters."""
+        self._handles.show_again()
+        if self._panel is not None:
+            self._panel.show()
 
     def _choose(self, index: int) -> None:
         if self._panel is not None:

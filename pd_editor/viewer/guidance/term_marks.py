@@ -117,6 +117,26 @@ def offer_mark(
     }
 
 
+def arc_mark(
+    scenario: Scenario, poses: AgentPoses, term: YieldTo | Threaten, index: int
+) -> dict[str, Any] | None:
+    """Thin arc of a term that could be made; None if an agent is not drawn."""
+    place = _place_of(term, scenario, _places(scenario, poses))
+    if place is None:
+        return None
+    return {
+        **place,
+        "index": index,
+        "kind": term.kind,
+        "isOn": True,
+        "isFaint": False,
+        "isChosen": False,
+        "isBad": False,
+        "lines": [],
+        "shape": "arc",
+    }
+
+
 def _is_spatial(term: GuidanceTerm) -> bool:
     return isinstance(
         term, GoalPoint | FollowPath | FollowLane | StopAtLine | YieldTo | Threaten

@@ -170,7 +170,7 @@ def inputs_of(term: GuidanceTerm) -> tuple[Input, ...]:
             return (side,)
         case Threaten():
             return (
-                Input("approach", "From", term.approach, options=get_args(Approach)),
+                Input("approach", "How", term.approach, options=get_args(Approach)),
                 Input(
                     "severity", "Severity", term.severity, least=0.0, most=1.0, step=0.1
                 ),

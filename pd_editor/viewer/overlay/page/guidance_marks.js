@@ -18,6 +18,7 @@ pdOverlay.define("guidance_marks", (api) => {
   let settling = null; // a mark that was dropped, until the server has answered
   let sentAt = 0;
   let late = null;
+  let pointed = null; // the index of the arc under the pointer
 
   const isMode = () =>
     ["pd-crosshair", "pd-drawing-region", "pd-guiding"].some((name) =>
@@ -146,6 +147,21 @@ pdOverlay.define("guidance_marks", (api) => {
     if (mark.isBad) warn(parent, middle[0] + 10, middle[1] - 10);
   }
 
+  // What could happen: a thin arc, and where it is pointed at the agent's way.
+  function drawArc(mark, parent) {
+    const [from, to] = [api.project(mark.from), api.project(mark.to)];
+    if (!from || !to) return;
+    parent.classList.add("pd-guide-arc");
+    const { points } = bow(from, to);
+    for (const name of ["pd-guide-hit-line", "pd-guide-line"])
+      parent.append(shape("path", name, { d: along(points) }));
+    parent.append(shape("path", "pd-guide-line", { d: head(points, 7) }));
+    if (!mark.points) return;
+    const way = mark.points.map(ground);
+    for (const name of ["pd-guide-halo", "pd-guide-line"])
+      parent.append(shape("path", name, { d: along(way) + head(way) }));
+  }
+
   function drawBadges(mark) {
     const at = api.project(mark.at);
     if (!at) return;
@@ -161,7 +177,7 @@ pdOverlay.define("guidance_marks", (api) => {
     });
   }
 
-  const drawings = { flag: drawFlag, path: drawPath, line: drawLine, arrow: drawArrow };
+  const drawings = { flag: drawFlag, path: drawPath, line: drawLine, arrow: drawArrow, arc: drawArc };
   function drawMark(mark) {
     if (mark.shape === "badges") {
       drawBadges(mark);
@@ -271,6 +287,9 @@ pdOverlay.define("guidance_marks", (api) => {
     }
     const mark = markOf(event.target);
     tell(mark?.lines, api.local(event));
+    const index = mark?.shape === "arc" ? mark.index : null;
+    if (index !== pointed) api.send({ kind: "point", index });
+    pointed = index;
   }, { capture: true });
 
   function release() {

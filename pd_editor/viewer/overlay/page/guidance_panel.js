@@ -8,6 +8,10 @@ pdOverlay.define("guidance_panel", (api) => {
     role: "toolbar", "aria-label": "Add guidance",
   });
   const about = api.make("div", "pd-guidance-about");
+  const ask = api.make("button", "pd-guidance-ask", { type: "button" });
+  ask.addEventListener("click", () => send({ kind: "look" }));
+  const possible = api.make("div", "pd-possible");
+  possible.addEventListener("pointerleave", () => point(null));
   const list = api.make("ul", "pd-guidance-list", { "aria-label": "Guidance terms" });
   const foot = api.make("div", "pd-guidance-foot", { role: "status" });
   const run = api.make("button", "pd-guidance-run", { type: "button" });
@@ -18,9 +22,10 @@ pdOverlay.define("guidance_panel", (api) => {
   runAll.addEventListener("click", () => send({ kind: "run", isAll: true }));
   const runs = api.make("div", "pd-guidance-runs");
   runs.append(run, runAll);
-  box.append(about, tools, runs, foot, list);
+  box.append(about, tools, ask, possible, runs, foot, list);
   let state = {
-    tools: [], rows: [], weights: [], report: [], figures: [], answered: 0,
+    tools: [], encounters: { items: [] }, rows: [], weights: [], report: [],
+    figures: [], answered: 0,
   };
   let version = null;
   let count = 0;
@@ -43,6 +48,43 @@ pdOverlay.define("guidance_panel", (api) => {
     count += 1;
     api.send({ ...event, version, count });
     return count;
+  }
+
+  // What could happen: one line per encounter; its place in the list is its number.
+  function point(number) {
+    if (state.encounters.items.findIndex((one) => one.isPointed) !== (number ?? -1))
+      send({ kind: "point", number });
+  }
+
+  function showPossible() {
+    const { label, isEnabled, isOpen, about: told, items } = state.encounters;
+    ask.textContent = label;
+    ask.disabled = !isEnabled;
+    ask.setAttribute("aria-expanded", String(isOpen));
+    possible.hidden = !told;
+    // Lines stay while they are pressed.
+    const make = JSON.stringify([told, items.map(({ agent, text }) => [agent, text])]);
+    if (make !== possible.dataset.make) {
+      possible.dataset.make = make;
+      possible.replaceChildren(
+        api.make("div", "pd-guidance-about", { role: "status" }, told));
+      possible.append(...items.map((item, number) => {
+        const line = api.make("button", `pd-possible-line pd-guide-${item.kind}`, {
+          type: "button",
+        });
+        line.append(icon(item.kind, 15), api.make("b", "", {}, item.agent),
+          api.make("span", "", {}, item.text));
+        for (const name of ["pointerenter", "focus"])
+          line.addEventListener(name, () => point(number));
+        line.addEventListener("click", () => send({ kind: "make", number }));
+        return line;
+      }));
+    }
+    for (const [number, item] of items.entries()) {
+      const line = possible.children[number + 1];
+      line.setAttribute("aria-pressed", String(item.isMade));
+      line.classList.toggle("pd-possible-pointed", item.isPointed);
+    }
   }
 
   // An input of a row shows what is in force, but keeps what the user is giving it: until
@@ -106,7 +148,15 @@ pdOverlay.define("guidance_panel", (api) => {
       field.append(api.make("option", "", { value: option }, option));
     return [field, control(
       field, row,
-      (next) => { field.value = next.inputs[place].value; },
+      (next) => {
+        const { value, notes } = next.inputs[place];
+        for (const option of field.options) {
+          const [few, sentence] = notes[option.value] ?? ["", ""];
+          option.textContent = few ? `${option.value} \u2013 ${few}` : option.value;
+          option.title = sentence;
+        }
+        field.value = value;
+      },
       () => send({
         kind: "input", index: row.index, name: input.name, value: field.value,
       }))];
@@ -190,7 +240,7 @@ pdOverlay.define("guidance_panel", (api) => {
   // What a row is built of; the rest of it can be shown by a row that is there.
   function makeOf(row) {
     const { notes, isChosen, isOn, stop, ...made } = row;
-    const inputs = row.inputs.map(({ value, ...input }) => input);
+    const inputs = row.inputs.map(({ value, notes, ...input }) => input);
     return JSON.stringify({ ...made, inputs });
   }
 
@@ -252,6 +302,7 @@ pdOverlay.define("guidance_panel", (api) => {
     runAll.hidden = !state.run.all;
     run.disabled = runAll.disabled = !state.run.isEnabled;
     showTools();
+    showPossible();
     showRows();
     showFoot();
     list.querySelector(".pd-guidance-chosen")?.scrollIntoView?.({ block: "nearest" });

@@ -7,6 +7,7 @@ import pytest
 
 from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.generation import TrafficSample
+from pd_editor.guidance.feasibility import guidance_problems
 from pd_editor.scene.guidance_terms import Approach, GoalPoint, GuidanceTerm, Threaten
 from pd_editor.scene.scenario import Scenario
 from pd_editor.threats.encounter import Track, encounter
@@ -103,6 +104,38 @@ def test_infeasible_threats_change_nothing(diffuser: PathDiffuser) -> None:
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (-80, 0, np.pi, 10)]))
     term = Threaten(agent_id="101", other_id="100", approach="rear")
     assert same(sampled(diffuser, scenario, term), sampled(diffuser, scenario))
+
+
+def test_a_threat_to_an_agent_that_is_gone_is_told_and_not_run(
+    diffuser: PathDiffuser,
+) -> None:
+    scenario = scenario_with(straight_drivers(STATES["rear"]))
+    term = Threaten(agent_id="101", other_id="gone")
+    found = generated(diffuser, scenario, ("101", "102"), guidance=(term,), seed=4)
+    (outcome,) = found.guidance[0].outcomes
+    assert not outcome.is_run
+    assert "agent gone is gone" in outcome.achieved
+
+
+@pytest.mark.parametrize("approach", list(STATES))
+def test_an_agent_whose_recording_ends_is_threatened_where_it_drives_on(
+    diffuser: PathDiffuser, approach: Approach
+) -> None:
+    """Such threats were told to be feasible, and then dropped without a word."""
+    scenario = scenario_with(straight_drivers(STATES[approach]))
+    is_valid = scenario.agents.is_valid.copy()
+    is_valid[0, scenario.current_step + 3 :] = False
+    short = replace(scenario, agents=replace(scenario.agents, is_valid=is_valid))
+    term = Threaten(agent_id="101", other_id="100", approach=approach)
+    assert not guidance_problems(short, (term,), ("101", "102"))
+    found = generated(diffuser, short, ("101", "102"), guidance=(SINGLE, term), seed=4)
+    (outcome,) = found.guidance[0].outcomes
+    assert outcome.is_run
+    assert outcome.is_feasible
+    assert outcome.is_obeyed
+    # It would have kept its velocity.
+    whole = encounter(track(found.samples[0], 0), recorded_track(scenario, 0), 0.1)
+    assert whole.is_contact
 
 
 def test_threats_that_are_off_change_nothing(diffuser: PathDiffuser) -> None:

@@ -1,0 +1,28 @@
+"""``pd-editor threats``: lines are texts for ``--guide``."""
+
+from pd_editor.cli.options.guide_option import guidance_terms_of
+from pd_editor.guidance.feasibility import guidance_problems
+from pd_editor.scenario_store import open_scenario
+from tests.cli.shell import Shell
+
+
+def test_each_line_is_a_feasible_term(shell: Shell):
+    result = shell.run("threats", "roundabout")
+    assert (result.code, result.err) == (0, "")
+    assert result.lines
+    scenario = open_scenario("roundabout")
+    for line in result.lines:
+        text, words = line.split("  ", 1)
+        (term,) = guidance_terms_of((text,))
+        assert "AV" in term.named_ids
+        assert not guidance_problems(scenario, (term,), term.guided_ids)
+        assert " s" in words
+
+
+def test_another_agent_is_named_and_an_unknown_one_refused(shell: Shell):
+    result = shell.run("threats", "roundabout", "--to", "car-0012")
+    assert result.code == 0
+    assert all("car-0012" in line for line in result.lines)
+    result = shell.run("threats", "roundabout", "--to", "nobody")
+    assert result.code == 2
+    assert "nobody" in result.err
