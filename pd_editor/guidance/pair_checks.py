@@ -50,15 +50,15 @@ def threat_problems(
             "The scenario ends at its current step, so no agent can threaten.",
         )
         return
-    is_kept = _is_kept(term, agent_ids)
-    obstacle = _obstacle(scenario, term, is_kept)
+    ids = () if agent_ids is None else tuple(agent_ids)
+    obstacle = _obstacle(scenario, term, ids)
     if obstacle is None:
         return
     others = [
         approach
         for approach in get_args(Approach)
         if approach != term.approach
-        and _obstacle(scenario, replace(term, approach=approach), is_kept) is None
+        and _obstacle(scenario, replace(term, approach=approach), ids) is None
     ]
     aim = ThreatAim.of(term.approach, term.severity)
     goal = "contact" if aim.is_contact else f"a gap of {aim.gap_m:.1f} m"
@@ -82,7 +82,7 @@ def approach_obstacles(
 ) -> dict[str, tuple[str, str]]:
     """Why approaches are infeasible, in few words and in a sentence; none of others.
 
-    The threatened agent keeps its trajectory. Empty if an agent is not there.
+    All other agents keep their trajectories. Empty if an agent is not there.
     """
     agents, now = scenario.agents, scenario.current_step
     rows = [agents.row_of.get(name, -1) for name in term.named_ids]
@@ -91,7 +91,7 @@ def approach_obstacles(
     duration_s = scenario.time_axis.num_future_steps * scenario.time_axis.step_s
     found: dict[str, tuple[str, str]] = {}
     for approach in get_args(Approach):
-        obstacle = _obstacle(scenario, replace(term, approach=approach), True)
+        obstacle = _obstacle(scenario, replace(term, approach=approach), ())
         if obstacle is not None:
             other = f"agent {term.other_id}"
             why = obstacle_in_words(obstacle, approach, other, duration_s)
@@ -101,12 +101,13 @@ def approach_obstacles(
 
 @lru_cache(maxsize=256)
 def _obstacle(
-    scenario: Scenario, term: Threaten, is_kept: bool
+    scenario: Scenario, term: Threaten, generated_ids: tuple[str, ...]
 ) -> ThreatObstacle | None:
     """Cached: each sample of a run asks again."""
     (other,) = scenario.agents.rows((term.other_id,))
+    is_kept = _is_kept(term, generated_ids)
     tracks = expected_tracks(scenario, int(other), is_kept=is_kept)
-    return threat_obstacle(scenario, term, tracks)
+    return threat_obstacle(scenario, term, tracks, generated_ids)
 
 
 def _is_kept(term: PairGuidance, agent_ids: Sequence[str] | None) -> bool:

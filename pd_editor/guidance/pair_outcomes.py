@@ -174,11 +174,14 @@ def threat_measured(term: Threaten, driven: Driven) -> Measured | None:
     if hit is not None:
         achieved += f", but hits {hit[0]} after {hit[1]:.1f} s"
     if not words.is_met:
-        obstacle = threat_obstacle(driven.scenario, term, (second,))
+        ids = driven.sample.ids
+        obstacle = threat_obstacle(driven.scenario, term, (second,), ids)
     if obstacle is not None:
         other, duration_s = f"agent {term.other_id}", driven.step_s * driven.num_steps
         why = obstacle_in_words(obstacle, term.approach, other, duration_s)
         achieved += f"; as {other} moves, {why}"
+    elif not words.is_met and hit is None:
+        achieved += "; the model can drive none of the ways that meet it"
     return Measured(
         asked=words.asked,
         achieved=achieved,

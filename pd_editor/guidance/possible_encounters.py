@@ -14,7 +14,7 @@ from pd_editor.scene.guidance_terms import Approach, Threaten, YieldTo
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
 from pd_editor.threats.encounter import Track
-from pd_editor.threats.threat_feasibility import recorded_track, standing_tracks
+from pd_editor.threats.threat_feasibility import recorded_track, tracks_in_the_way
 from pd_editor.threats.threat_plans import ThreatAim, threat_plans
 
 SEVERITIES: Final = (1.0, 0.5, 0.0)
@@ -112,13 +112,13 @@ def _threats(
 ) -> Iterator[PossibleEncounter]:
     agents, now = scenario.agents, scenario.current_step
     stands = agents.speed_mps()[row, now] < STANDING_MPS
-    others = standing_tracks(scenario, (row, other_row), len(other.position_m))
+    kept = tracks_in_the_way(scenario, (row, other_row))
     # Who stands does not cut in but pulls out, and has nothing to brake.
     without = ("cut-in", "brakes") if stands else ("pulls-out",)
     for approach in get_args(Approach):
         for severity in SEVERITIES if approach not in without else ():
             aim = ThreatAim.of(approach, severity)
-            plans = threat_plans(scenario, row, other, aim, others=others, most=1)
+            plans = threat_plans(scenario, row, other, aim, kept=kept, most=1)
             if len(plans):
                 step = int(plans.meeting_step[0])
                 yield PossibleEncounter(

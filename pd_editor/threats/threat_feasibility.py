@@ -13,6 +13,7 @@ from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.threats.encounter import Track
 from pd_editor.threats.threat_plans import ThreatAim, ThreatObstacle, threat_plans
 
+_AWAY_M: Final = 1e6
 _NUM_EXPECTED: Final = 3
 """Candidates that stand for a trajectory that is not known yet."""
 
@@ -53,39 +54,52 @@ def recorded_track(scenario: Scenario, row: int) -> Track:
     )
 
 
-def standing_tracks(
-    scenario: Scenario, but: Collection[int], num_steps: int
+def tracks_in_the_way(
+    scenario: Scenario, but: Collection[int], generated_ids: Collection[str] = ()
 ) -> tuple[Track, ...]:
-    """The other agents that stand now, as if they went on to do so."""
+    """The other agents that do not make way: kept ones, and generated ones that stand.
+
+    Kept agents move as recorded, and are far away where they are not there. Generated
+    ones that stand now are taken to go on to do so.
+    """
     agents, now = scenario.agents, scenario.current_step
-    stands = agents.is_valid[:, now] & (agents.speed_mps()[:, now] < STANDING_MPS)
-    stands[list(but)] = False
-    return tuple(
-        Track(
-            position_m=np.broadcast_to(agents.position_m[row, now], (num_steps, 2)),
-            heading_rad=np.full(num_steps, agents.heading_rad[row, now]),
-            velocity_mps=np.zeros((num_steps, 2)),
-            size_m=agents.size_m[row],
+    is_kept = np.array([name not in generated_ids for name in agents.ids], bool)
+    stands = agents.speed_mps()[:, now] < STANDING_MPS
+    counts = agents.is_valid[:, now] & (is_kept | stands)
+    counts[list(but)] = False
+    steps = np.where(is_kept[:, None], np.arange(now, agents.num_steps), now)
+    found: list[Track] = []
+    for row in np.flatnonzero(counts):
+        there = agents.is_valid[row, steps[row], None]
+        found.append(
+            Track(
+                position_m=np.where(there, agents.position_m[row, steps[row]], _AWAY_M),
+                heading_rad=agents.heading_rad[row, steps[row]],
+                velocity_mps=agents.velocity_mps[row, steps[row]],
+                size_m=agents.size_m[row],
+            )
         )
-        for row in np.flatnonzero(stands)
-    )
+    return tuple(found)
 
 
 def threat_obstacle(
-    scenario: Scenario, term: Threaten, tracks: Sequence[Track] = ()
+    scenario: Scenario,
+    term: Threaten,
+    tracks: Sequence[Track] = (),
+    generated_ids: Collection[str] = (),
 ) -> ThreatObstacle | None:
     """What is in the way of a threat; None if it is feasible.
 
     It is if most of the trajectories that the threatened agent may have, by default the
-    one that it has, can be reached, past agents that stand now. Both agents have to be
-    there at the current step.
+    one that it has, can be reached, past agents that do not make way. Both agents have
+    to be there at the current step.
     """
     row, other = scenario.agents.rows((term.agent_id, term.other_id)).tolist()
     aim = ThreatAim.of(term.approach, term.severity)
     tracks = tracks or (recorded_track(scenario, other),)
-    others = standing_tracks(scenario, (row, other), len(tracks[0].position_m))
+    kept = tracks_in_the_way(scenario, (row, other), generated_ids)
     obstacles = [
-        threat_plans(scenario, row, track, aim, others=others, most=1).obstacle
+        threat_plans(scenario, row, track, aim, kept=kept, most=1).obstacle
         for track in tracks
     ]
     found = [one for one in obstacles if one is not None]

@@ -99,7 +99,7 @@ def obstacle_in_words(
     if obstacle.kind == "outcome":
         return f"each of its ways passes {other} with another gap or hits it otherwise"
     if obstacle.kind == "traffic":
-        return "on each of its ways an agent stands that it would hit before"
+        return "on each of its ways it would hit an agent that does not make way"
     if np.isinf(times):
         return "it would have to turn round or reverse"
     hard = (

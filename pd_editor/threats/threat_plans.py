@@ -99,7 +99,7 @@ class ThreatObstacle:
 
     kind: Literal["course", "limits", "road", "outcome", "traffic"]
     """No candidate has the course of the approach, all plans are beyond the limits, or
-    off the road, or lead to something else than asked, or hit an agent that stands."""
+    off the road, or lead to something else than asked, or hit an agent in the way."""
     times_limits: float = 1.0
     """How many times its limits the least demanding plan takes; infinite if the agent
     would have to reverse."""
@@ -132,6 +132,7 @@ def threat_plans(
     aim: ThreatAim,
     *,
     reference_m: Float[np.ndarray, "H 2"] | None = None,
+    kept: Sequence[Track] = (),
     others: Sequence[Track] = (),
     step_s: float | None = None,
     fitted: Callable[[Float[np.ndarray, "N H 2"]], Float[np.ndarray, "N H 2"]]
@@ -141,8 +142,8 @@ def threat_plans(
     """Plans of the agent at ``row`` against a known trajectory; none if infeasible.
 
     Of equal plans, those closer to ``reference_m``, such as the unguided trajectory,
-    come first, and those that do not hit ``others`` on the way. None hits one that stands:
-    moving ones may make way.
+    come first, and those that do not hit ``others`` on the way: they may make way unless
+    they stand. None hits ``kept`` ones.
 
     Args:
         scenario: the scene, with the attacker's current state.
@@ -150,7 +151,8 @@ def threat_plans(
         threatened: trajectory of the threatened agent.
         aim: what is asked for.
         reference_m: trajectory that plans should be near.
-        others: trajectories of other agents.
+        kept: trajectories of other agents that do not make way.
+        others: trajectories of other agents that may change.
         step_s: time between the steps of all trajectories; None: the scenario's.
         fitted: maps planned positions to what a model can represent.
         most: number of plans that are returned.
@@ -184,7 +186,7 @@ def threat_plans(
     if reference_m is not None:
         apart = np.linalg.norm(tracks.position_m - reference_m, axis=-1)
         cost += (apart**2).mean(axis=1) / 10.0**2
-    can = used.share <= _MOST_OF_LIMITS
+    can = used.share <= (1.0 if fitted is not None else _MOST_OF_LIMITS)
     if aim.approach == "brakes":
         can &= hardest_braking_mps2(tracks, at, attacker.step_s) > HARD_BRAKING_MPS2
     some = np.flatnonzero(can)
@@ -205,20 +207,20 @@ def threat_plans(
     else:
         reaches = (np.abs(least - aim.gap_m) <= GAP_TOLERANCE_M) & ~touches
         cost = cost + 2.0 * ((least - aim.gap_m) / GAP_TOLERANCE_M) ** 2
-    kept = np.flatnonzero(reaches & allowed)
-    standing = [one for one in others if _stands(one)]
-    kept = kept[_hits_on_the_way(tracks.taken(kept), at[kept], standing) == 0]
-    kept = kept[np.argsort(cost[kept], kind="stable")][:_MOST_ON_THE_WAY]
-    cost = cost[kept] + _hits_on_the_way(tracks.taken(kept), at[kept], others)
+    best = np.flatnonzero(reaches & allowed)
+    fixed = [*kept, *(one for one in others if _stands(one))]
+    best = best[_hits_on_the_way(tracks.taken(best), at[best], fixed) == 0]
+    best = best[np.argsort(cost[best], kind="stable")][:_MOST_ON_THE_WAY]
+    cost = cost[best] + _hits_on_the_way(tracks.taken(best), at[best], others)
     order = np.argsort(cost, kind="stable")[:most]
-    kept, cost = kept[order], cost[order]
+    best, cost = best[order], cost[order]
     return ThreatPlans(
-        track=tracks.taken(kept),
-        gap_m=least[kept],
-        meeting_step=at[kept],
+        track=tracks.taken(best),
+        gap_m=least[best],
+        meeting_step=at[best],
         cost=cost,
         obstacle=None
-        if len(kept)
+        if len(best)
         else _obstacle(meetings.least_demand, used.share, reaches, allowed),
     )
 
@@ -252,6 +254,8 @@ def _hits_on_the_way(
     for other in others:
         away = np.linalg.norm(other.position_m - tracks.position_m, axis=-1)
         reach = (np.hypot(*tracks.size_m) + np.hypot(*other.size_m)) / 2
+        if not (away <= reach).any():
+            continue
         plan, step = np.nonzero((away <= reach) & on_the_way)
         touches = np.zeros(on_the_way.shape, bool)
         touches[plan, step] = boxes_touch(tracks.at(plan, step), other.at(step))

@@ -320,8 +320,13 @@ def _planned(
         mine = motion.position_m[sample, attacker]
         away = np.linalg.norm(motion.position_m[sample, known] - mine, axis=-1)
         away = away.min(axis=1, initial=np.inf)
-        near = known[np.argsort(away, kind="stable")][:_MOST_OTHERS]
+        near = known[np.argsort(away, kind="stable")]
         near = near[np.isin(near, known[away < _OTHERS_WITHIN_M])]
+        may_change = scene.is_sampled[near]
+
+        def tracks(agents: Int[np.ndarray, "N"]) -> list[Track]:
+            return [scene.track(motion, sample, one) for one in agents.tolist()]  # noqa: B023
+
         plans.append(
             threat_plans(
                 scene.scenario,
@@ -329,7 +334,8 @@ def _planned(
                 scene.track(motion, sample, other),
                 aim,
                 reference_m=mine,
-                others=[scene.track(motion, sample, int(one)) for one in near],
+                kept=tracks(near[~may_change]),
+                others=tracks(near[may_change][:_MOST_OTHERS]),
                 step_s=scene.basis.step_s,
                 fitted=lambda position: scene.fitted(attacker, position),
                 most=1,
