@@ -284,6 +284,47 @@ def test_rows_of_the_history_keep_their_place(editor):
     assert right <= editor.page.viewport_size["width"]
 
 
+def test_the_same_key_closes_the_list_from_its_search_field(editor):
+    drawer = editor.page.get_by_role("region", name="Agent list")
+    editor.key("Control+f")
+    search = editor.page.get_by_label("Search agents")
+    expect(search).to_be_focused()
+    search.press("Control+f")
+    expect(drawer).to_be_hidden()
+
+
+def test_a_click_on_an_agent_shows_it_unless_the_scene_was_asked_for_again(editor):
+    """Its speed, kind and lock were two tabs away."""
+    scenario = editor.session.scenario
+    row = scenario.agents.row_of[scenario.focal_id]
+    place = np.append(scenario.agents.position_m[row, scenario.current_step], 1.0)
+    editor.go_to_now()
+
+    def tab(name: str):
+        return editor.page.get_by_role("tab", name=name, exact=True)
+
+    expect(tab("Scene")).to_have_attribute("aria-selected", "true")
+    editor.click_at(place)
+    expect(tab("Agents")).to_have_attribute("aria-selected", "true")
+    editor.open_tab("Scene")
+    editor.until(
+        lambda: editor.workspace.view.panel_tab == "Scene", "the tab on the server"
+    )
+    select(editor)
+    editor.click_at(place)
+    editor.until(lambda: editor.session.selection, "a selection")
+    editor.settle()
+    expect(tab("Scene")).to_have_attribute("aria-selected", "true")
+
+
+def test_a_list_without_a_row_is_small(editor):
+    """Of 300 px of white over the road, two lines said something."""
+    editor.page.locator(".pd-chip-main").click()
+    dialog = editor.page.get_by_role("dialog", name="Problems")
+    expect(dialog).to_be_visible()
+    assert dialog.bounding_box()["height"] < 90
+
+
 def test_a_refused_action_is_named(editor):
     """The notice says what was not done, and stands below the toolbar."""
     select(editor)
@@ -304,9 +345,11 @@ def test_possible_trajectories_are_told_apart(editor):
     select(editor, session.scenario.focal_id)
     editor.open_tab("Drive")
     use = editor.page.get_by_role("button", name="Use this trajectory")
-    before = top_of(use)
-    expect(use).to_be_disabled()
+    # What chooses among them takes no room until there are some.
+    expect(use).to_be_hidden()
     editor.press("Show possible trajectories")
+    expect(use).to_be_disabled()
+    before = top_of(use)
     editor.until(lambda: editor._tab().picture.candidates.shown, "the fan")
     panel = editor._tab().panels.candidates
     labels = editor.until(

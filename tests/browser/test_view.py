@@ -139,7 +139,10 @@ def test_the_top_view_cannot_be_tilted_and_keys_do_not_push_the_camera(editor):
 
 @pytest.mark.parametrize("view", ["3-D view", "Top view"])
 def test_f_frames_the_extent_of_the_selection_and_home_the_map(editor, view):
-    """(D22) All of nine agents and their trajectories are in the picture."""
+    """(D22) Nine agents are in the picture, from above with their trajectories.
+
+    In 3-D a fast agent stood in a corner, to make room for where it drives.
+    """
     tool(editor, view).click()
     camera_rests(editor)
     scenario = editor.session.scenario
@@ -153,14 +156,20 @@ def test_f_frames_the_extent_of_the_selection_and_home_the_map(editor, view):
     camera_rests(editor)
     editor.settle()
     for row in rows:
-        for at in np.flatnonzero(agents.is_valid[row])[::12]:
+        track = np.flatnonzero(agents.is_valid[row])[::12]
+        for at in track if view == "Top view" else (step,):
             editor.pixel(agents.position_m[row, at])
-    # A single agent is seen from nearer.
+    # A single agent is seen from nearer, in 3-D in the middle.
     far = distance_m(editor)
     editor._tab()._ui.post(lambda: editor.session.select(chosen[:1]))
     tool(editor, "Frame the selection").click()
     camera_rests(editor)
     assert distance_m(editor) < 0.7 * far
+    if view == "3-D view":
+        x, y = editor.pixel(agents.position_m[rows[0], step])
+        canvas = editor.page.locator("canvas").first.bounding_box()
+        assert abs(x - canvas["width"] / 2) < 0.15 * canvas["width"]
+        assert abs(y - canvas["height"] / 2) < 0.25 * canvas["height"]
     editor.key("Home")
     camera_rests(editor)
     editor.settle()

@@ -15,6 +15,22 @@ def tab(tmp_path_factory):
         yield found
 
 
+def test_a_study_that_runs_is_told_beside_what_is_known_of_the_scene(tab, monkeypatch):
+    """Its progress was in a tab that is not open."""
+
+    def told() -> str:
+        tab.run(tab.tab.chip.show)
+        return json.loads(tab.tab.overlay._shown["status"])["text"]
+
+    study = tab.tab._workspace.study
+    before = told()
+    monkeypatch.setattr(study, "_job", object())
+    study.fraction = 0.42
+    assert told() == f"{before} \u00b7 study at 42%"
+    monkeypatch.setattr(study, "_job", None)
+    assert told() == before
+
+
 def test_a_row_never_offers_what_helps_against_another(tab, monkeypatch):
     """A press on such a button did nothing, or would have cured another problem."""
     session, chip, watch = tab.session, tab.tab.chip, tab.tab.problems
