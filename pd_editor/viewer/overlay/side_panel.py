@@ -23,18 +23,13 @@ class SidePanel:
         """Open the tab that was open; viser's own settings are offered to debug only."""
         self._ui = ui
         self._overlay = overlay
-        self._is_debug = is_debug
-        self._stays = False
+        self._state = {"tab": ui.workspace.view.panel_tab, "isDebug": is_debug}
         overlay.on("panel", self._heard)
-        self._show(ui.workspace.view.panel_tab)
+        overlay.show("panel", self._state)
 
     def agent_clicked(self) -> None:
-        """Show the agent instead of the scene, unless that was opened again since."""
-        if self._ui.workspace.view.panel_tab in (None, SCENE) and not self._stays:
-            self._show(AGENTS)
-
-    def _show(self, tab: str | None) -> None:
-        self._overlay.show("panel", {"tab": tab, "isDebug": self._is_debug})
+        """Show the agent in the place of the scene, once: later the user chooses."""
+        self._overlay.show("panel", {**self._state, "tab": AGENTS, "instead": SCENE})
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         kind, title = event.get("kind"), event.get("title")
@@ -44,5 +39,4 @@ class SidePanel:
             self._ui.release_slider()
         elif kind == "tab" and isinstance(title, str):
             workspace = self._ui.workspace
-            self._stays |= title == SCENE and workspace.view.panel_tab == AGENTS
             workspace.view = replace(workspace.view, panel_tab=title[:MAX_TITLE])

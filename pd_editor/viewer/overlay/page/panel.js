@@ -126,8 +126,10 @@ pdOverlay.define("panel", (api) => {
 
   return (state) => {
     document.body.classList.toggle("pd-debug", state.isDebug);
+    const open = tabs().find(isOpen);
+    if (state.instead && open && title(open) !== state.instead) return;
     wanted = state.tab;
-    told = state.tab;
+    told = state.instead ?? state.tab;
     startedAt = performance.now();
     observer.observe(document.body, {
       subtree: true, childList: true, attributes: true, attributeFilter: ["aria-selected"],
