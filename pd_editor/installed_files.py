@@ -1,6 +1,7 @@
 """Finds the files that come with the package: demos and weights."""
 
 import json
+import os
 from pathlib import Path
 from typing import Final
 
@@ -8,6 +9,8 @@ from pd_editor.errors import InputError
 
 DEMO_PREFIX: Final = "demo:"
 """May precede the name of a demo."""
+ALL_DEMOS: Final = "demos"
+"""Name of all demos together."""
 SENTENCES_NAME: Final = "sentences.json"
 """File beside the demos with a description of each."""
 _PACKAGE = Path(__file__).resolve().parent
@@ -16,7 +19,7 @@ _PACKAGE = Path(__file__).resolve().parent
 def _folder(name: str) -> Path:
     """Folder of installed files: inside the package in a wheel, beside it in a checkout."""
     inside = _PACKAGE / name
-    return inside if inside.is_dir() else _PACKAGE.parent / name
+    return inside if os.path.isdir(inside) else _PACKAGE.parent / name
 
 
 def demo_names() -> tuple[str, ...]:
@@ -45,10 +48,11 @@ def data_root(reference: Path) -> Path:
 
     Other references, and names of folders that exist, are returned as they are.
     """
-    if reference.is_dir():
+    # os.path, unlike pathlib, does not raise for paths that are too long or forbidden.
+    if os.path.isdir(reference):
         return reference
     name = str(reference).removeprefix(DEMO_PREFIX)
-    if name == "demos":
+    if name == ALL_DEMOS:
         return _folder("assets") / "demos"
     return demo_folder(name) if name in demo_names() else reference
 
@@ -56,7 +60,7 @@ def data_root(reference: Path) -> Path:
 def demo_sentence(name: str) -> str:
     """Description of a demo; empty without one."""
     path = _folder("assets") / "demos" / SENTENCES_NAME
-    if not path.is_file():
+    if not os.path.isfile(path):
         return ""
     return json.loads(path.read_text(encoding="utf-8")).get(name, "")
 

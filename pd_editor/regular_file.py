@@ -38,6 +38,20 @@ def check_path(path: str | Path, error: type[PdEditorError] = InputError) -> Non
         )
 
 
+def user_path(text: str, error: type[PdEditorError] = InputError) -> Path:
+    """Path that a user typed, in which a home folder may be ~ or ~name.
+
+    Raises:
+        PdEditorError: of the type ``error``: it is no path, or there is no such user.
+    """
+    check_path(text, error)
+    # Unlike pathlib's, this does not raise for an unknown user.
+    path = os.path.expanduser(text)
+    if path == text and text.startswith("~"):
+        raise error(f"{text}: there is no home folder of this name.")
+    return Path(path)
+
+
 def read_regular(
     path: Path, *, max_bytes: int, error: type[PdEditorError] = InputError
 ) -> bytes:

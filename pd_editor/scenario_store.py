@@ -134,7 +134,7 @@ def scenario_and_recipe(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | 
 def recipe_of_export(folder: Path) -> Recipe | None:
     """Recipe of a folder that the editor wrote; None for other folders."""
     path = folder / RECIPE_NAME
-    if not path.is_file():
+    if not os.path.isfile(path):
         return None
     try:
         return Recipe.from_text(

@@ -65,7 +65,7 @@ def read_scenario(folder: Path) -> Scenario:
         read_regular(folder / tracks[0], max_bytes=MAX_TRACKS_BYTES),
         read_regular(folder / expected, max_bytes=MAX_JSON_BYTES),
         name=scenario_id,
-        source=str(folder.resolve()),
+        source=os.path.realpath(folder),
     )
 
 

@@ -55,7 +55,7 @@ class Basket:
 
     def has(self, name: str) -> bool:
         """Whether the name is taken."""
-        return (self._folder / name).exists()
+        return os.path.exists(self._folder / name)
 
     def entry(self, name: str) -> BasketEntry | None:
         """A starred scenario; None if it is not in the basket, or cannot be read."""

@@ -35,25 +35,32 @@ def edit(
     data: OptionalFolder = None,
     library: OptionalFolder = None,
     models: OptionalFolders = (),
+    token: Switch = False,
+    no_token: Switch = False,
     debug: Switch = False,
 ) -> None:
     """Start the browser editor, print its address, and serve until interrupted.
 
     Args:
         scenario: A demo's name or an Argoverse 2 scenario folder.
-        host: Address to listen on; 0.0.0.0 lets other machines in.
+        host: Address to listen on; 0.0.0.0 lets other machines in. Folders of this machine are closed to them.
         port: Port to listen on; the next free one if it is taken.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
         until: Seconds after the current step that are kept, such as 6.
         data: Root of an Argoverse 2 dataset to browse.
         library: Folder for unfinished work; ~/.local/state/pd-editor if not given.
         models: Folders of trained models to offer beside the shipped one, folders of such folders, and generators of your own as package.module:attribute.
+        token: Serve only those who open the printed address with its token, also on this machine: for proxies, and machines that others use as well.
+        no_token: Ask for no token although other machines can reach the editor.
         debug: Offer viser's own settings and scene tree in the page.
     """
+    if token and no_token:
+        raise InputError("--token and --no-token exclude each other.")
     _check_address(host, port)
     sys.stdout.write("Starting...\n")
     sys.stdout.flush()
     # Imported late, so that the first output appears at once.
+    from pd_editor.viewer.server.server_guard import is_loopback
     from pd_editor.viewer.viewer_app import ViewerApp
 
     app = ViewerApp(
@@ -65,12 +72,20 @@ def edit(
         library=library,
         models=several(models),
         debug=debug,
+        token=True if token else False if no_token else None,
     )
     # Interrupting is the normal end, not a failure, from the moment it serves.
     with contextlib.suppress(KeyboardInterrupt):
         try:
             sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")
             sys.stdout.flush()
+            if not is_loopback(host):
+                name = socket.gethostname() if host in ("0.0.0.0", "::", "") else host
+                who = "everybody who reaches it" if no_token else "whoever knows it"
+                sys.stderr.write(
+                    f"Warning: other machines reach the editor at {app.address_at(name)}"
+                    f" ; {who} can use it. The connection is not encrypted.\n"
+                )
             app.run_forever()
         finally:
             app.stop()

@@ -1,5 +1,6 @@
 """``pd-editor export``: write scenarios, with a name, tags and a note."""
 
+import os
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -153,7 +154,7 @@ def _session(reference: str, variant: Variant, cut: TimeCut) -> EditorSession:
 def _zipped(out: Path, sessions: list[EditorSession], overwrite: bool) -> Path:
     """Write one zip; the second of two scenarios of the same name gets -2."""
     target = out / ZIP_NAME
-    if target.exists() and not overwrite:
+    if os.path.exists(target) and not overwrite:
         raise ExportError(f"{target}: is there already; add --overwrite to replace it.")
     made: dict[str, dict[str, bytes]] = {}
     rows = []

@@ -1,5 +1,6 @@
 """``pd-editor model``: join the trained stages into one model."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -53,13 +54,13 @@ def model(
 
     given = {"init": folders(init), "traj": folders(traj)}
     folder, stages, curves = Path(out), {}, []
-    if (folder / CONFIG_NAME).exists():
+    if os.path.exists(folder / CONFIG_NAME):
         stages.update(load_model(folder, STAGE_KINDS).stages)
     for name, runs in given.items():
         if not runs:
             continue
         sources = [
-            run / MODEL_NAME if (run / MODEL_NAME).is_dir() else run for run in runs
+            run / MODEL_NAME if os.path.isdir(run / MODEL_NAME) else run for run in runs
         ]
         found = [load_model(one, STAGE_KINDS).stage(name) for one in sources]
         stages[name] = averaged_stage(found, sources)
@@ -71,8 +72,12 @@ def model(
     shipped = {name: replace(stage, sha256="") for name, stage in stages.items()}
     save_model(folder, shipped, half=True)
     card = folder / CARD_NAME
-    if not card.exists():
-        write_whole(card, card_of(folder.resolve().name, stages).encode(), ModelError)
+    if not os.path.exists(card):
+        write_whole(
+            card,
+            card_of(os.path.basename(os.path.realpath(folder)), stages).encode(),
+            ModelError,
+        )
     files = [
         folder / CONFIG_NAME,
         *(folder / s.kind.file_name for s in stages.values()),

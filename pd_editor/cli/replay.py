@@ -1,6 +1,7 @@
 """``pd-editor replay``: reproduce a scenario from its recipe."""
 
 import dataclasses
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -59,7 +60,7 @@ def replay(
 def read_recipe(path: Path) -> tuple[Recipe, Path]:
     """Read a recipe; returns it and its file."""
     check_path(path, RecipeError)
-    file = path / RECIPE_NAME if path.is_dir() else path
+    file = path / RECIPE_NAME if os.path.isdir(path) else path
     text = read_regular(file, max_bytes=MAX_RECIPE_BYTES, error=RecipeError)
     try:
         return Recipe.from_text(text), file

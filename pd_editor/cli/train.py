@@ -1,6 +1,7 @@
 """``pd-editor train``: train a stage of the model."""
 
 import math
+import os
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -185,7 +186,7 @@ def _absolute(roots: str | Path | tuple[str | Path, ...]) -> tuple[str, ...]:
     several = roots if isinstance(roots, tuple) else (roots,)
     for root in several:
         check_path(root)
-    return tuple(str(Path(root).resolve()) for root in several)
+    return tuple(os.path.realpath(root) for root in several)
 
 
 def _both_trained(

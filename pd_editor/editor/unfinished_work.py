@@ -1,6 +1,7 @@
 """Finds unfinished journals on disk, and restores their sessions."""
 
 import logging
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -119,7 +120,7 @@ def _summary(path: Path, _changed_ns: int, _size: int) -> UnfinishedWork | None:
         last_time=entries[-1].time_s,
         variant=described[-1] if described else header.variant,
         exports=exports,
-        base_files=tuple(sorted(beside.iterdir())) if beside.is_dir() else (),
+        base_files=tuple(sorted(beside.iterdir())) if os.path.isdir(beside) else (),
     )
 
 

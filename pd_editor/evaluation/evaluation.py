@@ -1,5 +1,6 @@
 """Runs an evaluation: every method on every scene and road condition."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -50,7 +51,7 @@ class EvaluationPlan:
         """Settings that finished scenes depend on."""
         return RunSettings(
             version=version("pd-editor"),
-            data=tuple(str(root.resolve()) for root in self.data),
+            data=tuple(os.path.realpath(root) for root in self.data),
             methods=tuple(method.name for method in self.methods),
             samples=self.num_samples,
             seed=self.seed,
@@ -152,7 +153,7 @@ def splits_of(plan: EvaluationPlan, found: FoundScenes) -> EvaluationSplits:
 
 def _scene(root: Path, folder: Path) -> Scene:
     parent = folder.relative_to(root).parent.as_posix()
-    split = root.resolve().name if parent == "." else parent
+    split = os.path.basename(os.path.realpath(root)) if parent == "." else parent
     return Scene(folder=folder, split=split)
 
 

@@ -66,7 +66,7 @@ def open_for_writing(folder: Path, index: StoreIndex) -> frozenset[str]:
     """
     path = folder / _INDEX_NAME
     try:
-        if path.exists():
+        if os.path.exists(path):
             found = _read_index(folder)
             if found.fingerprint != index.fingerprint:
                 raise TrainingError(
@@ -102,7 +102,7 @@ def write_part(
     try:
         beside.rename(whole)
     except OSError:
-        if not whole.is_dir():
+        if not os.path.isdir(whole):
             raise
         shutil.rmtree(beside, ignore_errors=True)
 

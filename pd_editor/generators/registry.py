@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -151,17 +152,17 @@ def catalogue_with(models: Sequence[str | Path]) -> GeneratorCatalogue:
     among_several: set[str] = set()
     unusable: list[UnusableGenerator] = []
     for given in map(str, models):
-        if is_reference(given) and not Path(given).exists():
+        if is_reference(given) and not os.path.exists(Path(given)):
             _add_plugin(offers, unusable, given, given)
             continue
-        folders = _folders_in(Path(given).resolve())
+        folders = _folders_in(Path(os.path.realpath(given)))
         if len(folders) > 1:
             among_several.update(folder.name for folder in folders)
         for folder in folders:
             reason = _damage(folder)
             if reason:
                 unusable.append(UnusableGenerator(name=folder.name, reason=reason))
-            elif (folder / MODEL_CONFIG).is_file():
+            elif os.path.isfile(folder / MODEL_CONFIG):
                 make = partial(_path_diffuser, folder, folder.name)
                 offer = _model_offer(make, str(folder), _supported_by_stages(folder))
                 _add(offers, folder.name, offer, folder)
@@ -224,7 +225,7 @@ def _folders_in(folder: Path) -> list[Path]:
     if _holds_generator(folder):
         return [folder]
     found: list[Path] = []
-    if folder.is_dir():
+    if os.path.isdir(folder):
         found = [one for one in sorted(folder.iterdir()) if _holds_generator(one)]
     if not found:
         raise GenerationError(
@@ -235,13 +236,13 @@ def _folders_in(folder: Path) -> list[Path]:
 
 
 def _holds_generator(folder: Path) -> bool:
-    return any((folder / name).is_file() for name in (MODEL_CONFIG, FOLDER_MODULE))
+    return any(os.path.isfile(folder / name) for name in (MODEL_CONFIG, FOLDER_MODULE))
 
 
 def _damage(folder: Path) -> str:
     """Defect of a model folder that is found without loading its weights."""
     config = folder / MODEL_CONFIG
-    if not config.is_file():
+    if not os.path.isfile(config):
         return ""
     try:
         content = json.loads(config.read_bytes())
@@ -292,10 +293,14 @@ def make_generator(name: str, *, device: DeviceName = "auto") -> ScenarioGenerat
     if name in GENERATORS:
         return GENERATORS[name].make()
     folder = Path(name)
-    if (folder / MODEL_CONFIG).is_file():
-        return _path_diffuser(folder.resolve(), folder.resolve().name, device)
-    if (folder / FOLDER_MODULE).is_file():
-        return generator_of_folder(folder.resolve())
+    if os.path.isfile(folder / MODEL_CONFIG):
+        return _path_diffuser(
+            Path(os.path.realpath(folder)),
+            os.path.basename(os.path.realpath(folder)),
+            device,
+        )
+    if os.path.isfile(folder / FOLDER_MODULE):
+        return generator_of_folder(Path(os.path.realpath(folder)))
     if name in installed_plugins():
         return generator_of_entry_point(name)
     if is_reference(name):

@@ -10,6 +10,7 @@ contents give equal bytes.
 import io
 import json
 import lzma
+import os
 import zipfile
 import zlib
 from collections import OrderedDict
@@ -101,7 +102,7 @@ class ShardReader:
             InputError: there is no shard, or one is damaged.
         """
         path = Path(path)
-        files = sorted(path.glob(f"*{SHARD_SUFFIX}")) if path.is_dir() else [path]
+        files = sorted(path.glob(f"*{SHARD_SUFFIX}")) if os.path.isdir(path) else [path]
         if not files:
             raise InputError(f"{path}: there is no shard (*{SHARD_SUFFIX}) in it.")
         self.num_kept = num_kept

@@ -1,5 +1,6 @@
 """Plan of a perturbation study: scenes, methods, road conditions and seeds."""
 
+import os
 import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -72,7 +73,7 @@ class StudyPlan:
         """Settings that finished items depend on."""
         return StudySettings(
             version=version("pd-editor"),
-            data=tuple(str(root.resolve()) for root in self.data),
+            data=tuple(os.path.realpath(root) for root in self.data),
             methods=tuple(method.name for method in self.methods),
             conditions=tuple(one.label for one in self.conditions),
             seeds=self.seeds,

@@ -1,5 +1,6 @@
 """Model card of a trained model, and copies of its loss curves."""
 
+import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -46,7 +47,7 @@ def card_of(name: str, stages: Mapping[str, TrainedStage]) -> str:
 def copied_curves(run: Path, folder: Path, kind: StageKind) -> list[Path]:
     """Copy the plot of a run's losses beside the weights, if there is one."""
     source = run / CURVES_NAME
-    if not source.is_file():
+    if not os.path.isfile(source):
         return []
     target = folder / f"{Path(kind.file_name).stem}_loss.png"
     folder.mkdir(parents=True, exist_ok=True)

@@ -5,6 +5,7 @@ import copy
 import importlib.metadata
 import logging
 import math
+import os
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
@@ -198,7 +199,7 @@ def _train(
         earlier = starting_model(Path(config.start)).stage(config.stage)
         sampling = earlier.sampling
         sees_warps |= saw_warps(earlier.about)
-        if not run.state_path.exists():
+        if not os.path.exists(run.state_path):
             start_from(model, earlier.model.state_dict(), config.start)
     stage.fit_statistics(model, prepared.data.store)
     loop = TrainLoop(
@@ -211,7 +212,7 @@ def _train(
         run,
         fabric,
     )
-    if run.state_path.exists():
+    if os.path.exists(run.state_path):
         loop.resume(stage.kind.statistics)
 
     of_data = _sampling_of_data(config)
@@ -379,7 +380,7 @@ def _prepared(
 
 
 def _kept_basis(run: RunFolder) -> TrajectoryBasis | None:
-    return read_basis(run.basis_path) if run.basis_path.exists() else None
+    return read_basis(run.basis_path) if os.path.exists(run.basis_path) else None
 
 
 def _commit() -> str:

@@ -1,5 +1,6 @@
 """Initialisation of a run with the weights of an earlier model."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -21,7 +22,7 @@ def starting_model(folder: Path) -> TrainedModel:
         ModelError: the folder holds no model.
     """
     inner = folder / MODEL_NAME
-    return load_model(inner if inner.is_dir() else folder, STAGE_KINDS)
+    return load_model(inner if os.path.isdir(inner) else folder, STAGE_KINDS)
 
 
 def basis_of(model: TrainedModel) -> TrajectoryBasis | None:

@@ -86,13 +86,19 @@ class BrowserSession:
         self._retries_journal_at = 0.0
         self._follows_basket_at = 0.0
         self._is_built = False
+        self._built = threading.Event()
         self._is_closed = False
         self._closing = threading.Lock()
 
     def start(self) -> None:
         """Build the page and start the worker."""
         self._inbox.post(self._build)
+        self._inbox.post(self._built.set)
         self._inbox.start()
+
+    def wait_until_built(self, seconds: float) -> None:
+        """Wait for the page, at most for some time."""
+        self._built.wait(seconds)
 
     def close(self) -> None:
         """Stop the worker; the workspace remains.
@@ -103,6 +109,7 @@ class BrowserSession:
             if self._is_closed:
                 return
             self._is_closed = True
+            self._built.set()
             self._inbox.close()
             if self._is_built:
                 self.panels.close()

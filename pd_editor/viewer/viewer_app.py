@@ -18,7 +18,12 @@ from pd_editor.generators import catalogue_with
 from pd_editor.scenario_store import open_scenario
 from pd_editor.scene.base_reference import TimeCut
 from pd_editor.viewer.browser_session import BrowserSession
-from pd_editor.viewer.server.server_guard import LOOPBACK_HOSTS, guarded_server
+from pd_editor.viewer.server.server_guard import (
+    TOKEN_FIELD,
+    check_values,
+    guarded_server,
+    is_loopback,
+)
 from pd_editor.viewer.state.session_shelf import SessionShelf
 from pd_editor.viewer.state.workspace import Workspace
 
@@ -30,6 +35,8 @@ VISITORS_NAME: Final = "visitors"
 ENDING_PATIENCE_S: Final = 12.0
 """How long a page that is loaded again waits for the end of the former one, whose worker
 may be in the middle of a message."""
+LONGEST_BUILD_S: Final = 10.0
+"""How long the next browser that does not answer waits for the page of the former one."""
 MAX_KEPT_WORKSPACES: Final = 16
 """Number of workspaces without a browser that are kept; older ones are closed."""
 WARM_UP_AFTER_S: Final = 3.0
@@ -56,11 +63,14 @@ class ViewerApp:
         library: Path | None = None,
         models: Sequence[str | Path] = (),
         debug: bool = False,
+        token: bool | None = None,
     ) -> None:
         """Start serving, with models and plugins of one's own among the generators.
 
         ``cut`` says what is used of each recording that is opened by its place.
-        With ``debug`` the page offers viser's own settings and scene tree.
+        With ``debug`` the page offers viser's own settings and scene tree. With a
+        ``token``, which other machines need unless it is refused, pages and connections
+        are served only to those who know it: it is part of ``address``.
 
         Raises:
             GenerationError: a folder holds no model.
@@ -78,18 +88,29 @@ class ViewerApp:
         self._workspaces: dict[str, Workspace] = {}
         self._tabs: dict[int, tuple[str, BrowserSession]] = {}
         self._is_debug = debug
-        self._is_local = host in LOOPBACK_HOSTS
+        self._is_local = is_loopback(host)
         self._lock = threading.Condition()
         """Notified when a tab has ended, so that its workspace is free."""
+        self._silent = threading.Lock()
+        """Held while the page of a browser that did not answer is built."""
         self._warm_up = threading.Timer(WARM_UP_AFTER_S, self._warm_up_default)
         # No daemon: a thread that is ended inside torch aborts the process at its exit.
         self._warm_up.daemon = False
         self._warms_up = False
-        self.server = guarded_server(host, port)
-        shown_host = "localhost" if host in ("0.0.0.0", "::") else host
-        self.address = f"http://{shown_host}:{self.server.get_port()}"
+        has_token = not self._is_local if token is None else token
+        secret = secrets.token_urlsafe(16) if has_token else None
+        self.server = guarded_server(host, port, secret)
+        self._query = f"/?{TOKEN_FIELD}={secret}" if secret else ""
+        self.address = self.address_at(
+            "localhost" if host in ("0.0.0.0", "::", "") else host
+        )
         self.server.on_client_connect(self._connected)
         self.server.on_client_disconnect(self._disconnected)
+
+    def address_at(self, host: str) -> str:
+        """Address of the editor for browsers that reach this machine by a name."""
+        name = f"[{host}]" if ":" in host else host
+        return f"http://{name}:{self.server.get_port()}{self._query}"
 
     def run_forever(self) -> None:
         """Wait until interrupted; the caller stops the server then."""
@@ -116,12 +137,32 @@ class ViewerApp:
         with self._lock:
             return tuple(self._workspaces.values())
 
-    def _connected(self, client: viser.ClientHandle) -> None:
+    async def _connected(self, client: viser.ClientHandle) -> None:
+        # A thread of its own: some browsers never answer, and viser's threads are few.
+        threading.Thread(
+            target=self._receive, args=(client,), daemon=True, name="connection"
+        ).start()
+
+    def _receive(self, client: viser.ClientHandle) -> None:
+        """Ask a browser for its earlier sessions, and give it a page."""
         try:
             visitor, known = _stored_keys(client)
         except (RuntimeError, TimeoutError) as error:
             _LOG.info("A browser's storage cannot be read: %s", error)
-            visitor, known = "", []
+        else:
+            self._open_tab(client, visitor, known)
+            return
+        # One after the other, so that many of them do not delay those that answer.
+        with self._silent:
+            tab = self._open_tab(client, "", [])
+            if tab is not None:
+                tab.wait_until_built(LONGEST_BUILD_S)
+
+    def _open_tab(
+        self, client: viser.ClientHandle, visitor: str, known: Sequence[str]
+    ) -> BrowserSession | None:
+        """Give a browser its earlier session or a new one; None if it has gone."""
+        check_values(client)
         visitor = visitor or secrets.token_urlsafe(16)
         with self._lock:
             # Of a page that is loaded again, the former worker may not have ended yet.
@@ -152,7 +193,7 @@ class ViewerApp:
                 client, workspace, self._generators, is_debug=self._is_debug
             )
             if client.client_id not in self.server.get_clients():
-                return
+                return None
             self._tabs[client.client_id] = (key, tab)
             if not self._warms_up:
                 self._warms_up = True
@@ -161,6 +202,7 @@ class ViewerApp:
         stored = {"visitor": visitor, "sessions": [key, *remembered]}
         client.local_storage.set_item(STORAGE_KEY, json.dumps(stored))
         tab.start()
+        return tab
 
     def _disconnected(self, client: viser.ClientHandle) -> None:
         with self._lock:

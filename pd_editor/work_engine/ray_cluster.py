@@ -151,7 +151,7 @@ def _ray() -> Any:
     """The package ``ray``, quiet about what users need not know."""
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    if (Path.home() / _TOKEN_FILE).exists():
+    if os.path.exists(Path.home() / _TOKEN_FILE):
         # Ray uses the token by itself for clusters that it starts or finds only.
         os.environ.setdefault("RAY_AUTH_MODE", "token")
     try:

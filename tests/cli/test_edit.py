@@ -23,6 +23,9 @@ class FakeApp:
     def __init__(self, **options: object) -> None:
         FakeApp.made = options
 
+    def address_at(self, host: str) -> str:
+        return f"http://{host}:1"
+
     def run_forever(self) -> None:
         raise KeyboardInterrupt
 
@@ -63,7 +66,29 @@ def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyP
         "library": None,
         "models": (),
         "debug": False,
+        "token": None,
     }
+
+
+@pytest.mark.parametrize(
+    ("options", "token", "warning"),
+    [
+        ("--host 127.0.0.2", None, ""),
+        ("--token", True, ""),
+        ("--host 0.0.0.0", None, "whoever knows it can use it."),
+        ("--host 0.0.0.0 --no-token", False, "everybody who reaches it can use it."),
+    ],
+)
+def test_other_machines_are_warned_of_and_need_a_token(
+    shell: Shell, monkeypatch: pytest.MonkeyPatch, options, token, warning
+):
+    monkeypatch.setattr(viewer_app, "ViewerApp", FakeApp)
+    result = shell.run("edit", *options.split())
+    assert result.code == 0
+    assert FakeApp.made is not None
+    assert FakeApp.made["token"] is token
+    assert result.err.startswith("Warning: other machines reach") is bool(warning)
+    assert warning in result.err
 
 
 @pytest.mark.parametrize(
@@ -73,6 +98,7 @@ def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyP
         ("--port 70000", "Port 70000 is outside 1..65535."),
         ("--host 192.0.2.1", "192.0.2.1: cannot be listened on"),
         ("--host ...", "...: cannot be listened on"),
+        ("--token --no-token", "--token and --no-token exclude each other."),
         ("nowhere", "nowhere: is neither a scenario folder nor a demo"),
         ("--data nowhere", "nowhere: there is no such dataset folder"),
         ("--models nowhere", "nowhere: not a trained model"),

@@ -12,7 +12,7 @@ from unittest import mock
 import msgspec
 import viser
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 
 from pd_editor.generators import registry
 from pd_editor.viewer import viewer_app
@@ -55,7 +55,7 @@ def connected_tab(app: ViewerApp) -> Iterator["FakeTab"]:
         (client_id,) = set(app._tabs) - known
         tab = app._tabs[client_id][1]
         until(lambda: tab._is_built)
-        yield FakeTab(tab)
+        yield FakeTab(tab, socket)
         socket.close()
         until(lambda: client_id not in app._tabs)
 
@@ -63,10 +63,39 @@ def connected_tab(app: ViewerApp) -> Iterator["FakeTab"]:
 class FakeTab:
     """What a test does with a tab: run things on its worker, as callbacks do."""
 
-    def __init__(self, tab: BrowserSession) -> None:
+    def __init__(self, tab: BrowserSession, socket: ClientConnection) -> None:
         self.tab = tab
+        self._socket = socket
         self.session = tab._workspace.session
         self.ui = tab._ui
+
+    def inputs(self) -> dict[str, list[Any]]:
+        """All inputs and buttons of the page by their labels."""
+        found: dict[str, list[Any]] = {}
+        for handle in list(self.ui.client.gui._gui_input_handle_from_uuid.values()):
+            found.setdefault(str(getattr(handle, "label", "")), []).append(handle)
+        return found
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Send a message of viser's client, or a forged one, and wait for its effects."""
+        done = threading.Event()
+        self._socket.send(msgspec.msgpack.encode(message))
+        self._socket.ping().wait(20)
+        # Its handlers run on the loop of the connections, then on the worker.
+        loop = self.ui.client._viser_server._event_loop
+        loop.call_soon_threadsafe(lambda: loop.call_soon(done.set))
+        assert done.wait(20)
+        self.run(lambda: None)
+
+    def enter(self, handle: Any, value: Any) -> None:
+        """Give an input a value as the page does; buttons have the value True."""
+        self.send(
+            {
+                "type": "GuiUpdateMessage",
+                "uuid": handle._impl.uuid,
+                "updates": {"value": value},
+            }
+        )
 
     def run(self, action: Callable[[], Any]) -> Any:
         """Run on the session's worker, and wait; exceptions are raised here."""

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -157,7 +158,7 @@ def load_model(folder: Path, kinds: Mapping[str, StageKind]) -> TrainedModel:
     }
     digests = "".join(stages[name].sha256 for name in sorted(stages))
     return TrainedModel(
-        name=folder.resolve().name,
+        name=os.path.basename(os.path.realpath(folder)),
         stages=stages,
         sha256=hashlib.sha256(digests.encode()).hexdigest(),
     )

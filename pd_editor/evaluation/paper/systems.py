@@ -1,6 +1,7 @@
 """Systems of the paper's tables: references, and the variants found in folders."""
 
 import json
+import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -80,8 +81,8 @@ def trained_systems(
     """
     found = [_trained(folder, name) for name, folder in shipped]
     for root in roots:
-        folders = [root] if (root / CONFIG_NAME).is_file() else []
-        if not folders and root.is_dir():
+        folders = [root] if os.path.isfile(root / CONFIG_NAME) else []
+        if not folders and os.path.isdir(root):
             folders = sorted(
                 path.parent
                 for path in root.glob(f"*/{CONFIG_NAME}")
@@ -92,8 +93,10 @@ def trained_systems(
                 f"{root}: holds no trained model; expected {CONFIG_NAME} in it or in the "
                 "folders directly in it."
             )
-        known = {place.resolve() for _, place in shipped}
-        found += [_trained(one) for one in folders if one.resolve() not in known]
+        known = {Path(os.path.realpath(place)) for _, place in shipped}
+        found += [
+            _trained(one) for one in folders if Path(os.path.realpath(one)) not in known
+        ]
     return tuple(found)
 
 
@@ -102,11 +105,14 @@ def _trained(folder: Path, name: str = "") -> Trained:
     seeded = _SEEDED.fullmatch(folder.name)
     runs = folder / RUNS_NAME
     own = tuple(
-        stage for stage in stages if not runs.is_dir() or (runs / stage).is_dir()
+        stage
+        for stage in stages
+        if not os.path.isdir(runs) or os.path.isdir(runs / stage)
     )
     record = stages.get(TRAJECTORIES, {}).get("training", {})
     return Trained(
-        system=name or (seeded["name"] if seeded else folder.resolve().name),
+        system=name
+        or (seeded["name"] if seeded else os.path.basename(os.path.realpath(folder))),
         seed=int(seeded["seed"]) if seeded else 0,
         method=name or str(folder),
         stages=own,

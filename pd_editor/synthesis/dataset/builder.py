@@ -1,6 +1,7 @@
 """Builds a synthetic dataset of many networks, each with its windows."""
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -92,7 +93,7 @@ class DatasetPlan:
             num=self.num,
             seed=self.seed,
             families=() if self.maps else (self.families or FAMILIES),
-            maps=tuple(str(root.resolve()) for root in self.maps),
+            maps=tuple(os.path.realpath(root) for root in self.maps),
             form="shards" if self.as_shards else "folders",
             noise=self.with_noise,
         )

@@ -3,6 +3,7 @@
 SUMO's position is the centre of the front bumper, its angle clockwise from north.
 """
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -67,7 +68,7 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
     names: list[np.ndarray] = []
     values: list[np.ndarray] = []
     for path in paths:
-        if not path.exists():
+        if not os.path.exists(path):
             continue
         try:
             table = pyarrow.parquet.read_table(path)

@@ -1,6 +1,7 @@
 """Scenarios of data roots: Argoverse 2 datasets and synthetic shards."""
 
 import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -34,7 +35,7 @@ class ShardRoot:
         Raises:
             InputError: there is no shard that can be read.
         """
-        files = sorted(path.glob(f"*{SHARD_SUFFIX}")) if path.is_dir() else [path]
+        files = sorted(path.glob(f"*{SHARD_SUFFIX}")) if os.path.isdir(path) else [path]
         self._files: list[Path] = []
         counts: list[int] = []
         error: InputError | None = None

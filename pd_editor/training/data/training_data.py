@@ -74,7 +74,7 @@ def prepared_data(
     """
     source = open_roots(roots, windows)
     prints = [root.fingerprint for root in source.roots]
-    names = [str(Path(root).resolve()) for root in roots]
+    names = [os.path.realpath(root) for root in roots]
     parts = [*names, *prints, str(FORMAT_VERSION), str(copies), str(augmentation)]
     if basis is not None:
         parts += [repr(one.tolist()) for one in basis.arrays().values()]
@@ -122,7 +122,7 @@ def write_basis(path: Path, basis: TrajectoryBasis) -> None:
 
 
 def _basis(roots: Sequence[Path], path: Path, workers: int | None) -> TrajectoryBasis:
-    if path.exists():
+    if os.path.exists(path):
         return read_basis(path)
     basis = fit_basis(roots, workers=workers)
     write_basis(path, basis)

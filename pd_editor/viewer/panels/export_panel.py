@@ -138,10 +138,9 @@ class ExportPanel:
         path = str(self._out.value).strip()
         if not path:
             raise InputError("Type the folder to write into first.")
-        self._workspace.refuse_remote()
+        out = self._workspace.folders.named(path)
         self._refuse_empty_name()
         self._ui.commit_gesture()
-        out = Path(path).expanduser()
         earlier = self._workspace.earlier_export(out)
         if earlier is None:
             self._write_into(out)

@@ -135,9 +135,9 @@ class ScenarioPanel:
         path = str(self._folder.value).strip()
         if not path:
             raise InputError("Type the path of a scenario folder first.")
-        self._workspace.refuse_remote()
+        folder = self._workspace.folders.named(path)
         self._ui.commit_gesture()
-        self._workspace.open_reference(path)
+        self._workspace.open_reference(str(folder))
 
     def _uploaded(self, name: str, content: bytes) -> None:
         """Open an upload; a parquet and a map may come one after the other."""

@@ -19,6 +19,7 @@ from pd_editor.evaluation.road_condition import (
     road_conditions,
 )
 from pd_editor.generation import GeneratorSpec, ScenarioGenerator
+from pd_editor.installed_files import ALL_DEMOS
 from pd_editor.scene.road_warp import WARP_KINDS, WarpKind
 from pd_editor.studies.study_folder import StudyFolder
 from pd_editor.studies.study_plan import (
@@ -95,7 +96,7 @@ class StudyPanel:
         with gui.add_folder("Perturbation study"):
             self._data = gui.add_text(
                 "Data",
-                "demos" if dataset is None else str(dataset.root),
+                ALL_DEMOS if dataset is None else str(dataset.root),
                 hint="Folder of Argoverse 2 scenarios, name of a demo, or demos for all",
             )
             self._limit = gui.add_number(
@@ -221,16 +222,16 @@ class StudyPanel:
             raise InputError(
                 "Name the folder of the scenarios and one for the results."
             )
+        folders = self._ui.workspace.folders
         plan = StudyPlan(
-            data=(Path(data).expanduser(),),
+            data=(folders.scenes(data),),
             methods=self._methods(),
             conditions=self._conditions(),
             seeds=(int(self._seed.value),),
             limit=int(self._limit.value),
         )
         found = scenes_of(plan.data, plan.limit)
-        # The server's folder is not the user's: name it as a whole.
-        folder = _study_folder(Path(out).expanduser().resolve(), plan, resumes=resumes)
+        folder = _study_folder(folders.results(out), plan, resumes=resumes)
         trials = GRID_SIZE if self._searches.value else 0
         search = SearchSettings(num_trials=trials)
         self._study.start(plan, StudyExtras(search=search), found, folder)

@@ -5,13 +5,17 @@ classes here run viser's own code with some names bound to guarded versions; vis
 modules are not changed. They support the versions in ``KNOWN_VERSIONS`` only.
 """
 
+import asyncio
 import contextlib
+import functools
+import gzip
 import http
 import io
 import logging
 import types
 import warnings
 from collections.abc import Awaitable, Callable
+from importlib.resources import files
 from typing import Any, Final
 
 import viser
@@ -27,6 +31,16 @@ from websockets.http11 import Request, Response
 KNOWN_VERSIONS: Final = ("1.1.",)
 MAX_FRAME_BYTES: Final = 8 * 2**20
 """Largest message of a browser; parts of uploads have 1 MiB."""
+SILENCE_S: Final = 60.0
+"""Time after which a connection that has never said anything is closed."""
+READY_POLL_S: Final = 0.05
+SECURITY_HEADERS: Final = {
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    # The address has the token in it.
+    "Referrer-Policy": "no-referrer",
+}
 
 Admission = Callable[[Request], str | None]
 """Returns the reason why a request is refused, in a sentence; None admits it."""
@@ -38,8 +52,10 @@ _HANDSHAKE_NOISE: Final = ("opening handshake failed", "connection rejected")
 class GuardedServer(viser.ViserServer):
     """A viser server that admits requests by a rule and drops invalid messages."""
 
-    def __init__(self, *, host: str, port: int, admission: Admission) -> None:
-        """Start it.
+    def __init__(
+        self, *, host: str, port: int, admission: Admission, max_connections: int
+    ) -> None:
+        """Start it; requests that come earlier wait until it is complete.
 
         Raises:
             RuntimeError: viser is of a version that this module does not know.
@@ -51,7 +67,12 @@ class GuardedServer(viser.ViserServer):
             )
 
         def guarded(*args: Any, **options: Any) -> "_GuardedWebsockServer":
-            return _GuardedWebsockServer(*args, admission=admission, **options)
+            return _GuardedWebsockServer(
+                *args,
+                admission=admission,
+                max_connections=max_connections,
+                **options,
+            )
 
         infra = types.SimpleNamespace(
             **{**vars(_viser.infra), "WebsockServer": guarded}
@@ -61,6 +82,8 @@ class GuardedServer(viser.ViserServer):
         start = _with_names(viser.ViserServer.__init__, infra=infra)
         with contextlib.redirect_stdout(io.StringIO()):
             start(self, host=host, port=port, verbose=False)
+        assert isinstance(self._websock_server, _GuardedWebsockServer)
+        self._websock_server.is_ready = True
 
 
 class _GuardedConnection(infra_module.WebsockClientConnection):
@@ -69,9 +92,14 @@ class _GuardedConnection(infra_module.WebsockClientConnection):
 
 
 class _GuardedWebsockServer(WebsockServer):
-    def __init__(self, *args: Any, admission: Admission, **options: Any) -> None:
+    def __init__(
+        self, *args: Any, admission: Admission, max_connections: int, **options: Any
+    ) -> None:
         super().__init__(*args, **options)
         self._admission = admission
+        self._max_connections = max_connections
+        self.is_ready = False
+        """Whether viser's server, which a connection needs, is complete."""
 
     async def _handle_incoming_message(self, client_id: Any, message: Message) -> None:
         await _quietly(super()._handle_incoming_message(client_id, message), message)
@@ -84,7 +112,8 @@ class _GuardedWebsockServer(WebsockServer):
                 *args,
                 **{
                     **options,
-                    "process_request": _admitting(self._admission, inner),
+                    "process_request": self._answering(inner),
+                    "process_response": _with_security_headers,
                     "max_size": MAX_FRAME_BYTES,
                     "logger": _connection_log(),
                 },
@@ -106,6 +135,35 @@ class _GuardedWebsockServer(WebsockServer):
         )
         work(self, ready_sem)
 
+    def _answering(
+        self, inner: Callable[[ServerConnection, Request], Any] | None
+    ) -> Callable[[ServerConnection, Request], Awaitable[Response | None]]:
+        """Answers requests; what is admitted goes to viser's own handler."""
+
+        async def answer(
+            connection: ServerConnection, request: Request
+        ) -> Response | None:
+            while not self.is_ready:
+                await asyncio.sleep(READY_POLL_S)
+            refusal = self._admission(request)
+            if refusal is not None:
+                return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
+            if len(self._live_connections) >= self._max_connections:
+                return connection.respond(
+                    http.HTTPStatus.SERVICE_UNAVAILABLE,
+                    f"The editor serves {self._max_connections} pages already, which is "
+                    "the most; close some, and load this page again.\n",
+                )
+            try:
+                found = None if inner is None else inner(connection, request)
+                found = await found if isinstance(found, Awaitable) else found
+            # A path with NUL, for example: there is no file at any such address.
+            except (OSError, ValueError):
+                return connection.respond(http.HTTPStatus.NOT_FOUND, "NOT FOUND\n")
+            return found if found is None else _with_own_script(found)
+
+        return answer
+
 
 def _with_names(function: Any, **names: Any) -> Callable[..., Any]:
     """Copy of a function in which some global names have other values."""
@@ -123,24 +181,31 @@ def _with_names(function: Any, **names: Any) -> Callable[..., Any]:
     return same
 
 
-def _admitting(
-    admission: Admission,
-    inner: Callable[[ServerConnection, Request], Any] | None,
-) -> Callable[[ServerConnection, Request], Awaitable[Response | None]]:
-    async def process(
-        connection: ServerConnection, request: Request
-    ) -> Response | None:
-        refusal = admission(request)
-        if refusal is not None:
-            return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")
-        try:
-            answer = None if inner is None else inner(connection, request)
-            return await answer if isinstance(answer, Awaitable) else answer
-        # A path with NUL, for example: there is no file at any such address.
-        except (OSError, ValueError):
-            return connection.respond(http.HTTPStatus.NOT_FOUND, "NOT FOUND\n")
+async def _with_security_headers(
+    _connection: ServerConnection, _request: Request, response: Response
+) -> None:
+    for name, value in SECURITY_HEADERS.items():
+        response.headers[name] = value
 
-    return process
+
+def _with_own_script(response: Response) -> Response:
+    """A page of viser with our script before its own ones; other files as they are."""
+    if not response.headers.get("Content-Type", "").startswith("text/html"):
+        return response
+    is_packed = response.headers.get("Content-Encoding") == "gzip"
+    body = _with_script_in_head(bytes(response.body or b""), is_packed)
+    del response.headers["Content-Length"]
+    response.headers["Content-Length"] = str(len(body))
+    response.body = body
+    return response
+
+
+@functools.lru_cache(maxsize=4)
+def _with_script_in_head(page: bytes, is_packed: bool) -> bytes:
+    script = files(__package__).joinpath("address.js").read_bytes()
+    text = gzip.decompress(page) if is_packed else page
+    text = text.replace(b"<head>", b"<head><script>" + script + b"</script>", 1)
+    return gzip.compress(text) if is_packed else text
 
 
 async def _consume(
@@ -149,8 +214,15 @@ async def _consume(
     message_class: type[Message],
 ) -> None:
     """Pass on each message of a connection; invalid messages are dropped."""
+    patience_s: float | None = SILENCE_S
     while True:
-        raw = await connection.recv()
+        try:
+            async with asyncio.timeout(patience_s):
+                raw = await connection.recv()
+        except TimeoutError:
+            await connection.close(1008, "The page said nothing.")
+            continue
+        patience_s = None
         if not isinstance(raw, bytes):
             _LOG.info("A text frame was dropped.")
             continue

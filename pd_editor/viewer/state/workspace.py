@@ -40,6 +40,7 @@ from pd_editor.scene.base_reference import TimeCut
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.guided_runs import GuidedRuns
 from pd_editor.viewer.state.playback import Playback
+from pd_editor.viewer.state.server_folders import ServerFolders
 from pd_editor.viewer.state.session_shelf import (
     KeptWork,
     SessionShelf,
@@ -107,7 +108,11 @@ class Workspace:
 
         ``obeying`` are the names of the generators that take guidance.
         """
-        self.is_local = is_local
+        self.folders = ServerFolders(
+            is_local=is_local,
+            library=shelf.folder,
+            dataset_root=None if dataset is None else dataset.root,
+        )
         self.shelf = shelf
         self.tell: Callable[[str, str], object] = lambda _title, _body: None
         """Shows a title and a sentence to the user; set by the connected tab."""
@@ -148,18 +153,6 @@ class Workspace:
     def ignored_findings(self) -> set[FindingKey]:
         """Keys of the findings that the user ignores in the open session."""
         return self._ignored.setdefault(self.session.base, set())
-
-    def refuse_remote(self) -> None:
-        """Raise if browsers of other machines could access this machine's folders.
-
-        Raises:
-            InputError: the editor listens to other machines.
-        """
-        if not self.is_local:
-            raise InputError(
-                "Folders of the server's machine are closed while the editor listens "
-                "to other machines (--host); upload and download instead."
-            )
 
     def open_reference(self, reference: str) -> None:
         """Open a demo or a scenario folder.
@@ -228,7 +221,7 @@ class Workspace:
         source = recipe.base.source
         if source.removeprefix(DEMO_PREFIX) in demo_names():
             return source
-        if self.is_local and source and os.path.exists(source):
+        if self.folders.is_local and source and os.path.exists(source):
             return source
         for card in () if self.search is None else self.search.cards:
             if card.scenario_id == recipe.base.scenario_id:
@@ -377,7 +370,7 @@ class Workspace:
 
     def free_name_in(self, out: Path) -> str:
         """The name that a new export gets in a folder."""
-        return self._named_recipe(lambda name: (out / name).exists()).result_id
+        return self._named_recipe(lambda name: os.path.exists(out / name)).result_id
 
     def export_into(self, out: Path, *, replaces: bool = False) -> Path:
         """Write the scenario and its recipe as a folder in ``out``.
@@ -387,7 +380,9 @@ class Workspace:
         Raises:
             ExportError: it cannot be written there.
         """
-        recipe = self._named_recipe(lambda name: not replaces and (out / name).exists())
+        recipe = self._named_recipe(
+            lambda name: not replaces and os.path.exists(out / name)
+        )
         session = self.session
         folder = export_into(
             out, session.scenario, recipe, base=session.base, overwrite=replaces
