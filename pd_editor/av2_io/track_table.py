@@ -10,14 +10,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.av2_io.parquet_pages import unpacked_bytes
 from pd_editor.errors import ScenarioFileError
 from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain
-from pd_editor.regular_file import check_regular
+from pd_editor.regular_file import read_regular
 from pd_editor.scene.scene_limits import MAX_COORDINATE_M, MAX_STATES
 
 MAX_TRACKS_BYTES: Final = 64 * 2**20
 MAX_UNPACKED_BYTES: Final = 64 * 2**20
 MAX_COLUMNS: Final = 100
+MAX_ROW_GROUPS: Final = 1_000
 _MAX_VALUE_BYTES: Final = 64
 """Widest fixed-width value that is read."""
 
@@ -179,10 +181,13 @@ def open_track_table(
     Raises:
         ScenarioFileError: damaged, empty, or beyond the limits.
     """
+    if isinstance(source, Path):
+        source = read_regular(
+            source, max_bytes=MAX_TRACKS_BYTES, error=ScenarioFileError
+        )
     try:
-        with _opened(source) as stream:
-            table = _read_within_limits(stream, file_name, columns)
-    except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
+        table = _read_within_limits(source, file_name, columns)
+    except (pa.ArrowException, OSError, LookupError, ValueError, MemoryError) as error:
         raise ScenarioFileError(
             f"{file_name}: this is not a readable parquet file; "
             "it may be cut off or damaged."
@@ -196,42 +201,34 @@ def open_track_table(
     return result
 
 
-def _opened(source: bytes | Path) -> pa.NativeFile:
-    if isinstance(source, Path):
-        check_regular(source, max_bytes=MAX_TRACKS_BYTES, error=ScenarioFileError)
-        return pa.OSFile(str(source))
-    return pa.BufferReader(source)
-
-
 def _read_within_limits(
-    stream: pa.NativeFile, file_name: str, columns: Sequence[str] | None
+    data: bytes, file_name: str, columns: Sequence[str] | None
 ) -> pa.Table:
-    file = pq.ParquetFile(stream)
+    file = pq.ParquetFile(pa.BufferReader(data))
     metadata, schema = file.metadata, file.schema_arrow
     for count, limit, what in (
         (metadata.num_rows, MAX_STATES, "rows"),
         (metadata.num_columns, MAX_COLUMNS, "columns"),
-        (metadata.num_row_groups, MAX_STATES, "row groups"),
+        (metadata.num_row_groups, MAX_ROW_GROUPS, "row groups"),
     ):
         if count > limit:
             raise ScenarioFileError(
                 f"{file_name}: it has {count} {what}; at most {limit} are read."
             )
-    unpacked = sum(
-        metadata.row_group(index).total_byte_size
-        for index in range(metadata.num_row_groups)
-    )
+    if len(set(schema.names)) != len(schema.names):
+        raise ScenarioFileError(f"{file_name}: two columns have the same name.")
+    readable = [field.name for field in schema if is_readable(field.type)]
+    wanted = [name for name in readable if columns is None or name in columns]
+    unpacked = unpacked_bytes(data, metadata, wanted)
     if unpacked > MAX_UNPACKED_BYTES:
         raise ScenarioFileError(
             f"{file_name}: it unpacks to {unpacked >> 20} MiB; "
             f"at most {MAX_UNPACKED_BYTES >> 20} MiB are read."
         )
-    if len(set(schema.names)) != len(schema.names):
-        raise ScenarioFileError(f"{file_name}: two columns have the same name.")
     texts = [field.name for field in schema if _is_text(field.type)]
-    file = pq.ParquetFile(stream, metadata=metadata, read_dictionary=texts)
-    readable = [field.name for field in schema if is_readable(field.type)]
-    wanted = [name for name in readable if columns is None or name in columns]
+    file = pq.ParquetFile(
+        pa.BufferReader(data), metadata=metadata, read_dictionary=texts
+    )
     table = file.read(columns=wanted, use_threads=False)
     for name in schema.names:
         if name not in readable and columns is None:

@@ -64,7 +64,7 @@ class Basket:
             entry = from_json(BasketEntry, content, "The entry")
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, RecipeError) as error:
+        except (OSError, ValueError, RecursionError, RecipeError) as error:
             _logger.warning("%s in the basket cannot be read: %s", name, error)
             return None
         return entry if entry.name == name else None

@@ -1,13 +1,15 @@
 """The shell command ``pd-editor``: one subcommand per operation."""
 
 import contextlib
+import errno
 import functools
 import io
 import logging
+import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Final
 
 import tyro
 
@@ -25,7 +27,20 @@ from pd_editor.cli.train import train
 from pd_editor.cli.warp import warp
 from pd_editor.errors import InputError, PdEditorError
 from pd_editor.installed_files import demo_names
+from pd_editor.plain_text import one_line
 
+_PLACE_ERRORS: Final = frozenset(
+    {
+        errno.EACCES,
+        errno.EDQUOT,
+        errno.ELOOP,
+        errno.ENAMETOOLONG,
+        errno.ENOSPC,
+        errno.EPERM,
+        errno.EROFS,
+    }
+)
+"""What is due to the user's disk, wherever it is met."""
 _COMMANDS = {
     "edit": edit,
     "warp": warp,
@@ -68,9 +83,47 @@ def _run(words: list[str]) -> object:
                 args=words,
             )
         except SystemExit as stop:
-            if has_begun or not stop.code:
+            if has_begun:
+                # No command ends like this, only code of others that it runs.
+                raise PdEditorError("The command ended before its work.") from stop
+            if not stop.code:
                 raise
     raise InputError(usage_error(message.getvalue(), words, list(_COMMANDS)))
+
+
+class _Steady:
+    """A stream that goes on if nobody reads it or its disk is full, so that work is done."""
+
+    def __init__(self, stream: Any) -> None:
+        """Wrap a stream; None is one that was closed before the program began."""
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+        self._stream = stream or io.StringIO()
+        self.failure: OSError | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write unless it has failed before."""
+        if self.failure is None:
+            try:
+                return self._stream.write(text)
+            except OSError as error:
+                self.failure = error
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush unless it has failed before."""
+        try:
+            if self.failure is None:
+                self._stream.flush()
+        except OSError as error:
+            self.failure = error
+        if self.failure is not None:
+            # Python writes what is left once more at its end.
+            with contextlib.suppress(OSError), open(os.devnull, "w") as nowhere:
+                os.dup2(nowhere.fileno(), self._stream.fileno())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -81,10 +134,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raises, and so exits with 1 and a traceback.
     """
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-    words = sys.argv[1:] if arguments is None else list(arguments)
+    out, err = _Steady(sys.stdout), _Steady(sys.stderr)
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):  # type: ignore[type-var]
+        code = _answered(sys.argv[1:] if arguments is None else list(arguments))
+        out.flush()
+        # A reader that has had enough, such as head, is no failure.
+        if out.failure is not None and not isinstance(out.failure, BrokenPipeError):
+            reason = out.failure.strerror
+            err.write(f"pd-editor: The output cannot be written ({reason}).\n")
+            code = code or 2
+        err.flush()
+    return code
+
+
+def _answered(words: list[str]) -> int:
+    """Run a subcommand, print its result or what was wrong; returns the exit code."""
     if words == ["--version"]:
         sys.stdout.write(f"pd-editor {version('pd-editor')}\n")
         return 0
@@ -93,11 +157,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PdEditorError as error:
         sys.stderr.write(f"pd-editor: {error}\n")
         return 2
+    except OSError as error:
+        if error.errno not in _PLACE_ERRORS:
+            raise
+        place = "The disk" if error.filename is None else one_line(str(error.filename))
+        sys.stderr.write(f"pd-editor: {place}: cannot be used ({error.strerror}).\n")
+        return 2
     except KeyboardInterrupt:
         sys.stderr.write("pd-editor: Interrupted.\n")
         return 130
     except SystemExit as stop:
-        # The argument parser exits this way after --help, and so do worker processes.
+        # The argument parser exits this way after --help.
         return stop.code if isinstance(stop.code, int) else 0
     if outcome is not None:
         sys.stdout.write(f"{outcome}\n")

@@ -11,5 +11,8 @@ DEFAULT_WEIGHT: Final = 0.8
 """Default strength of the guidance to the nearest candidate."""
 DEFAULT_WARPED_WEIGHT: Final = 1.0
 """Default strength on warped roads."""
+MAX_CONFIG_BYTES: Final = 2**20
+MAX_FILE_BYTES: Final = 512 * 2**20
+"""Largest file of weights that is read."""
 NUM_TRIES: Final = 1
 """Trajectories sampled per agent, from which the least colliding ones are selected."""

@@ -82,7 +82,7 @@ def write_files(
         ExportError: the place is taken, forbidden, or cannot be written to.
     """
     check_place(out, tuple(files), forbidden=forbidden, overwrite=overwrite)
-    target = Path(os.path.realpath(out))
+    target = Path(out).resolve()
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         _clear_left_overs(target)
@@ -105,7 +105,7 @@ def check_place(
     """
     _check_names(list(names))
     try:
-        _check_target(names, Path(os.path.realpath(out)), forbidden, overwrite)
+        _check_target(names, Path(out).resolve(), forbidden, overwrite)
     except OSError as error:
         raise unwritable(out, error) from error
     # Path.resolve raises for a cycle of links, or a NUL in the name.
@@ -126,15 +126,15 @@ def _check_target(
     names: Collection[str], target: Path, forbidden: Path | None, overwrite: bool
 ) -> None:
     if forbidden is not None:
-        source = Path(os.path.realpath(forbidden))
+        source = Path(forbidden).resolve()
         if target == source or source in target.parents:
             raise ExportError(
                 f"{target}: is the folder that was opened; the input is never "
                 "written to, so choose another one."
             )
-    if not os.path.exists(target):
+    if not target.exists():
         return
-    if not os.path.isdir(target):
+    if not target.is_dir():
         raise ExportError(f"{target}: is a file; expected a new folder's name.")
     present = sorted(os.listdir(target))
     if not present:
@@ -149,7 +149,7 @@ def _check_target(
             "choose a new folder."
         )
     strange = [name for name in present if name not in names]
-    if strange or any(os.path.isdir(target / name) for name in present):
+    if strange or any((target / name).is_dir() for name in present):
         raise ExportError(
             f"{target}: holds {(strange or present)[0]!r}, which is not of this "
             "export; choose a new folder."
@@ -179,7 +179,7 @@ def _replace_folder(files: Mapping[str, bytes], target: Path) -> None:
     try:
         for name, data in files.items():
             (new / name).write_bytes(data)
-        if not os.path.exists(target):
+        if not target.exists():
             new.rename(target)
         elif not exchange(new, target):
             target.rename(old)
@@ -204,7 +204,7 @@ def _clear_left_overs(target: Path) -> None:
         ]
     for entry in found:
         with contextlib.suppress(OSError):
-            if entry.name.endswith(_OLD) and not os.path.exists(target):
+            if entry.name.endswith(_OLD) and not target.exists():
                 os.rename(entry.path, target)
             elif time.time() - entry.stat().st_mtime > LEFT_OVER_S:
                 shutil.rmtree(entry.path, ignore_errors=True)

@@ -8,19 +8,20 @@ function that makes one without arguments.
 
 import importlib
 import importlib.util
+import operator
 import os
 import sys
-import sysconfig
-import traceback
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
-from pd_editor.errors import GenerationError, PdEditorError
+import numpy as np
+
+from pd_editor.errors import GenerationError
 from pd_editor.generation import (
     Capability,
     GeneratedTraffic,
@@ -31,15 +32,18 @@ from pd_editor.generation import (
     check_traffic,
     supported_by,
 )
+from pd_editor.generators.foreign_code import asked
 from pd_editor.generators.predictor_generator import PredictorGenerator
 from pd_editor.guidance.report import guidance_reports
-from pd_editor.plain_text import nearest_or_all
+from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain, nearest_or_all, one_line
 from pd_editor.prediction import Predictor
+from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.traffic_sample import TrafficSample
 
 ENTRY_POINTS: Final = "pd_editor.generators"
 FOLDER_MODULE: Final = "generator.py"
 _FOLDER_FUNCTION: Final = "make_generator"
-_OWN_CODE: Final = str(Path(__file__).parents[1])
 
 
 class _Checked:
@@ -47,12 +51,13 @@ class _Checked:
 
     def __init__(self, generator: ScenarioGenerator, place: str) -> None:
         self._generator, self._place = generator, place
-        self.supports: frozenset[Capability] = supported_by(generator)
-
-    @property
-    def name(self) -> str:
+        self.name: str = asked(
+            lambda: _checked_name(generator.name), place, " has no usable name"
+        )
         """The plugin's own name."""
-        return self._generator.name
+        self.supports: frozenset[Capability] = asked(
+            lambda: supported_by(generator), place, " did not say what it supports"
+        )
 
     def generate(
         self, request: GenerationRequest
@@ -64,28 +69,41 @@ class _Checked:
                 or its answer does not fit.
         """
         check_supported(request, self.supports, self.name)
-        try:
-            answer = self._generator.generate(request)
-            # A plugin without progress may return the traffic at once.
-            traffic = (
-                answer if isinstance(answer, GeneratedTraffic) else (yield from answer)
-            )
-        except PdEditorError as error:
-            raise GenerationError(f"{self._place}: {error}") from error
-        except Exception as error:
+        answer: Any = self._asked(lambda: self._generator.generate(request))
+        # A plugin without progress may return the traffic at once.
+        if not isinstance(answer, GeneratedTraffic):
+            answer = yield from self._steps(self._asked(lambda: iter(answer)))
+        if not isinstance(answer, GeneratedTraffic):
             raise GenerationError(
-                f"{self._place} failed ({described(error)})."
-            ) from error
-        if not isinstance(traffic, GeneratedTraffic):
-            raise GenerationError(
-                f"{self._place} returned a {type(traffic).__name__}; expected "
+                f"{self._place} returned a {type(answer).__name__}; expected "
                 "GeneratedTraffic."
             )
-        try:
-            check_traffic(traffic, request)
-        except GenerationError as error:
-            raise GenerationError(f"{self._place}: {error}") from error
+        # What it says of itself may be anything, like all else that it returns.
+        traffic = self._asked(lambda: _plain_traffic(answer))
+        self._asked(lambda: check_traffic(traffic, request))
         return self._judged(traffic, request)
+
+    def _asked(self, ask: Callable[[], Any]) -> Any:
+        return asked(ask, self._place, " failed")
+
+    def _steps(self, steps: Iterator[Any]) -> Generator[GenerationProgress, None, Any]:
+        """Yield the progress of a plugin, return what it returns."""
+
+        def next_step() -> tuple[bool, Any]:
+            try:
+                return True, next(steps)
+            except StopIteration as stop:
+                return False, stop.value
+
+        try:
+            while True:
+                goes_on, value = self._asked(next_step)
+                if not goes_on:
+                    return value
+                yield self._asked(lambda found=value: _plain_progress(found))
+        finally:
+            if isinstance(steps, Generator):
+                self._asked(steps.close)
 
     def _judged(
         self, traffic: GeneratedTraffic, request: GenerationRequest
@@ -100,26 +118,65 @@ class _Checked:
         return replace(traffic, guidance=reports)
 
 
-def described(error: Exception) -> str:
-    """Class and text of an exception, and the line of the user's file, in one line."""
-    places = [
-        (frame.filename, frame.lineno)
-        for frame in traceback.extract_tb(error.__traceback__)
-    ]
-    if isinstance(error, SyntaxError) and error.filename:
-        places.append((error.filename, error.lineno))
-    own = [place for place in places if _is_users(place[0])]
-    at = f" in {Path(own[-1][0]).name}:{own[-1][1]}" if own else ""
-    text = str(error.msg if isinstance(error, SyntaxError) else error)
-    return f"{type(error).__name__}{': ' if text else ''}{text}{at}"
+def _checked_name(name: Any) -> str:
+    if not isinstance(name, str) or not name or not is_plain(name):
+        raise TypeError(
+            f"{name!r}; expected a text of up to {MAX_ID_CHARACTERS} characters"
+        )
+    return name
 
 
-def _is_users(file: str) -> bool:
-    """Whether code of a file is the user's, not ours, a library's or Python's."""
-    return not (
-        file.startswith(("<", _OWN_CODE, sysconfig.get_path("stdlib")))
-        or "site-packages" in Path(file).parts
+def _plain_progress(found: Any) -> GenerationProgress:
+    if not isinstance(found, GenerationProgress):
+        raise TypeError(f"it yielded {found!r}; expected GenerationProgress")
+    fraction = float(found.fraction)
+    if not 0 <= fraction <= 1 or not isinstance(found.message, str):
+        raise TypeError(f"it yielded {found!r}; expected a fraction from 0 to 1")
+    return GenerationProgress(fraction=fraction, message=one_line(found.message))
+
+
+def _plain_traffic(found: GeneratedTraffic) -> GeneratedTraffic:
+    """A plugin's traffic with fields of the right types; raises TypeError otherwise."""
+    notes = (found.notes,) if isinstance(found.notes, str) else tuple(found.notes)
+    if not all(isinstance(note, str) for note in notes):
+        raise TypeError(f"its notes are {notes!r}; expected texts")
+    samples = tuple(map(_plain_sample, found.samples))
+    slowed = tuple(map(tuple, found.slowed_ids))
+    if slowed and not (
+        len(slowed) == len(samples)
+        and all(
+            set(ids) <= set(sample.ids)
+            for ids, sample in zip(slowed, samples, strict=True)
+        )
+    ):
+        raise TypeError(f"its slowed_ids are {slowed!r}; expected agents per sample")
+    return GeneratedTraffic(
+        samples=samples,
+        generator=_checked_name(found.generator),
+        model_sha256=one_line(str(found.model_sha256), MAX_ID_CHARACTERS),
+        seed=operator.index(found.seed),
+        elapsed_s=float(found.elapsed_s),
+        notes=tuple(map(one_line, notes)),
+        slowed_ids=slowed,
     )
+
+
+def _plain_sample(found: Any) -> TrafficSample:
+    if not isinstance(found, TrafficSample):
+        raise TypeError(f"a sample is a {type(found).__name__}, no TrafficSample")
+    arrays: dict[str, Any] = {}
+    for field in ("size_m", "position_m", "heading_rad", "velocity_mps"):
+        values = np.array(getattr(found, field))
+        if values.dtype.kind not in "fiu":
+            raise TypeError(f"{field} is of type {values.dtype}; expected numbers")
+        arrays[field] = values.astype(float)
+    for field, kind in (("ids", str), ("kinds", AgentKind), ("activity", Activity)):
+        arrays[field] = tuple(getattr(found, field))
+        if not all(isinstance(one, kind) for one in arrays[field]):
+            raise TypeError(f"{field} are {arrays[field][:3]!r}...; expected {kind}")
+    if len(arrays["activity"]) not in (0, len(arrays["ids"])):
+        raise TypeError("activity must be empty, or have one value for each agent")
+    return TrafficSample(**arrays)
 
 
 @lru_cache(maxsize=1)
@@ -150,13 +207,15 @@ def generator_of_reference(reference: str) -> ScenarioGenerator:
     module = _imported(lambda: importlib.import_module(module_name), reference)
     found: Any = module
     for part in attribute.split("."):
-        if not hasattr(found, part):
+        missing = object()
+        inner = _imported(partial(getattr, found, part, missing), reference)
+        if inner is missing:
             public = [name for name in dir(found) if not name.startswith("_")]
             raise GenerationError(
                 f"{reference}: {module_name} has no attribute {attribute!r}; "
                 f"{nearest_or_all(part, public)}."
             )
-        found = getattr(found, part)
+        found = inner
     return _as_generator(found, reference)
 
 
@@ -203,34 +262,29 @@ def generator_of_folder(folder: Path) -> ScenarioGenerator:
 
 
 def _imported(load: Callable[[], Any], place: str) -> Any:
-    try:
-        return load()
-    except Exception as error:
-        raise GenerationError(
-            f"{place}: cannot be imported ({described(error)})."
-        ) from error
+    return asked(load, place, ": cannot be imported")
 
 
 def _made(make: Callable[[], Any], place: str) -> Any:
-    try:
-        return make()
-    except Exception as error:
-        raise GenerationError(
-            f"{place}: making the generator failed ({described(error)})."
-        ) from error
+    return asked(make, place, ": making the generator failed")
 
 
 def _as_generator(found: Any, place: str) -> ScenarioGenerator:
     """An instance, out of an instance, a class or a function without arguments."""
-    if isinstance(found, type) or not isinstance(found, ScenarioGenerator | Predictor):
+    if isinstance(found, type) or not _is(found, ScenarioGenerator | Predictor, place):
         if not callable(found):
             raise _no_generator(found, place)
         found = _made(found, place)
-    if isinstance(found, ScenarioGenerator):
+    if _is(found, ScenarioGenerator, place):
         return _Checked(found, place)
-    if isinstance(found, Predictor):
+    if _is(found, Predictor, place):
         return _Checked(PredictorGenerator(found), place)
     raise _no_generator(found, place)
+
+
+def _is(found: Any, kind: Any, place: str) -> bool:
+    """Whether an object has the members of a protocol, which may be foreign properties."""
+    return asked(lambda: isinstance(found, kind), place, ": cannot be looked at")
 
 
 def _no_generator(found: Any, place: str) -> GenerationError:

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pd_editor.diffusion.defaults import (
     DEFAULT_WEIGHT,
+    MAX_CONFIG_BYTES,
+    MAX_FILE_BYTES,
     NUM_STEPS,
     NUM_TRIES,
     DeviceName,
 )
 from pd_editor.diffusion.training_record import saw_warps
-from pd_editor.errors import GenerationError
+from pd_editor.errors import GenerationError, InputError
 from pd_editor.generation import (
     CAPABILITIES,
     Capability,
@@ -34,7 +36,8 @@ from pd_editor.generators.plugins import (
     origin_of,
 )
 from pd_editor.installed_files import models_folder
-from pd_editor.plain_text import nearest_or_all
+from pd_editor.plain_text import is_plain, nearest_or_all, one_line
+from pd_editor.regular_file import check_regular, read_regular
 
 if TYPE_CHECKING:
     from pd_editor.diffusion.path_diffuser import PathDiffuser
@@ -88,8 +91,12 @@ def shipped_models() -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: (name != SHIPPED_MODEL, name)))
 
 
-def _stages(folder: Path) -> Mapping[str, Mapping[str, Any]]:
-    return json.loads((folder / MODEL_CONFIG).read_bytes())["stages"]
+def _stages(folder: Path) -> Mapping[str, Any]:
+    content = read_regular(folder / MODEL_CONFIG, max_bytes=MAX_CONFIG_BYTES)
+    stages = json.loads(content)["stages"]
+    if not isinstance(stages, dict):
+        raise TypeError("stages")
+    return stages
 
 
 def _shipped_origin(name: str) -> str:
@@ -245,23 +252,35 @@ def _damage(folder: Path) -> str:
     if not os.path.isfile(config):
         return ""
     try:
-        content = json.loads(config.read_bytes())
-    except (OSError, ValueError):
+        stages = _stages(folder)
+    except (InputError, ValueError, RecursionError):
         return f"{MODEL_CONFIG} is not readable JSON"
-    stages = content.get("stages") if isinstance(content, dict) else None
-    if not isinstance(stages, dict):
+    except (LookupError, TypeError):
         return f"{MODEL_CONFIG} lists no stages"
     files = sorted(folder.glob(_WEIGHTS_PATTERN))
     if not files:
         return "the weights (*.safetensors) are missing"
-    hashes = {hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
     for name, stage in stages.items():
-        if not isinstance(stage, dict) or stage.get("sha256") not in hashes:
+        entry: dict[str, Any] = stage if isinstance(stage, dict) else {}
+        file = str(entry.get("file", ""))
+        is_name = is_plain(file) and Path(file).name == file != ""
+        found = map(_sha256, [folder / file] if is_name else files)
+        if entry.get("sha256") not in [one for one in found if one]:
             return (
-                f"the weights of the stage {name} are not those that {MODEL_CONFIG} "
-                "lists: missing, damaged or of another model"
+                f"the weights of the stage {one_line(name, 60)} are not those that "
+                f"{MODEL_CONFIG} lists: missing, damaged or of another model"
             )
     return ""
+
+
+def _sha256(path: Path) -> str:
+    """Hash of a file; empty if it cannot be weights."""
+    try:
+        check_regular(path, max_bytes=MAX_FILE_BYTES)
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (InputError, OSError):
+        return ""
 
 
 def _supported_by_stages(folder: Path) -> frozenset[Capability]:

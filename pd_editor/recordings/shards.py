@@ -32,6 +32,8 @@ from pd_editor.scene.scenario import Scenario
 
 SHARD_SUFFIX: Final = ".shard"
 FORMAT_VERSION: Final = 1
+MAX_MEMBER_BYTES: Final = 256 * 2**20
+_CHUNK_BYTES: Final = 4096
 _INDEX_NAME: Final = "index.json"
 _PART_NAMES: Final = ("about.json", "rows.bin", "points.bin")
 _DATE: Final = (1980, 1, 1, 0, 0, 0)
@@ -191,11 +193,24 @@ def _read_recording(file: Path, number: int) -> Recording:
 def _members(file: Path, names: list[str]) -> list[bytes]:
     try:
         with zipfile.ZipFile(file) as archive:
-            return [archive.read(name) for name in names]
+            return [_member(archive, name) for name in names]
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror}).") from error
     except _DAMAGE as error:
         raise _damaged(file, str(error)) from error
+
+
+def _member(archive: zipfile.ZipFile, name: str) -> bytes:
+    """Content of a member, read in chunks because its header may lie about the size."""
+    content = bytearray()
+    with archive.open(name) as stream:
+        while piece := stream.read(_CHUNK_BYTES):
+            content += piece
+            if len(content) > MAX_MEMBER_BYTES:
+                raise ValueError(
+                    f"{name} unpacks to more than {MAX_MEMBER_BYTES} bytes"
+                )
+    return bytes(content)
 
 
 def _damaged(file: Path, reason: str) -> InputError:

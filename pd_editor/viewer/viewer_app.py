@@ -251,7 +251,11 @@ class ViewerApp:
 
         Folders are named by a hash, so that their names give no access.
         """
-        name = "" if self._is_local else hashlib.sha256(visitor.encode()).hexdigest()
+        name = (
+            ""
+            if self._is_local
+            else hashlib.sha256(visitor.encode(errors="replace")).hexdigest()
+        )
         if name not in self._shelves:
             folder = (
                 self._library / VISITORS_NAME / name[:32] if name else self._library
@@ -274,7 +278,7 @@ def _stored_keys(client: viser.ClientHandle) -> tuple[str, list[str]]:
     text = client.local_storage.get_item(STORAGE_KEY, timeout=STORAGE_TIMEOUT_S)
     try:
         stored = json.loads(text or "{}")
-    except ValueError:
+    except (ValueError, RecursionError):
         stored = {}
     if not isinstance(stored, dict):
         return "", []

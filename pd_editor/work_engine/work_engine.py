@@ -32,7 +32,7 @@ class WorkFailure:
         return self.message if self.is_users else f"{self.error}: {self.message}"
 
 
-def failure_of(error: Exception) -> WorkFailure:
+def failure_of(error: BaseException) -> WorkFailure:
     """Convert an exception to a failure."""
     return WorkFailure(
         error=type(error).__name__,
@@ -57,7 +57,7 @@ def result_of(
     """Run one item in a worker; exceptions become failures."""
     try:
         return WorkResult(key=key, value=function(item))
-    except Exception as error:  # noqa: BLE001  (one item must not stop the rest)
+    except (Exception, SystemExit) as error:  # noqa: BLE001  (one must not stop the rest)
         return WorkResult(key=key, failure=failure_of(error))
 
 

@@ -53,7 +53,7 @@ class WorkFolder:
     def _holds_files(self) -> bool:
         try:
             return os.path.lexists(self.path) and bool(os.listdir(self.path))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise unwritable(self.path, error) from error
 
 
@@ -79,14 +79,14 @@ class ResumableFolder(WorkFolder):
             self._check_earlier(wanted, work)
         try:
             (self.path / FINISHED_NAME).mkdir(parents=True, exist_ok=True)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise unwritable(self.path, error) from error
         self.write_json(SETTINGS_NAME, wanted)
 
     def _check_earlier(self, wanted: dict[str, object], work: str) -> None:
         try:
             found = json.loads((self.path / SETTINGS_NAME).read_bytes())
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise ExportError(
                 f"{self.path}: holds no {work} to go on with (no readable "
                 f"{SETTINGS_NAME}); choose a new folder."

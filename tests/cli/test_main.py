@@ -1,7 +1,11 @@
+import os
+import subprocess
+import sys
+
 import pytest
 
 from pd_editor.cli import main as main_module
-from tests.cli.shell import JUNCTION, Shell, run_in_process
+from tests.cli.shell import JUNCTION, ROOT, Shell, run_in_process
 
 COMMANDS = (
     "edit",
@@ -150,3 +154,97 @@ def test_a_single_choice_is_told_without_brackets(shell: Shell):
     """It was told as "one of ('av2',)"."""
     told = shell.refused("export", "crosswalk", "--out", "o", "--format", "csv")
     assert told.startswith("--format: 'csv' is no choice; expected one of av2;")
+
+
+SHELL_LINES = {
+    "head": "{pd} export {demo} --out {out} | true; echo ${{PIPESTATUS[0]}}",
+    "help": "{pd} --help | true; echo ${{PIPESTATUS[0]}}",
+    "version": "{pd} --version | true; echo ${{PIPESTATUS[0]}}",
+    "closed": "{pd} export {demo} --out {out} >&-; echo $?",
+    "no-stderr": "{pd} export nowhere --out {out} 2>/dev/full; echo $?",
+    "full": "{pd} export {demo} --out {out} >/dev/full; echo $?",
+    "help-full": "{pd} warp --help >/dev/full; echo $?",
+    "both-full": "{pd} --version >/dev/full 2>&1; echo $?",
+}
+EXPECTED_CODES = {"no-stderr": 2, "full": 2, "help-full": 2, "both-full": 2}
+
+
+@pytest.mark.parametrize("name", SHELL_LINES)
+def test_an_output_without_reader_or_room_is_no_bug(tmp_path, name: str):
+    """The files were written, and a traceback and exit code 1 said that there is a bug."""
+    line = SHELL_LINES[name].format(
+        pd=f"{sys.executable} -m pd_editor.cli", demo=JUNCTION, out=tmp_path / "out"
+    )
+    done = subprocess.run(
+        ["bash", "-c", line],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=ROOT,
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    assert "Exception ignored" not in done.stderr, done.stderr
+    assert int(done.stdout.splitlines()[-1]) == EXPECTED_CODES.get(name, 0)
+    if name in ("full", "help-full"):
+        assert done.stderr == (
+            "pd-editor: The output cannot be written (No space left on device).\n"
+        )
+    assert (tmp_path / "out" / JUNCTION).exists() is (
+        name in ("head", "closed", "full")
+    )
+
+
+PATH_OPTIONS = (
+    "export {} --out o",
+    f"export {JUNCTION} --out {{}}",
+    f"export {JUNCTION} --zip --out {{}}",
+    f"warp {JUNCTION} --kind smooth-turn --power 2 --out {{}}",
+    f"generate {JUNCTION} --model {{}} --out o",
+    f"generate {JUNCTION} --model lane-follower --out {{}}",
+    "replay {} --out o",
+    "evaluate --data {} --methods constant-velocity --out o",
+    "evaluate --data demos --methods {} --out o",
+    "evaluate --paper --data demos --models {} --out o",
+    "study --data {} --methods constant-velocity --out o",
+    "model --init {} --out o",
+    "model --traj {} --out o",
+    "train init --data {} --out o",
+    "synth --maps {} --num 1 --out o",
+    "edit --models {}",
+    "edit --data {}",
+)
+
+
+@pytest.fixture(scope="module")
+def odd_paths(tmp_path_factory):
+    """Paths that raise when pathlib asks for them."""
+    folder = tmp_path_factory.mktemp("odd")
+    (folder / "loop").symlink_to("loop")
+    (folder / "closed" / "inside").mkdir(parents=True)
+    (folder / "file").write_text("")
+    (folder / "closed").chmod(0)
+    yield {
+        "long name": "x" * 5000,
+        "long path": "/".join(["x" * 200] * 40),
+        "loop": folder / "loop",
+        "in a loop": folder / "loop" / "x",
+        "in a file": folder / "file" / "x",
+        "closed": folder / "closed" / "inside",
+        "no user": "~nosuchuser/x",
+    }
+    (folder / "closed").chmod(0o700)
+
+
+@pytest.mark.parametrize("line", PATH_OPTIONS)
+def test_no_path_is_a_bug(shell: Shell, odd_paths, tmp_path, monkeypatch, line: str):
+    monkeypatch.chdir(tmp_path)
+    for what, path in odd_paths.items():
+        if what == "no user" and not line.startswith(("export {}", "edit")):
+            continue  # A relative folder of this name can be made.
+        if what == "closed" and os.geteuid() == 0:
+            continue  # Root may enter it.
+        words = [str(path) if one == "{}" else one for one in line.split()]
+        result = shell.run(*words)
+        assert result.code == 2, (what, result)
+        assert result.err.count("\n") == 1, (what, result.err)

@@ -1,3 +1,6 @@
+import os
+import signal
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -7,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pd_editor.cli.main import main
 from pd_editor.errors import GenerationError
 from pd_editor.generation import GenerationRequest, run_to_end
 from pd_editor.generators import catalogue_with, make_generator
@@ -14,6 +18,7 @@ from pd_editor.generators import plugins as plugins_module
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.guidance_terms import GoalPoint
 from tests.builders import scenario_with, straight_drivers
+from tests.cli.shell import ROOT
 
 DRIFT = "examples.drift_generator:DriftGenerator"
 
@@ -303,3 +308,276 @@ def test_samples_are_the_modes_by_probability_and_begin_at_the_current_state():
     speed = agents.speed_mps()[:, now]
     np.testing.assert_allclose(moved, speed**2 / 6.0, atol=1e-6)
     np.testing.assert_array_equal(third.position_m, first.position_m)
+
+
+HOSTILE = """
+import os, signal, sys, threading
+from dataclasses import replace
+import numpy as np
+from examples.drift_generator import DriftGenerator
+from pd_editor.generation import GenerationProgress, run_to_end
+
+class Bad(Exception):
+    def __str__(self):
+        raise SystemExit(0)
+
+class Base:
+    name = "base"
+    def generate(self, request):
+        yield GenerationProgress(fraction=0.5, message="half")
+        self.act(request)
+        return (yield from DriftGenerator().generate(request))
+    def act(self, request):
+        raise NotImplementedError
+
+def acting(name, code):
+    space = dict(globals())
+    exec(f"def act(self, request):\\n    {code}", space)
+    globals()[name] = type(name, (Base,), {"act": space["act"]})
+
+for name, code in {
+    "Exits": "sys.exit(0)",
+    "ExitsWithout": "raise SystemExit",
+    "Leaves": "os._exit(0)",
+    "Becomes": "os.execv('/bin/true', ['true'])",
+    "BecomesByPath": "os.execlp('true', 'true')",
+    "Interrupts": "raise KeyboardInterrupt",
+    "Stops": "raise GeneratorExit",
+    "Lowest": "raise BaseException('low')",
+    "Unreadable": "raise Bad()",
+    "Controls": "raise ValueError(chr(27) + '[2J\\\\n' * 50)",
+    "Surrogate": "raise ValueError(chr(0xdcff))",
+    "Recurses": "self.act(request)",
+}.items():
+    acting(name, code)
+
+def answering(name, **changes):
+    def generate(self, request):
+        traffic = run_to_end(DriftGenerator().generate(request))
+        sample = traffic.samples[0]
+        own = {k: v(sample) for k, v in changes.items() if hasattr(sample, k)}
+        if own:
+            for field, value in own.items():
+                object.__setattr__(sample, field, value)
+            return traffic
+        return replace(traffic, **{k: v(sample) for k, v in changes.items()})
+    globals()[name] = type(name, (Base,), {"generate": generate})
+
+answering("NoSamples", samples=lambda s: None)
+answering("WrongSamples", samples=lambda s: (s, None))
+answering("NumberNotes", notes=lambda s: (5, None))
+answering("TextSeed", seed=lambda s: "no")
+answering("NoSeconds", elapsed_s=lambda s: "soon")
+answering("Ghosts", slowed_ids=lambda s: (("ghost",),))
+answering("FewSlowed", slowed_ids=lambda s: ((), ()))
+answering("Lists", position_m=lambda s: [1, 2])
+answering("Complex", position_m=lambda s: s.position_m.astype(complex))
+answering("Texts", heading_rad=lambda s: s.heading_rad.astype(str))
+answering("Objects", velocity_mps=lambda s: s.velocity_mps.astype(object))
+answering("Nothing", size_m=lambda s: None)
+answering("NumberIds", ids=lambda s: tuple(range(len(s.ids))))
+answering("TextKinds", kinds=lambda s: ("vehicle",) * len(s.ids))
+answering("TextActivity", activity=lambda s: ("x",) * len(s.ids))
+answering("OneActivity", activity=lambda s: (1,))
+
+def yielding(name, *values):
+    def generate(self, request):
+        yield from values
+        return run_to_end(DriftGenerator().generate(request))
+    globals()[name] = type(name, (Base,), {"generate": generate})
+
+yielding("YieldsNumber", 5)
+yielding("YieldsNan", GenerationProgress(fraction=float("nan"), message=""))
+yielding("YieldsMuch", GenerationProgress(fraction=1e9, message=""))
+yielding("YieldsNone", GenerationProgress.__new__(GenerationProgress))
+
+class Numeric(Base):
+    name = 5
+class Lines(Base):
+    name = "a\\nb"
+class Long(Base):
+    name = "x" * 5000
+class Nameless(Base):
+    @property
+    def name(self):
+        raise SystemExit(0)
+class Fives(Base):
+    supports = 5
+class Nones(Base):
+    supports = ("states", None)
+class Raising(Base):
+    @property
+    def supports(self):
+        raise KeyboardInterrupt
+class Anything:
+    def __getattr__(self, name):
+        raise SystemExit(0)
+class Made(Base):
+    def __init__(self):
+        os._exit(0)
+"""
+LOADING = [
+    "Numeric",
+    "Lines",
+    "Long",
+    "Nameless",
+    "Fives",
+    "Nones",
+    "Raising",
+    "Anything",
+    "Made",
+]
+RUNNING = [
+    "Exits",
+    "ExitsWithout",
+    "Leaves",
+    "Becomes",
+    "BecomesByPath",
+    "Interrupts",
+    "Stops",
+    "Lowest",
+    "Unreadable",
+    "Controls",
+    "Surrogate",
+    "Recurses",
+    "NoSamples",
+    "WrongSamples",
+    "NumberNotes",
+    "TextSeed",
+    "NoSeconds",
+    "Ghosts",
+    "FewSlowed",
+    "Lists",
+    "Complex",
+    "Texts",
+    "Objects",
+    "Nothing",
+    "NumberIds",
+    "TextKinds",
+    "TextActivity",
+    "OneActivity",
+    "YieldsNumber",
+    "YieldsNan",
+    "YieldsMuch",
+    "YieldsNone",
+]
+
+
+@pytest.fixture
+def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    (tmp_path / "my_hostile_plugin.py").write_text(HOSTILE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    yield "my_hostile_plugin"
+    sys.modules.pop("my_hostile_plugin", None)
+
+
+def refused_in_a_line(capsys: pytest.CaptureFixture[str], reference: str) -> None:
+    """The shell ends with 2, one printable line, and without any file."""
+    code = main(["generate", "crosswalk", "--model", reference, "--out", "o"])
+    captured = capsys.readouterr()
+    assert (code, captured.out) == (2, ""), captured
+    assert captured.err.startswith("pd-editor: "), captured.err
+    assert captured.err.count("\n") == 1, captured.err
+    assert captured.err.rstrip("\n").isprintable(), captured.err
+    assert not Path("o").exists()
+
+
+@pytest.mark.parametrize("name", [*LOADING, *RUNNING])
+def test_nothing_escapes_of_foreign_code(hostile: str, capsys, name: str):
+    """Some ended the program with 0 and without a word, others with a traceback."""
+    refused_in_a_line(capsys, f"{hostile}:{name}")
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import sys; sys.exit(0)",
+        "import os; os._exit(0)",
+        "import os; os.execv('/bin/true', ['true'])",
+        "raise SystemExit",
+        "raise KeyboardInterrupt",
+        "raise BaseException('base')",
+        "raise GeneratorExit",
+        "class E(Exception):\n  def __str__(self): raise KeyboardInterrupt\nraise E",
+        "import sys; sys.modules[__name__] = 5",
+    ],
+)
+def test_nothing_escapes_of_an_import(tmp_path, monkeypatch, capsys, code: str):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "my_module_that_ends.py").write_text(code)
+    refused_in_a_line(capsys, "my_module_that_ends:G")
+    sys.modules.pop("my_module_that_ends", None)
+
+
+def test_what_foreign_code_does_to_the_process_is_undone(tmp_path, monkeypatch, capsys):
+    (tmp_path / "my_noisy_plugin.py").write_text(
+        "import os, signal\n"
+        "from examples.drift_generator import DriftGenerator\n"
+        "class G(DriftGenerator):\n"
+        "    def generate(self, request):\n"
+        "        print('noise')\n"
+        "        os.chdir('/')\n"
+        "        signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "        signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
+        "        child = os.fork()\n"
+        "        if not child:\n"
+        "            os._exit(0)\n"
+        "        os.waitpid(child, 0)\n"
+        "        traffic = yield from super().generate(request)\n"
+        "        from dataclasses import replace\n"
+        "        return replace(traffic, notes=('a' + chr(27) + '[2J' + chr(10) + 'b',))\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    code = main(["generate", "crosswalk", "--model", "my_noisy_plugin:G", "--out", "o"])
+    captured = capsys.readouterr()
+    assert code == 0
+    # Results alone are on stdout, and a relative folder is where the user was.
+    assert captured.out.splitlines()[0].startswith("o/")
+    assert Path(captured.out.splitlines()[0]).is_dir()
+    assert captured.out.replace("\n", "").isprintable()
+    assert "noise" in captured.err
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_a_user_can_still_interrupt(tmp_path: Path):
+    (tmp_path / "my_slow_plugin.py").write_text(
+        "import sys, time\n"
+        "class G:\n"
+        "    name = 'slow'\n"
+        "    def generate(self, request):\n"
+        "        sys.stderr.write('begun\\n'); sys.stderr.flush()\n"
+        "        time.sleep(100)\n"
+    )
+    words = ["generate", "crosswalk", "--model", "my_slow_plugin:G", "--out", "o"]
+    running = subprocess.Popen(
+        [sys.executable, "-m", "pd_editor.cli", *words],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert running.stderr is not None
+    while "begun" not in running.stderr.readline():
+        assert running.poll() is None
+    running.send_signal(signal.SIGINT)
+    assert "Interrupted" in running.communicate(timeout=60)[1]
+    assert running.returncode == 130
+
+
+def test_evaluation_goes_on_after_code_that_ends_its_process(
+    hostile: str, capsys: pytest.CaptureFixture[str]
+):
+    """The whole evaluation ended with 0 and no results."""
+    methods = f"{hostile}:Exits", f"{hostile}:Leaves", "constant-velocity"
+    words = ["evaluate", "--data", "crosswalk", "--out", "o", "--methods", *methods]
+    code = main([*words, "--workers", "1"])
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    assert code in (0, 2), captured
+    assert "SystemExit" in captured.out + captured.err + "".join(
+        path.read_text() for path in Path("o").rglob("*.md")
+    )

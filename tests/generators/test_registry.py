@@ -1,5 +1,10 @@
 import hashlib
 import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -120,3 +125,115 @@ def test_a_reference_is_offered_once(tmp_path: Path):
     assert offer.origin == "your own code: trajectories only"
     with pytest.raises(GenerationError, match="already; name it once"):
         catalogue_with([reference, reference])
+
+
+ODD_NEIGHBOURS = {
+    "pipe": os.mkfifo,
+    "folder": os.mkdir,
+    "circle": lambda path: os.symlink(path, path),
+    "endless": lambda path: os.symlink("/dev/zero", path),
+    "dangling": lambda path: os.symlink("nowhere", path),
+    "huge": lambda path: os.truncate(os.open(path, os.O_CREAT | os.O_WRONLY), 2**40),
+}
+LISTED = {"stages": {"init": {"sha256": hashlib.sha256(b"weights").hexdigest()}}}
+
+
+@pytest.mark.parametrize("kind", ODD_NEIGHBOURS)
+@pytest.mark.parametrize("names_file", [False, True])
+def test_what_lies_beside_the_weights_is_not_read(
+    tmp_path: Path, kind: str, names_file: bool
+):
+    """Listing a folder hung at a pipe, and read gigabytes of a link to /dev/zero."""
+    listed = json.loads(json.dumps(LISTED))
+    if names_file:
+        listed["stages"]["init"]["file"] = "initial_states.safetensors"
+    folder = model_folder(tmp_path / "mine", json.dumps(listed))
+    ODD_NEIGHBOURS[kind](str(folder / "a.safetensors"))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert "mine" in catalogue_with([folder]).offers
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**16
+
+
+@pytest.mark.parametrize("kind", ODD_NEIGHBOURS)
+@pytest.mark.parametrize("place", ["initial_states.safetensors", MODEL_CONFIG])
+def test_odd_files_instead_of_its_own_make_a_folder_unusable(
+    tmp_path: Path, kind: str, place: str
+):
+    folder = model_folder(tmp_path / "mine")
+    (folder / place).unlink()
+    ODD_NEIGHBOURS[kind](str(folder / place))
+    model_folder(tmp_path / "good")
+    found = catalogue_with([tmp_path])
+    assert "good" in found.offers
+    assert "mine" not in found.offers
+
+
+@pytest.mark.parametrize(
+    ("config", "reason"),
+    [
+        ("[" * 100_000, "not readable JSON"),
+        ('{"stages": ' * 50_000 + "1" + "}" * 50_000, "not readable JSON"),
+        ("\xff", "not readable JSON"),
+        (" " * 2**21, "not readable JSON"),
+        ("7", "lists no stages"),
+        ("{}", "lists no stages"),
+        ('{"stages": [1]}', "lists no stages"),
+        ('{"stages": {"init": 5}}', "missing, damaged or of another model"),
+        ('{"stages": {"init": {"sha256": [1]}}}', "missing, damaged or of another"),
+        ('{"stages": {"init": {"sha256": ""}}}', "missing, damaged or of another"),
+        (
+            json.dumps({"stages": {"i": {**LISTED["stages"]["init"], "file": "../x"}}}),
+            "",
+        ),
+        (
+            json.dumps({"stages": {"i": {"sha256": "", "file": "/dev/zero"}}}),
+            "missing, damaged or of another",
+        ),
+        (
+            json.dumps({"stages": {"i\n\x1b[2J": {"sha256": "x"}}}),
+            r"the stage i\n\x1b[2J are not",
+        ),
+    ],
+)
+def test_a_strange_config_is_told(tmp_path: Path, config: str, reason: str):
+    folder = model_folder(tmp_path / "mine", config)
+    found = catalogue_with([folder])
+    assert ("mine" in found.offers) is not bool(reason)
+    assert all(reason in one.reason for one in found.unusable)
+
+
+def test_weights_that_are_all_zero_are_refused_in_one_sentence(tmp_path: Path):
+    """A trained network never has them; the shipped one with zeros divided by zero."""
+    torch = pytest.importorskip("torch")
+    from safetensors import safe_open
+    from safetensors.torch import save_file
+
+    from pd_editor.installed_files import models_folder
+
+    folder = tmp_path / "zeros"
+    shutil.copytree(models_folder() / SHIPPED_MODEL, folder)
+    config = json.loads((folder / MODEL_CONFIG).read_bytes())
+    for stage in config["stages"].values():
+        path = folder / stage["file"]
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata()
+            zeros = {
+                name: torch.zeros_like(file.get_tensor(name)) for name in [*file.keys()]
+            }
+        save_file(zeros, path, metadata)
+        stage["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    (folder / MODEL_CONFIG).write_text(json.dumps(config))
+    for options in ((), ("--num-agents", "fit")):
+        done = subprocess.run(
+            [
+                *(sys.executable, "-m", "pd_editor.cli", "generate", "crosswalk"),
+                *("--model", str(folder), "--out", str(tmp_path / "out"), *options),
+            ],
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        assert "Traceback" not in done.stderr, done.stderr
+        assert done.returncode == 2
+        assert not (tmp_path / "out").exists()

@@ -20,6 +20,7 @@ from pd_editor.diffusion.checkpoints.tensor_file import (
     read_tensors,
     write_tensors,
 )
+from pd_editor.diffusion.defaults import MAX_CONFIG_BYTES
 from pd_editor.errors import ModelError
 from pd_editor.regular_file import read_regular, write_whole
 
@@ -28,7 +29,6 @@ FORMAT: Final = "pd-editor-model"
 FORMAT_VERSION: Final = 2
 UPGRADED_VERSION: Final = 1
 """Earlier format with other layers, whose weights are converted when they are read."""
-MAX_CONFIG_BYTES: Final = 2**20
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,12 +12,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from pd_editor.diffusion.defaults import MAX_FILE_BYTES
 from pd_editor.errors import ModelError
 from pd_editor.regular_file import check_regular, write_whole
 
 FORMAT: Final = "pd-editor-tensors-1"
-MAX_FILE_BYTES: Final = 512 * 2**20
-"""Largest file of tensors that is read."""
 _METADATA_KEY: Final = "pd-editor"
 _Config = TypeVar("_Config")
 

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from pd_editor.errors import ModelError
 from pd_editor.features.encoded_scene import LATENT_SIZE
 from pd_editor.geometry.angles import wrap_angle
 
@@ -129,9 +130,19 @@ class TrajectoryBasis:
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "TrajectoryBasis":
-        """Make the basis from its arrays."""
+        """Make the basis from its arrays.
+
+        Raises:
+            ModelError: its steps take no time, as in a damaged file.
+        """
+        step_s = float(arrays["step_s"][0])
+        if not step_s > 0:
+            raise ModelError(
+                f"The basis of the trajectories has steps of {step_s:g} s; expected more "
+                "than 0. Its weights are damaged."
+            )
         return cls(
-            step_s=float(arrays["step_s"][0]),
+            step_s=step_s,
             mean_m=np.asarray(arrays["mean_m"], float),
             along=np.asarray(arrays["along"], float),
             across=np.asarray(arrays["across"], float),

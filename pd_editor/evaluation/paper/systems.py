@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from pd_editor.diffusion.defaults import MAX_CONFIG_BYTES
 from pd_editor.diffusion.training_record import saw_warps, warp_share
 from pd_editor.errors import InputError
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH
+from pd_editor.regular_file import read_regular
 
 CONFIG_NAME: Final = "config.json"
 RUNS_NAME: Final = "runs"
@@ -125,8 +127,10 @@ def _trained(folder: Path, name: str = "") -> Trained:
 def _stages_of(folder: Path) -> dict[str, Any]:
     """Stages of a model folder by name; empty if it is none."""
     try:
-        content = json.loads((folder / CONFIG_NAME).read_bytes())
-    except (OSError, ValueError):
+        content = json.loads(
+            read_regular(folder / CONFIG_NAME, max_bytes=MAX_CONFIG_BYTES)
+        )
+    except (InputError, ValueError, RecursionError):
         return {}
     stages = content.get("stages") if isinstance(content, dict) else None
     return stages if isinstance(stages, dict) else {}

@@ -77,7 +77,7 @@ class DatasetFolder(ResumableFolder):
         try:
             found = json.loads((self.path / FINISHED_NAME / f"{key}.json").read_bytes())
             return NetworkRecord(**found)
-        except (OSError, ValueError, TypeError):
+        except (OSError, ValueError, TypeError, RecursionError):
             return None
 
     def write_manifest(self, networks: Mapping[str, NetworkRecord]) -> Path:

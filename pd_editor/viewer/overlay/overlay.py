@@ -76,7 +76,7 @@ class Overlay:
             message = json.loads(text)
             handler = self._handlers[message["element"]]
             event = dict(message["event"])
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             _LOG.info("The page sent an event that no element sends.")
             return
         handler(event)

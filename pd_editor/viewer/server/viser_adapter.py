@@ -202,7 +202,7 @@ def _with_own_script(response: Response) -> Response:
 
 @functools.lru_cache(maxsize=4)
 def _with_script_in_head(page: bytes, is_packed: bool) -> bytes:
-    script = files(__package__).joinpath("address.js").read_bytes()
+    script = files("pd_editor.viewer.server").joinpath("address.js").read_bytes()
     text = gzip.decompress(page) if is_packed else page
     text = text.replace(b"<head>", b"<head><script>" + script + b"</script>", 1)
     return gzip.compress(text) if is_packed else text
