@@ -37,9 +37,9 @@ def unpacked_bytes(
                 continue
             if part.num_values != group.num_rows:
                 raise ValueError("a column has more or fewer values than rows")
-            at = part.data_page_offset
-            if part.has_dictionary_page and 0 < part.dictionary_page_offset < at:
-                at = part.dictionary_page_offset
+            starts = part.dictionary_page_offset or 0, part.data_page_offset
+            # Without rows there is a dictionary alone. A file begins with a mark.
+            at = min((one for one in starts if one > 0), default=len(data))
             end = at + part.total_compressed_size
             while at < end:
                 header, at = _fields(memoryview(data), at, 0)

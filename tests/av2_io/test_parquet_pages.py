@@ -156,6 +156,15 @@ def test_pages_of_all_usual_kinds_are_measured_as_their_writer_counted(
     assert len(open_track_table(data, "x")) == len(table)
 
 
+def test_a_row_group_may_be_empty():
+    table = pq.read_table(TRACKS)
+    sink = io.BytesIO()
+    with pq.ParquetWriter(sink, table.schema) as writer:
+        for part in (table[:0], table, table[:0]):
+            writer.write_table(part)
+    assert len(open_track_table(sink.getvalue(), "x")) == len(table)
+
+
 def test_damaged_headers_never_hang_or_crash():
     """Random bytes in the pages; in a process of its own, as Arrow may crash."""
     script = (
