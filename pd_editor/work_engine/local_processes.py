@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
+from pd_editor.errors import InputError
 from pd_editor.work_engine.work_engine import (
     WAIT_S,
     WorkFailure,
@@ -36,6 +37,8 @@ ONE_THREAD: Final[dict[str, str]] = dict.fromkeys(
 """Read by NumPy's libraries and by torch when they are first imported."""
 _QUEUED_PER_WORKER: Final = 2
 """Items queued per worker, so that no worker waits for the caller."""
+_UNGUARDED_CODE: Final = 97
+"""Exit code of a worker that runs the caller's script instead of its work."""
 PROCESS_DIED: Final = WorkFailure(
     error="ProcessDied",
     message="The process that worked on it died; it may have run out of memory.",
@@ -64,7 +67,14 @@ class LocalProcesses:
 
         If a process dies (killed, out of memory), the running items are repeated one by
         one, so that only the item that kills its process fails.
+
+        Raises:
+            InputError: the caller's script cannot be run by workers.
         """
+        end_unguarded_worker()
+        file = getattr(sys.modules["__main__"], "__file__", None)
+        if file is not None and not os.path.exists(file):
+            raise InputError(f"{file}: workers run it as well; save it as a file.")
         left = dict(items)
         while left:
             suspects = self._run_together(function, left, on_result, on_wait)
@@ -110,8 +120,22 @@ class LocalProcesses:
                         del running[future]
                         on_result(result)
                         del left[result.key]
-                except BrokenProcessPool:
+                except BrokenProcessPool as error:
+                    processes = (pool._processes or {}).values()
+                    if _UNGUARDED_CODE in [one.exitcode for one in processes]:
+                        raise InputError(
+                            "Workers run the calling script from its beginning, so that "
+                            "it would call itself again; put what it does below "
+                            'if __name__ == "__main__":.'
+                        ) from error
                     return {key: left[key] for key in running.values() if key in left}
+
+
+def end_unguarded_worker() -> None:
+    """End a worker that is about to begin the work of its caller once more."""
+    # What multiprocessing asks as well, but only after the folder of the results.
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        os._exit(_UNGUARDED_CODE)
 
 
 def available_cores() -> int:

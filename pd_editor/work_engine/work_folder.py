@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pd_editor.errors import ExportError, FolderInUseError, InputError
 from pd_editor.regular_file import unwritable, write_whole
+from pd_editor.work_engine.local_processes import end_unguarded_worker
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -21,6 +22,7 @@ class WorkFolder:
 
     def __init__(self, path: Path) -> None:
         """Set the path of the folder; ``write`` creates it."""
+        end_unguarded_worker()
         self.path = Path(path)
 
     def check_free(self) -> None:
@@ -53,7 +55,7 @@ class WorkFolder:
     def _holds_files(self) -> bool:
         try:
             return os.path.lexists(self.path) and bool(os.listdir(self.path))
-        except (OSError, ValueError, RecursionError) as error:
+        except (OSError, ValueError) as error:
             raise unwritable(self.path, error) from error
 
 
@@ -79,7 +81,7 @@ class ResumableFolder(WorkFolder):
             self._check_earlier(wanted, work)
         try:
             (self.path / FINISHED_NAME).mkdir(parents=True, exist_ok=True)
-        except (OSError, ValueError, RecursionError) as error:
+        except (OSError, ValueError) as error:
             raise unwritable(self.path, error) from error
         self.write_json(SETTINGS_NAME, wanted)
 
