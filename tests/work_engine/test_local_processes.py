@@ -171,3 +171,41 @@ def _group_lives(leader: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+UNGUARDED = """
+import sys
+from pathlib import Path
+from pd_editor.work_engine import LocalProcesses, run_items
+from pd_editor.work_engine.work_folder import WorkFolder
+from tests.work_engine.work_functions import square
+
+print("runs", flush=True)
+Path("begun").open("a").write("x")
+WorkFolder(Path("out"))
+Path("began-work").open("a").write("x")
+run_items(LocalProcesses(num_workers=2), square, {"1": 1}, on_value=print)
+"""
+
+
+@pytest.mark.parametrize("is_file", [True, False])
+def test_a_script_that_its_workers_would_run_again_is_told(tmp_path, is_file: bool):
+    """It was said that the worker died, and may have run out of memory."""
+    script = tmp_path / "script.py"
+    script.write_text(UNGUARDED)
+    done = subprocess.run(
+        [sys.executable, script.name if is_file else "-"],
+        input=UNGUARDED,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 1
+    told = "below if __name__ ==" if is_file else "save it as a file"
+    assert told in done.stderr.splitlines()[-1], done.stderr
+    assert "memory" not in done.stderr
+    # Workers ended before the work of their caller, which ran once.
+    assert (tmp_path / "began-work").read_text() == "x"
