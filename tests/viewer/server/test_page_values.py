@@ -37,10 +37,12 @@ def test_no_forged_value_is_a_bug_and_options_stay_what_they_are(
         for handle in handles:
             if isinstance(handle, viser.GuiButtonHandle):
                 continue
+            before = handle.value
             for value in chance.sample(FORGED, 6):
                 tab.enter(handle, value)
             if hasattr(handle, "options"):
-                assert handle.value in handle.options
+                # Without a selection there may be none.
+                assert handle.value in (before, *handle.options)
             if isinstance(handle, viser.GuiNumberHandle | viser.GuiSliderHandle):
                 assert isinstance(handle.value, int | float)
         # The page is drawn with what has been left.
