@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
+from urllib.parse import urlsplit
 
 import msgspec
 import viser
@@ -40,7 +41,9 @@ def connected_tab(app: ViewerApp) -> Iterator["FakeTab"]:
     port = app.server.get_port()
     protocols: list[Any] = [f"viser-v{viser.__version__}"]
     with connect(
-        f"ws://127.0.0.1:{port}", subprotocols=protocols, max_size=None
+        f"ws://127.0.0.1:{port}/?{urlsplit(app.address).query}",
+        subprotocols=protocols,
+        max_size=None,
     ) as socket:
 
         def drain() -> None:
