@@ -386,3 +386,22 @@ def _end_of(scenario, row: int) -> np.ndarray:
     """The last point of an agent's trajectory."""
     steps = np.flatnonzero(scenario.agents.is_valid[row])
     return scenario.agents.position_m[row, steps[-1]]
+
+
+def test_what_could_happen_is_listed_previewed_and_made_by_a_click(open_editor):
+    editor = open_editor()
+    editor.pause()
+    editor.go_to_now()
+    editor.open_tab("Guide")
+    page, session = editor.page, editor.session
+    page.get_by_role("button", name="What could happen to the ego?").click()
+    lines = page.locator(".pd-possible-line")
+    lines.first.wait_for()
+    assert page.locator(".pd-guide-arc").count() > 0
+    lines.first.hover()
+    page.locator(".pd-guide-arc.pd-guide-chosen").wait_for()
+    lines.first.click()
+    editor.until(lambda: session.scenario.guidance, "the term")
+    assert len(session.entries) == 1
+    assert "AV" in session.scenario.guidance[0].named_ids
+    expect(lines.first).to_have_attribute("aria-pressed", "true")
