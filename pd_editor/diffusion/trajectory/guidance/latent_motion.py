@@ -11,7 +11,11 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.diffusion.inputs.trajectory_pca import NUM_ALONG
-from pd_editor.diffusion.trajectory.network.decoding import STAYS_M, TrajectoryDecoder
+from pd_editor.diffusion.trajectory.network.decoding import (
+    STAYS_M,
+    TrajectoryDecoder,
+    jump_shares,
+)
 from pd_editor.features.encoded_scene import LATENT_SIZE
 from pd_editor.metrics.motion.kinematics import WINDOW_STEPS, derivative_operators
 from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
@@ -103,9 +107,10 @@ class LatentMotion:
         step_s = float(decoder.get_buffer("step_s"))
         across = matrix[NUM_ALONG:, count:]
         shares = torch.cat([matrix[:NUM_ALONG, :count], across])
+        jump = torch.as_tensor(jump_shares(count, step_s)).to(shares)
+        shares, mean = (one - one[..., :3] @ jump for one in (shares, mean[:count]))
         shares, mean, times = (
-            _at_steps(values, num_steps)
-            for values in (shares, mean[:count], times[:count])
+            _at_steps(values, num_steps) for values in (shares, mean, times[:count])
         )
         table = _derivatives(shares, torch.zeros_like(shares[:, 0]), step_s)
         pace = _derivatives(times[None], torch.ones_like(times[:1]), step_s)

@@ -129,7 +129,12 @@ def motion_of(
         ],
         axis=-1,
     )
-    local -= np.where(stays[..., None, None], 0.0, _jump_m(local, first_mps, axis))
+    if axis.num_future_steps >= 3:
+        time_s = axis.step_s * np.arange(axis.num_future_steps + 1)
+        ahead = local - time_s[:, None] * first_mps[:, None]
+        shares = jump_shares(axis.num_future_steps, axis.step_s)
+        jump = np.einsum("ht,...hd->...td", shares, ahead[..., 1:4, :])
+        local[..., 1:, :] -= np.where(stays[..., None, None], 0.0, jump)
     position = position_m[:, None] + local[..., :1] * forward
     position += local[..., 1:] * left_of(forward)
     first = np.broadcast_to(heading_rad, position.shape[:2])
@@ -164,27 +169,17 @@ def turned_as_vehicles(
     return replace(motion, heading_rad=heading)
 
 
-def _jump_m(
-    local: Float[np.ndarray, "S A F_plus_1 2"],
-    velocity_mps: Float[np.ndarray, "A 2"],
-    axis: TimeAxis,
-) -> Float[np.ndarray, "S A F_plus_1 2"]:
-    """What trajectories leap by at the current step, in place and velocity, fading out.
+def jump_shares(num_steps: int, step_s: float) -> Float[np.ndarray, "3 H"]:
+    """What trajectories leap by at the current step, fading out over the later ones.
 
-    Ten components describe six seconds and do not begin at just the current velocity.
+    Ten components describe six seconds and do not begin at just the current place and
+    velocity. Shares of the first three differences from constant velocity.
     """
-    if axis.num_future_steps < 3:
-        return np.zeros_like(local)
-    one, two, three = (local[..., step, :] for step in (1, 2, 3))
-    place = 3 * one - 3 * two + three
-    velocity = (8 * two - 5 * one - 3 * three) / (2 * axis.step_s) - velocity_mps
-    time_s = (np.arange(local.shape[-2]) * axis.step_s)[:, None]
-    fade = np.exp(-time_s / _BEGINS_S)
+    time_s = step_s * np.arange(1, num_steps + 1)
+    place, velocity = np.array([3.0, -3.0, 1.0]), np.array([-2.5, 4.0, -1.5]) / step_s
     # The place fades without a velocity of its own.
-    place = place[..., None, :] * (1 + time_s / _BEGINS_S)
-    jump = (place + velocity[..., None, :] * time_s) * fade
-    jump[..., 0, :] = 0.0
-    return jump
+    fading = np.outer(place, 1 + time_s / _BEGINS_S) + np.outer(velocity, time_s)
+    return fading * np.exp(-time_s / _BEGINS_S)
 
 
 def _at_steps(
