@@ -53,7 +53,13 @@ def replay(
         scenario, parsed, remarks = _regenerated(parsed, opened, model)
     else:
         scenario = replay_recipe(parsed, opened)
-    folder = export_into(out, scenario, parsed, base=opened, overwrite=overwrite)
+    folder = export_into(
+        out,
+        scenario,
+        parsed,
+        base=opened.as_referred_to(parsed.base),
+        overwrite=overwrite,
+    )
     return Outcome(folders=(folder,), scenarios=(scenario,), remarks=remarks)
 
 

@@ -164,7 +164,8 @@ def test_place_duplicate_turn_and_delete(editor):
     agents = session.scenario.agents
     row = agents.row_of[placed]
     assert agents.kinds[row] is AgentKind.BUS
-    assert not agents.is_valid[row, :49].any()
+    assert agents.has_made_up_past[row]
+    assert agents.observed[row, 49]
     assert agents.is_valid[row, 49:].all()
 
     editor.fill("Heading (deg)", 30)
@@ -254,7 +255,7 @@ def test_playback_theme_layers_and_history(editor):
     editor.until(lambda: editor.workspace.playback.step > step + 3, "playback")
     editor.pause()
     editor.seek(2.0)
-    editor.until(lambda: editor.workspace.playback.step == 70, "the scrubber's time")
+    editor.until(lambda: editor.workspace.playback.step == 69, "the scrubber's time")
     editor.open_tab("View")
     editor.tick("Dark theme")
     editor.until(lambda: editor.workspace.is_dark, "darkness")

@@ -59,7 +59,9 @@ def test_the_session_of_a_browser_is_replayed(shell: Shell, tmp_path: Path):
     for name in session.scenario.agents.ids[-2:]:
         session.apply(DeleteAgents(agent_ids=(name,)))
     session.undo()
-    folder = export_into(tmp_path / "browser", session.scenario, session.recipe())
+    folder = export_into(
+        tmp_path / "browser", session.scenario, session.recipe(), base=session.base
+    )
     assert shell.run("replay", folder, "--out", tmp_path / "shell").code == 0
     ours, theirs = files_of(folder), files_of(tmp_path / "shell" / folder.name)
     assert ours == theirs

@@ -175,7 +175,8 @@ class ScenarioPanel:
 
     def _choose_scenario(self) -> None:
         """Let the user choose among the scenarios of the zip that was uploaded last."""
-        assert self._zip is not None
+        if self._zip is None:
+            return
         name, files, several = self._zip
         self._close_dialog()
         label = f"Scenarios of {name[:40]}"
