@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from pd_editor.av2_io.official import check_with_official_loaders
-from pd_editor.editor.commands import DeleteAgents
+from pd_editor.editor.commands import DeleteAgents, DuplicateAgents, TransformAgents
+from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
@@ -19,7 +20,7 @@ from pd_editor.scenario_store import (
     open_scenario,
 )
 from pd_editor.scene.agent_kind import AgentCategory
-from tests.builders import two_agents_that_pass
+from tests.builders import two_agents_that_collide, two_agents_that_pass
 
 JUNCTION = "signalised-junction"
 
@@ -134,3 +135,29 @@ def test_an_export_has_one_focal_track_or_is_refused(tmp_path):
     check_with_official_loaders(tmp_path / "out")
     with pytest.raises(ExportError, match="has no focal agent"):
         exported_files(base.without_agents((base.focal_id,)), recipe)
+
+
+def test_what_was_in_the_recording_is_so_in_its_export_as_well(tmp_path: Path):
+    """The same file had no new problems before the export, and 21 afterwards."""
+    base = two_agents_that_collide()
+    session = EditorSession(base)
+    session.apply(DuplicateAgents(agent_ids=("100",), new_ids=("copy",), dy_m=3.5))
+    before = edit_findings(session.scenario, base, session.commands_in_force)
+    assert [one.kind for one in before.recorded if one.is_problem] == [
+        "later-collision"
+    ]
+    folder = export_into(
+        tmp_path, session.scenario, named(session.recipe(), "x"), base=base
+    )
+    export = open_scenario(folder)
+    again = edit_findings(export, export, ())
+    assert {one.key for one in again.recorded} >= {one.key for one in before.recorded}
+    assert [one.key for one in again.problems] == [one.key for one in before.problems]
+    # Without the keys, all problems of edited agents and bent roads count as new.
+    bare = open_scenario(
+        export_into(tmp_path / "bare", session.scenario, named(session.recipe(), "x"))
+    )
+    assert bare.provenance.recorded_findings is None
+    # A further edit is judged against the export.
+    moved = TransformAgents(agent_ids=("101",), dx_m=0.5).apply(export)
+    assert edit_findings(moved, export, ()).problems

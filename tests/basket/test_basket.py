@@ -15,13 +15,17 @@ import pytest
 from pd_editor.basket.basket import ENTRY_NAME, Basket
 from pd_editor.basket.index_table import index_csv, index_row
 from pd_editor.basket.thumbnail import thumbnail
-from pd_editor.editor.commands import TransformAgents
+from pd_editor.editor.commands import AddGuidance, TransformAgents, traffic_command
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
 from pd_editor.errors import ExportError, InputError
+from pd_editor.findings.finding import open_in_words
+from pd_editor.generation import GenerationRequest, run_to_end
 from pd_editor.scenario_store import exported_files
+from pd_editor.scene.guidance_terms import TargetSpeed, Threaten
 from tests.builders import two_agents_that_pass
+from tests.editor.fake_generators import DriftGenerator
 
 
 def starred(basket: Basket, name: str, moment: float, note: str = "") -> None:
@@ -116,6 +120,33 @@ def test_problems_of_an_earlier_export_are_not_the_recordings():
     provenance = replace(export.provenance, edited_ids=session.recipe().edited_ids)
     export = replace(export, provenance=provenance)
     assert index_row(export, export, unedited).num_problems >= 1
+
+
+def test_a_threat_that_was_never_run_is_told_in_the_table():
+    """Three of them were three threat scenarios without a problem."""
+    session = EditorSession(two_agents_that_pass())
+    threat = Threaten(agent_id="101", other_id="100", approach="rear")
+    session.apply(AddGuidance(term=threat))
+    row = index_row(session.scenario, session.base, session.recipe())
+    assert row.problems == {"guidance-not-run": 1}
+    assert row.guidance == ("threat of agent 101 to 100 (rear): not run",)
+    (line,) = csv.DictReader(io.StringIO(index_csv([row]).decode()))
+    assert line["num_problems"] == "1"
+    assert line["guidance"] == row.guidance[0]
+    assert open_in_words(row.problems) == "1 open problem (1 guidance not run)"
+
+
+def test_asked_and_achieved_are_in_the_table():
+    session = EditorSession(two_agents_that_pass())
+    session.apply(AddGuidance(term=TargetSpeed(agent_ids=("100",), speed_mps=50.0)))
+    request = GenerationRequest(scenario=session.scenario, agent_ids=("100",))
+    traffic = run_to_end(DriftGenerator().generate(request))
+    session.apply(traffic_command(request, traffic))
+    row = index_row(session.scenario, session.base, session.recipe())
+    assert row.problems["guidance-not-met"] == 1
+    (told,) = row.guidance
+    assert told.startswith("target speed of agent 100: asked 50.0 m/s")
+    assert "achieved" in told
 
 
 def test_a_table_of_nothing_has_its_head():

@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 
 from pd_editor.av2_io.read import read_scenario
-from pd_editor.findings.check import checked, scene_problems, split
+from pd_editor.editor.cures import cures
+from pd_editor.findings.check import checked, scene_findings, scene_problems, split
 from pd_editor.findings.collisions import MAX_COLLISIONS
+from pd_editor.findings.scorecard import scorecard
+from pd_editor.generation import TrafficSample
 from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.guidance.report import AgentRealism
 from pd_editor.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
@@ -61,6 +65,50 @@ def test_driving_on_past_the_end_of_the_map_is_not_off_the_road():
     off = scenario.with_agents(agents.with_rows(np.array([0]), position_m=aside))
     (problem,) = scene_problems(off)
     assert problem.kind == "later-off-road"
+
+
+def test_beyond_the_mapped_road_is_a_class_of_its_own():
+    """Cards, ranking, scorecard and cost called it off the road, the list did not."""
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 40.0)]))
+    (beyond,) = [one for one in scene_findings(scenario) if one.kind == "beyond-map"]
+    assert beyond.severity == "remark"
+    assert not beyond.is_fault
+    assert cures(scenario, beyond, [beyond]) == ()
+    rows = {row.name: row for row in scorecard(scenario)}
+    assert rows["off_drivable"].value == 0.0
+    assert rows["off_drivable"].findings == ()
+    agents, now = scenario.agents, scenario.current_step
+    sample = TrafficSample(
+        ids=agents.ids,
+        kinds=agents.kinds,
+        size_m=agents.size_m,
+        position_m=agents.position_m[:, now:],
+        heading_rad=agents.heading_rad[:, now:],
+        velocity_mps=agents.velocity_mps[:, now:],
+    )
+    assert AgentRealism.of(scenario, sample).over().off_road == 0.0
+
+
+def test_who_comes_in_over_the_start_of_the_map_is_not_off_the_road():
+    scenario = scenario_with(straight_drivers([(-60.0, 0.0, 0.0, 10.0)]))
+    agents, now = scenario.agents, scenario.current_step
+    back = agents.position_m - np.array([60.0, 0.0])
+    scenario = scenario.with_agents(agents.with_rows(np.array([0]), position_m=back))
+    assert scenario.agents.position_m[0, now, 0] < -100.0 < back[0, -1, 0]
+    assert {one.kind for one in scene_findings(scenario)} == {"beyond-map"}
+
+
+def test_a_near_pass_is_a_notice():
+    """Boxes 2 m wide, 0.2 m apart; with both standing nothing is told."""
+    width = float(straight_drivers([(0, 0, 0, 5)]).size_m[0, 1])
+    for speed, kinds in ((5.0, ["near-pass"]), (0.0, [])):
+        states = [(0, 0, 0, 0.0), (-10.0 * (speed > 0), width + 0.2, 0, speed)]
+        found = scene_findings(scenario_with(straight_drivers(states)))
+        assert [one.kind for one in found] == kinds
+        for one in found:
+            assert one.severity == "notice"
+            assert one.value == pytest.approx(0.2)
+            assert one.headline == "100 and 101 0.20 m apart"
 
 
 def test_an_agent_that_is_off_the_road_is_told_with_its_present_distance():

@@ -114,7 +114,7 @@ class FakeTab:
                 done.set()
 
         self.ui.post(message)
-        assert done.wait(20), "the worker is stuck"
+        assert done.wait(60), "the worker is stuck"
         if "error" in result:
             raise result["error"]
         return result.get("value")

@@ -3,8 +3,10 @@
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
+from pd_editor.editor.edit_findings import scene_outcomes, unrun_terms
 from pd_editor.generation import GuidanceReport
 from pd_editor.guidance.feasibility import guidance_problems
+from pd_editor.guidance.outcomes import SLOWED
 from pd_editor.guidance.pair_checks import approach_obstacles
 from pd_editor.scene.guidance_outcome import (
     GuidanceCost,
@@ -73,6 +75,7 @@ class GuidanceNotes:
         self._terms: tuple[GuidanceTerm, ...] = ()
         self._awaited: frozenset[GuidanceTerm] = frozenset()
         """Terms that are checked in the next pause."""
+        self._judged: tuple[Scenario | None, tuple[TermOutcome, ...]] = (None, ())
 
     def refresh(self, *, is_pause: bool = False) -> bool:
         """Check the session's terms; returns whether what is said has changed.
@@ -125,24 +128,36 @@ class GuidanceNotes:
             )
             for problem in self._problems.get(scenario.guidance[index], ())
         ]
-        run = self._ui.workspace.guided_runs.of(scenario.agents)
         term = scenario.guidance[index]
         if term in self._awaited:
             lines.append(CHECKING)
-        if run is not None:
-            if term.is_on and term not in run.request.scenario.guidance:
-                lines.append(Line(tone="warn", text=NOT_RUN))
-            lines += [
-                outcome_line(outcome)
-                for outcome in run.report.outcomes
-                if outcome.term == term
-            ]
+        run = self._ui.workspace.guided_runs.of(scenario.agents)
+        unrun = unrun_terms(scenario, self._ui.session.commands_in_force)
+        if run is not None and term in unrun:
+            lines.append(Line(tone="warn", text=NOT_RUN))
+        lines += [outcome_line(one) for one in self._outcomes() if one.term == term]
         return tuple(lines)
 
     def of_options(self, index: int, name: str) -> dict[str, tuple[str, str]]:
         """Why approaches of a threat are infeasible, in few words and in a sentence."""
         term = self._ui.session.scenario.guidance[index]
         return self._obstacles.get(term, {}) if name == "approach" else {}
+
+    def _outcomes(self) -> tuple[TermOutcome, ...]:
+        """Outcomes as the list of findings has them, with what is known of their run."""
+        session = self._ui.session
+        scenario, (judged, found) = session.scenario, self._judged
+        if session.state.is_previewing:
+            return ()
+        if judged is not scenario:
+            found = scene_outcomes(scenario, session.commands_in_force)
+            self._judged = scenario, found
+        run = self._ui.workspace.guided_runs.of(scenario.agents)
+        known = () if run is None else run.report.outcomes
+        return tuple(
+            next((merged(one, other) for other in known if other.term == one.term), one)
+            for one in found
+        )
 
     def sentences(self) -> dict[int, tuple[str, ...]]:
         """Sentences of what is wrong with terms, by their indices."""
@@ -159,10 +174,10 @@ class GuidanceNotes:
         run = self._ui.workspace.guided_runs.of(scenario.agents)
         if run is None:
             return RunReport()
-        report = report_of(run.report)
+        report = report_of(replace(run.report, outcomes=self._outcomes()))
         now, then = _in_force(scenario), _in_force(run.request.scenario)
         if now != then:
-            count = sum(term not in then for term in now)
+            count = len(unrun_terms(scenario, self._ui.session.commands_in_force))
             unrun = f"{count} of {len(now)} terms not run yet. " if count else ""
             head = Line(
                 tone="warn", text=f"{unrun}The run before it, with other terms:"
@@ -170,6 +185,17 @@ class GuidanceNotes:
             former = (replace(line, tone="plain") for line in report.lines)
             report = replace(report, lines=(head, *former))
         return report
+
+
+def merged(outcome: TermOutcome, of_run: TermOutcome) -> TermOutcome:
+    """An outcome with the cost of its run, and what slowed the agent there."""
+    slowed = SLOWED * of_run.achieved.endswith(SLOWED)
+    return replace(
+        outcome,
+        achieved=outcome.achieved + slowed,
+        is_feasible=of_run.is_feasible,
+        cost=of_run.cost,
+    )
 
 
 def _in_force(scenario: Scenario) -> list[GuidanceTerm]:

@@ -11,6 +11,7 @@ from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import (
     AddGuidance,
     ChangeGuidance,
+    RegeneratedEdit,
     RemoveGuidance,
     traffic_command,
 )
@@ -127,7 +128,8 @@ def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
     assert speed(guided) == 5.0
     (row,) = state["rows"]
     assert row["notes"] == [
-        {"tone": "good", "text": "Asked: 5.0 m/s. Achieved: 4.9 m/s."}
+        # What the trajectories in the scene achieve, not what a run once said.
+        {"tone": "good", "text": "Asked: 5.0 m/s at the end. Achieved: 5.0 m/s."}
     ]
     tones = {line["text"]: line["tone"] for line in state["report"]}
     assert tones["Terms obeyed: 1 of 1"] == "good"
@@ -152,7 +154,11 @@ def test_the_unguided_sample_is_taken_and_undone(guided: FakeTab):
     assert guided.session.entries[-1].label.endswith("unguided)")
     assert guided.session.scenario.guidance == (TERM,)
     assert panel(guided)["action"] is None
-    assert panel(guided)["rows"][0]["notes"] == []
+    (note,) = panel(guided)["rows"][0]["notes"]
+    assert note == {
+        "tone": "bad",
+        "text": "Asked: 5.0 m/s at the end. Achieved: 3.0 m/s.",
+    }
     guided.run(guided.session.undo)
     # The guided traffic is back, and with it its report.
     assert speed(guided) == 5.0
@@ -257,7 +263,8 @@ def test_a_run_is_told_again_after_its_work_was_continued(tmp_path: Path):
             )
             command = traffic_command(request, traffic, 0)
             tab.run(lambda command=command: tab.ui.apply(command))
-        assert panel(tab)["rows"][0]["notes"] == []
+        (note,) = panel(tab)["rows"][0]["notes"]
+        assert note["tone"] == "good"
     with running_app(library, reference) as app, connected_tab(app) as tab:
         (work,) = tab.ui.workspace.shelf.unfinished()
         tab.run(lambda: tab.ui.workspace.resume(work))
@@ -291,3 +298,28 @@ def test_nothing_is_generated_that_could_obey_nothing(tab: FakeTab, monkeypatch)
     tab.run(lambda: tab.ui.apply(ChangeGuidance(index=0, term=off)))
     tab.run(generation.regenerate)
     assert len(started) == 2
+
+
+def test_trajectories_of_a_live_edit_are_judged_like_those_of_a_run(guided: FakeTab):
+    """A goal that was dragged live had no line, and its miss was nowhere told."""
+    scenario, name = guided.session.scenario, "100"
+    x, y = scenario.agents.position_m[0, -1].tolist()
+    goal = GoalPoint(agent_id=name, point_m=(x + 23.0, y))
+    edit = AddGuidance(term=goal)
+    after = edit.apply(scenario)
+    request = GenerationRequest(scenario=after, agent_ids=(name,))
+    traffic = GeneratedTraffic(
+        samples=(sample_at(scenario, name, 5.0),), generator="live"
+    )
+    live = RegeneratedEdit(edit=edit, traffic=traffic_command(request, traffic))
+    guided.run(lambda: guided.ui.apply(live))
+    last = panel(guided)["rows"][1]["notes"][-1]
+    assert last["tone"] == "bad"
+    assert last["text"].startswith("Asked: at (")
+    assert "m away" in last["text"]
+    watch = guided.tab.problems
+    guided.run(lambda: watch.check(with_future=True))
+    (found,) = [one for one in watch.new if one.kind == "guidance-not-met"]
+    assert found.agent_ids == (name,)
+    assert found.source == "guidance"
+    assert found.message.split("achieved ")[1].rstrip(".") in last["text"]

@@ -7,9 +7,13 @@ pdOverlay.define("status", (api) => {
     collision: "M2 6h6v5H2zM9 4l6-1 1 5-6 1zM11.5 11.5l1 2M14 11l2 1M9 12.5l-1 2",
     road: "M6 2 3 16M12 2l3 14M9 3v3M9 8v3M9 13v3",
     speed: "M3 13a7 7 0 1 1 12 0M9 12l4-5",
+    against: "M6 15V3M3 6l3-3 3 3M12 3v12M9 12l3 3 3-3",
+    goal: "M5 16V3h8l-2 3 2 3H5",
+    beyond: "M5 2 3 16M11 2l2 14M8 3v2M8 7v1M5 11h6M15 5l2 3-2 3",
+    past: "M9 4v5l3 2M3 9a6 6 0 1 0 2-4.5M3 3v3h3",
     bend: "M4 16c0-7 10-4 10-13M8 16c0-5 10-3 10-13",
   };
-  const isFolded = { new: false, ignored: true, recorded: true };
+  const isFolded = { new: false, notices: true, ignored: true, recorded: true };
   let isOpen = false;
   let state = { groups: [], active: null };
 
@@ -112,6 +116,7 @@ pdOverlay.define("status", (api) => {
         for (const row of group.rows) {
           const item = make("button", "pd-problem-row", { type: "button", title: row.hint });
           item.dataset.problem = row.id;
+          item.dataset.severity = row.severity;
           item.append(
             icon(row.icon), make("span", "pd-clipped", {}, row.text),
             make("span", "pd-problem-time", {}, row.time));
