@@ -44,8 +44,8 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
     expect(collisions).to_be_enabled()
     collisions.click()
     editor.until(
-        lambda: editor.session.selection in ((name,), (scenario.agents.ids[other],)),
-        "the agent that collides is selected",
+        lambda: len(editor.session.selection) == 2,
+        "the agents that collide are selected",
     )
     # The row lists its findings; the scene and the timeline show them alone.
     tab = editor._tab()
@@ -53,10 +53,10 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
     listed.wait_for()
     drawn = tab.picture.findings
     editor.until(
-        lambda: {one.metric for one in drawn._findings} == {"init_overlap"},
+        lambda: {one.kind for one in drawn._findings} == {"collision"},
         "the collisions alone are drawn",
     )
-    assert {one.agent_id for one in drawn._findings} >= {
+    assert {agent for one in drawn._findings for agent in one.agent_ids} >= {
         name,
         scenario.agents.ids[other],
     }
@@ -137,7 +137,7 @@ def test_hard_braking_is_shown_and_smoothed_with_one_click(editor):
     finding.wait_for()
 
     def drawn():
-        return {one.agent_id: one for one in tab.picture.findings._findings}
+        return {one.agent_ids[0]: one for one in tab.picture.findings._findings}
 
     editor.until(lambda: name in drawn(), "the part of the trajectory is drawn")
     worst = drawn()[name].worst_step

@@ -174,7 +174,6 @@ class GuidanceNotes:
         run = self._ui.workspace.guided_runs.of(scenario.agents)
         if run is None:
             return RunReport()
-        report = report_of(replace(run.report, outcomes=self._outcomes()))
         now, then = _in_force(scenario), _in_force(run.request.scenario)
         if now != then:
             count = len(unrun_terms(scenario, self._ui.session.commands_in_force))
@@ -182,9 +181,10 @@ class GuidanceNotes:
             head = Line(
                 tone="warn", text=f"{unrun}The run before it, with other terms:"
             )
+            report = report_of(run.report)
             former = (replace(line, tone="plain") for line in report.lines)
-            report = replace(report, lines=(head, *former))
-        return report
+            return replace(report, lines=(head, *former))
+        return report_of(replace(run.report, outcomes=self._outcomes()))
 
 
 def merged(outcome: TermOutcome, of_run: TermOutcome) -> TermOutcome:
