@@ -84,3 +84,7 @@ class ModelError(PdEditorError):
 
 class TrainingError(PdEditorError):
     """A training run cannot start or continue."""
+
+
+class WorkDone(SystemExit):
+    """Ends a command of the shell that has nothing more to do in this process."""

@@ -25,7 +25,7 @@ from pd_editor.cli.synth import synth
 from pd_editor.cli.threats import threats
 from pd_editor.cli.train import train
 from pd_editor.cli.warp import warp
-from pd_editor.errors import InputError, PdEditorError
+from pd_editor.errors import InputError, PdEditorError, WorkDone
 from pd_editor.installed_files import demo_names
 from pd_editor.plain_text import one_line
 
@@ -83,7 +83,7 @@ def _run(words: list[str]) -> object:
                 args=words,
             )
         except SystemExit as stop:
-            if has_begun:
+            if has_begun and not isinstance(stop, WorkDone):
                 # No command ends like this, only code of others that it runs.
                 raise PdEditorError("The command ended before its work.") from stop
             if not stop.code:

@@ -20,6 +20,7 @@ from pd_editor.cli.options.arguments import (
 )
 from pd_editor.cli.output.progress import ProgressLine, preparation_shown
 from pd_editor.diffusion.defaults import DeviceName
+from pd_editor.errors import WorkDone
 from pd_editor.generators import SHIPPED_MODEL
 from pd_editor.installed_files import models_folder
 from pd_editor.regular_file import check_path
@@ -170,7 +171,7 @@ def train(
         trained = _trained(request, hardware, monitoring, out, cache, resume=resume)
     if not trained.is_first:
         # The other processes of several devices report nothing.
-        raise SystemExit(0)
+        raise WorkDone(0)
     return trained
 
 
@@ -179,7 +180,7 @@ def _list_fields(stages: Sequence[Literal["init", "traj"]]) -> NoReturn:
     from pd_editor.training.config.field_table import fields_table
 
     sys.stdout.write("\n\n".join(map(fields_table, stages)) + "\n")
-    raise SystemExit(0)
+    raise WorkDone(0)
 
 
 def _absolute(roots: str | Path | tuple[str | Path, ...]) -> tuple[str, ...]:

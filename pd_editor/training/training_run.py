@@ -23,7 +23,7 @@ from pd_editor.diffusion.checkpoints.tensor_file import config_from_json
 from pd_editor.diffusion.defaults import DeviceName
 from pd_editor.diffusion.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.diffusion.training_record import saw_warps
-from pd_editor.errors import PdEditorError, TrainingError
+from pd_editor.errors import PdEditorError, TrainingError, WorkDone
 from pd_editor.features.feature_store import FeatureStore
 from pd_editor.training.config.run_config import Augmentation, Precision, RunConfig
 from pd_editor.training.config.run_request import (
@@ -176,7 +176,7 @@ def run_asked_for(
         if failure is not None:
             raise failure
         # The first process says what is wrong.
-        raise SystemExit(0)
+        raise WorkDone(0)
     prepared = _prepared(config, cache, _kept_basis(run))
     return _train(config, run, prepared, fabric, watch, monitoring, on_progress)
 

@@ -38,7 +38,8 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     now = drawn.current_step
     assert drawn.agents.kinds.count(AgentKind.PEDESTRIAN) == 2
     assert drawn.agents.is_valid[:, now:].all()
-    assert not drawn.agents.is_valid[:, :now].any()
+    assert drawn.agents.has_made_up_past.all()
+    assert drawn.agents.observed[:, now].all()
     assert drawn.focal_id in drawn.agents.ids
 
     # The other sample takes the place of the first, as one undo step.

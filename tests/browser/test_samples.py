@@ -69,8 +69,8 @@ def test_samples_are_previewed_adopted_and_undone(editor):
         card(editor, 1).locator(".pd-sample-rank").inner_text()
     ]
     shown = card(editor, 2).inner_text()
-    assert "collide" in shown
-    assert "off-road" in shown
+    assert "problem" in shown
+    assert "% move" in shown
     editor.seek(3.0)
     before = drawn_end(editor).copy()
 
