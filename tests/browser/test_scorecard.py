@@ -108,7 +108,7 @@ def hard_braking(scenario) -> AdoptTrajectory:
         [[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=-1))]
     )
     later = np.arange(len(path)) * step_s
-    speed = np.gradient(along, step_s) - 9.0 * np.clip(later - 2.2, 0.0, 1.0)
+    speed = np.gradient(along, step_s) - 9.0 * np.clip(later - 2.3, 0.0, 1.0)
     speed = np.maximum(speed, 0.0)
     moved = np.concatenate([[0.0], np.cumsum(speed[:-1] * step_s)])
     place = np.stack([np.interp(moved, along, path[:, axis]) for axis in (0, 1)], -1)
