@@ -74,7 +74,8 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
     new = tuple(set(after.agents.ids) - set(before.agents.ids))
     rows = after.agents.rows(new)
     away = after.agents.position_m[rows, after.current_step] - region.center_m
-    assert len(new) == 2
+    # One that a kept agent would hit is left out, and told.
+    assert 1 <= len(new) <= 2
     # Repairs move agents onto their lanes by a little.
     assert np.abs(away).max() < region.half_side_m + 3.0
     editor.screenshot(f"60_region_{view.split()[0]}")
