@@ -165,9 +165,9 @@ def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
         base=recipe.base,
         is_bent=recipe.is_bent,
         edited_ids=recipe.edited_ids,
-        recorded_findings=None
-        if recipe.recorded_findings is None
-        else frozenset(recipe.recorded_findings),
+        caused_findings=None
+        if recipe.caused_findings is None
+        else frozenset(recipe.caused_findings),
     )
     return dataclasses.replace(scenario, provenance=provenance)
 
@@ -197,7 +197,7 @@ def exported_files(
     """Files of an Argoverse 2 folder for a scenario, with its recipe.
 
     The scenario's id is that of the recipe's variant. With its base, the recipe tells
-    which findings are the recording's, for who opens the files again.
+    which findings edits caused, for who opens the files again.
 
     Raises:
         ExportError: the scenario cannot be written, for example without a focal agent.

@@ -157,7 +157,7 @@ def test_what_was_in_the_recording_is_so_in_its_export_as_well(tmp_path: Path):
     bare = open_scenario(
         export_into(tmp_path / "bare", session.scenario, named(session.recipe(), "x"))
     )
-    assert bare.provenance.recorded_findings is None
+    assert bare.provenance.caused_findings is None
     # A further edit is judged against the export.
     moved = TransformAgents(agent_ids=("101",), dx_m=0.5).apply(export)
     assert edit_findings(moved, export, ()).problems

@@ -54,13 +54,13 @@ class Recipe:
     """Sentences on synthetic parts of the result; a replay regenerates them."""
     variant: Variant = field(default_factory=Variant)
     """Name (scenario id of the result; empty: the base's id), tags and note."""
-    recorded_findings: tuple[FindingKey, ...] | None = None
-    """Keys of the result's findings that are the recording's; None if not looked for."""
+    caused_findings: tuple[FindingKey, ...] | None = None
+    """Keys of the result's findings that edits caused; None if not looked for."""
 
     def judged(self, scenario: Scenario, base: Scenario) -> "Recipe":
-        """The recipe with the recorded findings of its result."""
-        found = edit_findings(scenario, base, self.commands).recorded
-        return replace(self, recorded_findings=tuple(one.key for one in found))
+        """The recipe with the findings of its result that edits caused."""
+        found = edit_findings(scenario, base, self.commands).new
+        return replace(self, caused_findings=tuple(one.key for one in found))
 
     @property
     def edited_ids(self) -> frozenset[str]:
@@ -103,8 +103,8 @@ class Recipe:
             "notes": list(self.notes),
             "variant": variant,
         }
-        if self.recorded_findings is not None:
-            head["recorded_findings"] = to_json(self.recorded_findings)
+        if self.caused_findings is not None:
+            head["caused_findings"] = to_json(self.caused_findings)
         lines = [json.dumps(command_to_json(command)) for command in self.commands]
         text = json.dumps(head, indent=1)[:-2]
         body = ",\n".join(f"  {line}" for line in lines)
@@ -145,7 +145,7 @@ class Recipe:
             "base",
             "notes",
             "variant",
-            "recorded_findings",
+            "caused_findings",
             "commands",
         }
         if unknown:
@@ -170,10 +170,10 @@ class Recipe:
                 note for note in notes if isinstance(note, str) and is_note(note)
             ),
             variant=variant_from_json(data.get("variant", {})),
-            recorded_findings=from_json(
+            caused_findings=from_json(
                 tuple[FindingKey, ...] | None,
-                data.get("recorded_findings"),
-                "The recipe's recorded_findings",
+                data.get("caused_findings"),
+                "The recipe's caused_findings",
             ),
         )
 

@@ -95,7 +95,7 @@ def checked(
     earlier export, findings that its edits have caused count as caused by edits.
     """
     provenance, now = base.provenance, scenario.current_step
-    keys = provenance.recorded_findings
+    keys = provenance.caused_findings
     return split(
         scene_findings(scenario, with_future=with_future),
         [
@@ -104,7 +104,7 @@ def checked(
             if (
                 provenance.is_recorded(one.agent_ids)
                 if keys is None
-                else one.key in keys
+                else one.key not in keys
             )
         ],
         unmoved=untouched_agent_ids(scenario, base, slice(now, now + 1)),

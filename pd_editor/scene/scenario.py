@@ -38,8 +38,8 @@ class Provenance:
     """Whether the source's road was warped already when it was exported."""
     edited_ids: frozenset[str] = frozenset()
     """Ids of agents that were generated or edited before the source was exported."""
-    recorded_findings: frozenset[tuple[str, tuple[str, ...], str]] | None = None
-    """Keys of the findings of an export that were in the recording; None if unknown."""
+    caused_findings: frozenset[tuple[str, tuple[str, ...], str]] | None = None
+    """Keys of the findings of an export that edits had caused; None if unknown."""
 
     cut: TimeCut | None = None
     """What is used of the source; None: all of it."""
