@@ -115,12 +115,8 @@ def contradictions(tab: FakeTab) -> list[str]:
     for kind, words in (("run", "not run"), ("met", "not met")):
         told = re.search(rf"(\d+) guidance {words}", preflight)
         same(words, int(told[1]) if told else 0, by_kind[f"guidance-not-{kind}"])
-    same(
-        "awaits a run",
-        by_kind["guidance-not-run"] > 0,
-        session.awaits_guided_run
-        and not any(one[0] == "guidance-not-run" for one in keys["ignored"]),
-    )
+    unrun = [one for one in new + keys["ignored"] if one[0] == "guidance-not-run"]
+    same("awaits a run", bool(unrun), session.awaits_guided_run)
 
     marks = [one for one in shown(tab, "timeline")["marks"] if one["kind"] == "problem"]
     step_s = scenario.time_axis.step_s
