@@ -49,7 +49,8 @@ def headings_in_radians(
         # Each reading is likelier than the next: they agree along a diagonal road.
         unit = max(fits, key=lambda one: fits[one] - 0.02 * list(fits).index(one))
         is_odd = fits["radians"] < _MANY
-        if fits[unit] < _MANY or not (is_odd or most > 2.1 * np.pi):
+        # Within half a turn are radians, as exports write them, however agents slide.
+        if fits[unit] < _MANY or most <= np.pi or not (is_odd or most > 2.1 * np.pi):
             unit = "radians"
         if is_odd and unit == "radians":
             return heading, ("Headings disagree with the motion of most agents.",)

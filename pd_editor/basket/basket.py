@@ -8,7 +8,7 @@ import shutil
 import threading
 import time
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -61,7 +61,10 @@ class Basket:
         """A starred scenario; None if it is not in the basket, or cannot be read."""
         try:
             content = json.loads((self._folder / name / ENTRY_NAME).read_bytes())
+            # Pictures are longer than texts may be.
+            picture = content.pop("thumbnail", "") if isinstance(content, dict) else ""
             entry = from_json(BasketEntry, content, "The entry")
+            entry = replace(entry, thumbnail=str(picture))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError, RecipeError) as error:

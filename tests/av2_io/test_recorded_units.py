@@ -37,6 +37,15 @@ def column(name: str) -> np.ndarray:
 HEADING = column("heading")
 
 
+def test_headings_within_half_a_turn_are_radians_however_agents_move():
+    # All agents slide to the east, which would fit small angles in degrees.
+    rows = {"heading": np.clip(HEADING, -3.0, 3.0)}
+    rows["position_x"] = column("position_x") + 8.0 * column("timestep")
+    found = changed(**rows)
+    said = found.agents.heading_rad[found.agents.is_valid]
+    np.testing.assert_array_equal(np.sort(said), np.sort(rows["heading"]))
+
+
 @pytest.mark.parametrize(
     ("values", "unit"),
     [

@@ -195,3 +195,18 @@ def test_a_thumbnail_of_an_empty_road(tmp_path: Path):
     scenario = two_agents_that_pass()
     empty = scenario.without_agents(scenario.agents.ids)
     assert "<polygon" not in thumbnail(empty)
+
+
+def test_an_entry_with_a_long_picture_stays_in_the_basket(tmp_path: Path):
+    basket = Basket(tmp_path / "basket")
+    session = EditorSession(two_agents_that_pass())
+    recipe = session.recipe()
+    picture = f"<svg>{'<path/>' * 5_000}</svg>"
+    basket.add(
+        index_row(session.scenario, session.base, recipe),
+        exported_files(session.scenario, recipe),
+        starred_at=1.0,
+        thumbnail=picture,
+    )
+    (entry,) = Basket(tmp_path / "basket").entries()
+    assert entry.thumbnail == picture
