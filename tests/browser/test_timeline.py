@@ -28,19 +28,19 @@ def test_scrub_click_step_and_play(editor):
     camera = editor.client.camera.position.copy()
 
     editor.seek(2.0)
-    assert playback.step == 70
+    assert playback.step == 69
     editor.until(lambda: shown(editor) == "2.0 s", "the time")
     for keys, step in (
-        ("ArrowRight", 71),
-        ("ArrowLeft", 70),
-        ("Shift+ArrowRight", 80),
-        ("Shift+ArrowLeft", 70),
+        ("ArrowRight", 70),
+        ("ArrowLeft", 69),
+        ("Shift+ArrowRight", 79),
+        ("Shift+ArrowLeft", 69),
     ):
         editor.key(keys)
         editor.until(lambda step=step: playback.step == step, f"step {step}")
     assert (editor.client.camera.position == camera).all()
 
-    start = box["x"] + box["width"] * 70 / 109
+    start = box["x"] + box["width"] * 69 / 109
     end = box["x"] + box["width"] * 20 / 109
     editor.drag_pixels((start, middle), (end, middle))
     editor.until(lambda: abs(playback.step - 20) <= 1, "the scrubbed time")
